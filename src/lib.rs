@@ -1,0 +1,3 @@
+//! Facade of the workspace.
+pub use arlequin_core as core;
+pub use {cnem, dem_beam, fem_ref};
