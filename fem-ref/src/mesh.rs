@@ -348,6 +348,23 @@ impl<T: Real> Mesh<T> {
         self.groups.insert(name.to_owned(), Group { nodes, facets });
     }
 
+    /// The same kind, section and groups with other nodes and elements, which must be a renumbering.
+    pub(crate) fn with_parts(mut self, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
+        self.nodes = nodes;
+        self.connectivity = connectivity;
+        self
+    }
+
+    /// Renumbers the groups.
+    pub(crate) fn map_groups(&mut self, node: impl Fn(u32) -> u32, facet: impl Fn(Facet) -> Facet) {
+        for group in self.groups.values_mut() {
+            group.nodes.iter_mut().for_each(|k| *k = node(*k));
+            group.facets.iter_mut().for_each(|f| *f = facet(*f));
+            group.nodes.sort_unstable();
+            group.facets.sort_unstable();
+        }
+    }
+
     fn surface_facet(&self, facet: Facet) -> SurfaceFacet<T> {
         let nodes: Vec<usize> = self.facet_nodes(facet).iter().map(|&k| k as usize).collect();
         let p: Vec<Point3<T>> = nodes.iter().map(|&k| self.nodes[k]).collect();
