@@ -1,6 +1,9 @@
 //! Internal forces: assembled 3 × 3 blocks against the matrix-free element loop, and set-up costs beside them.
 //!
-//! Run with `cargo bench --profile release -p fem-ref`. The model uses the faster kernel.
+//! Median of one product on two shared cores: 1 331 nodes 87 µs (hexahedra) and 47 µs (tetrahedra) with blocks, 346 and
+//! 209 µs element by element; 35 937 nodes 7.2 and 3.7 ms against 11.8 and 7.3 ms. The model uses blocks.
+//!
+//! Run with `cargo bench --profile release -p fem-ref`.
 
 use arlequin_core::nalgebra::Point3;
 use divan::{Bencher, black_box};

@@ -1,4 +1,9 @@
 //! Bad input: each case has its own text.
+#![allow(
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "a test fails by panicking and may compare exact values"
+)]
 
 use arlequin_core::model::Model;
 use arlequin_core::nalgebra::{Point3, Vector3};
@@ -247,4 +252,45 @@ fn models_refuse_slanted_bars_and_wrong_lengths() {
     let mut bar = FemModel::new("bar", generate::bar(0.0, 1.0, 2, 1.0).unwrap(), material).unwrap();
     let e = bar.add_internal_forces(&[0.0; 2], &mut [0.0; 3]).unwrap_err();
     assert_eq!(e.to_string(), "displacements of model 'bar': expected 3, found 2");
+}
+
+/// Smallest over all corners of the Jacobian over the product of the three edges there: 1 for a cube.
+fn scaled_jacobian(mesh: &Mesh<f64>) -> f64 {
+    let next = [
+        [1, 3, 4],
+        [2, 0, 5],
+        [3, 1, 6],
+        [0, 2, 7],
+        [7, 5, 0],
+        [4, 6, 1],
+        [5, 7, 2],
+        [6, 4, 3],
+    ];
+    let mut worst: f64 = 1.0;
+    for e in 0..mesh.element_count() {
+        let at = |k: usize| mesh.nodes()[mesh.element(e)[k] as usize];
+        for (k, n) in next.iter().enumerate() {
+            let d = n.map(|j: usize| (at(j) - at(k)).normalize());
+            worst = worst.min(d[0].cross(&d[1]).dot(&d[2]));
+        }
+    }
+    worst
+}
+
+#[test]
+fn cylinders_have_good_elements() {
+    for (core, rings) in [(1, 1), (2, 1), (3, 2), (4, 2), (8, 4), (16, 8), (4, 6)] {
+        let shape = Cylinder {
+            ends: [0.0, 1.0],
+            radius: 1.0,
+            core,
+            rings,
+            layers: core,
+            rim: Rim::EqualArea,
+        };
+        let q = scaled_jacobian(&generate::cylinder(ElementKind::Hex8, &shape).unwrap());
+        assert!(q > 0.6, "core {core} rings {rings}: {q}");
+        let tets = generate::cylinder(ElementKind::Tet4, &shape).unwrap();
+        assert!((tets.volume() / std::f64::consts::PI - 1.0).abs() < 1e-12);
+    }
 }
