@@ -191,7 +191,7 @@ fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
         .fold(T::zero(), |a, b| a.max(b));
     let warp = ElementKind::Hex8.faces().iter().map(|f| {
         let d = [1, 2, 3].map(|k: usize| p[f[k]] - p[f[0]]);
-        let normal = d[0].cross(&d[2]) + (p[f[1]] - p[f[2]]).cross(&(p[f[3]] - p[f[2]]));
+        let normal = d[0].cross(&d[2]) + (p[f[3]] - p[f[2]]).cross(&(p[f[1]] - p[f[2]]));
         d[1].dot(&d[0].cross(&d[2])).abs() / (normal.norm() * size)
     });
     let warp = warp.fold(T::zero(), |a, b| a.max(b));

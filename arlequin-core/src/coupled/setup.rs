@@ -15,6 +15,8 @@ pub enum TimeStep<T> {
     Seconds(T),
     /// As a share of the critical step, below one.
     Fraction(T),
+    /// In seconds, whatever the critical step: for studies of stability.
+    Unchecked(T),
 }
 
 /// When a run is stopped.
@@ -212,7 +214,10 @@ fn choose_step<T: Real>(step: TimeStep<T>, critical: &[T], subdomains: &[Subdoma
             }
             Ok(dt)
         }
-        TimeStep::Seconds(dt) => Err(invalid("time step", dt, "must be positive and finite")),
+        TimeStep::Unchecked(dt) if dt.is_finite() && dt > T::zero() => Ok(dt),
+        TimeStep::Seconds(dt) | TimeStep::Unchecked(dt) => {
+            Err(invalid("time step", dt, "must be positive and finite"))
+        }
     }
 }
 

@@ -378,7 +378,10 @@ fn projection<T: Real>(
         let mut values = TriMat::new((size, sides[m].layout.nodes * per_node));
         let mut row = ShapeRow::default();
         for (i, x) in nodes.iter().enumerate() {
-            nodal_row(sides[m].field, x, &mut row).map_err(|e| overhang(e, spec, sides[m].name, x))?;
+            sides[m]
+                .field
+                .shape_at(x, false, &mut row)
+                .map_err(|e| overhang(e, spec, sides[m].name, x))?;
             for (&j, &v) in row.nodes.iter().zip(&row.values) {
                 (0..per_node).for_each(|a| values.add_triplet(i * per_node + a, j * per_node + a, v));
             }
@@ -390,10 +393,6 @@ fn projection<T: Real>(
         })
     };
     Ok([side(0)?, side(1)?])
-}
-
-fn nodal_row<T: Real>(field: &dyn Interpolation<T>, x: &Point3<T>, row: &mut ShapeRow<T>) -> Result<()> {
-    field.shape_at(x, false, row)
 }
 
 fn overhang<T: Real>(error: Error, spec: &InterfaceSpec<T>, model: &str, x: &Point3<T>) -> Error {
@@ -456,17 +455,20 @@ fn pin<T: Real>(
         .min_by(|a, b| distance(a).total_cmp(&distance(b)))
         .unwrap_or(0);
     let per_node = components / coupling[0].shared;
+    // The row has the magnitude of its neighbours, so that the operator stays well scaled.
+    let scale = coupling[0]
+        .matrix
+        .iter()
+        .fold(T::zero(), |s, (v, _)| s.max(v.abs()));
     for (m, side) in coupling.iter_mut().enumerate() {
-        let (rows, cols) = (side.matrix.rows(), side.matrix.cols());
-        // The row keeps the magnitude of its neighbours, so that the operator stays well scaled.
-        let scale = side.matrix.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));
-        let mut t = TriMat::new((rows, cols));
-        side.matrix
-            .iter()
-            .filter(|(_, (i, _))| i / per_node != nearest)
-            .for_each(|(v, (i, j))| t.add_triplet(i, j, *v));
+        let mut t = TriMat::new((side.matrix.rows(), side.matrix.cols()));
+        let others = side.matrix.iter().filter(|(_, (i, _))| i / per_node != nearest);
+        others.for_each(|(v, (i, j))| t.add_triplet(i, j, *v));
         let mut row = ShapeRow::default();
-        nodal_row(sides[m].field, &x, &mut row).map_err(|e| overhang(e, spec, sides[m].name, &x))?;
+        sides[m]
+            .field
+            .shape_at(&x, false, &mut row)
+            .map_err(|e| overhang(e, spec, sides[m].name, &x))?;
         for (&j, &v) in row.nodes.iter().zip(&row.values) {
             for a in 0..per_node {
                 t.add_triplet(nearest * per_node + a, j * per_node + a, v * scale);
@@ -474,10 +476,5 @@ fn pin<T: Real>(
         }
         side.matrix = t.to_csr();
     }
-    let scale = coupling[0]
-        .matrix
-        .iter()
-        .fold(T::zero(), |s, (v, _)| s.max(v.abs()));
-    debug_assert!(scale > T::zero());
     Ok(())
 }

@@ -7,7 +7,7 @@ use arlequin_core::sprs::{CsMat, TriMat};
 use fem_ref::{Elastic, ElementKind, Mesh, generate};
 
 /// A repeatable sequence in (−1, 1).
-pub fn noise(seed: u64) -> impl FnMut() -> f64 {
+pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     move || {
         state ^= state << 13;
@@ -18,7 +18,7 @@ pub fn noise(seed: u64) -> impl FnMut() -> f64 {
 }
 
 /// A box of 4 × 3 × 3 cells whose nodes, also those of the border, are moved by up to `amount` cells.
-pub fn jittered(kind: ElementKind, amount: f64, seed: u64) -> Mesh<f64> {
+pub(crate) fn jittered(kind: ElementKind, amount: f64, seed: u64) -> Mesh<f64> {
     let size = Point3::new(4.0, 3.0, 3.0);
     let mesh = generate::block(kind, Point3::origin(), size, [4, 3, 3]).unwrap();
     let mut next = noise(seed);
@@ -31,12 +31,12 @@ pub fn jittered(kind: ElementKind, amount: f64, seed: u64) -> Mesh<f64> {
     mesh.clone().mapped(|p| p + moves[at(p)]).unwrap()
 }
 
-pub fn silica<T: Real>() -> Elastic<T> {
+pub(crate) fn silica<T: Real>() -> Elastic<T> {
     Elastic::new(T::of(72.5e9), T::of(0.17), T::of(2200.0)).unwrap()
 }
 
 /// `K` without the rows and columns of prescribed unknowns, and the map from free to all unknowns.
-pub fn free_part(k: &CsMat<f64>, fixed: &[bool]) -> (CsMat<f64>, Vec<usize>) {
+pub(crate) fn free_part(k: &CsMat<f64>, fixed: &[bool]) -> (CsMat<f64>, Vec<usize>) {
     let free: Vec<usize> = (0..fixed.len()).filter(|&i| !fixed[i]).collect();
     let mut place = vec![usize::MAX; fixed.len()];
     free.iter().enumerate().for_each(|(a, &i)| place[i] = a);
@@ -50,7 +50,7 @@ pub fn free_part(k: &CsMat<f64>, fixed: &[bool]) -> (CsMat<f64>, Vec<usize>) {
 }
 
 /// Solves `K u = f` for the free unknowns, the others keep the values they have in `u`.
-pub fn solve(k: &CsMat<f64>, fixed: &[bool], f: &[f64], u: &mut [f64]) {
+pub(crate) fn solve(k: &CsMat<f64>, fixed: &[bool], f: &[f64], u: &mut [f64]) {
     let (kff, free) = free_part(k, fixed);
     let mut b: Vec<f64> = free.iter().map(|&i| f[i]).collect();
     for (a, &i) in free.iter().enumerate() {
@@ -65,6 +65,6 @@ pub fn solve(k: &CsMat<f64>, fixed: &[bool], f: &[f64], u: &mut [f64]) {
     free.iter().zip(b).for_each(|(&i, x)| u[i] = x);
 }
 
-pub fn largest(v: &[f64]) -> f64 {
+pub(crate) fn largest(v: &[f64]) -> f64 {
     v.iter().fold(0.0, |m, x| f64::max(m, x.abs()))
 }
