@@ -50,6 +50,7 @@ pub(crate) struct Built {
 /// Builds everything a scene asks for.
 pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
     check_numbers(scene)?;
+    check_names(scene)?;
     let bodies: Vec<Body> = scene
         .model
         .iter()
@@ -164,6 +165,25 @@ fn check_numbers(scene: &Scene) -> Result<()> {
         (Some(t), _) if t <= 0.0 => Err(value("output.interval", t, "must be positive [s]")),
         _ => Ok(()),
     }
+}
+
+/// Names become file names and columns.
+fn check_names(scene: &Scene) -> Result<()> {
+    let tables = [
+        ("model", scene.model.keys().collect::<Vec<_>>()),
+        ("interface", scene.interface.keys().collect()),
+        ("probe", scene.probe.keys().collect()),
+    ];
+    for (table, names) in tables {
+        for name in names {
+            let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+            if name.is_empty() || !name.chars().all(good) {
+                let rule = "has a name with other signs than a-z, A-Z, 0-9, - and _; it also names files";
+                return Err(key(format!("{table}.{name}"), rule));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Indices of the coarse and the fine model of an interface.

@@ -38,6 +38,8 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(80, 80, 80),
 ];
+/// Width of a plot \[px\].
+const WIDTH: u32 = 1060;
 /// Most points of a curve; more cannot be told apart at this size.
 const MOST_POINTS: usize = 1500;
 
@@ -112,9 +114,12 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
     } else {
         1.0f64.max(high.abs())
     };
-    let root = SVGBackend::new(path, (960, 540)).into_drawing_area();
+    let root = SVGBackend::new(path, (WIDTH, 520)).into_drawing_area();
     root.fill(&WHITE).map_err(|e| text(&e))?;
-    let mut chart = ChartBuilder::on(&root)
+    // The legend stands beside the curves, never on them.
+    let longest = plot.curves.iter().map(|c| c.name.chars().count()).max().unwrap_or(0) as i32;
+    let (left, right) = root.split_horizontally(WIDTH as i32 - (longest * 8 + 50).min(WIDTH as i32 / 2));
+    let mut chart = ChartBuilder::on(&left)
         .caption(&plot.title, ("sans-serif", 20))
         .margin(14)
         .x_label_area_size(46)
@@ -143,18 +148,15 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
         let points = thinned(c.times, &c.values).into_iter().map(|(t, v)| (t * ft, v * fv));
         chart
             .draw_series(LineSeries::new(points, colour.stroke_width(2)))
-            .map_err(|e| text(&e))?
-            .label(&c.name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], colour.stroke_width(2)));
+            .map_err(|e| text(&e))?;
+        let y = 54 + 22 * k as i32;
+        right
+            .draw(&PathElement::new([(0, y), (22, y)], colour.stroke_width(2)))
+            .map_err(|e| text(&e))?;
+        right
+            .draw(&Text::new(c.name.clone(), (30, y - 8), ("sans-serif", 14)))
+            .map_err(|e| text(&e))?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.85))
-        .border_style(BLACK.mix(0.2))
-        .label_font(("sans-serif", 14))
-        .draw()
-        .map_err(|e| text(&e))?;
     root.present().map_err(|e| text(&e))
 }
 
