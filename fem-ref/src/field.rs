@@ -138,6 +138,14 @@ impl<T: Real> FemField<T> {
                     Some(inverse) => inverse * (x - element::hex_map(&p, &Vector3::zeros())),
                     None => element::hex_inverse(&p, x)?,
                 };
+                // A point off a face by round-off is taken onto it, so that the far nodes have no part in it.
+                let xi = xi.map(|c: T| {
+                    if (c.abs() - one).abs() < T::epsilon() * T::of(128.0) {
+                        one.copysign(c)
+                    } else {
+                        c
+                    }
+                });
                 ([xi.x, xi.y, xi.z, zero], (xi.amax() - one) * T::of(0.5))
             }
         };

@@ -41,8 +41,7 @@ pub fn bar_at<T: Real>(x: &[T], section: T) -> Result<Mesh<T>> {
     let connectivity = (0..last).flat_map(|k| [k, k + 1]).collect();
     let mesh = Mesh::new(ElementKind::Bar2, nodes, connectivity)?.with_section(section)?;
     let (low, high) = (x[0], x[x.len() - 1]);
-    mesh.with_surface("x-min", |p| p.x <= low)?
-        .with_surface("x-max", |p| p.x >= high)
+    mesh.with_surfaces(&[("x-min", &|p| p.x <= low), ("x-max", &|p| p.x >= high)])
 }
 
 /// Box between two corners \[m\] with `counts` hexahedra along x, y, z, or six tetrahedra in place of each (Kuhn's
@@ -98,12 +97,14 @@ pub fn block<T: Real>(
         }
     }
     Mesh::new(ElementKind::Hex8, nodes, connectivity)?
-        .with_surface("x-min", |p| p.x <= low.x)?
-        .with_surface("x-max", |p| p.x >= high.x)?
-        .with_surface("y-min", |p| p.y <= low.y)?
-        .with_surface("y-max", |p| p.y >= high.y)?
-        .with_surface("z-min", |p| p.z <= low.z)?
-        .with_surface("z-max", |p| p.z >= high.z)?
+        .with_surfaces(&[
+            ("x-min", &|p| p.x <= low.x),
+            ("x-max", &|p| p.x >= high.x),
+            ("y-min", &|p| p.y <= low.y),
+            ("y-max", &|p| p.y >= high.y),
+            ("z-min", &|p| p.z <= low.z),
+            ("z-max", &|p| p.z >= high.z),
+        ])?
         .into_kind(kind, "a box")
 }
 
@@ -208,9 +209,11 @@ pub fn cylinder<T: Real>(kind: ElementKind, shape: &Cylinder<T>) -> Result<Mesh<
     }
     let inside = rim_radius(shape) * T::of(1.0 - 1e-4);
     Mesh::new(ElementKind::Hex8, nodes, connectivity)?
-        .with_surface("x-min", |p| p.x <= x0)?
-        .with_surface("x-max", |p| p.x >= x1)?
-        .with_surface("side", |p| p.yz().coords.norm() >= inside)?
+        .with_surfaces(&[
+            ("x-min", &|p| p.x <= x0),
+            ("x-max", &|p| p.x >= x1),
+            ("side", &|p| p.yz().coords.norm() >= inside),
+        ])?
         .into_kind(kind, "a cylinder")
 }
 

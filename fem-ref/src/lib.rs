@@ -38,10 +38,12 @@ mod element;
 pub mod error;
 mod field;
 pub mod generate;
+pub mod gmsh;
 pub mod kernel;
 mod material;
 mod mesh;
 mod model;
+mod order;
 
 pub use element::ElementKind;
 pub use error::{Error, Result};

@@ -27,6 +27,9 @@ pub struct Group {
     pub facets: Vec<Facet>,
 }
 
+/// A condition on a position.
+pub(crate) type Condition<'a, T> = dyn Fn(&Point3<T>) -> bool + 'a;
+
 /// A mesh of one element kind in the reference configuration, valid by construction.
 #[derive(Debug, Clone)]
 pub struct Mesh<T: Real> {
@@ -255,8 +258,9 @@ impl<T: Real> Mesh<T> {
                     face: face as u8,
                 };
                 let mut key = [u32::MAX; 4];
-                for (k, n) in key.iter_mut().zip(self.facet_nodes(facet)) {
-                    *k = n;
+                let corners = self.element(e);
+                for (k, local) in key.iter_mut().zip(self.kind.faces()[face]) {
+                    *k = corners[*local];
                 }
                 key.sort_unstable();
                 keyed.push((key, facet));
@@ -324,17 +328,25 @@ impl<T: Real> Mesh<T> {
     ///
     /// # Errors
     /// [`Error::EmptyGroup`] if there are none.
-    pub fn with_surface(mut self, name: &str, condition: impl Fn(&Point3<T>) -> bool) -> Result<Self> {
-        let good = |f: &Facet| {
-            self.facet_nodes(*f)
-                .iter()
-                .all(|&k| condition(&self.nodes[k as usize]))
-        };
-        let facets: Vec<Facet> = self.boundary().into_iter().filter(good).collect();
-        if facets.is_empty() {
-            return Err(empty(name, "boundary facet"));
+    pub fn with_surface(self, name: &str, condition: impl Fn(&Point3<T>) -> bool) -> Result<Self> {
+        self.with_surfaces(&[(name, &condition)])
+    }
+
+    /// [`Mesh::with_surface`] for several names at once: the boundary is found only once.
+    pub(crate) fn with_surfaces(mut self, named: &[(&str, &Condition<'_, T>)]) -> Result<Self> {
+        let boundary = self.boundary();
+        for (name, condition) in named {
+            let good = |f: &Facet| {
+                self.facet_nodes(*f)
+                    .iter()
+                    .all(|&k| condition(&self.nodes[k as usize]))
+            };
+            let facets: Vec<Facet> = boundary.iter().copied().filter(good).collect();
+            if facets.is_empty() {
+                return Err(empty(name, "boundary facet"));
+            }
+            self.set_group(name, Vec::new(), facets);
         }
-        self.set_group(name, Vec::new(), facets);
         Ok(self)
     }
 
@@ -346,6 +358,23 @@ impl<T: Real> Mesh<T> {
         facets.sort_unstable();
         facets.dedup();
         self.groups.insert(name.to_owned(), Group { nodes, facets });
+    }
+
+    /// The same kind, section and groups with other nodes and elements, which must be a renumbering.
+    pub(crate) fn with_parts(mut self, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
+        self.nodes = nodes;
+        self.connectivity = connectivity;
+        self
+    }
+
+    /// Renumbers the groups.
+    pub(crate) fn map_groups(&mut self, node: impl Fn(u32) -> u32, facet: impl Fn(Facet) -> Facet) {
+        for group in self.groups.values_mut() {
+            group.nodes.iter_mut().for_each(|k| *k = node(*k));
+            group.facets.iter_mut().for_each(|f| *f = facet(*f));
+            group.nodes.sort_unstable();
+            group.facets.sort_unstable();
+        }
     }
 
     fn surface_facet(&self, facet: Facet) -> SurfaceFacet<T> {
