@@ -68,11 +68,7 @@ impl Observer<f64> for PhaseClock {
         self.enter(Some(phase));
     }
 
-    fn observe(
-        &mut self,
-        _: &Coupled<f64>,
-        _: &StepReport<f64>,
-    ) -> arlequin::core::Result<ControlFlow<()>> {
+    fn observe(&mut self, _: &Coupled<f64>, _: &StepReport<f64>) -> arlequin::core::Result<ControlFlow<()>> {
         Ok(ControlFlow::Continue(()))
     }
 }
@@ -155,7 +151,11 @@ impl Recorder {
     }
 
     /// Records the step just made.
-    pub(crate) fn observe(&mut self, run: &mut Coupled<f64>, energy: Option<EnergySample<f64>>) -> Result<()> {
+    pub(crate) fn observe(
+        &mut self,
+        run: &mut Coupled<f64>,
+        energy: Option<EnergySample<f64>>,
+    ) -> Result<()> {
         if run.steps().is_multiple_of(self.probe_every) {
             self.read_probes(run)?;
         }

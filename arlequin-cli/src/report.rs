@@ -21,7 +21,8 @@ impl Progress {
     pub(crate) fn new(steps: usize) -> Self {
         let bar = ProgressBar::new(steps as u64);
         if std::io::stderr().is_terminal() {
-            let style = ProgressStyle::with_template("{bar:40} {pos}/{len} steps, {elapsed} gone, {eta} to go");
+            let style =
+                ProgressStyle::with_template("{bar:40} {pos}/{len} steps, {elapsed} gone, {eta} to go");
             if let Ok(style) = style {
                 bar.set_style(style);
             }
@@ -117,11 +118,7 @@ pub(crate) fn plan(p: &Plan) {
         "steps      {} of {:.4e} s up to {:.4e} s; critical step {:.4e} s",
         p.steps, p.dt, p.end, p.critical_dt
     );
-    println!(
-        "output     {} frames, about {}",
-        p.frames,
-        bytes(p.output_bytes)
-    );
+    println!("output     {} frames, about {}", p.frames, bytes(p.output_bytes));
     println!("memory     about {}", bytes(p.memory_bytes));
     match p.stepping_seconds {
         Some(s) => println!("time       set-up {:.2} s, steps about {s:.1} s", p.setup_seconds),

@@ -145,7 +145,12 @@ fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
             })
             .collect();
         let title = headline(title, name);
-        let plot = Plot { title, quantity: name, unit, curves };
+        let plot = Plot {
+            title,
+            quantity: name,
+            unit,
+            curves,
+        };
         plots::draw(&path.join(file), &plot)?;
     }
     let curve = |name: &str, k: usize| Curve {

@@ -28,7 +28,10 @@ fn attribute<'a>(tag: &'a str, name: &str) -> &'a str {
 /// Arrays of a VTU file: name, type, bytes.
 fn arrays(bytes: &[u8]) -> (usize, usize, Vec<(String, String, usize, Vec<u8>)>) {
     let mark = b"<AppendedData encoding=\"raw\">\n_";
-    let at = bytes.windows(mark.len()).position(|w| w == mark).expect("data section");
+    let at = bytes
+        .windows(mark.len())
+        .position(|w| w == mark)
+        .expect("data section");
     let head = std::str::from_utf8(&bytes[..at]).expect("text header");
     let data = &bytes[at + mark.len()..];
     let piece = head.lines().find(|l| l.contains("<Piece")).expect("piece");
@@ -53,7 +56,14 @@ fn arrays(bytes: &[u8]) -> (usize, usize, Vec<(String, String, usize, Vec<u8>)>)
 fn vtu_files_read_back() {
     let folder = scratch("vtu");
     let out = folder.join("out");
-    succeed(&["run", text(&small(&folder)), "--out", text(&out), "--set", "output.every=20"]);
+    succeed(&[
+        "run",
+        text(&small(&folder)),
+        "--out",
+        text(&out),
+        "--set",
+        "output.every=20",
+    ]);
     let index = std::fs::read_to_string(out.join("results.pvd")).expect("index");
     let listed: Vec<&str> = index
         .lines()
@@ -70,7 +80,14 @@ fn vtu_files_read_back() {
         if file.contains("mediator") {
             assert!(names.contains(&"multiplier"));
         } else {
-            for name in ["displacement [m]", "velocity [m/s]", "alpha", "beta", "gamma", "energy density [J/m3]"] {
+            for name in [
+                "displacement [m]",
+                "velocity [m/s]",
+                "alpha",
+                "beta",
+                "gamma",
+                "energy density [J/m3]",
+            ] {
                 assert!(names.contains(&name), "{name} in {file}");
             }
         }
@@ -114,7 +131,14 @@ fn a_failed_run_leaves_nothing() {
     let folder = scratch("failed");
     let scene = small(&folder);
     let out = folder.join("out");
-    let failed = arlequin(&["run", text(&scene), "--out", text(&out), "--set", "model.left.material.young=-1"]);
+    let failed = arlequin(&[
+        "run",
+        text(&scene),
+        "--out",
+        text(&out),
+        "--set",
+        "model.left.material.young=-1",
+    ]);
     assert_eq!(failed.status.code(), Some(2));
     assert_eq!(entries(&folder), ["small.toml"]);
 }
@@ -126,7 +150,16 @@ fn same_bits_with_one_and_two_threads() {
     let outs = ["1", "2"].map(|n| {
         let out = folder.join(n);
         let spacing = "model.right.spacing=0.125";
-        succeed(&["run", text(&scene), "--out", text(&out), "--threads", n, "--set", spacing]);
+        succeed(&[
+            "run",
+            text(&scene),
+            "--out",
+            text(&out),
+            "--threads",
+            n,
+            "--set",
+            spacing,
+        ]);
         assert_eq!(number(&summary(&out), "/threads").to_string(), n);
         out
     });
@@ -147,10 +180,17 @@ fn ctrl_c_writes_what_there_is() {
     let folder = scratch("interrupt");
     let scene = small(&folder);
     let out = folder.join("out");
-    let child = common::command(&["run", text(&scene), "--out", text(&out), "--set", "time.steps=100000000"])
-        .stdout(std::process::Stdio::piped())
-        .spawn()
-        .expect("starts");
+    let child = common::command(&[
+        "run",
+        text(&scene),
+        "--out",
+        text(&out),
+        "--set",
+        "time.steps=100000000",
+    ])
+    .stdout(std::process::Stdio::piped())
+    .spawn()
+    .expect("starts");
     std::thread::sleep(std::time::Duration::from_millis(1500));
     let sent = std::process::Command::new("kill")
         .args(["-INT", &child.id().to_string()])

@@ -88,7 +88,14 @@ fn cantilever() {
 fn exchanging_the_kind_is_one_word() {
     let out = scratch("scene-kind").join("out");
     let path = scene("bar-1d.toml");
-    let arguments = ["run", text(&path), "--out", text(&out), "--set", "model.chain.kind=fem"];
+    let arguments = [
+        "run",
+        text(&path),
+        "--out",
+        text(&out),
+        "--set",
+        "model.chain.kind=fem",
+    ];
     succeed(&arguments);
     let s = summary(&out);
     assert_eq!(s["models"][1]["kind"], "fem");
@@ -105,7 +112,15 @@ fn check_prints_the_plan_and_writes_nothing() {
         .expect("runs");
     let plan = String::from_utf8_lossy(&out.stdout);
     for word in [
-        "chain", "fem", "multipliers", "rank", "condition", "critical step", "chain/absorber", "memory", "time",
+        "chain",
+        "fem",
+        "multipliers",
+        "rank",
+        "condition",
+        "critical step",
+        "chain/absorber",
+        "memory",
+        "time",
     ] {
         assert!(plan.contains(word), "{word} is missing in {plan}");
     }

@@ -204,7 +204,11 @@ fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junct
         JunctionKind::L2 => match table.junction.length {
             None => Box::new(L2),
             Some(l) => {
-                return Err(value(at, l, "the l2 junction has no length; remove it or choose an h1 kind"));
+                return Err(value(
+                    at,
+                    l,
+                    "the l2 junction has no length; remove it or choose an h1 kind",
+                ));
             }
         },
         JunctionKind::H1Strain => Box::new(H1Strain::new(length).map_err(core(at))?),
@@ -251,7 +255,12 @@ fn absorber(
 
 /// The slab's part of the space both models share.
 fn derived_shape(path: &str, overlap: &OverlapShape, sides: Sides<'_>) -> Result<Shape> {
-    let give = || key(path, "the mediator cannot be derived from this overlap and these shapes; give mediator.shape");
+    let give = || {
+        key(
+            path,
+            "the mediator cannot be derived from this overlap and these shapes; give mediator.shape",
+        )
+    };
     let OverlapShape::Slab { fine, coarse } = overlap else {
         return Err(give());
     };
@@ -268,8 +277,12 @@ fn derived_shape(path: &str, overlap: &OverlapShape, sides: Sides<'_>) -> Result
             section: *section,
         }),
         [
-            Shape::Cylinder { from: a, radius: r, .. },
-            Shape::Cylinder { from: b, radius: s, .. },
+            Shape::Cylinder {
+                from: a, radius: r, ..
+            },
+            Shape::Cylinder {
+                from: b, radius: s, ..
+            },
         ] if axis == 0 && a[1..] == b[1..] && (r - s).abs() <= 1e-9 * r => Ok(Shape::Cylinder {
             from: [low, a[1], a[2]],
             length: high - low,

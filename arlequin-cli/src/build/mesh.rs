@@ -4,7 +4,7 @@ use crate::error::{Result, fem, key, value};
 use crate::scene::{Element, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::generate::{self, Cylinder};
-use arlequin::fem_ref::{ElementKind, Mesh};
+use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
 use std::path::Path;
 
 /// What output draws of a mesh.
@@ -123,7 +123,7 @@ impl Request<'_> {
             let rule = "a mesh file brings its own spacing; remove spacing and divisions";
             return Err(key(self.key, rule));
         }
-        Err(key(self.key, format!("{}", path.display())))
+        gmsh::load(path).map_err(fem(format!("{}.shape.file", self.key)))
     }
 }
 
@@ -175,7 +175,10 @@ pub(crate) fn divisions_of(
         (spacing, None) => {
             let h = positive_spacing(key, spacing)?;
             // The cast saturates; the generators refuse what is too many.
-            Ok(extents.iter().map(|l| ((l / h).round() as usize).max(1)).collect())
+            Ok(extents
+                .iter()
+                .map(|l| ((l / h).round() as usize).max(1))
+                .collect())
         }
     }
 }

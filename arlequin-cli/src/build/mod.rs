@@ -127,7 +127,11 @@ fn guard(scene: &Scene) -> Guard<f64> {
         .interface
         .values()
         .any(|i| i.weight.weighting == crate::scene::WeightingKind::Nodal);
-    let weighting = if nodal { Weighting::Nodal } else { Weighting::Energy };
+    let weighting = if nodal {
+        Weighting::Nodal
+    } else {
+        Weighting::Energy
+    };
     Guard {
         interval: scene.output.energy_every,
         ..Guard::for_weighting(weighting)
@@ -195,7 +199,10 @@ fn sides_of(name: &str, table: &Interface, scene: &Scene) -> Result<[usize; 2]> 
         *slot = drive::model_index(&format!("{path}.{}", role.name()), model, scene)?;
     }
     if out[0] == out[1] {
-        let rule = format!("is coarse and fine side at once ('{}'); name two models", table.fine);
+        let rule = format!(
+            "is coarse and fine side at once ('{}'); name two models",
+            table.fine
+        );
         return Err(key(format!("{path}.fine"), rule));
     }
     for (model, role) in wanted {
@@ -233,7 +240,11 @@ fn subdomain(
             Weights::complement_of(&shares)
         }
     };
-    let role = if coarse.is_empty() { Role::Fine } else { Role::Coarse };
+    let role = if coarse.is_empty() {
+        Role::Fine
+    } else {
+        Role::Coarse
+    };
     let (q, v) = drive::initial(scene, m, &body)?;
     let subdomain = Subdomain::new(body.model, role, body.field, weights);
     let subdomain = attachments.attach(m, subdomain);

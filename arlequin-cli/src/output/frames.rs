@@ -107,8 +107,12 @@ impl Frames {
             };
             let file = format!("mediator-{name}_{:08}.vtu", run.steps());
             vtu::write_grid(&self.folder.join(&file), view, &[lambda], &[])?;
-            self.entries
-                .push(entry(run, self.models.len() + k, &format!("mediator-{name}"), file));
+            self.entries.push(entry(
+                run,
+                self.models.len() + k,
+                &format!("mediator-{name}"),
+                file,
+            ));
         }
         Ok(())
     }
@@ -173,9 +177,9 @@ impl Painter {
 fn centres(d: &Drawn) -> Result<Vec<CentreRow>> {
     let mut row = ShapeRow::default();
     let one = |cell: &[u32]| {
-        let sum = cell.iter().fold(Vector3::zeros(), |s, &k| {
-            s + d.view.points[k as usize].coords
-        });
+        let sum = cell
+            .iter()
+            .fold(Vector3::zeros(), |s, &k| s + d.view.points[k as usize].coords);
         let centre = Point3::from(sum / cell.len() as f64);
         d.field
             .shape_at(&centre, true, &mut row)

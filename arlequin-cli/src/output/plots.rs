@@ -117,7 +117,12 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
     let root = SVGBackend::new(path, (WIDTH, 520)).into_drawing_area();
     root.fill(&WHITE).map_err(|e| text(&e))?;
     // The legend stands beside the curves, never on them.
-    let longest = plot.curves.iter().map(|c| c.name.chars().count()).max().unwrap_or(0) as i32;
+    let longest = plot
+        .curves
+        .iter()
+        .map(|c| c.name.chars().count())
+        .max()
+        .unwrap_or(0) as i32;
     let (left, right) = root.split_horizontally(WIDTH as i32 - (longest * 8 + 50).min(WIDTH as i32 / 2));
     let mut chart = ChartBuilder::on(&left)
         .caption(&plot.title, ("sans-serif", 20))
@@ -145,7 +150,9 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
         .map_err(|e| text(&e))?;
     for (k, c) in plot.curves.iter().enumerate() {
         let colour = COLOURS[k % COLOURS.len()];
-        let points = thinned(c.times, &c.values).into_iter().map(|(t, v)| (t * ft, v * fv));
+        let points = thinned(c.times, &c.values)
+            .into_iter()
+            .map(|(t, v)| (t * ft, v * fv));
         chart
             .draw_series(LineSeries::new(points, colour.stroke_width(2)))
             .map_err(|e| text(&e))?;

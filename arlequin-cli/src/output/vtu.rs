@@ -40,7 +40,12 @@ impl Appended {
     }
 
     fn floats(&mut self, name: &str, components: usize, values: impl Iterator<Item = f64>) {
-        self.add("Float64", name, components, &mut values.flat_map(f64::to_le_bytes));
+        self.add(
+            "Float64",
+            name,
+            components,
+            &mut values.flat_map(f64::to_le_bytes),
+        );
     }
 
     fn section(&mut self, name: &str, fill: impl FnOnce(&mut Self)) {
@@ -137,5 +142,7 @@ pub(crate) fn write_index(path: &Path, entries: &[Entry]) -> Result<()> {
 }
 
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('"', "&quot;")
 }

@@ -6,7 +6,8 @@ mod model;
 mod source;
 
 pub(crate) use drive::{
-    Axis, Effect, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Support, TimeShape, Wave,
+    Axis, Effect, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Support, TimeShape,
+    Wave,
 };
 pub(crate) use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SamplingKind,

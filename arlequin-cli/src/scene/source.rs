@@ -60,13 +60,18 @@ impl Source {
     pub(crate) fn span_of(&self, path: &str) -> Option<Range<usize>> {
         let root = DeTable::parse(&self.text).ok()?;
         let mut found = None;
-        let mut parts = path.split('.').flat_map(|p| p.split(['[', ']'])).filter(|p| !p.is_empty());
+        let mut parts = path
+            .split('.')
+            .flat_map(|p| p.split(['[', ']']))
+            .filter(|p| !p.is_empty());
         let first = parts.next()?;
         let (name, mut at) = root.get_ref().get_key_value(first)?;
         found.replace(name.span());
         for part in parts {
             let next = match at.get_ref() {
-                DeValue::Table(t) => t.get_key_value(part).map(|(k, v)| (k.span().start..v.span().end, v)),
+                DeValue::Table(t) => t
+                    .get_key_value(part)
+                    .map(|(k, v)| (k.span().start..v.span().end, v)),
                 DeValue::Array(a) => part
                     .parse()
                     .ok()
@@ -76,7 +81,9 @@ impl Source {
             };
             let Some((span, value)) = next else { break };
             // The table of a header ends where the header does; a span never runs over several lines.
-            let line = self.text[span.start..].find('\n').map_or(self.text.len(), |n| span.start + n);
+            let line = self.text[span.start..]
+                .find('\n')
+                .map_or(self.text.len(), |n| span.start + n);
             found = Some(span.start..span.end.min(line).max(span.start));
             at = value;
         }

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 /// The shipped scene of the given name.
-pub fn scene(name: &str) -> PathBuf {
+pub(crate) fn scene(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../examples/scenes")
         .join(name)
 }
 
 /// A fresh folder for one test.
-pub fn scratch(name: &str) -> PathBuf {
+pub(crate) fn scratch(name: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_dir_all(&path);
     std::fs::create_dir_all(&path).expect("scratch folder");
@@ -20,19 +20,19 @@ pub fn scratch(name: &str) -> PathBuf {
 }
 
 /// The binary with arguments.
-pub fn command(arguments: &[&str]) -> Command {
+pub(crate) fn command(arguments: &[&str]) -> Command {
     let mut c = Command::new(env!("CARGO_BIN_EXE_arlequin"));
     c.args(arguments);
     c
 }
 
 /// Runs the binary.
-pub fn arlequin(arguments: &[&str]) -> Output {
+pub(crate) fn arlequin(arguments: &[&str]) -> Output {
     command(arguments).output().expect("the binary runs")
 }
 
 /// Runs the binary and asserts success.
-pub fn succeed(arguments: &[&str]) -> String {
+pub(crate) fn succeed(arguments: &[&str]) -> String {
     let out = arlequin(arguments);
     let error = String::from_utf8_lossy(&out.stderr);
     assert!(out.status.success(), "{arguments:?}: {error}");
@@ -40,24 +40,24 @@ pub fn succeed(arguments: &[&str]) -> String {
 }
 
 /// The summary in an output folder.
-pub fn summary(folder: &Path) -> serde_json::Value {
+pub(crate) fn summary(folder: &Path) -> serde_json::Value {
     let text = std::fs::read_to_string(folder.join("summary.json")).expect("summary.json");
     serde_json::from_str(&text).expect("valid JSON")
 }
 
 /// A number in a JSON value by pointer.
-pub fn number(value: &serde_json::Value, pointer: &str) -> f64 {
+pub(crate) fn number(value: &serde_json::Value, pointer: &str) -> f64 {
     let found = value.pointer(pointer).and_then(serde_json::Value::as_f64);
     found.unwrap_or_else(|| panic!("no number at {pointer}"))
 }
 
 /// Path as text.
-pub fn text(path: &Path) -> &str {
+pub(crate) fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8 path")
 }
 
 /// A small scene: two boxes of hexahedra that overlap, pulled at one end; builds in milliseconds.
-pub const SMALL: &str = r#"
+pub(crate) const SMALL: &str = r#"
 [model.left]
 kind = "fem"
 role = "coarse"
