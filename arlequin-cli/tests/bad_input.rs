@@ -256,6 +256,16 @@ fn interfaces() {
                 &rate,
                 &["needs exactly one of rate [1/s], rate_factor [-]"],
             ),
+        ],
+    );
+}
+
+#[test]
+fn weights_and_sides() {
+    let weight = "weight = { profile = \"cubic\" }";
+    cases(
+        "weights",
+        &[
             (
                 weight,
                 "weight = { profile = \"cubic\", epsilon = 0.5 }",

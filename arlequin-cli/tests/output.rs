@@ -25,8 +25,11 @@ fn attribute<'a>(tag: &'a str, name: &str) -> &'a str {
     tag[start..].split('"').next().expect("closing quote")
 }
 
-/// Arrays of a VTU file: name, type, bytes.
-fn arrays(bytes: &[u8]) -> (usize, usize, Vec<(String, String, usize, Vec<u8>)>) {
+/// Name, type, components and bytes of an array.
+type Array = (String, String, usize, Vec<u8>);
+
+/// Numbers of points and cells of a VTU file, and its arrays.
+fn arrays(bytes: &[u8]) -> (usize, usize, Vec<Array>) {
     let mark = b"<AppendedData encoding=\"raw\">\n_";
     let at = bytes
         .windows(mark.len())

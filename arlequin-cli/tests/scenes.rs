@@ -78,7 +78,7 @@ fn bar_1d() {
 #[test]
 fn cantilever() {
     let s = check_common(&run("cantilever", &["time.end=1e-3"]));
-    assert_eq!(number(&s, "/steps"), 1000.0);
+    assert_eq!(s["steps"], 1000);
     assert!((number(&s, "/energy/initial") / 1506.5 - 1.0).abs() < 1e-3);
     // The published test asks for the total energy, which oscillates a little about the invariant.
     assert!((number(&s, "/energy/final") / number(&s, "/energy/initial") - 1.0).abs() < 5e-3);
@@ -127,5 +127,5 @@ fn check_prints_the_plan_and_writes_nothing() {
     assert_eq!(std::fs::read_dir(&folder).expect("folder").count(), 0);
     let json = succeed(&["check", text(&path), "--json"]);
     let plan: serde_json::Value = serde_json::from_str(&json).expect("JSON");
-    assert_eq!(number(&plan, "/interface/0/multipliers"), 9.0);
+    assert_eq!(plan["interface"][0]["multipliers"], 9);
 }

@@ -15,6 +15,7 @@ use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
 use arlequin::core::weight::{Profile, Ramp, Weight, Weighting};
 use arlequin::core::{InterfaceOptions, InterfaceSpec, Sampling, Weights};
+use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{FemField, FemMediator};
 use std::path::Path;
 use std::sync::Arc;
@@ -55,6 +56,8 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
             .or((!given && !is_file).then_some(coarse_spacing)),
         divisions: table.mediator.divisions.as_deref(),
         element: table.mediator.element,
+        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
+        rim: Rim::Inscribed,
         folder,
     };
     let mesh = request.mesh()?;

@@ -10,6 +10,7 @@ use arlequin::core::Model;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::field::Interpolation;
 use arlequin::core::model::{CoarseModel, FineModel};
+use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{Elastic, FemModel};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -84,6 +85,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         spacing: table.spacing,
         divisions: table.divisions.as_deref(),
         element: table.fem.element,
+        rim: Rim::EqualArea,
         folder,
     };
     let mesh = request.mesh()?;

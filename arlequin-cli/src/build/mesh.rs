@@ -3,7 +3,7 @@
 use crate::error::{Result, fem, key, value};
 use crate::scene::{Element, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::fem_ref::generate::{self, Cylinder};
+use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
 use std::path::Path;
 
@@ -64,6 +64,8 @@ pub(crate) struct Request<'a> {
     pub(crate) divisions: Option<&'a [usize]>,
     /// Element of solids.
     pub(crate) element: Element,
+    /// Where the side nodes of cylinders lie.
+    pub(crate) rim: Rim,
     /// Folder of the scene.
     pub(crate) folder: &'a Path,
 }
@@ -112,7 +114,11 @@ impl Request<'_> {
             return Err(crate::error::key(format!("{key}.divisions"), rule));
         }
         let spacing = positive_spacing(key, self.spacing)?;
-        let shape = Cylinder::with_size([from[0], from[0] + length], radius, spacing).map_err(fem(key))?;
+        let size = Cylinder::with_size([from[0], from[0] + length], radius, spacing).map_err(fem(key))?;
+        let shape = Cylinder {
+            rim: self.rim,
+            ..size
+        };
         let mesh = generate::cylinder(kind, &shape).map_err(fem(key))?;
         let shift = Vector3::new(0.0, from[1], from[2]);
         mesh.mapped(|x| x + shift).map_err(fem(key))
