@@ -4,6 +4,8 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 #[path = "support/line.rs"]
 mod line;
+#[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
+mod support;
 
 use arlequin::core::effect::Absorber;
 use arlequin::core::harmonic::{HarmonicOverlap, Port};
@@ -12,8 +14,9 @@ use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::Profile;
 use arlequin::core::{Coupled, Error, Result, TimeStep};
-use line::{COARSE, FINE, Line, noise, peak, pulse, rest, run};
+use line::{COARSE, FINE, Line, peak, pulse, rest, run};
 use std::sync::Arc;
+use support::noise;
 
 /// Runs a long pulse from the chain into the bar: amplitudes (t, r) and relative energy change.
 fn long_pulse(line: &Line) -> (f64, f64, f64) {

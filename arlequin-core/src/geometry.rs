@@ -125,6 +125,10 @@ impl<T: Real> Polyhedron<T> {
     /// The part on the inner side of a plane; empty if nothing remains.
     #[must_use]
     pub fn clip(&self, plane: &HalfSpace<T>) -> Self {
+        // Where nothing is cut off, a face in the plane must not be capped a second time.
+        if !self.faces.iter().flatten().any(|p| plane.excess(p) > T::zero()) {
+            return self.clone();
+        }
         let mut kept = Vec::with_capacity(self.faces.len() + 1);
         let mut cut: Vec<Point3<T>> = Vec::new();
         for face in &self.faces {
@@ -151,9 +155,7 @@ impl<T: Real> Polyhedron<T> {
             if body.faces.is_empty() {
                 break;
             }
-            if body.faces.iter().flatten().any(|p| plane.excess(p) > T::zero()) {
-                body = body.clip(plane);
-            }
+            body = body.clip(plane);
         }
         body
     }
@@ -587,6 +589,16 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_plane_through_a_face_cuts_nothing_or_everything() {
+        let plane = HalfSpace {
+            normal: Vector3::z(),
+            offset: 1.0,
+        };
+        assert!((cube(0.0, 1.0).clip(&plane).volume() - 1.0).abs() < 1e-15);
+        assert_eq!(cube(0.0, 1.0).clip(&plane.flipped()).faces.len(), 0);
     }
 
     proptest! {

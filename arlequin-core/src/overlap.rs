@@ -16,7 +16,7 @@ pub enum Place<T> {
 }
 
 /// An overlap of a coarse and a fine model.
-pub trait Overlap<T: Real>: Send + Sync {
+pub trait Overlap<T: Real>: std::fmt::Debug + Send + Sync {
     /// Place of a point.
     fn place(&self, x: &Point3<T>) -> Place<T>;
 
@@ -149,7 +149,7 @@ pub struct Shell<R> {
     pub fine_domain: R,
 }
 
-impl<T: Real, R: Region<T>> Overlap<T> for Shell<R> {
+impl<T: Real, R: Region<T> + std::fmt::Debug> Overlap<T> for Shell<R> {
     fn place(&self, x: &Point3<T>) -> Place<T> {
         let to_fine = self.fine_core.distance(x);
         let to_coarse = -self.fine_domain.distance(x);

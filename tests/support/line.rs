@@ -138,17 +138,6 @@ pub(crate) fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> 
     }
 }
 
-/// A reproducible sequence of uniform numbers in (−1, 1).
-pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
-    let mut s = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    move || {
-        s ^= s << 13;
-        s ^= s >> 7;
-        s ^= s << 17;
-        (s >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-}
-
 /// Runs without watching.
 pub(crate) fn run(coupled: &mut Coupled<f64>, steps: usize) -> Result<()> {
     coupled

@@ -92,15 +92,8 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
     }
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
-    let step = match scene.time.step {
-        StepChoice::Fraction(f) => TimeStep::Fraction(f),
-        StepChoice::Seconds(s) => TimeStep::Seconds(s),
-    };
-    let run = Coupled::new(subdomains, specs, step, Some(guard(scene))).map_err(located)?;
-    let steps = match (scene.time.steps, scene.time.end) {
-        (Some(n), _) => n,
-        (None, end) => (end.unwrap_or_default() / run.dt() * (1.0 - 1e-12)).ceil() as usize,
-    };
+    let run = Coupled::new(subdomains, specs, step_of(scene), Some(guard(scene))).map_err(located)?;
+    let steps = steps_of(scene, run.dt());
     let frame_every = frames(scene, steps, run.dt());
     Ok(Built {
         run,
@@ -110,6 +103,21 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
         steps,
         frame_every,
     })
+}
+
+fn step_of(scene: &Scene) -> TimeStep<f64> {
+    match scene.time.step {
+        StepChoice::Fraction(f) => TimeStep::Fraction(f),
+        StepChoice::Seconds(s) => TimeStep::Seconds(s),
+    }
+}
+
+/// Whole steps up to the end; a step that ends there up to round-off is the last one.
+fn steps_of(scene: &Scene, dt: f64) -> usize {
+    match (scene.time.steps, scene.time.end) {
+        (Some(n), _) => n,
+        (None, end) => ((end.unwrap_or_default() / dt * (1.0 - 1e-12)).ceil() as usize).max(1),
+    }
 }
 
 /// Steps between two frames: as asked for, or about twenty frames in all.

@@ -98,13 +98,13 @@ pub(crate) fn draw(path: &Path, plot: &Plot<'_>) -> Result<()> {
     })
 }
 
-fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
-    let text = |e: &dyn std::fmt::Display| e.to_string();
-    let end = largest(plot.curves.iter().flat_map(|c| c.times.iter().copied()));
-    let top = largest(plot.curves.iter().flat_map(|c| c.values.iter().copied()));
-    let (ft, tu) = prefixed(end, "s");
-    let (fv, vu) = prefixed(top, plot.unit);
-    let values = || plot.curves.iter().flat_map(|c| c.values.iter().map(|v| v * fv));
+/// Values the vertical axis spans, with a margin.
+fn range(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
+    let values = || {
+        plot.curves
+            .iter()
+            .flat_map(|c| c.values.iter().map(|v| v * factor))
+    };
     let (low, high) = (
         values().fold(f64::INFINITY, f64::min),
         values().fold(f64::NEG_INFINITY, f64::max),
@@ -114,6 +114,16 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
     } else {
         1.0f64.max(high.abs())
     };
+    (low - margin, high + margin)
+}
+
+fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
+    let text = |e: &dyn std::fmt::Display| e.to_string();
+    let end = largest(plot.curves.iter().flat_map(|c| c.times.iter().copied()));
+    let top = largest(plot.curves.iter().flat_map(|c| c.values.iter().copied()));
+    let (ft, tu) = prefixed(end, "s");
+    let (fv, vu) = prefixed(top, plot.unit);
+    let (low, high) = range(plot, fv);
     let root = SVGBackend::new(path, (WIDTH, 520)).into_drawing_area();
     root.fill(&WHITE).map_err(|e| text(&e))?;
     // The legend stands beside the curves, never on them.
@@ -129,7 +139,7 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
         .margin(14)
         .x_label_area_size(46)
         .y_label_area_size(84)
-        .build_cartesian_2d(0.0..end * ft, low - margin..high + margin)
+        .build_cartesian_2d(0.0..end * ft, low..high)
         .map_err(|e| text(&e))?;
     let unit = if vu.is_empty() {
         String::new()
