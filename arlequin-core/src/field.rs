@@ -49,6 +49,16 @@ pub trait Interpolation<T: Real>: Send + Sync {
     /// [`Error::OutsideDomain`] outside the closed domain; [`Error::NoGradient`] if the field has none.
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()>;
 
+    /// Shape functions at a point known to lie in cell `cell` of [`Interpolation::cells`]; a field that can skip its
+    /// point location does so.
+    ///
+    /// # Errors
+    /// As [`Interpolation::shape_at`].
+    fn shape_in(&self, cell: usize, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
+        let _ = cell;
+        self.shape_at(x, gradient, row)
+    }
+
     /// Cells on which the shape functions are smooth and which fill the domain; empty if the field has no such thing.
     fn cells(&self) -> Vec<Cell<T>> {
         Vec::new()

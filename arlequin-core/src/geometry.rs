@@ -429,6 +429,19 @@ pub fn mean<T: Real>(cell: &Cell<T>, levels: usize, f: &dyn Fn(&Point3<T>) -> T)
 
 /// The cell cut through its centre across its three box directions (8 parts), a segment in two.
 fn halves<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
+    if let Cell::Segment {
+        ends: [a, b],
+        section,
+    } = cell
+    {
+        let mid = nalgebra::center(a, b);
+        return [[*a, mid], [mid, *b]]
+            .map(|ends| Cell::Segment {
+                ends,
+                section: *section,
+            })
+            .into();
+    }
     let [low, high] = cell.bounds();
     let mid = nalgebra::center(&low, &high);
     let mut parts = vec![cell.clone()];
@@ -589,6 +602,13 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn mean_over_a_segment_with_a_kink() {
+        let ends = [Point3::new(-1.0, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0)];
+        let cell = Cell::Segment { ends, section: 2.0 };
+        assert!((mean(&cell, 1, &|x: &Point3<f64>| x.x.abs()) - 0.5).abs() < 1e-15);
     }
 
     #[test]

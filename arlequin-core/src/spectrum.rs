@@ -2,6 +2,9 @@
 
 use crate::{Real, Result};
 
+/// Adds the internal forces at a displacement.
+pub type AddForces<'a, T> = dyn FnMut(&[T], &mut [T]) -> Result<()> + 'a;
+
 const STEPS: usize = 80;
 
 /// Critical step `2/ω_max` \[s\] of `M q̈ = f(q)` linearised about `q = 0`; infinite if nothing moves.
@@ -14,7 +17,7 @@ const STEPS: usize = 80;
 pub fn critical_step<T: Real>(
     dofs: usize,
     inverse_inertia: &[T],
-    add_forces: &mut dyn FnMut(&[T], &mut [T]) -> Result<()>,
+    add_forces: &mut AddForces<'_, T>,
 ) -> Result<T> {
     let top = largest_eigenvalue(dofs, inverse_inertia, add_forces)?;
     Ok(if top > T::zero() {
@@ -31,7 +34,7 @@ pub fn critical_step<T: Real>(
 pub fn largest_eigenvalue<T: Real>(
     dofs: usize,
     inverse_inertia: &[T],
-    add_forces: &mut dyn FnMut(&[T], &mut [T]) -> Result<()>,
+    add_forces: &mut AddForces<'_, T>,
 ) -> Result<T> {
     let root: Vec<T> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
     let mut basis: Vec<Vec<T>> = Vec::new();

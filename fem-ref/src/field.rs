@@ -31,6 +31,8 @@ pub struct FemField<T: Real> {
     tree: BoxTree<T>,
     hexes: Vec<HexShape<T>>,
     tolerance: T,
+    /// Whether some hexahedron has warped faces and is cut into several cells.
+    warped: bool,
 }
 
 /// Local coordinates of a point in one element.
@@ -73,6 +75,7 @@ impl<T: Real> FemField<T> {
         Self {
             tree: BoxTree::new(boxes.collect()),
             mesh: mesh.clone(),
+            warped: hexes.iter().any(|h| h.warp > tolerance),
             hexes,
             tolerance,
         }
@@ -186,40 +189,16 @@ impl<T: Real> FemField<T> {
         });
         best.or(near)
     }
-}
 
-fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
-    let j = element::hex_jacobian(p, &element::hex_gradients(&Vector3::zeros()));
-    let size = j.norm();
-    let centre = element::hex_map(p, &Vector3::zeros());
-    let bent = p
-        .iter()
-        .zip(element::HEX_CORNERS)
-        .map(|(x, c)| (x - centre - j * Vector3::from(c.map(T::of))).norm())
-        .fold(T::zero(), |a, b| a.max(b));
-    let warp = ElementKind::Hex8.faces().iter().map(|f| {
-        let d = [1, 2, 3].map(|k: usize| p[f[k]] - p[f[0]]);
-        let normal = d[0].cross(&d[2]) + (p[f[3]] - p[f[2]]).cross(&(p[f[1]] - p[f[2]]));
-        d[1].dot(&d[0].cross(&d[2])).abs() / (normal.norm() * size)
-    });
-    let warp = warp.fold(T::zero(), |a, b| a.max(b));
-    let exact = bent <= size * T::epsilon() * T::of(16.0);
-    HexShape {
-        affine: if exact { j.try_inverse() } else { None },
-        warp,
-    }
-}
-
-impl<T: Real> Interpolation<T> for FemField<T> {
-    fn nodes(&self) -> &[Point3<T>] {
-        self.mesh.nodes()
-    }
-
-    fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> arlequin_core::Result<()> {
+    /// Shape functions at a located point.
+    fn evaluate(
+        &self,
+        at: &Located<T>,
+        x: &Point3<T>,
+        gradient: bool,
+        row: &mut ShapeRow<T>,
+    ) -> arlequin_core::Result<()> {
         row.clear();
-        let Some(at) = self.locate(x) else {
-            return Err(outside(x, self.kind()));
-        };
         let nodes = self.mesh.element(at.element);
         let p = self.mesh.corners(at.element);
         let mut values = [T::zero(); 8];
@@ -257,6 +236,58 @@ impl<T: Real> Interpolation<T> for FemField<T> {
             }
         }
         Ok(())
+    }
+}
+
+fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
+    let j = element::hex_jacobian(p, &element::hex_gradients(&Vector3::zeros()));
+    let size = j.norm();
+    let centre = element::hex_map(p, &Vector3::zeros());
+    let bent = p
+        .iter()
+        .zip(element::HEX_CORNERS)
+        .map(|(x, c)| (x - centre - j * Vector3::from(c.map(T::of))).norm())
+        .fold(T::zero(), |a, b| a.max(b));
+    let warp = ElementKind::Hex8.faces().iter().map(|f| {
+        let d = [1, 2, 3].map(|k: usize| p[f[k]] - p[f[0]]);
+        let normal = d[0].cross(&d[2]) + (p[f[3]] - p[f[2]]).cross(&(p[f[1]] - p[f[2]]));
+        d[1].dot(&d[0].cross(&d[2])).abs() / (normal.norm() * size)
+    });
+    let warp = warp.fold(T::zero(), |a, b| a.max(b));
+    let exact = bent <= size * T::epsilon() * T::of(16.0);
+    HexShape {
+        affine: if exact { j.try_inverse() } else { None },
+        warp,
+    }
+}
+
+impl<T: Real> Interpolation<T> for FemField<T> {
+    fn nodes(&self) -> &[Point3<T>] {
+        self.mesh.nodes()
+    }
+
+    fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> arlequin_core::Result<()> {
+        match self.locate(x) {
+            Some(at) => self.evaluate(&at, x, gradient, row),
+            None => Err(outside(x, self.kind())),
+        }
+    }
+
+    fn shape_in(
+        &self,
+        cell: usize,
+        x: &Point3<T>,
+        gradient: bool,
+        row: &mut ShapeRow<T>,
+    ) -> arlequin_core::Result<()> {
+        // With warped hexahedra, which are cut into several cells, cells and elements are numbered differently.
+        if self.warped {
+            return self.shape_at(x, gradient, row);
+        }
+        match self.local(cell, x) {
+            Some(at) => self.evaluate(&at, x, gradient, row),
+            None => Err(outside(x, self.kind())),
+        }
     }
 
     fn cells(&self) -> Vec<Cell<T>> {
@@ -331,6 +362,15 @@ impl<T: Real> Interpolation<T> for FemMediator<T> {
     }
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> arlequin_core::Result<()> {
         self.field.shape_at(x, gradient, row)
+    }
+    fn shape_in(
+        &self,
+        cell: usize,
+        x: &Point3<T>,
+        gradient: bool,
+        row: &mut ShapeRow<T>,
+    ) -> arlequin_core::Result<()> {
+        self.field.shape_in(cell, x, gradient, row)
     }
     fn cells(&self) -> Vec<Cell<T>> {
         self.field.cells()

@@ -105,12 +105,12 @@ pub(crate) fn busy(junction: Box<dyn Junction<f64>>) -> Coupled<f64> {
     let w = weights(Profile::Cubic, 0.01);
     let coarse = FemModel::new(
         "left",
-        block(ElementKind::Hex8, [0.0, 3.0], [24, 8, 8]),
+        block(ElementKind::Hex8, [0.0, 3.0], [18, 6, 6]),
         material(),
     );
     let fine = FemModel::new(
         "right",
-        block(ElementKind::Tet4, [2.0, 4.0], [30, 15, 15]),
+        block(ElementKind::Tet4, [2.0, 4.0], [20, 10, 10]),
         material(),
     );
     let rest = Weights::complement_of(std::slice::from_ref(&w));

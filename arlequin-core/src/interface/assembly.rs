@@ -24,6 +24,9 @@ pub enum Sampling {
 /// Share of the mediator that may lie outside a model before it counts as an error: faceted meshes of a curved
 /// surface differ by that much.
 const OVERHANG_LIMIT: f64 = 0.02;
+/// A sample whose cell is not known.
+const NO_CELL: usize = usize::MAX;
+const UNKNOWN: [usize; 3] = [NO_CELL; 3];
 /// Particle volumes need not fill the mediator exactly.
 const PARTICLE_COVERAGE: f64 = 0.3;
 
@@ -34,10 +37,14 @@ pub(super) struct Built<T> {
     pub(super) warnings: Vec<String>,
 }
 
-/// Sums entries of a sparse matrix; merges as it grows, in a fixed order.
+/// Sums entries of a sparse matrix in a fixed order: dense blocks while row and column nodes stay the same, as they do
+/// over a piece of the overlap, then entries that are merged as they grow.
 struct Accumulator<T> {
     entries: Vec<(u32, u32, T)>,
     limit: usize,
+    rows: Vec<usize>,
+    cols: Vec<usize>,
+    block: Vec<T>,
 }
 
 impl<T: Real> Accumulator<T> {
@@ -45,14 +52,44 @@ impl<T: Real> Accumulator<T> {
         Self {
             entries: Vec::new(),
             limit: 1 << 20,
+            rows: Vec::new(),
+            cols: Vec::new(),
+            block: Vec::new(),
         }
     }
-    fn add(&mut self, row: usize, col: usize, value: T) {
-        if self.entries.len() == self.limit {
+    /// The block of `rows × cols` nodes with `size` components each, row major, to be added to.
+    fn block(&mut self, rows: &[usize], cols: &[usize], size: usize) -> &mut [T] {
+        if self.rows != rows || self.cols != cols {
+            self.flush(size);
+            self.rows.clear();
+            self.rows.extend_from_slice(rows);
+            self.cols.clear();
+            self.cols.extend_from_slice(cols);
+            self.block.clear();
+            self.block
+                .resize(rows.len() * cols.len() * size * size, T::zero());
+        }
+        &mut self.block
+    }
+    fn flush(&mut self, size: usize) {
+        let width = self.cols.len() * size;
+        for (i, row) in self.rows.iter().enumerate() {
+            for a in 0..size {
+                for (j, col) in self.cols.iter().enumerate() {
+                    for b in 0..size {
+                        let value = self.block[(i * size + a) * width + j * size + b];
+                        self.entries
+                            .push(((row * size + a) as u32, (col * size + b) as u32, value));
+                    }
+                }
+            }
+        }
+        self.block.clear();
+        self.rows.clear();
+        if self.entries.len() > self.limit {
             self.merge();
             self.limit = (self.entries.len() * 2).max(1 << 20);
         }
-        self.entries.push((row as u32, col as u32, value));
     }
     fn merge(&mut self) {
         self.entries.sort_by_key(|e| (e.0, e.1));
@@ -64,7 +101,8 @@ impl<T: Real> Accumulator<T> {
             same
         });
     }
-    fn into_matrix(mut self, rows: usize, cols: usize) -> CsMat<T> {
+    fn into_matrix(mut self, rows: usize, cols: usize, size: usize) -> CsMat<T> {
+        self.flush(size);
         self.merge();
         let mut t = TriMat::with_capacity((rows, cols), self.entries.len());
         self.entries
@@ -100,8 +138,7 @@ pub(super) fn assemble<T: Real>(
                     "a particle-quadrature field exists at the particles only; use 'particles' sampling",
                 ));
             }
-            let samples = common_refinement(spec, sides, &cells, total)?;
-            sampled(spec, sides, &samples, components, &mut warnings)?
+            refined(spec, sides, &cells, total, components, &mut warnings)?
         }
         Sampling::Particles => {
             let Some(samples) = sides[1].field.samples() else {
@@ -114,7 +151,9 @@ pub(super) fn assemble<T: Real>(
                     ),
                 ));
             };
-            let (coupling, covered) = sampled(spec, sides, samples, components, &mut warnings)?;
+            let mut sums = Sums::new(spec, sides, components);
+            sums.add(samples, UNKNOWN)?;
+            let (coupling, covered) = sums.finish(&mut warnings)?;
             check_coverage(spec, sides, covered, total)?;
             (coupling, covered)
         }
@@ -185,17 +224,18 @@ impl<T: Real> CellSet<T> {
         Self { cells, planes, tree }
     }
 
-    /// Pieces of `cell` inside the field; the cell itself if the field has no cells.
-    fn pieces(&self, cell: &Cell<T>) -> Vec<Cell<T>> {
+    /// Pieces of `cell` inside the field and the cells they lie in; the cell itself if the field has no cells.
+    fn pieces(&self, cell: &Cell<T>) -> Vec<(usize, Cell<T>)> {
         if self.cells.is_empty() {
-            return vec![cell.clone()];
+            return vec![(NO_CELL, cell.clone())];
         }
         let mut out = Vec::new();
         self.tree.any(&cell.bounds(), &mut |k| {
-            out.extend(match (cell, &self.cells[k]) {
+            let piece = match (cell, &self.cells[k]) {
                 (Cell::Polyhedron(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k]),
                 (a, b) => a.intersection(b),
-            });
+            };
+            out.extend(piece.map(|c| (k, c)));
             false
         });
         out
@@ -213,26 +253,31 @@ fn nonempty<T: Real>(p: &Polyhedron<T>, planes: &[HalfSpace<T>]) -> Option<Cell<
     (body.volume() > size * size * size * T::epsilon() * T::of(16.0)).then_some(Cell::Polyhedron(body))
 }
 
-/// Quadrature on mediator ∩ coarse ∩ fine.
-fn common_refinement<T: Real>(
+/// Sums over mediator ∩ coarse ∩ fine.
+fn refined<T: Real>(
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
     cells: &[Cell<T>],
     total: T,
-) -> Result<Vec<Sample<T>>> {
+    components: usize,
+    warnings: &mut Vec<String>,
+) -> Result<([Coupling<T>; 2], T)> {
     let sets = [CellSet::new(sides[0].field), CellSet::new(sides[1].field)];
     let degree = spec.mediator.degree() + sides[0].field.degree().max(sides[1].field.degree());
     let mut covered = [T::zero(); 2];
     let mut samples = Vec::new();
-    for cell in cells {
-        for piece in sets[0].pieces(cell) {
+    let mut sums = Sums::new(spec, sides, components);
+    for (m, cell) in cells.iter().enumerate() {
+        for (c, piece) in sets[0].pieces(cell) {
             covered[0] += piece.measure();
-            for part in sets[1].pieces(&piece) {
+            for (f, part) in sets[1].pieces(&piece) {
+                samples.clear();
                 part.quadrature(degree.min(5), &mut samples);
+                covered[1] += samples.iter().map(|s| s.measure).sum();
+                sums.add(&samples, [m, c, f])?;
             }
         }
     }
-    covered[1] = samples.iter().map(|s| s.measure).sum();
     for (m, covered) in covered.into_iter().enumerate() {
         let (interface, model) = (spec.name.clone(), sides[m].name.to_owned());
         if covered <= T::zero() {
@@ -248,74 +293,142 @@ fn common_refinement<T: Real>(
             });
         }
     }
-    Ok(samples)
+    sums.finish(warnings)
 }
 
-/// Sums `⟨N_i, N_j⟩` over sampling points; returns the measure that all three fields cover.
-fn sampled<T: Real>(
-    spec: &InterfaceSpec<T>,
-    sides: &[Side<'_, T>; 2],
-    samples: &[Sample<T>],
+/// Sums of `⟨N_i, N_j⟩` over sampling points, for both sides at once.
+struct Sums<'a, T: Real> {
+    spec: &'a InterfaceSpec<T>,
+    sides: &'a [Side<'a, T>; 2],
     components: usize,
-    warnings: &mut Vec<String>,
-) -> Result<([Coupling<T>; 2], T)> {
-    let gradient = spec.junction.needs_gradient();
-    let mut sums = [Accumulator::new(), Accumulator::new()];
-    let (mut rows, mut cols) = (ShapeRow::default(), [ShapeRow::default(), ShapeRow::default()]);
-    let (mut measure, mut lost) = (T::zero(), T::zero());
-    for s in samples {
-        match spec.mediator.shape_at(&s.point, gradient, &mut rows) {
-            Err(Error::OutsideDomain { .. }) => continue,
-            other => other?,
+    sums: [Accumulator<T>; 2],
+    measure: T,
+    lost: T,
+    rows: ShapeRow<T>,
+    cols: [ShapeRow<T>; 2],
+}
+
+impl<'a, T: Real> Sums<'a, T> {
+    fn new(spec: &'a InterfaceSpec<T>, sides: &'a [Side<'a, T>; 2], components: usize) -> Self {
+        Self {
+            spec,
+            sides,
+            components,
+            sums: [Accumulator::new(), Accumulator::new()],
+            measure: T::zero(),
+            lost: T::zero(),
+            rows: ShapeRow::default(),
+            cols: [ShapeRow::default(), ShapeRow::default()],
         }
-        let mut inside = true;
-        for m in 0..2 {
-            match sides[m].field.shape_at(&s.point, gradient, &mut cols[m]) {
-                Err(Error::OutsideDomain { .. }) => inside = false,
-                Err(Error::NoGradient { .. }) => {
-                    let (role, junction) = (sides[m].field.kind().into(), spec.junction.name().into());
-                    return Err(Error::NoGradient { role, junction });
-                }
+    }
+
+    /// Adds samples that lie in one cell each of mediator, coarse and fine field, where known.
+    fn add(&mut self, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
+        let gradient = self.spec.junction.needs_gradient();
+        for s in samples {
+            match evaluate(&*self.spec.mediator, cells[0], &s.point, gradient, &mut self.rows) {
+                Err(Error::OutsideDomain { .. }) => continue,
                 other => other?,
             }
+            let mut inside = true;
+            for m in 0..2 {
+                match evaluate(
+                    self.sides[m].field,
+                    cells[m + 1],
+                    &s.point,
+                    gradient,
+                    &mut self.cols[m],
+                ) {
+                    Err(Error::OutsideDomain { .. }) => inside = false,
+                    Err(Error::NoGradient { .. }) => {
+                        let (role, junction) = (
+                            self.sides[m].field.kind().into(),
+                            self.spec.junction.name().into(),
+                        );
+                        return Err(Error::NoGradient { role, junction });
+                    }
+                    other => other?,
+                }
+            }
+            if !inside {
+                self.lost += s.measure;
+                continue;
+            }
+            self.measure += s.measure;
+            for m in 0..2 {
+                add_products(
+                    self.spec,
+                    &self.rows,
+                    &self.cols[m],
+                    s.measure,
+                    self.components,
+                    &mut self.sums[m],
+                );
+            }
         }
-        if !inside {
-            lost += s.measure;
-            continue;
-        }
-        measure += s.measure;
-        for m in 0..2 {
-            add_products(spec, &rows, &cols[m], s.measure, components, &mut sums[m]);
-        }
+        Ok(())
     }
-    if lost > (measure + lost) * T::of(OVERHANG_LIMIT) {
-        let (outside, total) = (lost.as_f64(), (lost + measure).as_f64());
-        let (interface, model) = (spec.name.clone(), sides[0].name.to_owned());
-        return Err(Error::OverhangingMediator {
-            interface,
-            model,
-            outside,
-            total,
-        });
-    }
-    if lost > T::zero() {
-        warnings.push(format!(
-            "{:.2e} of the overlap lies outside one of the models (faceted surface) and is left out on both sides",
-            (lost / (measure + lost)).as_f64()
-        ));
-    }
-    let shared = if spec.junction.splits() { components } else { 1 };
-    let per_node = components / shared;
-    let nodes = spec.mediator.nodes().len();
-    let mut sums = sums.into_iter();
-    let coupling = [0, 1].map(|m| {
-        let sum = sums.next().unwrap_or_else(Accumulator::new);
-        Coupling {
-            matrix: sum.into_matrix(nodes * per_node, sides[m].layout.nodes * per_node),
-            shared,
+
+    /// The coupling matrices and the measure that all three fields cover.
+    fn finish(self, warnings: &mut Vec<String>) -> Result<([Coupling<T>; 2], T)> {
+        let Self {
+            spec,
+            sides,
+            components,
+            sums,
+            measure,
+            lost,
+            ..
+        } = self;
+        if lost > (measure + lost) * T::of(OVERHANG_LIMIT) {
+            let (outside, total) = (lost.as_f64(), (lost + measure).as_f64());
+            let (interface, model) = (spec.name.clone(), sides[0].name.to_owned());
+            return Err(Error::OverhangingMediator {
+                interface,
+                model,
+                outside,
+                total,
+            });
         }
-    });
-    Ok((coupling, measure))
+        if lost > T::zero() {
+            warnings.push(format!(
+                "{:.2e} of the overlap lies outside one of the models (faceted surface) and is left out on both sides",
+                (lost / (measure + lost)).as_f64()
+            ));
+        }
+        let shared = if spec.junction.splits() { components } else { 1 };
+        let per_node = components / shared;
+        let nodes = spec.mediator.nodes().len();
+        let [coarse, fine] = sums;
+        let matrix = |sum: Accumulator<T>, m: usize| {
+            sum.into_matrix(nodes * per_node, sides[m].layout.nodes * per_node, per_node)
+        };
+        let coupling = [
+            Coupling {
+                matrix: matrix(coarse, 0),
+                shared,
+            },
+            Coupling {
+                matrix: matrix(fine, 1),
+                shared,
+            },
+        ];
+        Ok((coupling, measure))
+    }
+}
+
+fn evaluate<T: Real, F: Interpolation<T> + ?Sized>(
+    field: &F,
+    cell: usize,
+    x: &Point3<T>,
+    gradient: bool,
+    row: &mut ShapeRow<T>,
+) -> Result<()> {
+    if cell == NO_CELL {
+        field.shape_at(x, gradient, row)
+    } else {
+        field.shape_in(cell, x, gradient, row)
+    }
 }
 
 fn shape<T: Real>(row: &ShapeRow<T>, k: usize) -> Shape<T> {
@@ -334,17 +447,16 @@ fn add_products<T: Real>(
     components: usize,
     sum: &mut Accumulator<T>,
 ) {
-    for (i, &row) in rows.nodes.iter().enumerate() {
+    let size = if spec.junction.splits() { 1 } else { components };
+    let width = cols.nodes.len() * size;
+    let block = sum.block(&rows.nodes, &cols.nodes, size);
+    for i in 0..rows.nodes.len() {
         let si = shape(rows, i);
-        for (j, &col) in cols.nodes.iter().enumerate() {
-            let block = spec.junction.block(&si, &shape(cols, j)) * measure;
-            if spec.junction.splits() {
-                sum.add(row, col, block[(0, 0)]);
-                continue;
-            }
-            for a in 0..components {
-                for b in 0..components {
-                    sum.add(row * components + a, col * components + b, block[(a, b)]);
+        for j in 0..cols.nodes.len() {
+            let product = spec.junction.block(&si, &shape(cols, j)) * measure;
+            for a in 0..size {
+                for b in 0..size {
+                    block[(i * size + a) * width + j * size + b] += product[(a, b)];
                 }
             }
         }
@@ -373,7 +485,7 @@ fn projection<T: Real>(
         add_products(spec, &row, &cols, s.measure, components, &mut gram);
     }
     let size = nodes.len() * per_node;
-    let gram = gram.into_matrix(size, size);
+    let gram = gram.into_matrix(size, size, per_node);
     let side = |m: usize| -> Result<Coupling<T>> {
         let mut values = TriMat::new((size, sides[m].layout.nodes * per_node));
         let mut row = ShapeRow::default();
