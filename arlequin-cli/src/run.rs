@@ -5,7 +5,7 @@ use crate::build::{self, Built};
 use crate::error::{Error, Result, write};
 use crate::output::plots::{self, Curve, Plot};
 use crate::output::summary::{self, Energy, ProbeLine, Summary, WallSeconds};
-use crate::output::{Folder, Frames, csv};
+use crate::output::{Folder, Frames, check_free, csv};
 use crate::recorder::{self, ENERGY_COLUMNS, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::Quantity;
@@ -24,7 +24,7 @@ const INTERRUPTED: u8 = 130;
 pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<ExitCode> {
     let begin = Instant::now();
     let target = out.map_or_else(|| default_folder(input), Path::to_owned);
-    let folder = Folder::begin(&target, force)?;
+    check_free(&target, force)?;
     let Built {
         mut run,
         drawn,
@@ -33,13 +33,16 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
         steps,
         frame_every,
     } = build::build(&input.scene, input.source.folder())?;
+    // Made only now: Ctrl-C during the set-up leaves nothing behind.
+    let stop = watch_interrupt()?;
+    let folder = Folder::begin(&target, force)?;
     let settings = &input.scene.output;
     let initial_energy = run.energy();
     let frames = Frames::new(folder.subfolder("vtu")?, &settings.fields, &run, drawn, mediators);
     let setup = begin.elapsed().as_secs_f64();
     let mut recorder = Recorder::new(&run, probes, frames, settings.probe_every, frame_every)?;
     let mut clock = PhaseClock::new();
-    let interrupted = advance(&mut run, steps, &mut recorder, &mut clock)?;
+    let interrupted = advance(&mut run, steps, &mut recorder, &mut clock, &stop)?;
     let after = Instant::now();
     recorder.finish(&run)?;
     write_tables(folder.path(), &recorder)?;
@@ -83,19 +86,25 @@ fn title<'a>(input: &'a Input<'_>) -> &'a str {
     input.scene.title.as_deref().unwrap_or_default()
 }
 
-/// Makes the steps; whether the user ended them early.
-fn advance(
-    run: &mut Coupled<f64>,
-    steps: usize,
-    recorder: &mut Recorder,
-    clock: &mut PhaseClock,
-) -> Result<bool> {
+/// A flag that Ctrl-C raises.
+fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(|e| Error::System {
         what: "watching for Ctrl-C",
         message: e.to_string(),
     })?;
+    Ok(stop)
+}
+
+/// Makes the steps; whether the user ended them early.
+fn advance(
+    run: &mut Coupled<f64>,
+    steps: usize,
+    recorder: &mut Recorder,
+    clock: &mut PhaseClock,
+    stop: &AtomicBool,
+) -> Result<bool> {
     let progress = Progress::new(steps);
     for made in 1..=steps {
         let energy = recorder::step(run, clock)?;

@@ -1,20 +1,32 @@
 //! The model kinds, in one place: a table of the scene becomes a body.
 //!
-//! A new kind is a variant of [`Kind`], a branch in [`body`] and a function that returns a [`Body`].
+//! A new kind is a variant of [`Kind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
+//! into a table of that name in [`ModelTable`].
 
 use super::mesh::{self, View};
 use crate::chain::Chain;
 use crate::error::{Result, core, fem, value};
-use crate::scene::{Kind, Material, ModelTable, RoleKind, Shape};
+use crate::scene::{Material, ModelTable, RoleKind, Shape};
 use arlequin::core::Model;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::field::Interpolation;
 use arlequin::core::model::{CoarseModel, FineModel};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{Elastic, FemModel};
+use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
+
+/// Kinds of models, by their names in a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Kind {
+    /// Linear finite elements.
+    Fem,
+    /// Harmonic spring chain along x.
+    Chain,
+}
 
 /// A model and what supports, loads and output need of it.
 pub(crate) struct Body {

@@ -7,7 +7,7 @@ mod mesh;
 mod probe;
 mod select;
 
-pub(crate) use kinds::Body;
+pub(crate) use kinds::{Body, Kind};
 pub(crate) use mesh::View;
 pub(crate) use probe::Reader;
 

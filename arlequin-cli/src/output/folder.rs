@@ -73,7 +73,8 @@ impl Drop for Folder {
     }
 }
 
-fn check_free(target: &Path, force: bool) -> Result<()> {
+/// Refuses an existing target unless it may be replaced.
+pub(crate) fn check_free(target: &Path, force: bool) -> Result<()> {
     if !target.exists() || (force && target.is_dir()) {
         return Ok(());
     }

@@ -6,7 +6,7 @@ pub(crate) mod plots;
 pub(crate) mod summary;
 mod vtu;
 
-pub(crate) use folder::Folder;
+pub(crate) use folder::{Folder, check_free};
 pub(crate) use frames::Frames;
 
 use crate::error::{Result, write};

@@ -1,5 +1,6 @@
 //! Model tables.
 
+use crate::build::Kind;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -22,16 +23,6 @@ pub(crate) struct ModelTable {
     /// Choices of finite elements; read by `kind = "fem"` only.
     #[serde(default)]
     pub(crate) fem: FemTable,
-}
-
-/// Kinds of models. Adding one: a variant here, a branch in `build::kinds`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum Kind {
-    /// Linear finite elements.
-    Fem,
-    /// Harmonic spring chain along x.
-    Chain,
 }
 
 /// The part of a model in its interfaces.
