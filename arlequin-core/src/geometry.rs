@@ -586,7 +586,7 @@ mod tests {
         ]));
         let fact = |n: u32| (1..=n).map(f64::from).product::<f64>();
         for (degree, max) in [(1, 1), (2, 2), (5, 5)] {
-            let mut q = Vec::new();
+            let mut q: Vec<Sample<f64>> = Vec::new();
             t.quadrature(degree, &mut q);
             for a in 0..=max {
                 for b in 0..=max - a {
