@@ -3,7 +3,7 @@
 use super::sums::{Accumulator, NO_CELL, Sums, UNKNOWN, add_products};
 use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
-use crate::geometry::{BoxTree, Cell, HalfSpace, Polyhedron, Sample};
+use crate::geometry::{BoxTree, Cell, HalfSpace, Polyhedron};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use sprs::{CsMat, TriMat};
