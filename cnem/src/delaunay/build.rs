@@ -117,7 +117,7 @@ impl Delaunay {
     }
 
     /// Records a tetrahedron at the vertices of all tetrahedra from `first` on.
-    fn refresh_at_vertex(&mut self, first: usize) {
+    pub(super) fn refresh_at_vertex(&mut self, first: usize) {
         for (i, t) in self.tets.iter().enumerate().skip(first) {
             for &v in &t.v {
                 if v != INF {

@@ -200,11 +200,6 @@ impl Delaunay {
         self.work.reset();
         self.work.grow_marks(self.tets.len());
     }
-
-    /// Slots not in use (only between an insertion and the next).
-    pub(crate) fn free_slots(&self) -> &[u32] {
-        &self.work.free
-    }
 }
 
 /// Even permutation that brings infinity to slot 3; also the slot where the vertex of slot 3 went.

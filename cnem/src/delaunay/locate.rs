@@ -53,20 +53,27 @@ impl Delaunay {
             t = &self.tets[at as usize];
         }
         'step: loop {
+            let mut exit = NONE;
             for (slot, &n) in t.n.iter().enumerate() {
                 if n >> 2 == from {
                     continue;
                 }
                 let [a, b, c] = t.face(slot).map(|v| &self.points[v as usize]);
                 if orient3d(a, b, c, q) == Ordering::Greater {
+                    let next = &self.tets[(n >> 2) as usize];
+                    if next.is_ghost() {
+                        // Leave the hull only where nothing else leads closer.
+                        exit = n >> 2;
+                        continue;
+                    }
                     from = at;
                     at = n >> 2;
-                    t = &self.tets[at as usize];
-                    if t.is_ghost() {
-                        return at;
-                    }
+                    t = next;
                     continue 'step;
                 }
+            }
+            if exit != NONE {
+                return exit;
             }
             // Coming from a ghost the first face was not tested; it is the only one that can be left.
             if from != NONE && self.tets[from as usize].is_ghost() {

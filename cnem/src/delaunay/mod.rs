@@ -160,6 +160,18 @@ impl Delaunay {
         }
     }
 
+    /// Tetrahedron and slot of the face with the given vertices, if it is in the complex.
+    pub(crate) fn face(&self, v: [u32; 3], star: &mut Vec<u32>) -> Option<(u32, usize)> {
+        self.star(v[0], star);
+        star.iter().find_map(|&t| self.tets[t as usize].slot_opposite(v).map(|slot| (t, slot)))
+    }
+
+    /// Drops the slots that insertions have left unused.
+    pub(crate) fn tidy(&mut self) {
+        self.compact();
+        self.refresh_at_vertex(0);
+    }
+
     /// Checks adjacency, orientation and the empty-sphere property over every face by exact predicates; returns the
     /// number of violations. Locally Delaunay everywhere is globally Delaunay.
     pub fn violations(&self) -> usize {
