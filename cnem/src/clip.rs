@@ -199,7 +199,7 @@ mod tests {
     fn reach_shrinks() {
         let mut cube = Polyhedron::default();
         cube.set_cube(1.0, 7);
-        let p = Point3::new(1.0, 1.0, 1.0);
+        let p: Point3<f64> = Point3::new(1.0, 1.0, 1.0);
         assert!((cube.reach() - p.coords.norm_squared()).abs() < 1e-15);
     }
 }

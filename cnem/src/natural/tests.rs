@@ -71,7 +71,7 @@ fn by_clipping(kind: Kind, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec<f64> {
 /// Unity, linear precision, sign; returns the largest defect.
 fn defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
     let mut sum = -1.0;
-    let mut moment = Vector3::zeros();
+    let mut moment: Vector3<f64> = Vector3::zeros();
     let mut negative = 0.0_f64;
     for (&v, &w) in row.nodes.iter().zip(&row.values) {
         sum += w;
@@ -82,8 +82,8 @@ fn defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
 }
 
 fn gradient_defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
-    let mut sum = Vector3::zeros();
-    let mut moment = -nalgebra::Matrix3::identity();
+    let mut sum: Vector3<f64> = Vector3::zeros();
+    let mut moment: nalgebra::Matrix3<f64> = -nalgebra::Matrix3::identity();
     for (&v, g) in row.nodes.iter().zip(&row.gradients) {
         sum += g;
         moment += (domain.nodes()[v] - x) * g.transpose();
