@@ -15,6 +15,7 @@ pub mod error;
 mod hilbert;
 pub mod natural;
 pub mod predicates;
+pub mod voronoi;
 pub(crate) mod tet;
 
 pub use error::{Error, Result};

@@ -27,7 +27,7 @@ mod planar;
 mod polish;
 mod weights;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use crate::constraint::key;
 use crate::domain::Domain;

@@ -15,12 +15,12 @@ pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-fn random(n: usize, seed: u64) -> Vec<Point3<f64>> {
+pub(crate) fn random(n: usize, seed: u64) -> Vec<Point3<f64>> {
     let mut r = noise(seed);
     (0..n).map(|_| Point3::new(r(), r(), r())).collect()
 }
 
-fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
+pub(crate) fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
     let mut r = noise(seed);
     let h = 1.0 / (n - 1) as f64;
     (0..n * n * n)
@@ -223,7 +223,7 @@ fn close_to_the_boundary_unity_and_linear_precision_hold() {
 }
 
 /// Cubes `[0, n]^3` of a grid kept by `keep`, as elements on grid nodes; only nodes in use.
-fn blocks(n: usize, jitter: f64, keep: impl Fn(usize, usize, usize) -> bool) -> (Vec<Point3<f64>>, Surface) {
+pub(crate) fn blocks(n: usize, jitter: f64, keep: impl Fn(usize, usize, usize) -> bool) -> (Vec<Point3<f64>>, Surface) {
     let m = n + 1;
     let mut r = noise(31);
     let cube = |i, j, k| i < n && j < n && k < n && keep(i, j, k);
