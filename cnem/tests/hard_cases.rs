@@ -185,18 +185,42 @@ fn wrong_diagonals_on_a_grid() -> Result<()> {
     Ok(())
 }
 
-/// A thin flap of nodes close to a face: its edges are not Delaunay and points have to be inserted.
+/// A coarse crack among many nodes: its faces are not Delaunay and points have to be inserted on them.
 #[test]
 fn missing_faces_are_recovered_or_named() -> Result<()> {
-    let mut points = corners([0.0; 3], [4.0, 4.0, 1.0]);
-    fill(&mut points, 60, [0.5, 0.5, 0.02], [3.5, 3.5, 0.06], 3);
-    let surface = Surface::boundary(skin(0));
+    let mut points = corners([0.0; 3], [4.0, 4.0, 2.0]);
+    points.extend([[1.0, 1.0, 0.9], [3.0, 1.0, 1.0], [3.0, 3.0, 1.1], [1.0, 3.0, 1.0]].map(Point3::from));
+    fill(&mut points, 120, [0.0; 3], [4.0, 4.0, 2.0], 3);
+    let surface = Surface::boundary(skin(0)).with_cracks(vec![[8, 9, 10], [8, 10, 11]]);
     let error = Domain::with_limit(&points, &surface, 0).err();
     assert!(matches!(error, Some(Error::FacesNotRecovered { inserted: 0, limit: 0, .. })), "{error:?}");
     let domain = Domain::new(&points, &surface)?;
-    assert!(!domain.recovery().inserted.is_empty());
-    assert_eq!(domain.nodes().len(), points.len() + domain.recovery().inserted.len());
-    assert_sound(&domain, 16.0);
+    let inserted = &domain.recovery().inserted;
+    assert!(!inserted.is_empty() && inserted.len() < 400, "{}", inserted.len());
+    assert_eq!(domain.nodes().len(), points.len() + inserted.len());
+    assert!(inserted.iter().all(|i| i.face == 12 || i.face == 13));
+    let area: f64 = domain
+        .constrained_faces()
+        .filter(|f| f.1)
+        .map(|f| f.0.map(|v| domain.nodes()[v]))
+        .map(|[a, b, c]| 0.5 * (b - a).cross(&(c - a)).norm())
+        .sum();
+    let p = |i: usize| points[i];
+    let given = 0.5 * (p(9) - p(8)).cross(&(p(10) - p(8))).norm() + 0.5 * (p(10) - p(8)).cross(&(p(11) - p(8))).norm();
+    assert!((area - given).abs() < 1e-12);
+    assert_sound(&domain, 32.0);
+    Ok(())
+}
+
+/// A coarse re-entrant surface between scattered nodes, given as the boundary of a tetrahedral mesh.
+#[test]
+fn coarse_re_entrant_surface_is_recovered() -> Result<()> {
+    let mut points = corners([0.0; 3], [2.0; 3]);
+    points.extend(corners([0.7; 3], [1.3; 3]));
+    fill(&mut points, 300, [0.0, 0.0, 0.0], [2.0, 2.0, 0.74], 3);
+    points.retain(|p| p.z <= 0.69 || p.z >= 1.29 || (p.x - 1.0).abs() > 0.29);
+    let domain = Domain::new(&points, &Surface::boundary([skin(0), skin(8)].concat()))?;
+    assert_sound(&domain, 8.0 - 0.216);
     Ok(())
 }
 
