@@ -1,7 +1,6 @@
 //! Seconds for the Delaunay tetrahedralisation and the Voronoi cells; shape functions per second (divan's item rate).
 //! Run with `cargo bench -p cnem --bench geometry`.
 
-
 use cnem::constraint::Surface;
 use cnem::delaunay::Delaunay;
 use cnem::domain::Domain;
@@ -46,10 +45,14 @@ fn delaunay_grid(bencher: Bencher, n: usize) {
 /// Rates at random points of a random domain of 10 000 nodes; the argument tells whether gradients are computed.
 #[divan::bench(args = [false, true], consts = [0, 1], sample_count = 5, sample_size = 1)]
 fn shape<const LAPLACE: usize>(bencher: Bencher, gradients: bool) {
-    let Ok(domain) = Domain::new(&random(10_000), &Surface::convex_hull()) else { return };
+    let Ok(domain) = Domain::new(&random(10_000), &Surface::convex_hull()) else {
+        return;
+    };
     let kind = if LAPLACE == 1 { Kind::Laplace } else { Kind::Sibson };
     let mut r = noise(7);
-    let queries: Vec<_> = (0..20_000).map(|_| Point3::new(r(), r(), r()).map(|c| 0.05 + 0.9 * c)).collect();
+    let queries: Vec<_> = (0..20_000)
+        .map(|_| Point3::new(r(), r(), r()).map(|c| 0.05 + 0.9 * c))
+        .collect();
     let mut s = Scratch::new();
     bencher.counter(ItemsCount::new(queries.len())).bench_local(|| {
         let mut sum = 0.0;
@@ -67,6 +70,8 @@ fn shape<const LAPLACE: usize>(bencher: Bencher, gradients: bool) {
 
 #[divan::bench(args = [10_000], sample_count = 2, sample_size = 1)]
 fn voronoi_random(bencher: Bencher, n: usize) {
-    let Ok(domain) = Domain::new(&random(n), &Surface::convex_hull()) else { return };
+    let Ok(domain) = Domain::new(&random(n), &Surface::convex_hull()) else {
+        return;
+    };
     bencher.bench_local(|| domain.voronoi());
 }

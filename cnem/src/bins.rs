@@ -37,15 +37,32 @@ impl Bins {
     /// About one box per bin.
     pub(crate) fn new(boxes: Vec<Aabb>) -> Self {
         let corners = boxes.iter().flat_map(|b| b.iter());
-        let all = if boxes.is_empty() { [Point3::origin(); 2] } else { around(corners, 0.0) };
+        let all = if boxes.is_empty() {
+            [Point3::origin(); 2]
+        } else {
+            around(corners, 0.0)
+        };
         let extent = all[1] - all[0];
         let longest = extent.max().max(f64::MIN_POSITIVE);
         let filled: f64 = extent.iter().map(|e| (e / longest).max(1e-3)).product();
         let size = longest * (filled / boxes.len().max(1) as f64).cbrt();
         let counts = [0, 1, 2].map(|k| ((extent[k] / size).ceil() as usize).clamp(1, 256));
-        let inverse = [0, 1, 2].map(|k| if extent[k] > 0.0 { counts[k] as f64 / extent[k] } else { 0.0 });
+        let inverse = [0, 1, 2].map(|k| {
+            if extent[k] > 0.0 {
+                counts[k] as f64 / extent[k]
+            } else {
+                0.0
+            }
+        });
         let bins = counts.iter().product::<usize>();
-        let mut out = Self { boxes: Vec::new(), low: all[0], inverse, counts, start: vec![0; bins + 1], items: vec![] };
+        let mut out = Self {
+            boxes: Vec::new(),
+            low: all[0],
+            inverse,
+            counts,
+            start: vec![0; bins + 1],
+            items: vec![],
+        };
         let mut pairs: Vec<(u32, u32)> = Vec::new();
         for (i, b) in boxes.iter().enumerate() {
             out.visit(b, |bin| pairs.push((bin as u32, i as u32)));
@@ -90,7 +107,10 @@ impl Bins {
         let mut found = false;
         self.visit(query, |bin| {
             let range = self.start[bin] as usize..self.start[bin + 1] as usize;
-            found = found || self.items[range].iter().any(|&i| overlap(&self.boxes[i as usize], query));
+            found = found
+                || self.items[range]
+                    .iter()
+                    .any(|&i| overlap(&self.boxes[i as usize], query));
         });
         found
     }

@@ -52,7 +52,11 @@ impl Mul for Dd {
 }
 
 fn cross<T: Copy + Sub<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> [T; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
@@ -64,18 +68,25 @@ fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
 #[inline]
 pub(crate) fn circumcentre(corners: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {
     let [o, p, q, r] = corners;
-    let (b, c, d) = (p - o, q - o, r - o);
-    let (b2, c2, d2) = (b.norm_squared(), c.norm_squared(), d.norm_squared());
-    let (cd, db, bc) = (c.cross(&d), d.cross(&b), b.cross(&c));
-    let det = b.dot(&cd);
-    if det * det > FLAT * b2 * c2 * d2 {
-        return ((cd * b2 + db * c2 + bc * d2) * (0.5 / det), det);
-    }
-    accurate(corners)
+    quick(&(p - o), &(q - o), &(r - o)).unwrap_or_else(|| accurate(corners))
 }
 
+/// As [`circumcentre`], from vectors relative to the first corner; `None` if the tetrahedron is nearly flat.
+#[inline]
+pub(crate) fn quick(b: &Vector3<f64>, c: &Vector3<f64>, d: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+    let (b2, c2, d2) = (b.norm_squared(), c.norm_squared(), d.norm_squared());
+    let (cd, db, bc) = (c.cross(d), d.cross(b), b.cross(c));
+    let det = b.dot(&cd);
+    if det * det > FLAT * b2 * c2 * d2 {
+        Some(((cd * b2 + db * c2 + bc * d2) * (0.5 / det), det))
+    } else {
+        None
+    }
+}
+
+/// As [`circumcentre`], in double-double arithmetic.
 #[cold]
-fn accurate([o, p, q, r]: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {
+pub(crate) fn accurate([o, p, q, r]: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {
     let difference = |e: &Point3<f64>| [0, 1, 2].map(|k| two_sum(e[k], -o[k]));
     let (b, c, d) = (difference(p), difference(q), difference(r));
     let (b2, c2, d2) = (dot(b, b), dot(c, c), dot(d, d));
@@ -93,9 +104,18 @@ mod tests {
     fn flat_tetrahedra_keep_their_centre() {
         // Four points on a circle of radius 1 about (0, 0, 0.25), one lifted by 2^-40: the centre moves up the axis.
         let lift = 2.0_f64.powi(-40);
-        let p = [[1.0, 0.0, 0.25], [0.0, 1.0, 0.25], [-1.0, 0.0, 0.25], [0.0, -1.0, 0.25 + lift]].map(Point3::from);
+        let p = [
+            [1.0, 0.0, 0.25],
+            [0.0, 1.0, 0.25],
+            [-1.0, 0.0, 0.25],
+            [0.0, -1.0, 0.25 + lift],
+        ]
+        .map(Point3::from);
         let (centre, _) = circumcentre([&p[0], &p[1], &p[2], &p[3]]);
         let centre = p[0] + centre;
-        assert!((centre - Point3::new(0.0, 0.0, 0.25 + 0.5 * lift)).norm() < 1e-15, "{centre}");
+        assert!(
+            (centre - Point3::new(0.0, 0.0, 0.25 + 0.5 * lift)).norm() < 1e-15,
+            "{centre}"
+        );
     }
 }

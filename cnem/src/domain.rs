@@ -4,8 +4,6 @@ use crate::circumcentre::circumcentre;
 use crate::constraint::{FaceMesh, Recovery, Surface, recover};
 use crate::delaunay::{Delaunay, volume};
 use crate::error::{Error, Result};
-#[cfg(test)]
-use crate::tet::INF;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
@@ -37,8 +35,54 @@ pub struct Domain {
     /// Constrained face at `tetrahedron << 2 | slot`.
     pub(crate) face_at: HashMap<u32, u32>,
     pub(crate) tolerance: f64,
+    starts: Starts,
     recovery: Recovery,
     volume: f64,
+}
+
+/// Uniform grid of tetrahedra where walks may start; keeps walks short for queries in any order.
+#[derive(Debug, Clone, Default)]
+struct Starts {
+    low: Point3<f64>,
+    inverse: f64,
+    counts: [usize; 3],
+    tets: Vec<u32>,
+}
+
+impl Starts {
+    /// About four nodes per bin.
+    fn new(delaunay: &Delaunay) -> Self {
+        let [low, high] = crate::bins::around(&delaunay.points, 0.0);
+        let extent = high - low;
+        let longest = extent.max();
+        let filled: f64 = extent.iter().map(|e| (e / longest).max(1e-2)).product();
+        let size = longest * (4.0 * filled / delaunay.points.len() as f64).cbrt();
+        let counts = [0, 1, 2].map(|k| ((extent[k] / size).ceil() as usize).max(1));
+        let mut tets = vec![0; counts.iter().product()];
+        let mut hint = 0;
+        for (i, start) in tets.iter_mut().enumerate() {
+            let index = [
+                i / (counts[1] * counts[2]),
+                i / counts[2] % counts[1],
+                i % counts[2],
+            ];
+            let middle = Point3::from([0, 1, 2].map(|k| low[k] + (index[k] as f64 + 0.5) * size));
+            hint = delaunay.walk(&middle, hint);
+            *start = hint;
+        }
+        Self {
+            low,
+            inverse: 1.0 / size,
+            counts,
+            tets,
+        }
+    }
+
+    fn at(&self, x: &Point3<f64>) -> u32 {
+        let index =
+            |k: usize| (((x[k] - self.low[k]) * self.inverse).max(0.0) as usize).min(self.counts[k] - 1);
+        self.tets[(index(0) * self.counts[1] + index(1)) * self.counts[2] + index(2)]
+    }
 }
 
 impl Domain {
@@ -62,7 +106,10 @@ impl Domain {
         let mut delaunay = Delaunay::new(points)?;
         let (mesh, recovery) = recover(&mut delaunay, surface, limit)?;
         delaunay.tidy();
-        let scale = points.iter().flat_map(|p| p.iter().copied()).fold(0.0, |m: f64, x| m.max(x.abs()));
+        let scale = points
+            .iter()
+            .flat_map(|p| p.iter().copied())
+            .fold(0.0, |m: f64, x| m.max(x.abs()));
         let tets = delaunay.tets.len();
         let mut domain = Self {
             delaunay,
@@ -72,6 +119,7 @@ impl Domain {
             mesh,
             face_at: HashMap::new(),
             tolerance: ON_BOUNDARY * scale,
+            starts: Starts::default(),
             recovery,
             volume: 0.0,
         };
@@ -113,7 +161,10 @@ impl Domain {
 
     /// Constrained faces after recovery: nodes, whether it is a crack face, and the input face it comes from.
     pub fn constrained_faces(&self) -> impl Iterator<Item = ([usize; 3], bool, usize)> + '_ {
-        self.mesh.faces.iter().map(|f| (f.v.map(|v| v as usize), f.crack, f.origin as usize))
+        self.mesh
+            .faces
+            .iter()
+            .map(|f| (f.v.map(|v| v as usize), f.crack, f.origin as usize))
     }
 
     /// Distance from the domain up to which a point counts as being on the boundary [m].
@@ -126,7 +177,11 @@ impl Domain {
         let hull: Vec<[usize; 3]> = self.delaunay.hull().collect();
         for (i, f) in hull.into_iter().enumerate() {
             let v = f.map(|v| v as u32);
-            self.mesh.push(crate::constraint::Face { v, crack: false, origin: first + i as u32 });
+            self.mesh.push(crate::constraint::Face {
+                v,
+                crack: false,
+                origin: first + i as u32,
+            });
         }
     }
 
@@ -135,7 +190,12 @@ impl Domain {
         for (i, f) in self.mesh.faces.iter().enumerate() {
             let Some((tet, slot)) = self.delaunay.face(f.v, &mut star) else {
                 let faces = vec![f.origin as usize];
-                return Err(Error::FacesNotRecovered { faces, count: 1, inserted: self.recovery.inserted.len(), limit: 0 });
+                return Err(Error::FacesNotRecovered {
+                    faces,
+                    count: 1,
+                    inserted: self.recovery.inserted.len(),
+                    limit: 0,
+                });
             };
             let one = tet << 2 | slot as u32;
             let other = self.delaunay.tets[tet as usize].n[slot];
@@ -143,8 +203,13 @@ impl Domain {
                 let wall = 1 << (side & 3);
                 let repeated = self.face_at.insert(side, i as u32);
                 if let Some(first) = repeated {
-                    let [first, second] = [first, i as u32].map(|k| self.mesh.faces[k as usize].origin as usize);
-                    return Err(Error::SelfIntersection { first, second, count: 1 });
+                    let [first, second] =
+                        [first, i as u32].map(|k| self.mesh.faces[k as usize].origin as usize);
+                    return Err(Error::SelfIntersection {
+                        first,
+                        second,
+                        count: 1,
+                    });
                 }
                 self.walls[(side >> 2) as usize] |= wall;
             }
@@ -156,7 +221,9 @@ impl Domain {
     fn flood(&mut self, faces: usize) -> Result<()> {
         let tets = &self.delaunay.tets;
         let mut seen = vec![false; tets.len()];
-        let mut queue: Vec<u32> = (0..tets.len() as u32).filter(|&t| tets[t as usize].is_ghost()).collect();
+        let mut queue: Vec<u32> = (0..tets.len() as u32)
+            .filter(|&t| tets[t as usize].is_ghost())
+            .collect();
         queue.iter().for_each(|&t| seen[t as usize] = true);
         while let Some(t) = queue.pop() {
             for &n in &tets[t as usize].n {
@@ -164,13 +231,20 @@ impl Domain {
                 if seen[other] {
                     continue;
                 }
-                let boundary = self.face_at.get(&n).is_some_and(|&f| !self.mesh.faces[f as usize].crack);
+                let boundary = self
+                    .face_at
+                    .get(&n)
+                    .is_some_and(|&f| !self.mesh.faces[f as usize].crack);
                 seen[other] = true;
                 self.inside[other] = self.inside[t as usize] ^ boundary;
                 queue.push(n >> 2);
             }
         }
-        if self.inside.contains(&true) { Ok(()) } else { Err(Error::EmptyDomain { faces }) }
+        if self.inside.contains(&true) {
+            Ok(())
+        } else {
+            Err(Error::EmptyDomain { faces })
+        }
     }
 
     fn check_nodes(&self) -> Result<()> {
@@ -179,18 +253,28 @@ impl Domain {
         let mut outside = (0..used.len()).filter(|&v| !used[v]);
         match outside.next() {
             None => Ok(()),
-            Some(node) => {
-                Err(Error::NodeOutside { node, point: self.nodes()[node].into(), count: 1 + outside.count() })
-            }
+            Some(node) => Err(Error::NodeOutside {
+                node,
+                point: self.nodes()[node].into(),
+                count: 1 + outside.count(),
+            }),
         }
     }
 
     fn measure(&mut self) {
-        self.volume = self.elements().map(|t| volume(t.map(|v| &self.delaunay.points[v]))).sum();
+        self.volume = self
+            .elements()
+            .map(|t| volume(t.map(|v| &self.delaunay.points[v])))
+            .sum();
         let centre_of = |t: &crate::tet::Tet| {
-            if t.is_ghost() { Vector3::zeros() } else { circumcentre(self.delaunay.corners(t)).0 }
+            if t.is_ghost() {
+                Vector3::zeros()
+            } else {
+                circumcentre(self.delaunay.corners(t)).0
+            }
         };
         self.centre = self.delaunay.tets.iter().map(centre_of).collect();
+        self.starts = Starts::new(&self.delaunay);
     }
 
     /// Distance from `x` to the planes of a tetrahedron, positive outside, one per slot.
@@ -204,13 +288,15 @@ impl Domain {
     }
 
     /// A tetrahedron of the domain that holds `x`, up to the tolerance; `near` is scratch.
-    pub(crate) fn locate(&self, x: &Point3<f64>, hint: u32, near: &mut Vec<u32>) -> Result<u32> {
-        let outside = Error::OutsideDomain { point: (*x).into(), tolerance: self.tolerance };
+    pub(crate) fn locate(&self, x: &Point3<f64>, near: &mut Vec<u32>) -> Result<u32> {
+        let outside = Error::OutsideDomain {
+            point: (*x).into(),
+            tolerance: self.tolerance,
+        };
         if !x.iter().all(|c| c.is_finite()) {
             return Err(outside);
         }
-        let start = if (hint as usize) < self.delaunay.tets.len() { hint } else { 0 };
-        let found = self.delaunay.walk(x, start);
+        let found = self.delaunay.walk(x, self.starts.at(x));
         if self.inside[found as usize] {
             return Ok(found);
         }
@@ -238,12 +324,6 @@ impl Domain {
 
     /// True if `x` is in the closed domain (up to [`Domain::tolerance`]).
     pub fn contains(&self, x: &Point3<f64>) -> bool {
-        self.locate(x, 0, &mut Vec::new()).is_ok()
-    }
-
-    /// True if the vertex belongs to a constrained face (debugging aid of the tests).
-    #[cfg(test)]
-    pub(crate) fn on_wall(&self, v: u32) -> bool {
-        v != INF && self.mesh.edges.keys().any(|e| e.0 == v || e.1 == v)
+        self.locate(x, &mut Vec::new()).is_ok()
     }
 }

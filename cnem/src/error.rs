@@ -139,7 +139,9 @@ pub enum Error {
         limit: usize,
     },
     /// The constrained faces bound no tetrahedron.
-    #[error("the boundary surface of {faces} faces encloses no volume; check that it is not folded onto itself")]
+    #[error(
+        "the boundary surface of {faces} faces encloses no volume; check that it is not folded onto itself"
+    )]
     EmptyDomain {
         /// Number of boundary faces.
         faces: usize,

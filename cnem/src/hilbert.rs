@@ -122,7 +122,9 @@ mod tests {
 
     #[test]
     fn order_is_a_permutation() {
-        let points: Vec<_> = (0..3000).map(|i| Point3::new(f64::from(i % 7), f64::from(i % 11), 0.0)).collect();
+        let points: Vec<_> = (0..3000)
+            .map(|i| Point3::new(f64::from(i % 7), f64::from(i % 11), 0.0))
+            .collect();
         let mut order = insertion_order(&points);
         order.sort_unstable();
         assert!(order.iter().enumerate().all(|(i, &v)| i == v as usize));

@@ -15,7 +15,7 @@ pub mod error;
 mod hilbert;
 pub mod natural;
 pub mod predicates;
-pub mod voronoi;
 pub(crate) mod tet;
+pub mod voronoi;
 
 pub use error::{Error, Result};

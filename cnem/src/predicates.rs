@@ -19,7 +19,11 @@ const SPHERE_BOUND: f64 = 1.246_613_653_102_729_8e-13;
 const TINY: f64 = 1e-58;
 
 fn coord(p: &Point3<f64>) -> Coord3D<f64> {
-    Coord3D { x: p.x, y: p.y, z: p.z }
+    Coord3D {
+        x: p.x,
+        y: p.y,
+        z: p.z,
+    }
 }
 
 fn sign(x: f64) -> Ordering {
@@ -137,7 +141,9 @@ fn tie_break(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]) -> bool {
 
 /// True if the three points lie on one straight line. Exact.
 pub fn collinear(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> bool {
-    let flat = |f: fn(&Point3<f64>) -> robust::Coord<f64>| sign(robust::orient2d(f(a), f(b), f(c))) == Ordering::Equal;
+    let flat = |f: fn(&Point3<f64>) -> robust::Coord<f64>| {
+        sign(robust::orient2d(f(a), f(b), f(c))) == Ordering::Equal
+    };
     flat(|p| robust::Coord { x: p.x, y: p.y })
         && flat(|p| robust::Coord { x: p.y, y: p.z })
         && flat(|p| robust::Coord { x: p.z, y: p.x })
@@ -155,8 +161,14 @@ mod tests {
         let t = [&o, &x, &y, &z];
         assert_eq!(insphere(t, &Point3::new(0.5, 0.5, 0.5)), Ordering::Greater);
         assert_eq!(insphere(t, &Point3::new(1.0, 1.0, 1.0)), Ordering::Equal);
-        assert_eq!(insphere(t, &Point3::new(1.0, 1.0, 1.0 + f64::EPSILON)), Ordering::Less);
-        assert_eq!(insphere(t, &Point3::new(1.0, 1.0, 1.0 - f64::EPSILON)), Ordering::Greater);
+        assert_eq!(
+            insphere(t, &Point3::new(1.0, 1.0, 1.0 + f64::EPSILON)),
+            Ordering::Less
+        );
+        assert_eq!(
+            insphere(t, &Point3::new(1.0, 1.0, 1.0 - f64::EPSILON)),
+            Ordering::Greater
+        );
     }
 
     #[test]

@@ -90,11 +90,6 @@ impl EdgeTable {
         *slot
     }
 
-    /// Vertices seen so far, in order of their local numbers.
-    pub(crate) fn vertices(&self) -> impl Iterator<Item = u32> + '_ {
-        self.touched.iter().map(|t| t.wrapping_sub(1))
-    }
-
     /// Stores `payload` for the edge between two local vertices, or returns the payload its other half has stored.
     #[inline]
     pub(crate) fn pair(&mut self, a: u32, b: u32, payload: u32) -> Option<u32> {

@@ -94,7 +94,10 @@ impl Voronoi {
             let total: f64 = self.facets(i).iter().map(|f| f.area.norm()).sum();
             if total > 0.0 { sum.norm() / total } else { 0.0 }
         });
-        Closure { volume: (filled / domain.volume() - 1.0).abs(), area: area.fold(0.0, f64::max) }
+        Closure {
+            volume: (filled / domain.volume() - 1.0).abs(),
+            area: area.fold(0.0, f64::max),
+        }
     }
 }
 
@@ -104,7 +107,11 @@ impl Domain {
     /// # Errors
     /// `CellsDoNotFill` if a part of the domain is closest to a node behind a constrained face.
     pub fn voronoi(&self) -> Result<Voronoi> {
-        let boxes = self.mesh.faces.iter().map(|f| around(f.v.iter().map(|&v| &self.delaunay.points[v as usize]), 0.0));
+        let boxes = self
+            .mesh
+            .faces
+            .iter()
+            .map(|f| around(f.v.iter().map(|&v| &self.delaunay.points[v as usize]), 0.0));
         let walls = Bins::new(boxes.collect());
         let cells: Vec<(f64, Vec<Facet>)> = (0..self.nodes().len() as u32)
             .into_par_iter()
@@ -113,7 +120,11 @@ impl Domain {
                 (work.volume, work.facets.clone())
             })
             .collect();
-        let mut out = Voronoi { volumes: Vec::with_capacity(cells.len()), start: vec![0], facets: Vec::new() };
+        let mut out = Voronoi {
+            volumes: Vec::with_capacity(cells.len()),
+            start: vec![0],
+            facets: Vec::new(),
+        };
         for (volume, facets) in cells {
             out.volumes.push(volume);
             out.facets.extend(facets);
@@ -122,7 +133,11 @@ impl Domain {
         let closure = out.closure(self);
         if closure.volume > VOLUME_TOLERANCE {
             let filled = out.volumes.iter().sum();
-            return Err(Error::CellsDoNotFill { filled, volume: self.volume(), tolerance: VOLUME_TOLERANCE });
+            return Err(Error::CellsDoNotFill {
+                filled,
+                volume: self.volume(),
+                tolerance: VOLUME_TOLERANCE,
+            });
         }
         Ok(out)
     }
@@ -157,7 +172,12 @@ impl Work {
         domain.delaunay.star(node, &mut self.star);
         let seed = &domain.delaunay.points[node as usize];
         let within = self.star.iter().all(|&t| domain.inside[t as usize]);
-        let reach = self.star.iter().map(|&t| domain.centre[t as usize].norm_squared()).fold(0.0, f64::max).sqrt();
+        let reach = self
+            .star
+            .iter()
+            .map(|&t| domain.centre[t as usize].norm_squared())
+            .fold(0.0, f64::max)
+            .sqrt();
         if within && !walls.any(&around([seed], reach * (1.0 + 1e-9))) {
             self.from_circumcentres(domain, node);
         } else {
@@ -173,7 +193,12 @@ impl Work {
                 p.moment += moment;
                 p.weight += weight;
             }
-            None => self.pieces.push(Piece { tag, area, moment, weight }),
+            None => self.pieces.push(Piece {
+                tag,
+                area,
+                moment,
+                weight,
+            }),
         }
     }
 
@@ -189,7 +214,9 @@ impl Work {
             let t = &domain.delaunay.tets[tet as usize];
             for (slot, &n) in t.n.iter().enumerate() {
                 let face = t.face(slot);
-                let Some(at) = face.iter().position(|&v| v == node) else { continue };
+                let Some(at) = face.iter().position(|&v| v == node) else {
+                    continue;
+                };
                 if tet > n >> 2 {
                     continue;
                 }
@@ -201,7 +228,12 @@ impl Work {
                     let weight = 0.5 * twice / r.norm();
                     let area = r * (0.5 * twice / r.norm_squared());
                     self.volume += twice / 12.0;
-                    self.add(NODE | u64::from(other), area, (m + from + to) * (weight / 3.0), weight);
+                    self.add(
+                        NODE | u64::from(other),
+                        area,
+                        (m + from + to) * (weight / 3.0),
+                        weight,
+                    );
                 }
             }
         }
@@ -220,7 +252,8 @@ impl Work {
         }
         self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         self.queue.clear();
-        self.queue.extend(self.star.iter().filter(|&&t| domain.inside[t as usize]));
+        self.queue
+            .extend(self.star.iter().filter(|&&t| domain.inside[t as usize]));
         let mut next = 0;
         while next < self.queue.len() {
             let tet = self.queue[next];
@@ -248,13 +281,16 @@ impl Work {
         let t = &domain.delaunay.tets[tet as usize];
         let walls = domain.walls[tet as usize];
         let tags = [0, 1, 2, 3].map(|slot: usize| {
-            let wall = (walls >> slot & 1 == 1).then(|| domain.face_at.get(&(tet << 2 | slot as u32))).flatten();
+            let wall = (walls >> slot & 1 == 1)
+                .then(|| domain.face_at.get(&(tet << 2 | slot as u32)))
+                .flatten();
             match wall {
                 Some(&face) => WALL | u64::from(face),
                 None => FREE | u64::from(t.n[slot] >> 2),
             }
         });
-        self.piece.set_tetrahedron(domain.delaunay.corners(t).map(|p| p - seed), tags);
+        self.piece
+            .set_tetrahedron(domain.delaunay.corners(t).map(|p| p - seed), tags);
         let mut reach = self.piece.reach();
         for (square, v, r) in &self.near {
             if *square > 4.0 * reach {
@@ -275,8 +311,16 @@ impl Work {
         for p in &self.pieces {
             if p.weight > TINY_FACET * size {
                 let id = (p.tag & !KIND) as usize;
-                let side = if p.tag & KIND == NODE { Side::Node(id) } else { Side::Face(id) };
-                self.facets.push(Facet { side, area: p.area, centroid: seed + p.moment / p.weight });
+                let side = if p.tag & KIND == NODE {
+                    Side::Node(id)
+                } else {
+                    Side::Face(id)
+                };
+                self.facets.push(Facet {
+                    side,
+                    area: p.area,
+                    centroid: seed + p.moment / p.weight,
+                });
             }
         }
     }
@@ -299,8 +343,14 @@ mod tests {
                 let size = f.area.norm();
                 match back {
                     Some(g) => {
-                        assert!((f.area + g.area).norm() < 1e-10 * (size + 1e-3), "{i} {j} {f:?} {g:?}");
-                        assert!(size < 1e-9 || (f.centroid - g.centroid).norm() < 1e-6, "{i} {j} {f:?} {g:?}");
+                        assert!(
+                            (f.area + g.area).norm() < 1e-10 * (size + 1e-3),
+                            "{i} {j} {f:?} {g:?}"
+                        );
+                        assert!(
+                            size < 1e-9 || (f.centroid - g.centroid).norm() < 1e-6,
+                            "{i} {j} {f:?} {g:?}"
+                        );
                     }
                     None => assert!(size < 1e-11, "{i} {j} {f:?}"),
                 }
@@ -311,7 +361,13 @@ mod tests {
 
     #[test]
     fn cells_fill_convex_domains() {
-        for points in [random(300, 2), grid(5, 0.0, 1), grid(6, 0.3, 1), grid(5, 1e-14, 1), grid(5, 1e-7, 1)] {
+        for points in [
+            random(300, 2),
+            grid(5, 0.0, 1),
+            grid(6, 0.3, 1),
+            grid(5, 1e-14, 1),
+            grid(5, 1e-7, 1),
+        ] {
             assert_closed(&Domain::new(&points, &Surface::convex_hull()).expect("convex"));
         }
     }

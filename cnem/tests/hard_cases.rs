@@ -19,24 +19,44 @@ fn noise(seed: u64) -> impl FnMut() -> f64 {
 /// Corners of a box, bit k of the index for axis k.
 fn corners(low: [f64; 3], high: [f64; 3]) -> Vec<Point3<f64>> {
     let pick = |i: usize, k: usize| if i >> k & 1 == 1 { high[k] } else { low[k] };
-    (0..8).map(|i| Point3::new(pick(i, 0), pick(i, 1), pick(i, 2))).collect()
+    (0..8)
+        .map(|i| Point3::new(pick(i, 0), pick(i, 1), pick(i, 2)))
+        .collect()
 }
 
 /// Twelve faces of a box whose corners start at `first`.
 fn skin(first: usize) -> Vec<[usize; 3]> {
-    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-    quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).map(|f| f.map(|v| v + first)).collect()
+    let quads = [
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+    ];
+    quads
+        .iter()
+        .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
+        .map(|f| f.map(|v| v + first))
+        .collect()
 }
 
 fn fill(points: &mut Vec<Point3<f64>>, n: usize, low: [f64; 3], high: [f64; 3], seed: u64) {
     let mut r = noise(seed);
     for _ in 0..n {
-        points.push(Point3::from([0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * (0.05 + 0.9 * r()))));
+        points.push(Point3::from(
+            [0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * (0.05 + 0.9 * r())),
+        ));
     }
 }
 
 fn assert_sound(domain: &Domain, volume: f64) {
-    assert!((domain.volume() - volume).abs() < 1e-9 * volume, "{} {:?}", domain.volume(), domain.recovery());
+    assert!(
+        (domain.volume() - volume).abs() < 1e-9 * volume,
+        "{} {:?}",
+        domain.volume(),
+        domain.recovery()
+    );
     let nodes = domain.nodes();
     let mut s = Scratch::new();
     for t in domain.elements() {
@@ -67,8 +87,13 @@ fn four_nodes_only() -> Result<()> {
 
 #[test]
 fn all_nodes_in_a_plane() {
-    let points: Vec<_> = (0..25).map(|i| Point3::new(f64::from(i % 5), f64::from(i / 5), 0.0)).collect();
-    assert_eq!(Domain::new(&points, &Surface::convex_hull()).err(), Some(Error::AllCoplanar { nodes: 25 }));
+    let points: Vec<_> = (0..25)
+        .map(|i| Point3::new(f64::from(i % 5), f64::from(i / 5), 0.0))
+        .collect();
+    assert_eq!(
+        Domain::new(&points, &Surface::convex_hull()).err(),
+        Some(Error::AllCoplanar { nodes: 25 })
+    );
 }
 
 #[test]
@@ -86,7 +111,17 @@ fn node_outside_its_boundary() {
     let mut points = corners([0.0; 3], [1.0; 3]);
     points.push(Point3::new(0.5, 0.5, 1.5));
     let error = Domain::new(&points, &Surface::boundary(skin(0))).err();
-    assert!(matches!(error, Some(Error::NodeOutside { node: 8, count: 1, .. })), "{error:?}");
+    assert!(
+        matches!(
+            error,
+            Some(Error::NodeOutside {
+                node: 8,
+                count: 1,
+                ..
+            })
+        ),
+        "{error:?}"
+    );
 }
 
 #[test]
@@ -95,17 +130,44 @@ fn open_surface() {
     let mut faces = skin(0);
     faces.pop();
     let error = Domain::new(&points, &Surface::boundary(faces)).err();
-    assert!(matches!(error, Some(Error::OpenSurface { open_edges: 3, faces: 1, .. })), "{error:?}");
+    assert!(
+        matches!(
+            error,
+            Some(Error::OpenSurface {
+                open_edges: 3,
+                faces: 1,
+                ..
+            })
+        ),
+        "{error:?}"
+    );
 }
 
 #[test]
 fn wrong_faces() {
     let points = corners([0.0; 3], [1.0; 3]);
     let build = |f: Vec<[usize; 3]>| Domain::new(&points, &Surface::boundary(f)).err();
-    assert!(matches!(build(vec![[0, 1, 9]]), Some(Error::UnknownNode { face: 0, node: 9, nodes: 8 })));
-    assert!(matches!(build(vec![[0, 1, 1]]), Some(Error::FlatFace { face: 0, .. })));
+    assert!(matches!(
+        build(vec![[0, 1, 9]]),
+        Some(Error::UnknownNode {
+            face: 0,
+            node: 9,
+            nodes: 8
+        })
+    ));
+    assert!(matches!(
+        build(vec![[0, 1, 1]]),
+        Some(Error::FlatFace { face: 0, .. })
+    ));
     let twice = [skin(0), vec![[4, 0, 6]]].concat();
-    assert!(matches!(build(twice), Some(Error::RepeatedFace { first: 0, second: 12, .. })));
+    assert!(matches!(
+        build(twice),
+        Some(Error::RepeatedFace {
+            first: 0,
+            second: 12,
+            ..
+        })
+    ));
 }
 
 #[test]
@@ -137,7 +199,12 @@ fn two_disjoint_bodies() -> Result<()> {
     assert_sound(&domain, 2.0);
     let mut s = Scratch::new();
     let row = domain.shape(Kind::Sibson, &Point3::new(0.97, 0.5, 0.5), &mut s)?;
-    assert!(row.nodes.iter().zip(&row.values).all(|(&v, &w)| w <= 0.0 || domain.nodes()[v].x <= 1.0));
+    assert!(
+        row.nodes
+            .iter()
+            .zip(&row.values)
+            .all(|(&v, &w)| w <= 0.0 || domain.nodes()[v].x <= 1.0)
+    );
     let between = domain.shape(Kind::Sibson, &Point3::new(1.25, 0.5, 0.5), &mut s);
     assert!(matches!(between, Err(Error::OutsideDomain { .. })));
     Ok(())
@@ -162,8 +229,9 @@ fn coarse_skin_with_nodes_on_it() -> Result<()> {
 #[test]
 fn wrong_diagonals_on_a_grid() -> Result<()> {
     let at = |i: usize, j: usize, k: usize| i + 4 * (j + 4 * k);
-    let points: Vec<_> =
-        (0..64).map(|i| Point3::new(f64::from(i % 4), f64::from(i / 4 % 4), f64::from(i / 16))).collect();
+    let points: Vec<_> = (0..64)
+        .map(|i| Point3::new(f64::from(i % 4), f64::from(i / 4 % 4), f64::from(i / 16)))
+        .collect();
     for other in [false, true] {
         let mut faces = Vec::new();
         let mut quad = |q: [usize; 4]| {
@@ -173,9 +241,24 @@ fn wrong_diagonals_on_a_grid() -> Result<()> {
         };
         for (a, b) in (0..9).map(|i| (i % 3, i / 3)) {
             for side in [0, 3] {
-                quad([at(side, a, b), at(side, a + 1, b), at(side, a + 1, b + 1), at(side, a, b + 1)]);
-                quad([at(a, side, b), at(a + 1, side, b), at(a + 1, side, b + 1), at(a, side, b + 1)]);
-                quad([at(a, b, side), at(a + 1, b, side), at(a + 1, b + 1, side), at(a, b + 1, side)]);
+                quad([
+                    at(side, a, b),
+                    at(side, a + 1, b),
+                    at(side, a + 1, b + 1),
+                    at(side, a, b + 1),
+                ]);
+                quad([
+                    at(a, side, b),
+                    at(a + 1, side, b),
+                    at(a + 1, side, b + 1),
+                    at(a, side, b + 1),
+                ]);
+                quad([
+                    at(a, b, side),
+                    at(a + 1, b, side),
+                    at(a + 1, b + 1, side),
+                    at(a, b + 1, side),
+                ]);
             }
         }
         let domain = Domain::new(&points, &Surface::boundary(faces))?;
@@ -193,7 +276,17 @@ fn missing_faces_are_recovered_or_named() -> Result<()> {
     fill(&mut points, 120, [0.0; 3], [4.0, 4.0, 2.0], 3);
     let surface = Surface::boundary(skin(0)).with_cracks(vec![[8, 9, 10], [8, 10, 11]]);
     let error = Domain::with_limit(&points, &surface, 0).err();
-    assert!(matches!(error, Some(Error::FacesNotRecovered { inserted: 0, limit: 0, .. })), "{error:?}");
+    assert!(
+        matches!(
+            error,
+            Some(Error::FacesNotRecovered {
+                inserted: 0,
+                limit: 0,
+                ..
+            })
+        ),
+        "{error:?}"
+    );
     let domain = Domain::new(&points, &surface)?;
     let inserted = &domain.recovery().inserted;
     assert!(!inserted.is_empty() && inserted.len() < 400, "{}", inserted.len());
@@ -206,7 +299,8 @@ fn missing_faces_are_recovered_or_named() -> Result<()> {
         .map(|[a, b, c]| 0.5 * (b - a).cross(&(c - a)).norm())
         .sum();
     let p = |i: usize| points[i];
-    let given = 0.5 * (p(9) - p(8)).cross(&(p(10) - p(8))).norm() + 0.5 * (p(10) - p(8)).cross(&(p(11) - p(8))).norm();
+    let given = 0.5 * (p(9) - p(8)).cross(&(p(10) - p(8))).norm()
+        + 0.5 * (p(10) - p(8)).cross(&(p(11) - p(8))).norm();
     assert!((area - given).abs() < 1e-12);
     assert_sound(&domain, 32.0);
     Ok(())
@@ -248,7 +342,8 @@ fn cylinder_between_its_nodes() -> Result<()> {
         faces.push([top + i, top + (i + 1) % around, around * along + along - 1]);
     }
     let domain = Domain::new(&points, &Surface::boundary(faces))?;
-    let volume = 0.5 * around as f64 * (2.0 * std::f64::consts::PI / around as f64).sin() * (along - 1) as f64 * 0.4;
+    let volume =
+        0.5 * around as f64 * (2.0 * std::f64::consts::PI / around as f64).sin() * (along - 1) as f64 * 0.4;
     assert_sound(&domain, volume);
     let closure = domain.voronoi()?.closure(&domain);
     assert!(closure.volume < 1e-12 && closure.area < 1e-11, "{closure:?}");
@@ -260,7 +355,9 @@ fn cylinder_between_its_nodes() -> Result<()> {
 fn slivers() -> Result<()> {
     let mut r = noise(3);
     let points: Vec<_> = (0..216)
-        .map(|i| Point3::new(f64::from(i % 6), f64::from(i / 6 % 6), f64::from(i / 36)).map(|c| c + 1e-9 * r()))
+        .map(|i| {
+            Point3::new(f64::from(i % 6), f64::from(i / 6 % 6), f64::from(i / 36)).map(|c| c + 1e-9 * r())
+        })
         .collect();
     let domain = Domain::new(&points, &Surface::convex_hull())?;
     assert_sound(&domain, domain.volume());

@@ -34,7 +34,11 @@ impl FaceMesh {
         let mut mesh = Self::default();
         let boundary = surface.boundary.len();
         for (i, f) in surface.faces().enumerate() {
-            mesh.push(Face { v: f.map(|v| v as u32), crack: i >= boundary, origin: i as u32 });
+            mesh.push(Face {
+                v: f.map(|v| v as u32),
+                crack: i >= boundary,
+                origin: i as u32,
+            });
         }
         mesh
     }
@@ -78,7 +82,12 @@ impl FaceMesh {
         if self.faces[f as usize].crack != self.faces[g as usize].crack {
             return None;
         }
-        let apex = |id: u32| self.faces[id as usize].v.into_iter().find(|&v| v != edge.0 && v != edge.1);
+        let apex = |id: u32| {
+            self.faces[id as usize]
+                .v
+                .into_iter()
+                .find(|&v| v != edge.0 && v != edge.1)
+        };
         let (c, d) = (apex(f)?, apex(g)?);
         let [pa, pb, pc, pd] = [edge.0, edge.1, c, d].map(|v| &points[v as usize]);
         let n = (pb - pa).cross(&(pc - pa));
@@ -109,12 +118,17 @@ impl FaceMesh {
 
     /// Splits every face at an edge at the node `m`.
     pub(crate) fn split_edge(&mut self, edge: (u32, u32), m: u32) {
-        let Some(list) = self.edges.get(&edge).cloned() else { return };
+        let Some(list) = self.edges.get(&edge).cloned() else {
+            return;
+        };
         for id in list {
             let face = self.faces[id as usize];
             let with = |from: u32| face.v.map(|v| if v == from { m } else { v });
             self.replace(id, with(edge.0));
-            self.push(Face { v: with(edge.1), ..face });
+            self.push(Face {
+                v: with(edge.1),
+                ..face
+            });
         }
     }
 

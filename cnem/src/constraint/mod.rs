@@ -59,7 +59,10 @@ impl Surface {
 
     /// The boundary is a closed triangle surface.
     pub fn boundary(faces: Vec<[usize; 3]>) -> Self {
-        Self { boundary: faces, cracks: Vec::new() }
+        Self {
+            boundary: faces,
+            cracks: Vec::new(),
+        }
     }
 
     /// The boundary of a tetrahedral mesh: the faces that belong to one element only.
@@ -75,7 +78,10 @@ impl Surface {
         }
         let mut boundary: Vec<_> = count.into_values().filter(|c| c.1 == 1).map(|c| c.0).collect();
         boundary.sort_unstable();
-        Self { boundary, cracks: Vec::new() }
+        Self {
+            boundary,
+            cracks: Vec::new(),
+        }
     }
 
     /// Adds crack faces: inside the domain, not seen through.
@@ -106,7 +112,11 @@ impl Surface {
         let mut seen: HashMap<[usize; 3], usize> = HashMap::new();
         for (face, &nodes) in self.faces().enumerate() {
             if let Some(&node) = nodes.iter().find(|&&v| v >= points.len()) {
-                return Err(Error::UnknownNode { face, node, nodes: points.len() });
+                return Err(Error::UnknownNode {
+                    face,
+                    node,
+                    nodes: points.len(),
+                });
             }
             let [a, b, c] = nodes.map(|v| &points[v]);
             if collinear(a, b, c) {
@@ -115,7 +125,11 @@ impl Surface {
             let mut sorted = nodes;
             sorted.sort_unstable();
             if let Some(first) = seen.insert(sorted, face) {
-                return Err(Error::RepeatedFace { first, second: face, nodes });
+                return Err(Error::RepeatedFace {
+                    first,
+                    second: face,
+                    nodes,
+                });
             }
         }
         self.check_closed()
@@ -133,7 +147,11 @@ impl Surface {
         open.sort_unstable();
         match open.first() {
             None => Ok(()),
-            Some(&((a, b), faces)) => Err(Error::OpenSurface { edge: [a, b], faces, open_edges: open.len() }),
+            Some(&((a, b), faces)) => Err(Error::OpenSurface {
+                edge: [a, b],
+                faces,
+                open_edges: open.len(),
+            }),
         }
     }
 
@@ -143,7 +161,10 @@ impl Surface {
     /// `SelfIntersection`.
     pub fn check_intersections(&self, points: &[Point3<f64>]) -> Result<()> {
         let faces: Vec<[usize; 3]> = self.faces().copied().collect();
-        let boxes: Vec<_> = faces.iter().map(|f| around(f.iter().map(|&v| &points[v]), 0.0)).collect();
+        let boxes: Vec<_> = faces
+            .iter()
+            .map(|f| around(f.iter().map(|&v| &points[v]), 0.0))
+            .collect();
         let bins = Bins::new(boxes.clone());
         let mut near = Vec::new();
         let mut found: Vec<(usize, usize)> = Vec::new();
@@ -161,7 +182,11 @@ impl Surface {
         found.dedup();
         match found.first() {
             None => Ok(()),
-            Some(&(first, second)) => Err(Error::SelfIntersection { first, second, count: found.len() }),
+            Some(&(first, second)) => Err(Error::SelfIntersection {
+                first,
+                second,
+                count: found.len(),
+            }),
         }
     }
 }

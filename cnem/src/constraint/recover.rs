@@ -8,9 +8,18 @@ use crate::error::{Error, Result};
 use nalgebra::Point3;
 
 /// Makes every constrained face a face of the complex; returns the faces and what was done.
-pub(crate) fn recover(delaunay: &mut Delaunay, surface: &Surface, limit: usize) -> Result<(FaceMesh, Recovery)> {
-    let mut work =
-        Work { mesh: FaceMesh::new(surface), done: Recovery::default(), star: Vec::new(), limit, delaunay };
+pub(crate) fn recover(
+    delaunay: &mut Delaunay,
+    surface: &Surface,
+    limit: usize,
+) -> Result<(FaceMesh, Recovery)> {
+    let mut work = Work {
+        mesh: FaceMesh::new(surface),
+        done: Recovery::default(),
+        star: Vec::new(),
+        limit,
+        delaunay,
+    };
     if work.missing_faces().is_empty() {
         return Ok((work.mesh, work.done));
     }
@@ -43,11 +52,15 @@ impl Work<'_> {
 
     fn has_edge(&mut self, (a, b): (u32, u32)) -> bool {
         self.delaunay.star(a, &mut self.star);
-        self.star.iter().any(|&t| self.delaunay.tets[t as usize].slot_of(b).is_some())
+        self.star
+            .iter()
+            .any(|&t| self.delaunay.tets[t as usize].slot_of(b).is_some())
     }
 
     fn missing_faces(&mut self) -> Vec<u32> {
-        (0..self.mesh.faces.len() as u32).filter(|&f| !self.has_face(self.mesh.faces[f as usize].v)).collect()
+        (0..self.mesh.faces.len() as u32)
+            .filter(|&f| !self.has_face(self.mesh.faces[f as usize].v))
+            .collect()
     }
 
     /// Constrained edges that are not in the complex, sorted (so results do not depend on hashing).
@@ -75,13 +88,17 @@ impl Work<'_> {
         }
         let mut allowed = 100 * (queue.len() + 10);
         while let Some(edge) = queue.pop() {
-            let Some(pair) = self.mesh.flat_pair(&self.delaunay.points, edge) else { continue };
+            let Some(pair) = self.mesh.flat_pair(&self.delaunay.points, edge) else {
+                continue;
+            };
             let [_, _, c, d] = pair;
             if allowed == 0 || !self.mesh.swappable(&self.delaunay.points, edge, c, d) {
                 continue;
             }
             let (a, b) = edge;
-            let present = |w: &mut Self, x: [u32; 3], y: [u32; 3]| usize::from(w.has_face(x)) + usize::from(w.has_face(y));
+            let present = |w: &mut Self, x: [u32; 3], y: [u32; 3]| {
+                usize::from(w.has_face(x)) + usize::from(w.has_face(y))
+            };
             let before = present(self, [a, b, c], [b, a, d]);
             let after = present(self, [c, d, a], [d, c, b]);
             let illegal = in_circle(&self.delaunay.points, [a, b, c, d]);
@@ -106,9 +123,13 @@ impl Work<'_> {
                 continue;
             }
             let corners = v.map(|v| self.delaunay.points[v as usize]);
-            let size = (0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()).fold(0.0, f64::max);
+            let size = (0..3)
+                .map(|k| (corners[k] - corners[(k + 1) % 3]).norm())
+                .fold(0.0, f64::max);
             bins.overlapping(&around(corners.iter(), ON_FACE * size), &mut near);
-            let hit = near.iter().filter(|&&m| !v.contains(&m) && self.delaunay.at_vertex[m as usize] != crate::tet::NONE);
+            let hit = near
+                .iter()
+                .filter(|&&m| !v.contains(&m) && self.delaunay.at_vertex[m as usize] != crate::tet::NONE);
             let on = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], size);
             // The node nearest to the middle keeps the pieces well shaped.
             let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
@@ -161,7 +182,12 @@ impl Work<'_> {
             [false, true] => 1.0 - shell,
             _ => 0.5,
         };
-        let origin = self.mesh.edges.get(&edge).and_then(|l| l.first()).map_or(0, |&f| self.mesh.faces[f as usize].origin);
+        let origin = self
+            .mesh
+            .edges
+            .get(&edge)
+            .and_then(|l| l.first())
+            .map_or(0, |&f| self.mesh.faces[f as usize].origin);
         let m = self.insert(a + (b - a) * at, origin, edge.0)?;
         if m != edge.0 && m != edge.1 {
             self.mesh.split_edge(edge, m);
@@ -178,7 +204,9 @@ impl Work<'_> {
             }
             let p = face.v.map(|v| self.delaunay.points[v as usize]);
             let square = |k: usize| (p[(k + 1) % 3] - p[k]).norm_squared();
-            let longest = (0..3).max_by(|&i, &j| square(i).total_cmp(&square(j))).unwrap_or(0);
+            let longest = (0..3)
+                .max_by(|&i, &j| square(i).total_cmp(&square(j)))
+                .unwrap_or(0);
             // Barycentric coordinates of the circumcentre.
             let l = [square(1), square(2), square(0)];
             let w = [0, 1, 2].map(|k: usize| l[k] * (l[(k + 1) % 3] + l[(k + 2) % 3] - l[k]));
@@ -203,19 +231,30 @@ impl Work<'_> {
         let count = self.delaunay.points.len();
         let v = self.delaunay.insert(p, self.delaunay.at_vertex[near as usize]).0;
         if v as usize == count {
-            self.done.inserted.push(InsertedPoint { node: count, face: origin as usize });
+            self.done.inserted.push(InsertedPoint {
+                node: count,
+                face: origin as usize,
+            });
         }
         Ok(v)
     }
 
     fn give_up(&mut self) -> Error {
         let missing = self.missing_faces();
-        let mut faces: Vec<usize> = missing.iter().map(|&f| self.mesh.faces[f as usize].origin as usize).collect();
+        let mut faces: Vec<usize> = missing
+            .iter()
+            .map(|&f| self.mesh.faces[f as usize].origin as usize)
+            .collect();
         faces.sort_unstable();
         faces.dedup();
         let count = faces.len();
         faces.truncate(16);
-        Error::FacesNotRecovered { faces, count, inserted: self.done.inserted.len(), limit: self.limit }
+        Error::FacesNotRecovered {
+            faces,
+            count,
+            inserted: self.done.inserted.len(),
+            limit: self.limit,
+        }
     }
 }
 

@@ -38,10 +38,16 @@ pub(super) fn build(points: &[Point3<f64>]) -> Result<Delaunay> {
 
 fn check(points: &[Point3<f64>]) -> Result<()> {
     if points.len() > MAX_NODES {
-        return Err(Error::TooManyNodes { nodes: points.len(), limit: MAX_NODES });
+        return Err(Error::TooManyNodes {
+            nodes: points.len(),
+            limit: MAX_NODES,
+        });
     }
     match points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        Some(node) => Err(Error::NonFinite { node, point: points[node].into() }),
+        Some(node) => Err(Error::NonFinite {
+            node,
+            point: points[node].into(),
+        }),
         None => Ok(()),
     }
 }
@@ -52,11 +58,13 @@ fn first_simplex(points: &[Point3<f64>]) -> Result<[u32; 4]> {
     let a = points.first().ok_or(Error::TooFewNodes { found: 0 })?;
     let find = |test: &dyn Fn(&Point3<f64>) -> bool| points.iter().position(test);
     let b = find(&|p| p != a).ok_or(Error::TooFewNodes { found: 1 })?;
-    let c = find(&|p| !collinear(a, &points[b], p)).ok_or_else(|| few_or(points, Error::AllCollinear { nodes }))?;
+    let c = find(&|p| !collinear(a, &points[b], p))
+        .ok_or_else(|| few_or(points, Error::AllCollinear { nodes }))?;
     let d = find(&|p| orient3d(a, &points[b], &points[c], p) != Ordering::Equal)
         .ok_or_else(|| few_or(points, Error::AllCoplanar { nodes }))?;
     let [b, c, d] = [b, c, d].map(|i| i as u32);
-    let positive = orient3d(a, &points[b as usize], &points[c as usize], &points[d as usize]) == Ordering::Greater;
+    let positive =
+        orient3d(a, &points[b as usize], &points[c as usize], &points[d as usize]) == Ordering::Greater;
     Ok(if positive { [0, b, c, d] } else { [0, c, b, d] })
 }
 
@@ -71,7 +79,9 @@ fn few_or(points: &[Point3<f64>], error: Error) -> Error {
             return error;
         }
     }
-    Error::TooFewNodes { found: distinct.len() }
+    Error::TooFewNodes {
+        found: distinct.len(),
+    }
 }
 
 impl Delaunay {
@@ -80,7 +90,10 @@ impl Delaunay {
         let mut tets = vec![Tet { v, n: [NONE; 4] }];
         for slot in 0..4 {
             let [a, b, c] = tets[0].face(slot);
-            tets.push(Tet { v: [a, b, c, INF], n: [NONE; 4] });
+            tets.push(Tet {
+                v: [a, b, c, INF],
+                n: [NONE; 4],
+            });
         }
         for i in 0..tets.len() {
             for slot in 0..4 {

@@ -36,7 +36,15 @@ pub(crate) enum Inserted {
 impl Work {
     pub(super) fn new(table: EdgeTable) -> Self {
         let none = Vec::new;
-        Self { table, mark: none(), stamp: 0, cavity: none(), border: Vec::new(), free: none(), created: none() }
+        Self {
+            table,
+            mark: none(),
+            stamp: 0,
+            cavity: none(),
+            border: Vec::new(),
+            free: none(),
+            created: none(),
+        }
     }
 
     pub(super) fn grow_marks(&mut self, tets: usize) {
@@ -130,7 +138,10 @@ impl Delaunay {
                     *mark = out;
                 }
                 let [a, b, c] = FACES[slot].map(|k| t.v[k]);
-                work.border.push(Border { face: [a, c, b], behind: n });
+                work.border.push(Border {
+                    face: [a, c, b],
+                    behind: n,
+                });
             }
         }
         self.work = work;
@@ -147,7 +158,10 @@ impl Delaunay {
             let id = match work.free.pop() {
                 Some(id) => id,
                 None => {
-                    self.tets.push(Tet { v: [INF; 4], n: [NONE; 4] });
+                    self.tets.push(Tet {
+                        v: [INF; 4],
+                        n: [NONE; 4],
+                    });
                     work.mark.push(0);
                     self.tets.len() as u32 - 1
                 }
@@ -155,7 +169,10 @@ impl Delaunay {
             last = id;
             work.created.push(id);
             let (corners, apex) = with_infinity_last([face[0], face[1], face[2], v]);
-            let mut t = Tet { v: corners, n: [NONE; 4] };
+            let mut t = Tet {
+                v: corners,
+                n: [NONE; 4],
+            };
             t.n[apex] = behind;
             self.tets[(behind >> 2) as usize].n[(behind & 3) as usize] = id << 2 | apex as u32;
             let local = corners.map(|w| if w == v { NONE } else { work.table.local(w) });
@@ -164,12 +181,18 @@ impl Delaunay {
                     continue;
                 }
                 let mut ends = face.iter().filter(|&&k| k != apex).map(|&k| local[k]);
-                let (Some(a), Some(b)) = (ends.next(), ends.next()) else { continue };
+                let (Some(a), Some(b)) = (ends.next(), ends.next()) else {
+                    continue;
+                };
                 let payload = id << 2 | slot as u32;
                 if let Some(other) = work.table.pair(a, b, payload) {
                     t.n[slot] = other;
                     let (tet, back) = ((other >> 2) as usize, (other & 3) as usize);
-                    if tet == id as usize { t.n[back] = payload } else { self.tets[tet].n[back] = payload }
+                    if tet == id as usize {
+                        t.n[back] = payload
+                    } else {
+                        self.tets[tet].n[back] = payload
+                    }
                 }
             }
             self.tets[id as usize] = t;

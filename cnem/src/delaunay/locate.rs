@@ -35,9 +35,15 @@ impl Delaunay {
         let t = &self.tets[at as usize];
         let v = t.v.map(|v| v as usize);
         if t.is_ghost() {
-            Location::Outside { face: [v[0], v[1], v[2]], hint: at as usize }
+            Location::Outside {
+                face: [v[0], v[1], v[2]],
+                hint: at as usize,
+            }
         } else {
-            Location::Inside { nodes: v, hint: at as usize }
+            Location::Inside {
+                nodes: v,
+                hint: at as usize,
+            }
         }
     }
 

@@ -82,7 +82,10 @@ impl Delaunay {
 
     /// Vertices of the tetrahedra, each with a positive volume.
     pub fn tetrahedra(&self) -> impl Iterator<Item = [usize; 4]> + '_ {
-        self.tets.iter().filter(|t| !t.is_ghost()).map(|t| t.v.map(|v| v as usize))
+        self.tets
+            .iter()
+            .filter(|t| !t.is_ghost())
+            .map(|t| t.v.map(|v| v as usize))
     }
 
     /// Number of tetrahedra.
@@ -92,7 +95,10 @@ impl Delaunay {
 
     /// Faces of the convex hull, normals outward.
     pub fn hull(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
-        self.tets.iter().filter(|t| t.is_ghost()).map(|t| [t.v[0], t.v[1], t.v[2]].map(|v| v as usize))
+        self.tets
+            .iter()
+            .filter(|t| t.is_ghost())
+            .map(|t| [t.v[0], t.v[1], t.v[2]].map(|v| v as usize))
     }
 
     /// Corner points of a finite tetrahedron.
@@ -111,7 +117,11 @@ impl Delaunay {
     #[inline]
     pub(crate) fn conflicts(&self, tet: u32, q: &Point3<f64>, rank: u64) -> bool {
         let t = &self.tets[tet as usize];
-        if t.is_ghost() { self.ghost_conflicts(t, q, rank) } else { self.sphere_holds(t, q, rank) }
+        if t.is_ghost() {
+            self.ghost_conflicts(t, q, rank)
+        } else {
+            self.sphere_holds(t, q, rank)
+        }
     }
 
     #[inline]
@@ -163,7 +173,8 @@ impl Delaunay {
     /// Tetrahedron and slot of the face with the given vertices, if it is in the complex.
     pub(crate) fn face(&self, v: [u32; 3], star: &mut Vec<u32>) -> Option<(u32, usize)> {
         self.star(v[0], star);
-        star.iter().find_map(|&t| self.tets[t as usize].slot_opposite(v).map(|slot| (t, slot)))
+        star.iter()
+            .find_map(|&t| self.tets[t as usize].slot_opposite(v).map(|slot| (t, slot)))
     }
 
     /// Drops the slots that insertions have left unused.

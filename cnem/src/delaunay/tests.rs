@@ -19,13 +19,21 @@ fn random(n: usize, seed: u64) -> Vec<Point3<f64>> {
 }
 
 fn grid(n: usize) -> Vec<Point3<f64>> {
-    (0..n * n * n).map(|i| Point3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64)).collect()
+    (0..n * n * n)
+        .map(|i| Point3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64))
+        .collect()
 }
 
 fn cylinder(around: usize, along: usize) -> Vec<Point3<f64>> {
     let angle = |i: usize| 2.0 * std::f64::consts::PI * i as f64 / around as f64;
     (0..around * along)
-        .map(|i| Point3::new(angle(i % around).cos(), angle(i % around).sin(), (i / around) as f64 * 0.3))
+        .map(|i| {
+            Point3::new(
+                angle(i % around).cos(),
+                angle(i % around).sin(),
+                (i / around) as f64 * 0.3,
+            )
+        })
         .collect()
 }
 
@@ -51,7 +59,10 @@ fn cospherical() -> Vec<Point3<f64>> {
 
 fn jittered(points: &[Point3<f64>], size: f64, seed: u64) -> Vec<Point3<f64>> {
     let mut r = noise(seed);
-    points.iter().map(|p| p + nalgebra::Vector3::new(r() - 0.5, r() - 0.5, r() - 0.5) * size).collect()
+    points
+        .iter()
+        .map(|p| p + nalgebra::Vector3::new(r() - 0.5, r() - 0.5, r() - 0.5) * size)
+        .collect()
 }
 
 /// Structure, empty spheres (exact) and the hull's volume.
@@ -60,7 +71,10 @@ fn assert_delaunay(points: &[Point3<f64>]) -> Delaunay {
     assert_eq!(d.violations(), 0);
     let tets: f64 = d.tetrahedra().map(|t| volume(t.map(|v| &points[v]))).sum();
     let o = &points[d.tetrahedra().next().expect("a tetrahedron")[0]];
-    let hull: f64 = d.hull().map(|[a, b, c]| volume([o, &points[a], &points[b], &points[c]])).sum();
+    let hull: f64 = d
+        .hull()
+        .map(|[a, b, c]| volume([o, &points[a], &points[b], &points[c]]))
+        .sum();
     assert!((tets - hull).abs() <= 1e-12 * hull, "{tets} against {hull}");
     assert!(d.at_vertex.iter().filter(|&&t| t == crate::tet::NONE).count() == d.duplicates().len());
     d
@@ -71,7 +85,10 @@ fn assert_empty_spheres(points: &[Point3<f64>]) {
     let d = assert_delaunay(points);
     for t in d.tetrahedra() {
         for q in points {
-            assert_ne!(crate::predicates::insphere(t.map(|v| &points[v]), q), std::cmp::Ordering::Greater);
+            assert_ne!(
+                crate::predicates::insphere(t.map(|v| &points[v]), q),
+                std::cmp::Ordering::Greater
+            );
         }
     }
 }
@@ -116,15 +133,28 @@ fn spacing_ratio_of_a_thousand() {
 
 #[test]
 fn flat_and_small_sets_are_named() {
-    let line: Vec<_> = (0..9).map(|i| Point3::new(f64::from(i), 2.0 * f64::from(i), 0.0)).collect();
+    let line: Vec<_> = (0..9)
+        .map(|i| Point3::new(f64::from(i), 2.0 * f64::from(i), 0.0))
+        .collect();
     assert_eq!(Delaunay::new(&line).err(), Some(Error::AllCollinear { nodes: 9 }));
-    let plane: Vec<_> = (0..9).map(|i| Point3::new(f64::from(i % 3), f64::from(i / 3), 1.0)).collect();
+    let plane: Vec<_> = (0..9)
+        .map(|i| Point3::new(f64::from(i % 3), f64::from(i / 3), 1.0))
+        .collect();
     assert_eq!(Delaunay::new(&plane).err(), Some(Error::AllCoplanar { nodes: 9 }));
     assert_eq!(Delaunay::new(&[]).err(), Some(Error::TooFewNodes { found: 0 }));
-    assert_eq!(Delaunay::new(&plane[..2]).err(), Some(Error::TooFewNodes { found: 2 }));
-    assert_eq!(Delaunay::new(&[plane[0]; 5]).err(), Some(Error::TooFewNodes { found: 1 }));
+    assert_eq!(
+        Delaunay::new(&plane[..2]).err(),
+        Some(Error::TooFewNodes { found: 2 })
+    );
+    assert_eq!(
+        Delaunay::new(&[plane[0]; 5]).err(),
+        Some(Error::TooFewNodes { found: 1 })
+    );
     let nan = [Point3::new(0.0, f64::NAN, 0.0)];
-    assert!(matches!(Delaunay::new(&nan), Err(Error::NonFinite { node: 0, .. })));
+    assert!(matches!(
+        Delaunay::new(&nan),
+        Err(Error::NonFinite { node: 0, .. })
+    ));
 }
 
 #[test]
@@ -135,7 +165,11 @@ fn duplicates_are_named_or_mapped() {
     let error = Delaunay::new(&points).err();
     assert!(matches!(error, Some(Error::DuplicateNodes { count: 2, .. })));
     let d = assert_delaunay(&points);
-    let mut pairs: Vec<_> = d.duplicates().iter().map(|&(a, b)| (a.min(b), a.max(b))).collect();
+    let mut pairs: Vec<_> = d
+        .duplicates()
+        .iter()
+        .map(|&(a, b)| (a.min(b), a.max(b)))
+        .collect();
     pairs.sort_unstable();
     assert_eq!(pairs, [(5, 27), (20, 28)]);
 }
@@ -150,7 +184,13 @@ fn insertion_order_does_not_matter() {
     }
     later.compact();
     let sorted = |d: &Delaunay| {
-        let mut all: Vec<_> = d.tetrahedra().map(|mut t| { t.sort_unstable(); t }).collect();
+        let mut all: Vec<_> = d
+            .tetrahedra()
+            .map(|mut t| {
+                t.sort_unstable();
+                t
+            })
+            .collect();
         all.sort_unstable();
         all
     };
@@ -178,8 +218,14 @@ fn location_is_exact_on_faces_and_nodes() {
         }
     }
     for h in 0..d.tets.len() {
-        assert!(matches!(d.locate(&Point3::new(1.0, 1.0, 3.0 + 1e-15), h), Location::Outside { .. }));
-        assert!(matches!(d.locate(&Point3::new(1.0, 1.0, 3.0), h), Location::Inside { .. }));
+        assert!(matches!(
+            d.locate(&Point3::new(1.0, 1.0, 3.0 + 1e-15), h),
+            Location::Outside { .. }
+        ));
+        assert!(matches!(
+            d.locate(&Point3::new(1.0, 1.0, 3.0), h),
+            Location::Inside { .. }
+        ));
     }
 }
 

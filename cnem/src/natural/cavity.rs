@@ -1,6 +1,6 @@
 //! The cavity of a point: tetrahedra in reach whose circumsphere holds it, and the border around them.
 
-use crate::circumcentre::circumcentre;
+use crate::circumcentre::{accurate, quick};
 use crate::domain::Domain;
 use crate::predicates::insphere;
 use crate::tet::{EdgeTable, FACES};
@@ -159,7 +159,12 @@ impl Cavity {
                 let face = FACES[slot].map(|k| local[k]);
                 if wall || mark == out {
                     let member = next as u32;
-                    self.border.push(Border { local: face, member, centre: Vector3::zeros(), det: 0.0 });
+                    self.border.push(Border {
+                        local: face,
+                        member,
+                        centre: Vector3::zeros(),
+                        det: 0.0,
+                    });
                 } else if tet < other {
                     let members = [next as u32, self.index[other as usize]];
                     self.inner.push(Inner { local: face, members });
@@ -175,8 +180,11 @@ impl Cavity {
         self.ridges.clear();
         for i in 0..self.border.len() {
             let Border { local, member, .. } = self.border[i];
-            let [a, b, c] = local.map(|l| &domain.delaunay.points[self.nodes[l as usize] as usize]);
-            let (centre, det) = circumcentre([x, a, b, c]);
+            let [a, b, c] = local.map(|l| &self.rel[l as usize]);
+            let (centre, det) = quick(a, b, c).unwrap_or_else(|| {
+                let [a, b, c] = local.map(|l| &domain.delaunay.points[self.nodes[l as usize] as usize]);
+                accurate([x, a, b, c])
+            });
             if !(det > 0.0) {
                 star = false;
                 let tet = self.members[member as usize].tet;
@@ -190,7 +198,10 @@ impl Cavity {
             for k in 0..3 {
                 let (p, q) = (local[k], local[(k + 1) % 3]);
                 if let Some(other) = self.table.pair(p, q, i as u32) {
-                    self.ridges.push(Ridge { ends: [p, q], faces: [i as u32, other] });
+                    self.ridges.push(Ridge {
+                        ends: [p, q],
+                        faces: [i as u32, other],
+                    });
                 }
             }
         }

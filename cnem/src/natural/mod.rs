@@ -18,16 +18,16 @@
 //! see `x` in a straight line. If a weight still comes out negative (the dual of such a cavity need not be convex) or the
 //! numbers do not close, the linear functions of the tetrahedron around `x` are used. Both are counted.
 //!
-//! **Round-off.** What is left of `sum phi_i (n_i - x)` above 1e-14 of the neighbourhood's size is removed by the smallest
+//! **Round-off.** What is left of `sum phi_i (n_i - x)` above 5e-14 of the neighbourhood's size is removed by the smallest
 //! change relative to the weights. Closer to a constrained plane than about 1e-9 of the spacing single weights lose digits
 //! (error about `1e-16 * spacing / distance`); unity and linear precision do not.
 
 mod cavity;
 mod planar;
 mod polish;
-mod weights;
 #[cfg(test)]
 pub(crate) mod tests;
+mod weights;
 
 use crate::constraint::key;
 use crate::domain::Domain;
@@ -76,7 +76,6 @@ pub struct Counters {
 pub struct Scratch {
     row: Row,
     counters: Counters,
-    hint: u32,
     near: Vec<u32>,
     cavity: cavity::Cavity,
     weights: weights::Weights,
@@ -145,8 +144,7 @@ impl Domain {
 
     fn evaluate<'s>(&self, kind: Kind, x: &Point3<f64>, s: &'s mut Scratch, slopes: bool) -> Result<&'s Row> {
         s.cavity.fit(self);
-        let tet = self.locate(x, s.hint, &mut s.near)?;
-        s.hint = tet;
+        let tet = self.locate(x, &mut s.near)?;
         let place = self.place(tet, x);
         if matches!(place, Place::Free) {
             self.in_cavity(kind, x, tet, s, slopes);
@@ -156,7 +154,13 @@ impl Domain {
         if slopes {
             // Evaluate inside for the gradients, then overwrite the values; neighbours with value zero remain.
             let t = &self.delaunay.tets[tet as usize];
-            let middle = self.delaunay.corners(t).iter().map(|p| p.coords).sum::<Vector3<f64>>() * 0.25;
+            let middle = self
+                .delaunay
+                .corners(t)
+                .iter()
+                .map(|p| p.coords)
+                .sum::<Vector3<f64>>()
+                * 0.25;
             let moved = x + (middle - x.coords) * 1e-6;
             self.in_cavity(kind, &moved, tet, s, true);
             s.row.values.fill(0.0);
@@ -196,7 +200,10 @@ impl Domain {
         if count == 0 {
             return Place::Free;
         }
-        if let Some(&v) = t.v.iter().find(|&&v| (self.delaunay.points[v as usize] - x).norm() <= tolerance) {
+        if let Some(&v) =
+            t.v.iter()
+                .find(|&&v| (self.delaunay.points[v as usize] - x).norm() <= tolerance)
+        {
             return Place::Node(v);
         }
         if count >= 2 {
@@ -205,7 +212,10 @@ impl Domain {
             }
         }
         let wall = |slot: &usize| close[*slot] && self.walls[tet as usize] >> *slot & 1 == 1;
-        match (0..4).find(wall).and_then(|slot| self.face_at.get(&(tet << 2 | slot as u32))) {
+        match (0..4)
+            .find(wall)
+            .and_then(|slot| self.face_at.get(&(tet << 2 | slot as u32)))
+        {
             Some(&face) => Place::Patch(face),
             None => Place::Free,
         }
@@ -216,7 +226,9 @@ impl Domain {
         for i in 0..4 {
             for j in 0..i {
                 let edge = key(v[i], v[j]);
-                let Some(faces) = self.mesh.edges.get(&edge) else { continue };
+                let Some(faces) = self.mesh.edges.get(&edge) else {
+                    continue;
+                };
                 let [p, q] = [edge.0, edge.1].map(|v| &self.delaunay.points[v as usize]);
                 let (along, to) = (q - p, x - p);
                 if along.cross(&to).norm() > self.tolerance * along.norm() {
@@ -275,7 +287,11 @@ impl Domain {
 
 /// Sets a value in a row, which may already hold the node (then it is searched).
 fn set(row: &mut Row, node: u32, value: f64, search: bool) {
-    let at = if search { row.nodes.iter().position(|&v| v == node as usize) } else { None };
+    let at = if search {
+        row.nodes.iter().position(|&v| v == node as usize)
+    } else {
+        None
+    };
     match at {
         Some(k) => row.values[k] = value,
         None => {

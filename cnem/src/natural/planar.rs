@@ -81,7 +81,9 @@ impl Domain {
             next += 1;
             for i in 0..3 {
                 let (p, q) = (v[i], v[(i + 1) % 3]);
-                let Some([f, g, c, d]) = self.mesh.flat_pair(self.nodes(), key(p, q)) else { continue };
+                let Some([f, g, c, d]) = self.mesh.flat_pair(self.nodes(), key(p, q)) else {
+                    continue;
+                };
                 let (other, apex) = if f == face { (g, d) } else { (f, c) };
                 if s.faces.iter().any(|t| t.face == other) {
                     continue;
@@ -118,7 +120,11 @@ impl Planar {
         project: &dyn Fn(&Point3<f64>) -> Vector2<f64>,
     ) -> Triangle {
         let [a, b, c] = v.map(|v| self.vertex(domain, v, project));
-        Triangle { face, v, centre: circumcentre(&self.rel[a], &self.rel[b], &self.rel[c]) }
+        Triangle {
+            face,
+            v,
+            centre: circumcentre(&self.rel[a], &self.rel[b], &self.rel[c]),
+        }
     }
 
     fn local(&self, v: u32) -> usize {
@@ -138,7 +144,10 @@ impl Planar {
             let Triangle { face, v, centre } = self.faces[i];
             for k in 0..3 {
                 let (a, b) = (v[k], v[(k + 1) % 3]);
-                let right = self.faces.iter().find(|t| t.face != face && t.v.contains(&a) && t.v.contains(&b));
+                let right = self
+                    .faces
+                    .iter()
+                    .find(|t| t.face != face && t.v.contains(&a) && t.v.contains(&b));
                 let right = right.map(|t| (t.face, t.centre));
                 let (a, b) = (self.local(a), self.local(b));
                 match right {
@@ -199,7 +208,8 @@ impl Planar {
             *w = w.max(0.0);
         }
         self.rel3.clear();
-        self.rel3.extend(self.nodes.iter().map(|&v| domain.delaunay.points[v as usize] - x));
+        self.rel3
+            .extend(self.nodes.iter().map(|&v| domain.delaunay.points[v as usize] - x));
         let size = self.rel3.iter().map(Vector3::norm).fold(0.0, f64::max);
         super::polish::planar(&mut self.weights, &self.rel, size)
     }

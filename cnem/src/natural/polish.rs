@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 /// Largest linear residual, relative to the neighbourhood's size, that counts as round-off of the construction.
 pub(super) const LARGEST: f64 = 1e-4;
 /// Residual that is left alone.
-const SMALLEST: f64 = 1e-14;
+const SMALLEST: f64 = 5e-14;
 
 fn basis(r: &Vector3<f64>, size: f64) -> Vector4<f64> {
     Vector4::new(1.0, r.x / size, r.y / size, r.z / size)
@@ -26,11 +26,16 @@ impl Moments {
         }
         let scale = m.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
         let scaled = Matrix4::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
-        Some(Self { scale, factor: scaled.cholesky()? })
+        Some(Self {
+            scale,
+            factor: scaled.cholesky()?,
+        })
     }
 
     fn solve(&self, b: &Vector4<f64>) -> Vector4<f64> {
-        self.factor.solve(&b.component_mul(&self.scale)).component_mul(&self.scale)
+        self.factor
+            .solve(&b.component_mul(&self.scale))
+            .component_mul(&self.scale)
     }
 }
 
@@ -55,7 +60,9 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
         return Some(found);
     }
     for _ in 0..3 {
-        let Some(moments) = Moments::new(values, rel, size) else { return (found <= 1e-12).then_some(found) };
+        let Some(moments) = Moments::new(values, rel, size) else {
+            return (found <= 1e-12).then_some(found);
+        };
         let c = moments.solve(&r);
         for (w, p) in values.iter_mut().zip(rel) {
             *w *= 1.0 + basis(p, size).dot(&c);
@@ -72,7 +79,9 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
 
 /// The same for the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`.
 pub(super) fn gradients(values: &[f64], slopes: &mut [Vector3<f64>], rel: &[Vector3<f64>], size: f64) {
-    let Some(moments) = Moments::new(values, rel, size) else { return };
+    let Some(moments) = Moments::new(values, rel, size) else {
+        return;
+    };
     for d in 0..3 {
         let mut target = Vector4::zeros();
         target[d + 1] = 1.0 / size;
@@ -93,7 +102,10 @@ pub(super) fn gradients(values: &[f64], slopes: &mut [Vector3<f64>], rel: &[Vect
 pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bool {
     let basis = |r: &Vector2<f64>| Vector3::new(1.0, r.x / size, r.y / size);
     let left = |weights: &[f64]| {
-        weights.iter().zip(rel).fold(Vector3::new(1.0, 0.0, 0.0), |r, (w, p)| r - basis(p) * *w)
+        weights
+            .iter()
+            .zip(rel)
+            .fold(Vector3::new(1.0, 0.0, 0.0), |r, (w, p)| r - basis(p) * *w)
     };
     for _ in 0..3 {
         let r = left(weights);
@@ -104,8 +116,12 @@ pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bo
         if r.amax() <= SMALLEST {
             break;
         }
-        let m = weights.iter().zip(rel).fold(Matrix3::zeros(), |m, (w, p)| m + basis(p) * basis(p).transpose() * *w);
-        let scale = m.diagonal().map(|d: f64| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+        let m = weights.iter().zip(rel).fold(Matrix3::zeros(), |m, (w, p)| {
+            m + basis(p) * basis(p).transpose() * *w
+        });
+        let scale = m
+            .diagonal()
+            .map(|d: f64| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
         let scaled = Matrix3::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
         let Some(factor) = scaled.cholesky() else { break };
         let c = factor.solve(&r.component_mul(&scale)).component_mul(&scale);

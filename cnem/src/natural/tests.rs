@@ -27,7 +27,11 @@ pub(crate) fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
         .map(|i| {
             let index = [i % n, i / n % n, i / n / n];
             let at = index.map(|k| {
-                let moved = if k == 0 || k == n - 1 { 0.0 } else { jitter * (r() - 0.5) };
+                let moved = if k == 0 || k == n - 1 {
+                    0.0
+                } else {
+                    jitter * (r() - 0.5)
+                };
                 (k as f64 + moved) * h
             });
             Point3::from(at)
@@ -135,18 +139,33 @@ fn gradients_equal_finite_differences() {
     for _ in 0..40 {
         let x = Point3::new(r(), r(), r()).map(|c| 0.2 + 0.6 * c);
         for kind in [Kind::Laplace, Kind::Sibson] {
-            let row = domain.shape_with_gradients(kind, &x, &mut s).expect("inside").clone();
+            let row = domain
+                .shape_with_gradients(kind, &x, &mut s)
+                .expect("inside")
+                .clone();
             assert!(gradient_defect(&domain, &x, &row) < 1e-11);
             let field = |p: &Point3<f64>, s: &mut Scratch| {
                 let row = domain.shape(kind, p, s).expect("inside");
-                row.nodes.iter().zip(&row.values).map(|(v, w)| w * ((v % 7) as f64)).sum::<f64>()
+                row.nodes
+                    .iter()
+                    .zip(&row.values)
+                    .map(|(v, w)| w * ((v % 7) as f64))
+                    .sum::<f64>()
             };
-            let slope: Vector3<f64> = row.nodes.iter().zip(&row.gradients).map(|(v, g)| g * ((v % 7) as f64)).sum();
+            let slope: Vector3<f64> = row
+                .nodes
+                .iter()
+                .zip(&row.gradients)
+                .map(|(v, g)| g * ((v % 7) as f64))
+                .sum();
             for d in 0..3 {
                 let mut step = Vector3::zeros();
                 step[d] = 1e-6;
                 let numeric = (field(&(x + step), &mut s) - field(&(x - step), &mut s)) / 2e-6;
-                assert!((numeric - slope[d]).abs() < 1e-3 * (1.0 + slope.norm()), "{kind:?} {numeric} {slope}");
+                assert!(
+                    (numeric - slope[d]).abs() < 1e-3 * (1.0 + slope.norm()),
+                    "{kind:?} {numeric} {slope}"
+                );
             }
         }
     }
@@ -161,7 +180,11 @@ fn delta_at_nodes_and_vanishing_on_the_boundary() {
     for kind in [Kind::Laplace, Kind::Sibson] {
         for (i, p) in points.iter().enumerate() {
             for slopes in [false, true] {
-                let row = if slopes { domain.shape_with_gradients(kind, p, &mut s) } else { domain.shape(kind, p, &mut s) };
+                let row = if slopes {
+                    domain.shape_with_gradients(kind, p, &mut s)
+                } else {
+                    domain.shape(kind, p, &mut s)
+                };
                 let row = row.expect("node");
                 for (&v, &w) in row.nodes.iter().zip(&row.values) {
                     assert!((w - f64::from(u8::from(v == i))).abs() < 1e-15);
@@ -175,8 +198,14 @@ fn delta_at_nodes_and_vanishing_on_the_boundary() {
             if k % 5 == 0 {
                 x[(k + 1) % 3] = 0.0;
             }
-            let row = domain.shape_with_gradients(kind, &x, &mut s).expect("on the boundary");
-            assert!(defect(&domain, &x, row) < 1e-12, "{x} {}", defect(&domain, &x, row));
+            let row = domain
+                .shape_with_gradients(kind, &x, &mut s)
+                .expect("on the boundary");
+            assert!(
+                defect(&domain, &x, row) < 1e-12,
+                "{x} {}",
+                defect(&domain, &x, row)
+            );
             for (&v, &w) in row.nodes.iter().zip(&row.values) {
                 assert!(w.abs() < 1e-14 || (points[v][k % 3] - x[k % 3]).abs() < 1e-15);
             }
@@ -197,9 +226,15 @@ fn boundary_values_are_limits_from_inside() {
             let near = Point3::new(x.x, x.y, 1e-7);
             let mut dense = vec![0.0; points.len()];
             let row = domain.shape(kind, &x, &mut s).expect("boundary");
-            row.nodes.iter().zip(&row.values).for_each(|(&v, w)| dense[v] += w);
+            row.nodes
+                .iter()
+                .zip(&row.values)
+                .for_each(|(&v, w)| dense[v] += w);
             let row = domain.shape(kind, &near, &mut s).expect("inside");
-            row.nodes.iter().zip(&row.values).for_each(|(&v, w)| dense[v] -= w);
+            row.nodes
+                .iter()
+                .zip(&row.values)
+                .for_each(|(&v, w)| dense[v] -= w);
             let off = dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
             assert!(off < 3e-5, "{kind:?} {x} {off:e}");
         }
@@ -216,21 +251,32 @@ fn close_to_the_boundary_unity_and_linear_precision_hold() {
             for _ in 0..20 {
                 let x = Point3::new(r(), r(), 10_f64.powi(-exponent));
                 let row = domain.shape(kind, &x, &mut s).expect("inside");
-                assert!(defect(&domain, &x, row) < 1e-12, "{kind:?} {x:?} {:e}", defect(&domain, &x, row));
+                assert!(
+                    defect(&domain, &x, row) < 1e-12,
+                    "{kind:?} {x:?} {:e}",
+                    defect(&domain, &x, row)
+                );
             }
         }
     }
 }
 
 /// Cubes `[0, n]^3` of a grid kept by `keep`, as elements on grid nodes; only nodes in use.
-pub(crate) fn blocks(n: usize, jitter: f64, keep: impl Fn(usize, usize, usize) -> bool) -> (Vec<Point3<f64>>, Surface) {
+pub(crate) fn blocks(
+    n: usize,
+    jitter: f64,
+    keep: impl Fn(usize, usize, usize) -> bool,
+) -> (Vec<Point3<f64>>, Surface) {
     let m = n + 1;
     let mut r = noise(31);
     let cube = |i, j, k| i < n && j < n && k < n && keep(i, j, k);
     let mut elements = Vec::new();
     let mut id = std::collections::BTreeMap::new();
     let mut points = Vec::new();
-    for (i, j, k) in (0..n * n * n).map(|c| (c % n, c / n % n, c / n / n)).filter(|&(i, j, k)| keep(i, j, k)) {
+    for (i, j, k) in (0..n * n * n)
+        .map(|c| (c % n, c / n % n, c / n / n))
+        .filter(|&(i, j, k)| keep(i, j, k))
+    {
         let corner = |c: usize| (i + (c & 1), j + (c >> 1 & 1), k + (c >> 2));
         let v: Vec<usize> = (0..8)
             .map(|c| {
@@ -247,7 +293,14 @@ pub(crate) fn blocks(n: usize, jitter: f64, keep: impl Fn(usize, usize, usize) -
                 })
             })
             .collect();
-        for t in [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]] {
+        for t in [
+            [0, 1, 3, 7],
+            [0, 3, 2, 7],
+            [0, 2, 6, 7],
+            [0, 6, 4, 7],
+            [0, 4, 5, 7],
+            [0, 5, 1, 7],
+        ] {
             elements.push(t.map(|c| v[c]));
         }
     }
@@ -260,7 +313,12 @@ fn re_entrant_edge() {
     let keep = |i: usize, j: usize, _k: usize| i < 2 || j < 2;
     let (points, surface) = blocks(4, 0.3, keep);
     let domain = Domain::new(&points, &surface).expect("L-shaped block");
-    assert!((domain.volume() - 48.0).abs() < 1e-12, "{} {:?}", domain.volume(), domain.recovery());
+    assert!(
+        (domain.volume() - 48.0).abs() < 1e-12,
+        "{} {:?}",
+        domain.volume(),
+        domain.recovery()
+    );
     let mut s = Scratch::new();
     let mut r = noise(77);
     let (mut compared, mut total) = (0, 0);
@@ -294,7 +352,11 @@ fn re_entrant_edge() {
         }
     }
     assert!(compared > 20, "{compared} of {total}");
-    assert!(s.counters().reentrant * 4 < total && s.counters().linear * 10 < total, "{:?} of {total}", s.counters());
+    assert!(
+        s.counters().reentrant * 4 < total && s.counters().linear * 10 < total,
+        "{:?} of {total}",
+        s.counters()
+    );
 }
 
 #[test]

@@ -27,7 +27,11 @@ impl Weights {
     /// Fills the row; returns the residual removed, or `None` if the weights are not usable.
     pub(super) fn fill(&mut self, kind: Kind, cavity: &Cavity, row: &mut Row, slopes: bool) -> Option<f64> {
         self.gather(kind, cavity, slopes);
-        let weight = if kind == Kind::Laplace { &self.alpha } else { &self.volume };
+        let weight = if kind == Kind::Laplace {
+            &self.alpha
+        } else {
+            &self.volume
+        };
         let total: f64 = weight.iter().sum();
         for (&node, &w) in cavity.nodes.iter().zip(weight) {
             let value = w / total;
@@ -37,7 +41,12 @@ impl Weights {
             }
             row.push(node, value.max(0.0));
         }
-        let size = cavity.rel.iter().map(Vector3::norm_squared).fold(0.0, f64::max).sqrt();
+        let size = cavity
+            .rel
+            .iter()
+            .map(Vector3::norm_squared)
+            .fold(0.0, f64::max)
+            .sqrt();
         let found = polish::values(&mut row.values, &cavity.rel, size)?;
         if slopes {
             self.slopes(kind, cavity, row, total);
@@ -119,7 +128,13 @@ impl Weights {
             let [p, q] = members.map(|m| &cavity.members[m as usize].centre);
             self.segment(cavity, local, p, q);
         }
-        for Border { local, member, centre, .. } in &cavity.border {
+        for Border {
+            local,
+            member,
+            centre,
+            ..
+        } in &cavity.border
+        {
             self.segment(cavity, local, &cavity.members[*member as usize].centre, centre);
         }
         for ((v, a), r) in self.volume.iter_mut().zip(&self.alpha).zip(&cavity.rel) {
