@@ -389,4 +389,42 @@ mod tests {
             assert_closed(&Domain::new(&points, &surface).expect("L-shaped block"));
         }
     }
+
+    #[test]
+    fn cells_fill_a_cracked_cube() {
+        let points = grid(5, 0.0, 0);
+        let at = |i: usize, j: usize| i + 5 * (j + 10);
+        let mut crack = Vec::new();
+        for (i, j) in (0..8).map(|k| (k % 2, k / 2)) {
+            crack.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+            crack.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        }
+        let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
+        let cells = assert_closed(&domain);
+        let lips = |i: usize| {
+            cells
+                .facets(i)
+                .iter()
+                .filter(|f| matches!(f.side, Side::Face(_)))
+                .count()
+        };
+        assert!(lips(at(1, 1)) > 0 && lips(at(3, 2)) == 0);
+    }
+
+    #[test]
+    fn a_node_close_to_a_coarse_crack_is_an_error() {
+        let mut points = grid(3, 0.0, 0);
+        let corner = [[0.2, 0.2], [0.8, 0.2], [0.8, 0.8], [0.2, 0.8]];
+        let first = points.len();
+        points.extend(corner.map(|[x, y]| Point3::new(x, y, 0.3)));
+        points.push(Point3::new(0.45, 0.4, 0.31));
+        let crack = vec![[first, first + 1, first + 2], [first, first + 2, first + 3]];
+        match Domain::new(&points, &Surface::convex_hull().with_cracks(crack)) {
+            Ok(domain) => match domain.voronoi() {
+                Ok(cells) => assert!(cells.closure(&domain).volume < 1e-9),
+                Err(e) => assert!(matches!(e, Error::CellsDoNotFill { .. }), "{e}"),
+            },
+            Err(e) => panic!("{e}"),
+        }
+    }
 }

@@ -387,6 +387,82 @@ fn crack_is_not_seen_through() {
     }
 }
 
+/// Largest difference between the constrained functions at `x` and clipping with the nodes that `keep` selects.
+fn against_part(
+    domain: &Domain,
+    kind: Kind,
+    x: &Point3<f64>,
+    keep: &dyn Fn(&Point3<f64>) -> bool,
+    s: &mut Scratch,
+) -> f64 {
+    let part: Vec<usize> = (0..domain.nodes().len())
+        .filter(|&v| keep(&domain.nodes()[v]))
+        .collect();
+    let nodes: Vec<_> = part.iter().map(|&v| domain.nodes()[v]).collect();
+    let mut dense = vec![0.0; domain.nodes().len()];
+    for (v, w) in part.iter().zip(by_clipping(kind, &nodes, x)) {
+        dense[*v] += w;
+    }
+    let row = domain.shape(kind, x, s).expect("inside");
+    row.nodes
+        .iter()
+        .zip(&row.values)
+        .for_each(|(&v, w)| dense[v] -= w);
+    dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()))
+}
+
+/// Close to the wall of a leg, away from the re-entrant edge, the functions are those of the leg alone: the nodes of
+/// the other leg, closer through the notch, are not seen.
+#[test]
+fn a_leg_of_a_re_entrant_block_does_not_see_the_other() {
+    for jitter in [0.0, 0.3] {
+        let (points, surface) = blocks(5, jitter, |i, j, _| i < 2 || j < 2);
+        let domain = Domain::new(&points, &surface).expect("L-shaped block");
+        let mut s = Scratch::new();
+        let mut r = noise(13);
+        for _ in 0..60 {
+            let x = Point3::new(2.0 - 0.5 * r() - 1e-3, 3.6 + 1.2 * r(), 0.5 + 4.0 * r());
+            for kind in [Kind::Laplace, Kind::Sibson] {
+                let d = against_part(&domain, kind, &x, &|p| p.x <= 2.0 + 1e-9, &mut s);
+                assert!(d < 1e-10, "{kind:?} {x} {d:e}");
+            }
+        }
+        assert_eq!((s.counters().linear, s.counters().reentrant), (0, 0));
+    }
+}
+
+/// A crack through the whole section: each side is a body of its own.
+#[test]
+fn a_full_crack_separates() {
+    for jitter in [0.0, 1e-13, 0.3] {
+        let n = 7;
+        let mut points = grid(n, jitter, 3);
+        for p in &mut points {
+            if (p.z - 0.5).abs() < 0.05 {
+                p.z = 0.5;
+            }
+        }
+        let at = |i: usize, j: usize| i + n * (j + n * 3);
+        let mut crack = Vec::new();
+        for (i, j) in (0..(n - 1) * (n - 1)).map(|k| (k % (n - 1), k / (n - 1))) {
+            crack.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+            crack.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        }
+        let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
+        assert!(domain.recovery().inserted.is_empty(), "{:?}", domain.recovery());
+        let mut s = Scratch::new();
+        let mut r = noise(29);
+        for _ in 0..60 {
+            let x = Point3::new(0.1 + 0.8 * r(), 0.1 + 0.8 * r(), 0.5 - 0.1 * r() - 1e-3);
+            for kind in [Kind::Laplace, Kind::Sibson] {
+                let d = against_part(&domain, kind, &x, &|p| p.z <= 0.5, &mut s);
+                assert!(d < 1e-10, "{jitter} {kind:?} {x} {d:e}");
+            }
+        }
+        assert_eq!((s.counters().linear, s.counters().reentrant), (0, 0));
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
