@@ -138,7 +138,7 @@ impl Domain {
         &self.delaunay.points
     }
 
-    /// Volume of the domain [m^3].
+    /// Volume of the domain (m^3).
     pub fn volume(&self) -> f64 {
         self.volume
     }
@@ -167,7 +167,7 @@ impl Domain {
             .map(|f| (f.v.map(|v| v as usize), f.crack, f.origin as usize))
     }
 
-    /// Distance from the domain up to which a point counts as being on the boundary [m].
+    /// Distance from the domain up to which a point counts as being on the boundary (m).
     pub fn tolerance(&self) -> f64 {
         self.tolerance
     }

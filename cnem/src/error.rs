@@ -154,7 +154,7 @@ pub enum Error {
     OutsideDomain {
         /// The point.
         point: [f64; 3],
-        /// Absolute tolerance used [m].
+        /// Absolute tolerance used (m).
         tolerance: f64,
     },
     /// The Voronoi cells do not fill the domain.
@@ -163,9 +163,9 @@ pub enum Error {
          (relative defect above {tolerance:e}); refine the nodes on the constrained faces"
     )]
     CellsDoNotFill {
-        /// Sum of the cell volumes [m^3].
+        /// Sum of the cell volumes (m^3).
         filled: f64,
-        /// Volume of the domain [m^3].
+        /// Volume of the domain (m^3).
         volume: f64,
         /// Relative tolerance.
         tolerance: f64,

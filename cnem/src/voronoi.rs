@@ -39,9 +39,9 @@ pub enum Side {
 pub struct Facet {
     /// What is on the other side.
     pub side: Side,
-    /// Area times the unit normal out of the cell [m^2].
+    /// Area times the unit normal out of the cell (m^2).
     pub area: Vector3<f64>,
-    /// Centroid [m].
+    /// Centroid (m).
     pub centroid: Point3<f64>,
 }
 
@@ -73,7 +73,7 @@ impl Voronoi {
         self.volumes.is_empty()
     }
 
-    /// Volumes of the cells [m^3].
+    /// Volumes of the cells (m^3).
     pub fn volumes(&self) -> &[f64] {
         &self.volumes
     }
@@ -179,7 +179,7 @@ impl Work {
             .fold(0.0, f64::max)
             .sqrt();
         if within && !walls.any(&around([seed], reach * (1.0 + 1e-9))) {
-            self.from_circumcentres(domain, node);
+            self.read_circumcentres(domain, node);
         } else {
             self.by_clipping(domain, node);
         }
@@ -203,7 +203,7 @@ impl Work {
     }
 
     /// Every face at the node has a dual segment, which bounds the facets of its two other vertices.
-    fn from_circumcentres(&mut self, domain: &Domain, node: u32) {
+    fn read_circumcentres(&mut self, domain: &Domain, node: u32) {
         let seed = domain.delaunay.points[node as usize];
         let centre = |t: u32| {
             let base = domain.delaunay.tets[t as usize].v[0];
@@ -419,12 +419,7 @@ mod tests {
         points.extend(corner.map(|[x, y]| Point3::new(x, y, 0.3)));
         points.push(Point3::new(0.45, 0.4, 0.31));
         let crack = vec![[first, first + 1, first + 2], [first, first + 2, first + 3]];
-        match Domain::new(&points, &Surface::convex_hull().with_cracks(crack)) {
-            Ok(domain) => match domain.voronoi() {
-                Ok(cells) => assert!(cells.closure(&domain).volume < 1e-9),
-                Err(e) => assert!(matches!(e, Error::CellsDoNotFill { .. }), "{e}"),
-            },
-            Err(e) => panic!("{e}"),
-        }
+        let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
+        assert!(matches!(domain.voronoi(), Err(Error::CellsDoNotFill { .. })));
     }
 }

@@ -189,9 +189,9 @@ impl Delaunay {
                     t.n[slot] = other;
                     let (tet, back) = ((other >> 2) as usize, (other & 3) as usize);
                     if tet == id as usize {
-                        t.n[back] = payload
+                        t.n[back] = payload;
                     } else {
-                        self.tets[tet].n[back] = payload
+                        self.tets[tet].n[back] = payload;
                     }
                 }
             }

@@ -204,7 +204,8 @@ impl Delaunay {
                 if apex != INF && t.is_ghost() && slot == 3 {
                     let [a, b, c] = [t.v[0], t.v[1], t.v[2]].map(|v| &self.points[v as usize]);
                     bad += usize::from(
-                        crate::predicates::orient3d(a, b, c, q_of(self, apex)) != std::cmp::Ordering::Less,
+                        crate::predicates::orient3d(a, b, c, &self.points[apex as usize])
+                            != std::cmp::Ordering::Less,
                     );
                 }
             }
@@ -213,11 +214,7 @@ impl Delaunay {
     }
 }
 
-fn q_of(delaunay: &Delaunay, vertex: u32) -> &Point3<f64> {
-    &delaunay.points[vertex as usize]
-}
-
-/// Signed volume of a tetrahedron [m^3], positive for the orientation of [`crate::predicates::orient3d`].
+/// Signed volume of a tetrahedron (m^3), positive for the orientation of [`crate::predicates::orient3d`].
 pub fn volume(t: [&Point3<f64>; 4]) -> f64 {
     let [a, b, c, d] = t;
     (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0

@@ -185,7 +185,7 @@ impl Cavity {
                 let [a, b, c] = local.map(|l| &domain.delaunay.points[self.nodes[l as usize] as usize]);
                 accurate([x, a, b, c])
             });
-            if !(det > 0.0) {
+            if det.is_nan() || det <= 0.0 {
                 star = false;
                 let tet = self.members[member as usize].tet;
                 if !self.banned.contains(&tet) {

@@ -50,9 +50,9 @@ pub enum Kind {
 pub struct Row {
     /// Nodes with a (possibly zero) value.
     pub nodes: Vec<usize>,
-    /// Values [-].
+    /// Values (no unit).
     pub values: Vec<f64>,
-    /// Gradients [1/m]; empty unless asked for.
+    /// Gradients (1/m); empty unless asked for.
     pub gradients: Vec<Vector3<f64>>,
 }
 
@@ -206,10 +206,9 @@ impl Domain {
         {
             return Place::Node(v);
         }
-        if count >= 2 {
-            if let Some(place) = self.on_edges(t.v, x) {
-                return place;
-            }
+        let edge = if count >= 2 { self.on_edges(t.v, x) } else { None };
+        if let Some(place) = edge {
+            return place;
         }
         let wall = |slot: &usize| close[*slot] && self.walls[tet as usize] >> *slot & 1 == 1;
         match (0..4)

@@ -47,7 +47,7 @@ impl Domain {
         let v = self.mesh.faces[face as usize].v;
         let [a, b, c] = v.map(|v| self.delaunay.points[v as usize]);
         let normal = (b - a).cross(&(c - a));
-        // Drop the axis closest to the normal: exact on axis-parallel planes, and affine maps are undone below.
+        // On axis-parallel planes two coordinates are kept as they are, so that circle tests on grids are exact.
         let u = (b - a).normalize();
         let w = normal.normalize().cross(&u);
         let axis_parallel = normal.iter().filter(|n| **n != 0.0).count() == 1;
@@ -201,8 +201,7 @@ impl Planar {
         let total: f64 = self.weights.iter().sum();
         for w in &mut self.weights {
             *w /= total;
-            // Written so that NaN is refused as well.
-            if !(*w >= -1e-9) {
+            if w.is_nan() || *w < -1e-9 {
                 return false;
             }
             *w = w.max(0.0);

@@ -52,8 +52,7 @@ pub(super) fn residual(values: &[f64], rel: &[Vector3<f64>], size: f64) -> (f64,
 /// is not usable.
 pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Option<f64> {
     let (found, mut r) = residual(values, rel, size);
-    // Written so that NaN is refused as well.
-    if !(found <= LARGEST) {
+    if r.iter().any(|x| x.is_nan()) || found > LARGEST {
         return None;
     }
     if found <= SMALLEST {
@@ -109,8 +108,7 @@ pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bo
     };
     for _ in 0..3 {
         let r = left(weights);
-        // Written so that NaN is refused as well.
-        if !(r.amax() <= LARGEST) {
+        if r.iter().any(|x| x.is_nan()) || r.amax() > LARGEST {
             return false;
         }
         if r.amax() <= SMALLEST {

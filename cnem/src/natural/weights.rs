@@ -35,8 +35,7 @@ impl Weights {
         let total: f64 = weight.iter().sum();
         for (&node, &w) in cavity.nodes.iter().zip(weight) {
             let value = w / total;
-            // Written so that NaN is refused as well.
-            if !(value >= NEGATIVE) {
+            if value.is_nan() || value < NEGATIVE {
                 return None;
             }
             row.push(node, value.max(0.0));
