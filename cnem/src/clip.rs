@@ -33,7 +33,6 @@ impl Polyhedron {
     }
 
     /// Starts again from a cube about the origin.
-    #[cfg(test)]
     pub(crate) fn set_cube(&mut self, half: f64, tag: u64) {
         self.points.clear();
         self.faces.clear();
@@ -138,6 +137,16 @@ impl Polyhedron {
         } else {
             self.spare.truncate(first);
         }
+    }
+
+    /// Corners of every face.
+    pub(crate) fn loops(&self) -> impl Iterator<Item = &[Vector3<f64>]> {
+        let mut start = 0;
+        self.faces.iter().map(move |&(end, _)| {
+            let polygon = &self.points[start..end];
+            start = end;
+            polygon
+        })
     }
 
     /// Tag, area vector and centroid of every face.
