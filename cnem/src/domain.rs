@@ -2,7 +2,7 @@
 
 use crate::circumcentre::circumcentre;
 use crate::constraint::{FaceMesh, Recovery, Surface, recover};
-use crate::delaunay::{Delaunay, volume};
+use crate::delaunay::{Delaunay, linear_gradients, linear_values, volume};
 use crate::error::{Error, Result};
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
@@ -289,16 +289,24 @@ impl Domain {
 
     /// A tetrahedron of the domain that holds `x`, up to the tolerance; `near` is scratch.
     pub(crate) fn locate(&self, x: &Point3<f64>, near: &mut Vec<u32>) -> Result<u32> {
-        let outside = Error::OutsideDomain {
+        self.search(x, self.tolerance, near).ok_or_else(|| Error::OutsideDomain {
             point: (*x).into(),
             tolerance: self.tolerance,
-        };
+        })
+    }
+
+    /// A tetrahedron of the domain within a distance of `x`, relative to the largest coordinate.
+    pub(crate) fn locate_near(&self, x: &Point3<f64>, relative: f64) -> Option<u32> {
+        self.search(x, self.tolerance * (relative / ON_BOUNDARY), &mut Vec::new())
+    }
+
+    fn search(&self, x: &Point3<f64>, tolerance: f64, near: &mut Vec<u32>) -> Option<u32> {
         if !x.iter().all(|c| c.is_finite()) {
-            return Err(outside);
+            return None;
         }
         let found = self.delaunay.walk(x, self.starts.at(x));
         if self.inside[found as usize] {
-            return Ok(found);
+            return Some(found);
         }
         near.clear();
         near.push(found);
@@ -311,15 +319,43 @@ impl Domain {
                 if near.contains(&n) || other.is_ghost() {
                     continue;
                 }
-                if self.plane_distances(n, x).iter().all(|d| *d <= self.tolerance) {
+                if self.plane_distances(n, x).iter().all(|d| *d <= tolerance) {
                     if self.inside[n as usize] {
-                        return Ok(n);
+                        return Some(n);
                     }
                     near.push(n);
                 }
             }
         }
-        Err(outside)
+        None
+    }
+
+    /// Tetrahedra in the order of [`Domain::elements`].
+    pub(crate) fn element_ids(&self) -> Vec<u32> {
+        (0..self.inside.len() as u32).filter(|&t| self.inside[t as usize]).collect()
+    }
+
+    /// Vertices of a tetrahedron.
+    pub(crate) fn corners_of(&self, tet: u32) -> [usize; 4] {
+        self.delaunay.tets[tet as usize].v.map(|v| v as usize)
+    }
+
+    /// Nodes and linear functions at `x` of the tetrahedron at `node` that is closest to holding it.
+    pub(crate) fn linear_at_node(&self, node: usize, x: &Point3<f64>) -> Result<([usize; 4], [f64; 4])> {
+        let mut star = Vec::new();
+        self.delaunay.star(node as u32, &mut star);
+        let far = |t: u32| self.plane_distances(t, x).into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let inside = star.into_iter().filter(|&t| self.inside[t as usize]);
+        let nearest = inside.map(|t| (far(t), t)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, tet)) = nearest else {
+            return Err(Error::OutsideDomain {
+                point: (*x).into(),
+                tolerance: self.tolerance,
+            });
+        };
+        let nodes = self.corners_of(tet);
+        let p = nodes.map(|v| self.nodes()[v]);
+        Ok((nodes, linear_values(&p, &linear_gradients(&p).0, x)))
     }
 
     /// True if `x` is in the closed domain (up to [`Domain::tolerance`]).

@@ -1,9 +1,9 @@
-//! Everything that can go wrong in the geometry, with the numbers and the way out.
+//! Everything that can go wrong, with the numbers and the way out.
 
-/// Result of the geometry of this crate.
+/// Result of this crate's functions.
 pub type Result<V, E = Error> = std::result::Result<V, E>;
 
-/// Failure of a geometric construction or of a query.
+/// Failure of a construction or of a query.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -170,4 +170,49 @@ pub enum Error {
         /// Relative tolerance.
         tolerance: f64,
     },
+    /// A parameter has a value that makes no sense.
+    #[error("{name} = {value}: {rule}")]
+    Parameter {
+        /// Name of the parameter.
+        name: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must satisfy.
+        rule: &'static str,
+    },
+    /// A selection found nothing.
+    #[error("no {what} of '{model}' satisfies the condition ({candidates} were looked at); check it")]
+    EmptySelection {
+        /// Name of the model.
+        model: String,
+        /// What was looked for.
+        what: &'static str,
+        /// How many there are.
+        candidates: usize,
+    },
+}
+
+/// Shorthand for [`Error::Parameter`].
+pub(crate) fn parameter(name: &'static str, value: impl std::fmt::Display, rule: &'static str) -> Error {
+    Error::Parameter {
+        name,
+        value: value.to_string(),
+        rule,
+    }
+}
+
+impl From<Error> for arlequin_core::Error {
+    fn from(e: Error) -> Self {
+        match e {
+            Error::Parameter { name, value, rule } => arlequin_core::error::invalid(name, value, rule),
+            Error::OutsideDomain { point, .. } => Self::OutsideDomain {
+                point,
+                role: "natural-neighbour".into(),
+            },
+            other => Self::Model {
+                model: "cnem".into(),
+                message: other.to_string(),
+            },
+        }
+    }
 }

@@ -1,12 +1,15 @@
-//! Constrained natural element method in three dimensions: geometry and shape functions.
+//! Constrained natural element method in three dimensions: a Galerkin method on free nodes.
 //!
-//! From nodes and a boundary surface to shape functions and integration cells:
+//! From nodes and a boundary surface to shape functions, integration cells and a model:
 //!
 //! - [`delaunay`]: Delaunay tetrahedralisation with exact [`predicates`], for any set of distinct nodes;
 //! - [`constraint`]: boundary and crack faces, and their recovery in the complex;
 //! - [`domain`]: what is inside; the object everything else is asked from;
 //! - [`natural`]: Sibson and Laplace shape functions with the visibility criterion;
-//! - [`voronoi`]: the cells of the nodes, cut off at the constrained faces.
+//! - [`voronoi`]: the cells of the nodes, cut off at the constrained faces;
+//! - [`scni`]: stabilised conforming nodal integration on these cells;
+//! - [`CnemModel`]: linear elastodynamics, for both roles of a coupling;
+//! - [`NaturalField`], [`CnemMediator`]: fields and multiplier spaces on any points, also those of particles.
 //!
 //! ```
 //! use cnem::constraint::Surface;
@@ -39,10 +42,18 @@ pub mod constraint;
 pub mod delaunay;
 pub mod domain;
 pub mod error;
+mod field;
 mod hilbert;
+mod material;
+mod model;
 pub mod natural;
 pub mod predicates;
+pub mod scni;
 pub(crate) mod tet;
 pub mod voronoi;
 
 pub use error::{Error, Result};
+pub use field::{CnemMediator, NaturalField};
+pub use material::Elastic;
+pub use model::{CnemModel, Options};
+pub use scni::Stabilisation;

@@ -15,7 +15,7 @@ mod tests;
 
 use crate::error::Result;
 use crate::tet::{EdgeTable, INF, Tet};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 pub use locate::Location;
 
@@ -218,6 +218,23 @@ impl Delaunay {
 pub fn volume(t: [&Point3<f64>; 4]) -> f64 {
     let [a, b, c, d] = t;
     (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0
+}
+
+/// Gradients (1/m) of the linear functions of a tetrahedron, and its volume (m^3).
+pub(crate) fn linear_gradients(p: &[Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64) {
+    let six = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));
+    let gradients = crate::tet::FACES.map(|f| {
+        let [a, b, c] = f.map(|k| p[k]);
+        -(b - a).cross(&(c - a)) / six
+    });
+    (gradients, six / 6.0)
+}
+
+/// Linear functions of a tetrahedron at any point, from their gradients.
+pub(crate) fn linear_values(p: &[Point3<f64>; 4], gradients: &[Vector3<f64>; 4], x: &Point3<f64>) -> [f64; 4] {
+    let value = |k: usize| gradients[k].dot(&(x - p[0]));
+    let [b, c, d] = [value(1), value(2), value(3)];
+    [1.0 - b - c - d, b, c, d]
 }
 
 impl Delaunay {

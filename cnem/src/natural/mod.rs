@@ -143,12 +143,24 @@ impl Domain {
     }
 
     fn evaluate<'s>(&self, kind: Kind, x: &Point3<f64>, s: &'s mut Scratch, slopes: bool) -> Result<&'s Row> {
-        s.cavity.fit(self);
         let tet = self.locate(x, &mut s.near)?;
+        Ok(self.shape_within(kind, x, tet, s, slopes))
+    }
+
+    /// As `evaluate`, for a point known to lie in a tetrahedron of the domain.
+    pub(crate) fn shape_within<'s>(
+        &self,
+        kind: Kind,
+        x: &Point3<f64>,
+        tet: u32,
+        s: &'s mut Scratch,
+        slopes: bool,
+    ) -> &'s Row {
+        s.cavity.fit(self);
         let place = self.place(tet, x);
         if matches!(place, Place::Free) {
             self.in_cavity(kind, x, tet, s, slopes);
-            return Ok(&s.row);
+            return &s.row;
         }
         s.counters.limits += 1;
         if slopes {
@@ -183,7 +195,7 @@ impl Domain {
             }
             Place::Free => {}
         }
-        Ok(&s.row)
+        &s.row
     }
 
     /// Finds the node, constrained edge or patch that `x`, in the closed tetrahedron `tet`, lies on.
