@@ -1,0 +1,117 @@
+//! Uniform bins over axis-aligned boxes: which boxes may touch a given one.
+
+use nalgebra::Point3;
+
+/// An axis-aligned box: lower and upper corner.
+pub(crate) type Aabb = [Point3<f64>; 2];
+
+/// Smallest box around some points, grown by `margin`.
+pub(crate) fn around<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>, margin: f64) -> Aabb {
+    let mut low = Point3::from([f64::INFINITY; 3]);
+    let mut high = Point3::from([f64::NEG_INFINITY; 3]);
+    for p in points {
+        for k in 0..3 {
+            low[k] = low[k].min(p[k] - margin);
+            high[k] = high[k].max(p[k] + margin);
+        }
+    }
+    [low, high]
+}
+
+fn overlap(a: &Aabb, b: &Aabb) -> bool {
+    (0..3).all(|k| a[0][k] <= b[1][k] && b[0][k] <= a[1][k])
+}
+
+/// Compressed bins of box indices.
+#[derive(Debug, Clone)]
+pub(crate) struct Bins {
+    boxes: Vec<Aabb>,
+    low: Point3<f64>,
+    inverse: [f64; 3],
+    counts: [usize; 3],
+    start: Vec<u32>,
+    items: Vec<u32>,
+}
+
+impl Bins {
+    /// About one box per bin.
+    pub(crate) fn new(boxes: Vec<Aabb>) -> Self {
+        let corners = boxes.iter().flat_map(|b| b.iter());
+        let all = if boxes.is_empty() {
+            [Point3::origin(); 2]
+        } else {
+            around(corners, 0.0)
+        };
+        let extent = all[1] - all[0];
+        let longest = extent.max().max(f64::MIN_POSITIVE);
+        let filled: f64 = extent.iter().map(|e| (e / longest).max(1e-3)).product();
+        let size = longest * (filled / boxes.len().max(1) as f64).cbrt();
+        let counts = [0, 1, 2].map(|k| ((extent[k] / size).ceil() as usize).clamp(1, 256));
+        let inverse = [0, 1, 2].map(|k| {
+            if extent[k] > 0.0 {
+                counts[k] as f64 / extent[k]
+            } else {
+                0.0
+            }
+        });
+        let bins = counts.iter().product::<usize>();
+        let mut out = Self {
+            boxes: Vec::new(),
+            low: all[0],
+            inverse,
+            counts,
+            start: vec![0; bins + 1],
+            items: vec![],
+        };
+        let mut pairs: Vec<(u32, u32)> = Vec::new();
+        for (i, b) in boxes.iter().enumerate() {
+            out.visit(b, |bin| pairs.push((bin as u32, i as u32)));
+        }
+        pairs.sort_unstable();
+        pairs.iter().for_each(|p| out.start[p.0 as usize + 1] += 1);
+        (0..bins).for_each(|i| out.start[i + 1] += out.start[i]);
+        out.items = pairs.into_iter().map(|p| p.1).collect();
+        out.boxes = boxes;
+        out
+    }
+
+    fn visit(&self, b: &Aabb, mut f: impl FnMut(usize)) {
+        let index = |p: &Point3<f64>, k: usize| {
+            (((p[k] - self.low[k]) * self.inverse[k]).max(0.0) as usize).min(self.counts[k] - 1)
+        };
+        for i in index(&b[0], 0)..=index(&b[1], 0) {
+            for j in index(&b[0], 1)..=index(&b[1], 1) {
+                for k in index(&b[0], 2)..=index(&b[1], 2) {
+                    f((i * self.counts[1] + j) * self.counts[2] + k);
+                }
+            }
+        }
+    }
+
+    /// Indices of the boxes that overlap `query`, sorted.
+    pub(crate) fn overlapping(&self, query: &Aabb, out: &mut Vec<u32>) {
+        out.clear();
+        self.visit(query, |bin| {
+            for &i in &self.items[self.start[bin] as usize..self.start[bin + 1] as usize] {
+                if overlap(&self.boxes[i as usize], query) {
+                    out.push(i);
+                }
+            }
+        });
+        out.sort_unstable();
+        out.dedup();
+    }
+
+    /// True if any box overlaps `query`.
+    pub(crate) fn any(&self, query: &Aabb) -> bool {
+        let mut found = false;
+        self.visit(query, |bin| {
+            let range = self.start[bin] as usize..self.start[bin + 1] as usize;
+            found = found
+                || self.items[range]
+                    .iter()
+                    .any(|&i| overlap(&self.boxes[i as usize], query));
+        });
+        found
+    }
+}

@@ -1,0 +1,216 @@
+//! Clipping of convex polyhedra by half spaces.
+
+use nalgebra::Vector3;
+
+/// Convex polyhedron as faces with a tag each, counter-clockwise from outside.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Polyhedron {
+    points: Vec<Vector3<f64>>,
+    /// End of each face in `points`, and its tag.
+    faces: Vec<(usize, u64)>,
+    spare: Vec<Vector3<f64>>,
+    spare_faces: Vec<(usize, u64)>,
+    cap: Vec<Vector3<f64>>,
+    angles: Vec<(f64, Vector3<f64>)>,
+}
+
+/// Area vector and its first moment, of one face.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct FaceSum {
+    pub(crate) area: Vector3<f64>,
+    pub(crate) centroid: Vector3<f64>,
+}
+
+impl Polyhedron {
+    /// Starts again from a tetrahedron of positive volume, faces tagged in the order of [`crate::tet::FACES`].
+    pub(crate) fn set_tetrahedron(&mut self, corners: [Vector3<f64>; 4], tags: [u64; 4]) {
+        self.points.clear();
+        self.faces.clear();
+        for (face, tag) in crate::tet::FACES.iter().zip(tags) {
+            self.points.extend(face.map(|k| corners[k]));
+            self.faces.push((self.points.len(), tag));
+        }
+    }
+
+    /// Starts again from a cube about the origin.
+    pub(crate) fn set_cube(&mut self, half: f64, tag: u64) {
+        self.points.clear();
+        self.faces.clear();
+        for axis in 0..3 {
+            for sign in [1.0, -1.0] {
+                for (u, v) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                    let mut p = Vector3::zeros();
+                    p[axis] = half * sign;
+                    p[(axis + 1) % 3] = half * u * sign;
+                    p[(axis + 2) % 3] = half * v;
+                    self.points.push(p);
+                }
+                self.faces.push((self.points.len(), tag));
+            }
+        }
+    }
+
+    /// True if nothing is left.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.faces.is_empty()
+    }
+
+    /// Largest squared distance of a corner from the origin.
+    pub(crate) fn reach(&self) -> f64 {
+        self.points.iter().map(Vector3::norm_squared).fold(0.0, f64::max)
+    }
+
+    /// Keeps the part with `normal . y <= offset`; the cut gets `tag`. True if anything was cut off.
+    pub(crate) fn clip(&mut self, normal: &Vector3<f64>, offset: f64, tag: u64) -> bool {
+        if !self.points.iter().any(|p| normal.dot(p) > offset) {
+            return false;
+        }
+        self.spare.clear();
+        self.spare_faces.clear();
+        self.cap.clear();
+        let mut start = 0;
+        for &(end, face_tag) in &self.faces {
+            let polygon = &self.points[start..end];
+            start = end;
+            let first = self.spare.len();
+            for (i, p) in polygon.iter().enumerate() {
+                let q = &polygon[(i + 1) % polygon.len()];
+                let (sp, sq) = (normal.dot(p) - offset, normal.dot(q) - offset);
+                if sp <= 0.0 {
+                    self.spare.push(*p);
+                    if sp >= 0.0 {
+                        self.cap.push(*p);
+                    }
+                }
+                if sp < 0.0 && sq > 0.0 || sp > 0.0 && sq < 0.0 {
+                    let cut = crossing(p, q, sp, sq);
+                    self.spare.push(cut);
+                    self.cap.push(cut);
+                }
+            }
+            if self.spare.len() >= first + 3 {
+                self.spare_faces.push((self.spare.len(), face_tag));
+            } else {
+                self.spare.truncate(first);
+            }
+        }
+        self.push_cap(normal, tag);
+        std::mem::swap(&mut self.points, &mut self.spare);
+        std::mem::swap(&mut self.faces, &mut self.spare_faces);
+        if self.faces.len() < 4 {
+            self.points.clear();
+            self.faces.clear();
+        }
+        true
+    }
+
+    /// Orders the points of the cut around its middle.
+    fn push_cap(&mut self, normal: &Vector3<f64>, tag: u64) {
+        if self.cap.len() < 3 {
+            return;
+        }
+        let middle = self.cap.iter().sum::<Vector3<f64>>() / self.cap.len() as f64;
+        let far = self
+            .cap
+            .iter()
+            .map(|p| p - middle)
+            .fold(Vector3::zeros(), |a: Vector3<f64>, b| {
+                if b.norm_squared() > a.norm_squared() { b } else { a }
+            });
+        let v = normal.cross(&far);
+        let u = v.cross(normal);
+        let (u, v) = (u / u.norm(), v / v.norm());
+        self.angles.clear();
+        self.angles.extend(self.cap.iter().map(|p| {
+            let d = p - middle;
+            (d.dot(&v).atan2(d.dot(&u)), *p)
+        }));
+        self.angles.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let first = self.spare.len();
+        for (_, p) in &self.angles {
+            if self.spare.len() == first || self.spare.last() != Some(p) {
+                self.spare.push(*p);
+            }
+        }
+        if self.spare.len() >= first + 3 {
+            self.spare_faces.push((self.spare.len(), tag));
+        } else {
+            self.spare.truncate(first);
+        }
+    }
+
+    /// Corners of every face.
+    pub(crate) fn loops(&self) -> impl Iterator<Item = &[Vector3<f64>]> {
+        let mut start = 0;
+        self.faces.iter().map(move |&(end, _)| {
+            let polygon = &self.points[start..end];
+            start = end;
+            polygon
+        })
+    }
+
+    /// Tag, area vector and centroid of every face.
+    pub(crate) fn faces(&self) -> impl Iterator<Item = (u64, FaceSum)> + '_ {
+        let mut start = 0;
+        self.faces.iter().map(move |&(end, tag)| {
+            let polygon = &self.points[start..end];
+            start = end;
+            (tag, face_sum(polygon))
+        })
+    }
+
+    /// Volume.
+    pub(crate) fn volume(&self) -> f64 {
+        let o = self.points.first().copied().unwrap_or_default();
+        self.faces()
+            .map(|(_, f)| f.area.dot(&(f.centroid - o)))
+            .sum::<f64>()
+            / 3.0
+    }
+}
+
+/// Point where an edge meets the plane, the same from both sides.
+fn crossing(p: &Vector3<f64>, q: &Vector3<f64>, sp: f64, sq: f64) -> Vector3<f64> {
+    if sp < 0.0 {
+        p + (q - p) * (sp / (sp - sq))
+    } else {
+        q + (p - q) * (sq / (sq - sp))
+    }
+}
+
+fn face_sum(polygon: &[Vector3<f64>]) -> FaceSum {
+    let o = polygon[0];
+    let mut area = Vector3::zeros();
+    for pair in polygon.windows(2) {
+        area += (pair[0] - o).cross(&(pair[1] - o)) * 0.5;
+    }
+    let square = area.norm_squared();
+    let mut centroid = o;
+    if square > 0.0 {
+        for pair in polygon.windows(2) {
+            let part = (pair[0] - o).cross(&(pair[1] - o)).dot(&area) * 0.5 / square;
+            centroid += (pair[0] + pair[1] - o * 2.0) * (part / 3.0);
+        }
+    }
+    FaceSum { area, centroid }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clipped_cube() {
+        let mut cube = Polyhedron::default();
+        cube.set_cube(1.0, 7);
+        assert!((cube.volume() - 8.0).abs() < 1e-14 && (cube.reach() - 3.0).abs() < 1e-15);
+        assert!(cube.clip(&Vector3::new(1.0, 1.0, 1.0), 2.0, 9));
+        // The corner cut off is a tetrahedron with three edges of length 1.
+        assert!((cube.volume() - (8.0 - 1.0 / 6.0)).abs() < 1e-14);
+        let total: Vector3<f64> = cube.faces().map(|f| f.1.area).sum();
+        assert!(total.norm() < 1e-14);
+        assert!(!cube.clip(&Vector3::new(1.0, 0.0, 0.0), 1.0, 9));
+        cube.clip(&Vector3::new(1.0, 0.0, 0.0), -1.5, 9);
+        assert!(cube.is_empty());
+    }
+}

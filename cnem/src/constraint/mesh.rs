@@ -1,0 +1,163 @@
+//! The constrained faces as a mesh that can be swapped and split.
+
+use crate::predicates::{insphere, insphere_perturbed, orient3d};
+use nalgebra::{Point3, Vector3};
+use std::cmp::Ordering;
+use std::collections::HashMap;
+
+/// Distance from a face, relative to its size, at which a point counts as lying on it.
+pub(crate) const ON_FACE: f64 = 1e-10;
+
+/// One constrained face.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Face {
+    pub(crate) v: [u32; 3],
+    pub(crate) crack: bool,
+    /// Input face it is part of.
+    pub(crate) origin: u32,
+}
+
+/// Constrained faces with the faces at every edge.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct FaceMesh {
+    pub(crate) faces: Vec<Face>,
+    pub(crate) edges: HashMap<(u32, u32), Vec<u32>>,
+}
+
+/// Key of an undirected edge.
+pub(crate) fn key(a: u32, b: u32) -> (u32, u32) {
+    (a.min(b), a.max(b))
+}
+
+impl FaceMesh {
+    pub(crate) fn new(surface: &super::Surface) -> Self {
+        let mut mesh = Self::default();
+        let boundary = surface.boundary.len();
+        for (i, f) in surface.faces().enumerate() {
+            mesh.push(Face {
+                v: f.map(|v| v as u32),
+                crack: i >= boundary,
+                origin: i as u32,
+            });
+        }
+        mesh
+    }
+
+    pub(crate) fn push(&mut self, face: Face) {
+        let id = self.faces.len() as u32;
+        self.faces.push(face);
+        self.link(id);
+    }
+
+    fn link(&mut self, id: u32) {
+        let v = self.faces[id as usize].v;
+        for k in 0..3 {
+            self.edges.entry(key(v[k], v[(k + 1) % 3])).or_default().push(id);
+        }
+    }
+
+    fn unlink(&mut self, id: u32) {
+        let v = self.faces[id as usize].v;
+        for k in 0..3 {
+            let edge = key(v[k], v[(k + 1) % 3]);
+            if let Some(list) = self.edges.get_mut(&edge) {
+                list.retain(|&f| f != id);
+                if list.is_empty() {
+                    self.edges.remove(&edge);
+                }
+            }
+        }
+    }
+
+    fn replace(&mut self, id: u32, v: [u32; 3]) {
+        self.unlink(id);
+        self.faces[id as usize].v = v;
+        self.link(id);
+    }
+
+    /// The two faces at an edge and their apexes `(f, g, c, d)`, if the edge is inside a flat patch of one kind.
+    pub(crate) fn flat_pair(&self, points: &[Point3<f64>], edge: (u32, u32)) -> Option<[u32; 4]> {
+        let list = self.edges.get(&edge)?;
+        let &[f, g] = list.as_slice() else { return None };
+        if self.faces[f as usize].crack != self.faces[g as usize].crack {
+            return None;
+        }
+        let apex = |id: u32| {
+            self.faces[id as usize]
+                .v
+                .into_iter()
+                .find(|&v| v != edge.0 && v != edge.1)
+        };
+        let (c, d) = (apex(f)?, apex(g)?);
+        let [pa, pb, pc, pd] = [edge.0, edge.1, c, d].map(|v| &points[v as usize]);
+        let n = (pb - pa).cross(&(pc - pa));
+        let m = (pd - pa).cross(&(pb - pa));
+        let height = n.dot(&(pd - pa)).abs();
+        let flat = height <= ON_FACE * n.norm() * (pd - pa).norm().max((pd - pb).norm());
+        (c != d && flat && n.dot(&m) > 0.0).then_some([f, g, c, d])
+    }
+
+    /// True if the edge of a flat pair can be swapped: the quadrilateral is strictly convex.
+    pub(crate) fn swappable(&self, points: &[Point3<f64>], edge: (u32, u32), c: u32, d: u32) -> bool {
+        let [a, b, c, d] = [edge.0, edge.1, c, d].map(|v| &points[v as usize]);
+        let n = (b - a).cross(&(c - a));
+        let area = |p: &Point3<f64>, q: &Point3<f64>, r: &Point3<f64>| (q - p).cross(&(r - p)).dot(&n);
+        let small = 1e-12 * n.norm_squared();
+        area(c, a, d) > small && area(d, b, c) > small
+    }
+
+    /// Swaps the diagonal of a flat pair.
+    pub(crate) fn swap(&mut self, edge: (u32, u32), [f, g, c, d]: [u32; 4]) {
+        self.unlink(f);
+        self.unlink(g);
+        self.faces[f as usize].v = [c, edge.0, d];
+        self.faces[g as usize].v = [d, edge.1, c];
+        self.link(f);
+        self.link(g);
+    }
+
+    /// Splits every face at an edge at the node `m`.
+    pub(crate) fn split_edge(&mut self, edge: (u32, u32), m: u32) {
+        let Some(list) = self.edges.get(&edge).cloned() else {
+            return;
+        };
+        for id in list {
+            let face = self.faces[id as usize];
+            let with = |from: u32| face.v.map(|v| if v == from { m } else { v });
+            self.replace(id, with(edge.0));
+            self.push(Face {
+                v: with(edge.1),
+                ..face
+            });
+        }
+    }
+
+    /// Splits a face into three at the node `m`.
+    pub(crate) fn split_face(&mut self, id: u32, m: u32) {
+        let face = self.faces[id as usize];
+        let [a, b, c] = face.v;
+        self.replace(id, [a, b, m]);
+        self.push(Face { v: [b, c, m], ..face });
+        self.push(Face { v: [c, a, m], ..face });
+    }
+}
+
+/// True if `d` is inside the circle through `a`, `b`, `c` in their common plane, ties broken by index as in the
+/// Delaunay complex. An auxiliary point off the plane turns the circle into a sphere; any such point will do.
+pub(crate) fn in_circle(points: &[Point3<f64>], [a, b, c, d]: [u32; 4]) -> bool {
+    let [pa, pb, pc, pd] = [a, b, c, d].map(|v| &points[v as usize]);
+    let n: Vector3<f64> = (pb - pa).cross(&(pc - pa));
+    let size = (pb - pa).norm();
+    let aux = pa + n * (size / n.norm());
+    let rank = |v: u32| u64::from(v) + 1;
+    let (corners, ranks) = match orient3d(pa, pb, pc, &aux) {
+        Ordering::Greater => ([pa, pb, pc, &aux], [rank(a), rank(b), rank(c), 0, rank(d)]),
+        Ordering::Less => ([pb, pa, pc, &aux], [rank(b), rank(a), rank(c), 0, rank(d)]),
+        Ordering::Equal => return false,
+    };
+    match insphere(corners, pd) {
+        Ordering::Greater => true,
+        Ordering::Less => false,
+        Ordering::Equal => insphere_perturbed(corners, pd, ranks),
+    }
+}

@@ -1,0 +1,208 @@
+//! Constrained faces: the boundary of the domain and internal cracks.
+//!
+//! A [`Surface`] names triangles on the nodes. The boundary must be closed (every edge in an even number of faces);
+//! its orientation does not matter, several bodies and holes are told apart by crossing parity. Crack faces are free
+//! faces inside the domain that are not seen through.
+//!
+//! Every constrained face must be a face of the Delaunay complex. Where one is not, in this order:
+//! 1. the diagonals of flat patches are swapped to the ones the Delaunay complex has (same geometry),
+//! 2. faces and edges are split at nodes that lie on them (to 1e-10 of the edge length),
+//! 3. points are inserted on the missing edges and faces; they are nodes of the domain and are reported.
+//!
+//! If that does not end within the allowed number of points, the error names the faces.
+
+mod mesh;
+mod recover;
+
+pub(crate) use mesh::{Face, FaceMesh, key};
+pub(crate) use recover::recover;
+
+use crate::bins::{Bins, around};
+use crate::error::{Error, Result};
+use crate::predicates::{collinear, orient3d};
+use nalgebra::Point3;
+use std::cmp::Ordering;
+use std::collections::HashMap;
+
+/// Constrained faces as node triples: the boundary, and internal crack faces.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Surface {
+    boundary: Vec<[usize; 3]>,
+    cracks: Vec<[usize; 3]>,
+}
+
+/// A point inserted on a constrained face to recover it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InsertedPoint {
+    /// Its index among the nodes of the domain.
+    pub node: usize,
+    /// Input face it lies on (boundary faces first, then crack faces).
+    pub face: usize,
+}
+
+/// What the recovery of the constrained faces had to do.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Recovery {
+    /// Points added to the nodes, in order of their indices.
+    pub inserted: Vec<InsertedPoint>,
+    /// Diagonals swapped within flat patches.
+    pub swapped: usize,
+    /// Splits of edges and faces at nodes that were given and lie on them.
+    pub split_at_nodes: usize,
+}
+
+impl Surface {
+    /// The boundary is the convex hull of the nodes.
+    pub fn convex_hull() -> Self {
+        Self::default()
+    }
+
+    /// The boundary is a closed triangle surface.
+    pub fn boundary(faces: Vec<[usize; 3]>) -> Self {
+        Self {
+            boundary: faces,
+            cracks: Vec::new(),
+        }
+    }
+
+    /// The boundary of a tetrahedral mesh: the faces that belong to one element only.
+    pub fn of_elements(elements: &[[usize; 4]]) -> Self {
+        let mut count: HashMap<[usize; 3], ([usize; 3], usize)> = HashMap::new();
+        for e in elements {
+            for f in crate::tet::FACES {
+                let face = f.map(|k| e[k]);
+                let mut sorted = face;
+                sorted.sort_unstable();
+                count.entry(sorted).or_insert((face, 0)).1 += 1;
+            }
+        }
+        let mut boundary: Vec<_> = count.into_values().filter(|c| c.1 == 1).map(|c| c.0).collect();
+        boundary.sort_unstable();
+        Self {
+            boundary,
+            cracks: Vec::new(),
+        }
+    }
+
+    /// Adds crack faces: inside the domain, not seen through.
+    pub fn with_cracks(mut self, faces: Vec<[usize; 3]>) -> Self {
+        self.cracks.extend(faces);
+        self
+    }
+
+    /// Boundary faces; empty for the convex hull.
+    pub fn boundary_faces(&self) -> &[[usize; 3]] {
+        &self.boundary
+    }
+
+    /// Crack faces.
+    pub fn crack_faces(&self) -> &[[usize; 3]] {
+        &self.cracks
+    }
+
+    fn faces(&self) -> impl Iterator<Item = &[usize; 3]> {
+        self.boundary.iter().chain(&self.cracks)
+    }
+
+    /// Checks indices, areas, repetitions and closure.
+    ///
+    /// # Errors
+    /// `UnknownNode`, `FlatFace`, `RepeatedFace`, `OpenSurface`.
+    pub fn check(&self, points: &[Point3<f64>]) -> Result<()> {
+        let mut seen: HashMap<[usize; 3], usize> = HashMap::new();
+        for (face, &nodes) in self.faces().enumerate() {
+            if let Some(&node) = nodes.iter().find(|&&v| v >= points.len()) {
+                return Err(Error::UnknownNode {
+                    face,
+                    node,
+                    nodes: points.len(),
+                });
+            }
+            let [a, b, c] = nodes.map(|v| &points[v]);
+            if collinear(a, b, c) {
+                return Err(Error::FlatFace { face, nodes });
+            }
+            let mut sorted = nodes;
+            sorted.sort_unstable();
+            if let Some(first) = seen.insert(sorted, face) {
+                return Err(Error::RepeatedFace {
+                    first,
+                    second: face,
+                    nodes,
+                });
+            }
+        }
+        self.check_closed()
+    }
+
+    fn check_closed(&self) -> Result<()> {
+        let mut edges: HashMap<(usize, usize), usize> = HashMap::new();
+        for f in &self.boundary {
+            for k in 0..3 {
+                let (a, b) = (f[k], f[(k + 1) % 3]);
+                *edges.entry((a.min(b), a.max(b))).or_insert(0) += 1;
+            }
+        }
+        let mut open: Vec<_> = edges.into_iter().filter(|e| e.1 % 2 == 1).collect();
+        open.sort_unstable();
+        match open.first() {
+            None => Ok(()),
+            Some(&((a, b), faces)) => Err(Error::OpenSurface {
+                edge: [a, b],
+                faces,
+                open_edges: open.len(),
+            }),
+        }
+    }
+
+    /// Checks that no edge of one face pierces another face.
+    ///
+    /// # Errors
+    /// `SelfIntersection`.
+    pub fn check_intersections(&self, points: &[Point3<f64>]) -> Result<()> {
+        let faces: Vec<[usize; 3]> = self.faces().copied().collect();
+        let boxes: Vec<_> = faces
+            .iter()
+            .map(|f| around(f.iter().map(|&v| &points[v]), 0.0))
+            .collect();
+        let bins = Bins::new(boxes.clone());
+        let mut near = Vec::new();
+        let mut found: Vec<(usize, usize)> = Vec::new();
+        for (i, f) in faces.iter().enumerate() {
+            bins.overlapping(&boxes[i], &mut near);
+            for &j in &near {
+                let g = &faces[j as usize];
+                let pierced = (0..3).any(|k| pierces(points, [f[k], f[(k + 1) % 3]], g));
+                if j as usize != i && pierced {
+                    found.push((i.min(j as usize), i.max(j as usize)));
+                }
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+        match found.first() {
+            None => Ok(()),
+            Some(&(first, second)) => Err(Error::SelfIntersection {
+                first,
+                second,
+                count: found.len(),
+            }),
+        }
+    }
+}
+
+/// True if the segment passes through the face: ends strictly on opposite sides, piercing point in the closed face,
+/// no common node.
+fn pierces(points: &[Point3<f64>], segment: [usize; 2], face: &[usize; 3]) -> bool {
+    if segment.iter().any(|v| face.contains(v)) {
+        return false;
+    }
+    let [p, q] = segment.map(|v| &points[v]);
+    let [a, b, c] = face.map(|v| &points[v]);
+    let (sp, sq) = (orient3d(a, b, c, p), orient3d(a, b, c, q));
+    if sp == Ordering::Equal || sq == Ordering::Equal || sp == sq {
+        return false;
+    }
+    let signs = [orient3d(p, q, a, b), orient3d(p, q, b, c), orient3d(p, q, c, a)];
+    !(signs.contains(&Ordering::Greater) && signs.contains(&Ordering::Less))
+}

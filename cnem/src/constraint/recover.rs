@@ -1,0 +1,290 @@
+//! Recovery of constrained faces in the Delaunay complex.
+
+use super::mesh::{ON_FACE, in_circle, key};
+use super::{FaceMesh, InsertedPoint, Recovery, Surface};
+use crate::bins::{Bins, around};
+use crate::delaunay::Delaunay;
+use crate::error::{Error, Result};
+use nalgebra::Point3;
+
+/// Makes every constrained face a face of the complex; returns the faces and what was done.
+pub(crate) fn recover(
+    delaunay: &mut Delaunay,
+    surface: &Surface,
+    limit: usize,
+) -> Result<(FaceMesh, Recovery)> {
+    let mut work = Work {
+        mesh: FaceMesh::new(surface),
+        done: Recovery::default(),
+        star: Vec::new(),
+        limit,
+        delaunay,
+    };
+    if work.missing_faces().is_empty() {
+        return Ok((work.mesh, work.done));
+    }
+    surface.check_intersections(&work.delaunay.points)?;
+    work.swap_diagonals();
+    work.split_at_nodes();
+    loop {
+        work.swap_diagonals();
+        if work.missing_faces().is_empty() {
+            return Ok((work.mesh, work.done));
+        }
+        if !work.insert_on_edges()? {
+            work.insert_on_faces()?;
+        }
+    }
+}
+
+struct Work<'a> {
+    delaunay: &'a mut Delaunay,
+    mesh: FaceMesh,
+    done: Recovery,
+    star: Vec<u32>,
+    limit: usize,
+}
+
+impl Work<'_> {
+    fn has_face(&mut self, v: [u32; 3]) -> bool {
+        self.delaunay.face(v, &mut self.star).is_some()
+    }
+
+    fn has_edge(&mut self, (a, b): (u32, u32)) -> bool {
+        self.delaunay.star(a, &mut self.star);
+        self.star
+            .iter()
+            .any(|&t| self.delaunay.tets[t as usize].slot_of(b).is_some())
+    }
+
+    fn missing_faces(&mut self) -> Vec<u32> {
+        (0..self.mesh.faces.len() as u32)
+            .filter(|&f| !self.has_face(self.mesh.faces[f as usize].v))
+            .collect()
+    }
+
+    /// Constrained edges that are not in the complex, sorted (so results do not depend on hashing).
+    fn missing_edges(&mut self, faces: &[u32]) -> Vec<(u32, u32)> {
+        let mut edges: Vec<_> = faces
+            .iter()
+            .flat_map(|&f| {
+                let v = self.mesh.faces[f as usize].v;
+                [key(v[0], v[1]), key(v[1], v[2]), key(v[2], v[0])]
+            })
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        edges.retain(|&e| !self.has_edge(e));
+        edges
+    }
+
+    /// Lawson swaps in the flat patches around missing faces. The perturbed circle test is the restriction of the
+    /// sphere test to the plane, so a flat patch ends in the triangulation the complex has there, if it has one.
+    fn swap_diagonals(&mut self) {
+        let mut queue: Vec<(u32, u32)> = Vec::new();
+        for f in self.missing_faces() {
+            let v = self.mesh.faces[f as usize].v;
+            queue.extend([key(v[0], v[1]), key(v[1], v[2]), key(v[2], v[0])]);
+        }
+        let mut allowed = 100 * (queue.len() + 10);
+        while let Some(edge) = queue.pop() {
+            let Some(pair) = self.mesh.flat_pair(&self.delaunay.points, edge) else {
+                continue;
+            };
+            let [_, _, c, d] = pair;
+            if allowed == 0 || !self.mesh.swappable(&self.delaunay.points, edge, c, d) {
+                continue;
+            }
+            let (a, b) = edge;
+            let present = |w: &mut Self, x: [u32; 3], y: [u32; 3]| {
+                usize::from(w.has_face(x)) + usize::from(w.has_face(y))
+            };
+            let before = present(self, [a, b, c], [b, a, d]);
+            let after = present(self, [c, d, a], [d, c, b]);
+            let illegal = in_circle(&self.delaunay.points, [a, b, c, d]);
+            if after > before || (after == before && before < 2 && illegal) {
+                allowed -= 1;
+                self.mesh.swap(edge, pair);
+                self.done.swapped += 1;
+                queue.extend([key(a, c), key(c, b), key(b, d), key(d, a)]);
+            }
+        }
+    }
+
+    /// Splits missing faces and edges at given nodes that lie on them.
+    fn split_at_nodes(&mut self) {
+        let boxes = self.delaunay.points.iter().map(|p| [*p, *p]).collect();
+        let bins = Bins::new(boxes);
+        let mut near = Vec::new();
+        let mut queue = self.missing_faces();
+        while let Some(f) = queue.pop() {
+            let v = self.mesh.faces[f as usize].v;
+            if self.has_face(v) {
+                continue;
+            }
+            let corners = v.map(|v| self.delaunay.points[v as usize]);
+            let size = (0..3)
+                .map(|k| (corners[k] - corners[(k + 1) % 3]).norm())
+                .fold(0.0, f64::max);
+            bins.overlapping(&around(corners.iter(), ON_FACE * size), &mut near);
+            let hit = near
+                .iter()
+                .filter(|&&m| !v.contains(&m) && self.delaunay.at_vertex[m as usize] != crate::tet::NONE);
+            let on = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], size);
+            // The node nearest to the middle keeps the pieces well shaped.
+            let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
+            let off = |m: u32| (self.delaunay.points[m as usize] - middle).norm_squared();
+            let best = hit
+                .filter_map(|&m| on(m).map(|place| (m, place)))
+                .min_by(|x, y| off(x.0).total_cmp(&off(y.0)));
+            let Some((m, place)) = best else { continue };
+            let before = self.mesh.faces.len() as u32;
+            match place {
+                Place::Face => self.mesh.split_face(f, m),
+                Place::Edge(k) => {
+                    let edge = key(v[k], v[(k + 1) % 3]);
+                    queue.extend(self.mesh.edges.get(&edge).into_iter().flatten().copied());
+                    self.mesh.split_edge(edge, m);
+                }
+            }
+            self.done.split_at_nodes += 1;
+            queue.push(f);
+            queue.extend(before..self.mesh.faces.len() as u32);
+        }
+    }
+
+    /// Inserts points on missing edges that no swap can bring back. False if there is none.
+    fn insert_on_edges(&mut self) -> Result<bool> {
+        let faces = self.missing_faces();
+        let mut any = false;
+        for edge in self.missing_edges(&faces) {
+            if self.mesh.edges.contains_key(&edge)
+                && !self.has_edge(edge)
+                && self.mesh.flat_pair(&self.delaunay.points, edge).is_none()
+            {
+                self.insert_on_edge(edge)?;
+                any = true;
+            }
+        }
+        Ok(any)
+    }
+
+    /// Splits at the middle, or, next to one given node, at a power of two from it, so that edges that meet there at a
+    /// small angle are cut at equal distances and stop encroaching on each other.
+    fn insert_on_edge(&mut self, edge: (u32, u32)) -> Result<()> {
+        let [a, b] = [edge.0, edge.1].map(|v| self.delaunay.points[v as usize]);
+        let first_new = self.done.inserted.first().map_or(usize::MAX, |i| i.node);
+        let old = [edge.0, edge.1].map(|v| (v as usize) < first_new);
+        let length = (b - a).norm();
+        let shell = (0.5 * length).log2().round().exp2() / length;
+        let at = match old {
+            [true, false] => shell,
+            [false, true] => 1.0 - shell,
+            _ => 0.5,
+        };
+        let origin = self
+            .mesh
+            .edges
+            .get(&edge)
+            .and_then(|l| l.first())
+            .map_or(0, |&f| self.mesh.faces[f as usize].origin);
+        let m = self.insert(a + (b - a) * at, origin, edge.0)?;
+        if m != edge.0 && m != edge.1 {
+            self.mesh.split_edge(edge, m);
+        }
+        Ok(())
+    }
+
+    /// Inserts a point on each missing face: the circumcentre if it is well inside, else the middle of the longest edge.
+    fn insert_on_faces(&mut self) -> Result<()> {
+        for f in self.missing_faces() {
+            let face = self.mesh.faces[f as usize];
+            if self.has_face(face.v) {
+                continue;
+            }
+            let p = face.v.map(|v| self.delaunay.points[v as usize]);
+            let square = |k: usize| (p[(k + 1) % 3] - p[k]).norm_squared();
+            let longest = (0..3)
+                .max_by(|&i, &j| square(i).total_cmp(&square(j)))
+                .unwrap_or(0);
+            // Barycentric coordinates of the circumcentre.
+            let l = [square(1), square(2), square(0)];
+            let w = [0, 1, 2].map(|k: usize| l[k] * (l[(k + 1) % 3] + l[(k + 2) % 3] - l[k]));
+            let sum = w[0] + w[1] + w[2];
+            if w.iter().all(|x| *x > 0.1 * sum) {
+                let centre = (p[0].coords * w[0] + p[1].coords * w[1] + p[2].coords * w[2]) / sum;
+                let m = self.insert(centre.into(), face.origin, face.v[0])?;
+                if !face.v.contains(&m) {
+                    self.mesh.split_face(f, m);
+                }
+            } else {
+                self.insert_on_edge(key(face.v[longest], face.v[(longest + 1) % 3]))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn insert(&mut self, p: Point3<f64>, origin: u32, near: u32) -> Result<u32> {
+        if self.done.inserted.len() >= self.limit {
+            return Err(self.give_up());
+        }
+        let count = self.delaunay.points.len();
+        let v = self.delaunay.insert(p, self.delaunay.at_vertex[near as usize]).0;
+        if v as usize == count {
+            self.done.inserted.push(InsertedPoint {
+                node: count,
+                face: origin as usize,
+            });
+        }
+        Ok(v)
+    }
+
+    fn give_up(&mut self) -> Error {
+        let missing = self.missing_faces();
+        let mut faces: Vec<usize> = missing
+            .iter()
+            .map(|&f| self.mesh.faces[f as usize].origin as usize)
+            .collect();
+        faces.sort_unstable();
+        faces.dedup();
+        let count = faces.len();
+        faces.truncate(16);
+        Error::FacesNotRecovered {
+            faces,
+            count,
+            inserted: self.done.inserted.len(),
+            limit: self.limit,
+        }
+    }
+}
+
+enum Place {
+    Face,
+    Edge(usize),
+}
+
+/// Whether a point lies on a face, away from its corners.
+fn on_face(corners: &[Point3<f64>; 3], p: &Point3<f64>, size: f64) -> Option<Place> {
+    let [a, b, c] = corners;
+    let n = (b - a).cross(&(c - a));
+    let area = n.norm();
+    let tolerance = ON_FACE * size;
+    if n.dot(&(p - a)).abs() > tolerance * area {
+        return None;
+    }
+    let mut edge = None;
+    for k in 0..3 {
+        let (s, e) = (&corners[k], &corners[(k + 1) % 3]);
+        if (p - s).norm() <= tolerance {
+            return None;
+        }
+        let inward = (e - s).cross(&(p - s)).dot(&n) / (area * (e - s).norm());
+        if inward < -tolerance {
+            return None;
+        }
+        if inward <= tolerance {
+            edge = Some(Place::Edge(k));
+        }
+    }
+    Some(edge.unwrap_or(Place::Face))
+}

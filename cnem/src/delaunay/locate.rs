@@ -1,0 +1,95 @@
+//! Point location by walking.
+
+use super::Delaunay;
+use crate::predicates::orient3d;
+use crate::tet::NONE;
+use nalgebra::Point3;
+use std::cmp::Ordering;
+
+/// Where a point lies in the complex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Location {
+    /// In the closed tetrahedron with these vertices; `hint` starts the next walk here.
+    Inside {
+        /// Vertices of the tetrahedron.
+        nodes: [usize; 4],
+        /// Handle for the next call.
+        hint: usize,
+    },
+    /// Strictly outside the convex hull, beyond this hull face (normal outward).
+    Outside {
+        /// Vertices of the hull face.
+        face: [usize; 3],
+        /// Handle for the next call.
+        hint: usize,
+    },
+}
+
+impl Delaunay {
+    /// Locates a point by an exact visibility walk from `hint` (any number; the last hint is best).
+    ///
+    /// Points on a common face, edge or vertex are reported in one of the tetrahedra that share it.
+    pub fn locate(&self, p: &Point3<f64>, hint: usize) -> Location {
+        let at = self.walk(p, if hint < self.tets.len() { hint as u32 } else { 0 });
+        let t = &self.tets[at as usize];
+        let v = t.v.map(|v| v as usize);
+        if t.is_ghost() {
+            Location::Outside {
+                face: [v[0], v[1], v[2]],
+                hint: at as usize,
+            }
+        } else {
+            Location::Inside {
+                nodes: v,
+                hint: at as usize,
+            }
+        }
+    }
+
+    /// Tetrahedron that holds `q`, or a ghost whose hull face `q` is strictly beyond. Visibility walks in a Delaunay
+    /// complex never cycle.
+    pub(crate) fn walk(&self, q: &Point3<f64>, hint: u32) -> u32 {
+        let mut at = hint;
+        let mut from = NONE;
+        let mut t = &self.tets[at as usize];
+        if t.is_ghost() {
+            from = at;
+            at = t.n[3] >> 2;
+            t = &self.tets[at as usize];
+        }
+        'step: loop {
+            let mut exit = NONE;
+            for (slot, &n) in t.n.iter().enumerate() {
+                if n >> 2 == from {
+                    continue;
+                }
+                let [a, b, c] = t.face(slot).map(|v| &self.points[v as usize]);
+                if orient3d(a, b, c, q) == Ordering::Greater {
+                    let next = &self.tets[(n >> 2) as usize];
+                    if next.is_ghost() {
+                        // Leave the hull only where nothing else leads closer.
+                        exit = n >> 2;
+                        continue;
+                    }
+                    from = at;
+                    at = n >> 2;
+                    t = next;
+                    continue 'step;
+                }
+            }
+            if exit != NONE {
+                return exit;
+            }
+            // Coming from a ghost the first face was not tested; it is the only one that can be left.
+            if from != NONE && self.tets[from as usize].is_ghost() {
+                let g = &self.tets[from as usize];
+                let [a, b, c] = [g.v[0], g.v[1], g.v[2]].map(|v| &self.points[v as usize]);
+                if orient3d(a, b, c, q) == Ordering::Greater {
+                    return from;
+                }
+            }
+            return at;
+        }
+    }
+}

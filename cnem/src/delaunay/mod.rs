@@ -1,0 +1,253 @@
+//! Delaunay tetrahedralisation of a set of points, by incremental insertion with exact predicates.
+//!
+//! Bowyer-Watson: the tetrahedra whose circumsphere holds the new point form a star-shaped cavity, which is replaced by
+//! the star of the point. The outside of the convex hull is filled with ghost tetrahedra, so the complex has no border.
+//! Ties are broken by node index (see [`crate::predicates`]): the result does not depend on the order of insertion,
+//! and no flat tetrahedron arises on grids, cylinders or spheres.
+//!
+//! The complex fills the convex hull; constrained faces are the business of [`crate::constraint`].
+
+mod build;
+mod insert;
+mod locate;
+#[cfg(test)]
+mod tests;
+
+use crate::error::Result;
+use crate::tet::{EdgeTable, INF, Tet};
+use nalgebra::{Point3, Vector3};
+
+pub use locate::Location;
+
+/// Delaunay tetrahedralisation: fills the convex hull of the nodes.
+///
+/// ```
+/// use nalgebra::Point3;
+/// let corner = |i: u32| Point3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
+/// let cube: Vec<_> = (0..8).map(corner).collect();
+/// let delaunay = cnem::delaunay::Delaunay::new(&cube)?;
+/// let volume: f64 = delaunay.tetrahedra().map(|t| cnem::delaunay::volume(t.map(|v| &cube[v]))).sum();
+/// assert!((volume - 1.0).abs() < 1e-15);
+/// # Ok::<(), cnem::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Delaunay {
+    /// Points in the numbering of `tets`.
+    pub(crate) points: Vec<Point3<f64>>,
+    pub(crate) tets: Vec<Tet>,
+    /// A tetrahedron at every vertex; `NONE` for duplicates.
+    pub(crate) at_vertex: Vec<u32>,
+    duplicates: Vec<(usize, usize)>,
+    /// Rank of the vertices in the tie-break; empty when it is the index.
+    rank: Vec<u32>,
+    work: insert::Work,
+}
+
+impl Delaunay {
+    /// Tetrahedralises distinct points.
+    ///
+    /// # Errors
+    /// `NonFinite`, `TooManyNodes`, `TooFewNodes`, `AllCollinear`, `AllCoplanar`, and `DuplicateNodes` if two points
+    /// are exactly equal (points that differ in the last bit are distinct).
+    pub fn new(points: &[Point3<f64>]) -> Result<Self> {
+        let built = Self::merging_duplicates(points)?;
+        match built.duplicates.first() {
+            None => Ok(built),
+            Some(&(second, first)) => Err(crate::Error::DuplicateNodes {
+                first,
+                second,
+                point: points[second].into(),
+                count: built.duplicates.len(),
+            }),
+        }
+    }
+
+    /// As [`Delaunay::new`], but leaves out points that repeat another; see [`Delaunay::duplicates`].
+    ///
+    /// # Errors
+    /// As [`Delaunay::new`], without `DuplicateNodes`.
+    pub fn merging_duplicates(points: &[Point3<f64>]) -> Result<Self> {
+        build::build(points)
+    }
+
+    /// Pairs `(left out, kept)` of equal points, sorted.
+    pub fn duplicates(&self) -> &[(usize, usize)] {
+        &self.duplicates
+    }
+
+    /// The points, those inserted later at the end.
+    pub fn points(&self) -> &[Point3<f64>] {
+        &self.points
+    }
+
+    /// Vertices of the tetrahedra, each with a positive volume.
+    pub fn tetrahedra(&self) -> impl Iterator<Item = [usize; 4]> + '_ {
+        self.tets
+            .iter()
+            .filter(|t| !t.is_ghost())
+            .map(|t| t.v.map(|v| v as usize))
+    }
+
+    /// Number of tetrahedra.
+    pub fn tetrahedron_count(&self) -> usize {
+        self.tets.iter().filter(|t| !t.is_ghost()).count()
+    }
+
+    /// Faces of the convex hull, normals outward.
+    pub fn hull(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
+        self.tets
+            .iter()
+            .filter(|t| t.is_ghost())
+            .map(|t| [t.v[0], t.v[1], t.v[2]].map(|v| v as usize))
+    }
+
+    /// Corner points of a finite tetrahedron.
+    #[inline]
+    pub(crate) fn corners(&self, t: &Tet) -> [&Point3<f64>; 4] {
+        t.v.map(|v| &self.points[v as usize])
+    }
+
+    /// Rank of a vertex in the tie-break.
+    #[inline]
+    pub(crate) fn rank(&self, v: u32) -> u64 {
+        u64::from(self.rank.get(v as usize).copied().unwrap_or(v))
+    }
+
+    /// True if `t` is in conflict with the point `q` of the given rank: its (perturbed) circumsphere holds `q`.
+    #[inline]
+    pub(crate) fn conflicts(&self, tet: u32, q: &Point3<f64>, rank: u64) -> bool {
+        let t = &self.tets[tet as usize];
+        if t.is_ghost() {
+            self.ghost_conflicts(t, q, rank)
+        } else {
+            self.sphere_holds(t, q, rank)
+        }
+    }
+
+    #[inline]
+    fn sphere_holds(&self, t: &Tet, q: &Point3<f64>, rank: u64) -> bool {
+        use std::cmp::Ordering::{Equal, Greater, Less};
+        let corners = self.corners(t);
+        match crate::predicates::insphere(corners, q) {
+            Greater => true,
+            Less => false,
+            Equal => {
+                let [a, b, c, d] = t.v.map(|v| self.rank(v));
+                crate::predicates::insphere_perturbed(corners, q, [a, b, c, d, rank])
+            }
+        }
+    }
+
+    /// A ghost holds the open half space beyond its hull face and, in the plane of the face, the circle that the
+    /// circumsphere of the tetrahedron behind cuts out of it.
+    fn ghost_conflicts(&self, t: &Tet, q: &Point3<f64>, rank: u64) -> bool {
+        use std::cmp::Ordering::{Equal, Greater, Less};
+        let [a, b, c] = [t.v[0], t.v[1], t.v[2]].map(|v| &self.points[v as usize]);
+        match crate::predicates::orient3d(a, b, c, q) {
+            Greater => true,
+            Less => false,
+            Equal => self.sphere_holds(&self.tets[(t.n[3] >> 2) as usize], q, rank),
+        }
+    }
+
+    /// Tetrahedra (ghosts too) that contain a vertex.
+    pub(crate) fn star(&self, vertex: u32, out: &mut Vec<u32>) {
+        out.clear();
+        let first = self.at_vertex[vertex as usize];
+        if first == crate::tet::NONE {
+            return;
+        }
+        out.push(first);
+        let mut next = 0;
+        while next < out.len() {
+            let t = &self.tets[out[next] as usize];
+            next += 1;
+            for (&v, &n) in t.v.iter().zip(&t.n) {
+                if v != vertex && !out.contains(&(n >> 2)) {
+                    out.push(n >> 2);
+                }
+            }
+        }
+    }
+
+    /// Tetrahedron and slot of the face with the given vertices, if it is in the complex.
+    pub(crate) fn face(&self, v: [u32; 3], star: &mut Vec<u32>) -> Option<(u32, usize)> {
+        self.star(v[0], star);
+        star.iter()
+            .find_map(|&t| self.tets[t as usize].slot_opposite(v).map(|slot| (t, slot)))
+    }
+
+    /// Drops the slots that insertions have left unused.
+    pub(crate) fn tidy(&mut self) {
+        self.compact();
+        self.refresh_at_vertex(0);
+    }
+
+    /// Checks adjacency, orientation and the empty-sphere property over every face by exact predicates; returns the
+    /// number of violations. Locally Delaunay everywhere is globally Delaunay.
+    pub fn violations(&self) -> usize {
+        let mut bad = 0;
+        for (i, t) in self.tets.iter().enumerate() {
+            if !t.is_ghost() {
+                let [a, b, c, d] = self.corners(t);
+                bad += usize::from(crate::predicates::orient3d(a, b, c, d) != std::cmp::Ordering::Greater);
+            }
+            for (slot, &n) in t.n.iter().enumerate() {
+                let other = &self.tets[(n >> 2) as usize];
+                let back = other.n[(n & 3) as usize];
+                bad += usize::from(back != ((i as u32) << 2 | slot as u32));
+                let apex = other.v[(n & 3) as usize];
+                if apex != INF && !t.is_ghost() {
+                    let q = &self.points[apex as usize];
+                    bad += usize::from(self.sphere_holds(t, q, self.rank(apex)));
+                }
+                if apex != INF && t.is_ghost() && slot == 3 {
+                    let [a, b, c] = [t.v[0], t.v[1], t.v[2]].map(|v| &self.points[v as usize]);
+                    bad += usize::from(
+                        crate::predicates::orient3d(a, b, c, &self.points[apex as usize])
+                            != std::cmp::Ordering::Less,
+                    );
+                }
+            }
+        }
+        bad
+    }
+}
+
+/// Signed volume of a tetrahedron (m^3), positive for the orientation of [`crate::predicates::orient3d`].
+pub fn volume(t: [&Point3<f64>; 4]) -> f64 {
+    let [a, b, c, d] = t;
+    (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0
+}
+
+/// Gradients (1/m) of the linear functions of a tetrahedron, and its volume (m^3).
+pub(crate) fn linear_gradients(p: &[Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64) {
+    let six = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));
+    let gradients = crate::tet::FACES.map(|f| {
+        let [a, b, c] = f.map(|k| p[k]);
+        -(b - a).cross(&(c - a)) / six
+    });
+    (gradients, six / 6.0)
+}
+
+/// Linear functions of a tetrahedron at any point, from their gradients.
+pub(crate) fn linear_values(p: &[Point3<f64>; 4], gradients: &[Vector3<f64>; 4], x: &Point3<f64>) -> [f64; 4] {
+    let value = |k: usize| gradients[k].dot(&(x - p[0]));
+    let [b, c, d] = [value(1), value(2), value(3)];
+    [1.0 - b - c - d, b, c, d]
+}
+
+impl Delaunay {
+    fn empty(points: Vec<Point3<f64>>, rank: Vec<u32>) -> Self {
+        let mut table = EdgeTable::default();
+        table.reserve(points.len());
+        Self {
+            at_vertex: Vec::new(),
+            tets: Vec::with_capacity(points.len() * 7 + 64),
+            points,
+            duplicates: Vec::new(),
+            rank,
+            work: insert::Work::new(table),
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! Everything that can go wrong, with the numbers and the way out.
+
+/// Result of this crate's functions.
+pub type Result<V, E = Error> = std::result::Result<V, E>;
+
+/// Failure of a construction or of a query.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A coordinate is NaN or infinite.
+    #[error("node {node} has the coordinates {point:?}, which are not finite; remove or repair it")]
+    NonFinite {
+        /// Index of the first such node.
+        node: usize,
+        /// Its coordinates.
+        point: [f64; 3],
+    },
+    /// Fewer than four distinct nodes.
+    #[error("{found} distinct nodes were given, at least 4 are needed to span a volume")]
+    TooFewNodes {
+        /// Number of distinct nodes.
+        found: usize,
+    },
+    /// All nodes lie on one straight line (exactly).
+    #[error("all {nodes} nodes lie on one straight line; add nodes off the line to span a volume")]
+    AllCollinear {
+        /// Number of nodes.
+        nodes: usize,
+    },
+    /// All nodes lie in one plane (exactly).
+    #[error("all {nodes} nodes lie in one plane; add nodes off the plane to span a volume")]
+    AllCoplanar {
+        /// Number of nodes.
+        nodes: usize,
+    },
+    /// Two nodes have the same coordinates.
+    #[error(
+        "nodes {first} and {second} coincide at {point:?} ({count} duplicates in all); \
+         remove them or build with Delaunay::merging_duplicates"
+    )]
+    DuplicateNodes {
+        /// The node kept.
+        first: usize,
+        /// The node with the same coordinates.
+        second: usize,
+        /// Their position.
+        point: [f64; 3],
+        /// Number of nodes that repeat an earlier one.
+        count: usize,
+    },
+    /// More nodes or tetrahedra than 32-bit indices can name.
+    #[error("{nodes} nodes exceed the limit of {limit} for 32-bit indices; split the model")]
+    TooManyNodes {
+        /// Number of nodes given.
+        nodes: usize,
+        /// Largest number of nodes supported.
+        limit: usize,
+    },
+    /// A face or element names a node that does not exist.
+    #[error("face {face} names node {node}, but there are only {nodes} nodes")]
+    UnknownNode {
+        /// Index of the face (or element) in its list.
+        face: usize,
+        /// The node named.
+        node: usize,
+        /// Number of nodes.
+        nodes: usize,
+    },
+    /// A face has no area.
+    #[error("face {face} with nodes {nodes:?} has no area; remove it from the surface")]
+    FlatFace {
+        /// Index of the face in its list.
+        face: usize,
+        /// Its nodes.
+        nodes: [usize; 3],
+    },
+    /// The same three nodes are given as a face twice.
+    #[error("faces {first} and {second} have the same nodes {nodes:?}; keep one of them")]
+    RepeatedFace {
+        /// First face.
+        first: usize,
+        /// Second face.
+        second: usize,
+        /// Their nodes.
+        nodes: [usize; 3],
+    },
+    /// The boundary surface does not enclose a volume.
+    #[error(
+        "the boundary surface is open: edge {edge:?} belongs to {faces} faces, an even number is needed \
+         ({open_edges} such edges in all); close the surface or give the faces as crack faces"
+    )]
+    OpenSurface {
+        /// Nodes of the first open edge.
+        edge: [usize; 2],
+        /// Number of faces at that edge.
+        faces: usize,
+        /// Number of open edges.
+        open_edges: usize,
+    },
+    /// Two constrained faces cross each other.
+    #[error(
+        "constrained faces {first} and {second} intersect ({count} pairs in all); \
+         cut the surface along the intersection or separate the faces"
+    )]
+    SelfIntersection {
+        /// First face (boundary faces first, then crack faces).
+        first: usize,
+        /// Second face.
+        second: usize,
+        /// Number of intersecting pairs.
+        count: usize,
+    },
+    /// A node lies outside the boundary surface.
+    #[error(
+        "node {node} at {point:?} lies outside the boundary surface ({count} such nodes in all); \
+         remove it or enlarge the surface"
+    )]
+    NodeOutside {
+        /// First such node.
+        node: usize,
+        /// Its position.
+        point: [f64; 3],
+        /// Number of nodes outside.
+        count: usize,
+    },
+    /// Constrained faces could not be made faces of the Delaunay complex.
+    #[error(
+        "{count} constrained faces are not in the Delaunay complex after {inserted} inserted points \
+         (limit {limit}), first ones {faces:?}; refine the surface there or allow more points"
+    )]
+    FacesNotRecovered {
+        /// The first of the missing input faces (at most 16).
+        faces: Vec<usize>,
+        /// Number of missing input faces.
+        count: usize,
+        /// Points inserted so far.
+        inserted: usize,
+        /// Largest number of points allowed.
+        limit: usize,
+    },
+    /// The constrained faces bound no tetrahedron.
+    #[error(
+        "the boundary surface of {faces} faces encloses no volume; check that it is not folded onto itself"
+    )]
+    EmptyDomain {
+        /// Number of boundary faces.
+        faces: usize,
+    },
+    /// A query point is outside the domain.
+    #[error(
+        "point {point:?} is outside the domain by more than {tolerance:e}; \
+         move it inside or ask only for points of the closed domain"
+    )]
+    OutsideDomain {
+        /// The point.
+        point: [f64; 3],
+        /// Absolute tolerance used (m).
+        tolerance: f64,
+    },
+    /// The Voronoi cells do not fill the domain.
+    #[error(
+        "the constrained Voronoi cells fill {filled:e} of the domain's volume {volume:e} \
+         (relative defect above {tolerance:e}); refine the nodes on the constrained faces"
+    )]
+    CellsDoNotFill {
+        /// Sum of the cell volumes (m^3).
+        filled: f64,
+        /// Volume of the domain (m^3).
+        volume: f64,
+        /// Relative tolerance.
+        tolerance: f64,
+    },
+    /// A parameter has a value that makes no sense.
+    #[error("{name} = {value}: {rule}")]
+    Parameter {
+        /// Name of the parameter.
+        name: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must satisfy.
+        rule: &'static str,
+    },
+    /// A selection found nothing.
+    #[error("no {what} of '{model}' satisfies the condition ({candidates} were looked at); check it")]
+    EmptySelection {
+        /// Name of the model.
+        model: String,
+        /// What was looked for.
+        what: &'static str,
+        /// How many there are.
+        candidates: usize,
+    },
+}
+
+/// Shorthand for [`Error::Parameter`].
+pub(crate) fn parameter(name: &'static str, value: impl std::fmt::Display, rule: &'static str) -> Error {
+    Error::Parameter {
+        name,
+        value: value.to_string(),
+        rule,
+    }
+}
+
+impl From<Error> for arlequin_core::Error {
+    fn from(e: Error) -> Self {
+        match e {
+            Error::Parameter { name, value, rule } => arlequin_core::error::invalid(name, value, rule),
+            Error::OutsideDomain { point, .. } => Self::OutsideDomain {
+                point,
+                role: "natural-neighbour".into(),
+            },
+            other => Self::Model {
+                model: "cnem".into(),
+                message: other.to_string(),
+            },
+        }
+    }
+}

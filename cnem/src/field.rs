@@ -1,0 +1,287 @@
+//! Natural-neighbour fields and multiplier spaces: what the coupling evaluates.
+//!
+//! Shape functions sum to one and reproduce linear fields at every point of the closed domain, whatever the nodes: the
+//! centres of particles will do, without any mesh or connectivity.
+
+use crate::constraint::Surface;
+use crate::delaunay::linear_gradients;
+use crate::domain::Domain;
+use crate::error::{Result, parameter};
+use crate::natural::{Kind, Scratch};
+use arlequin_core::field::{Interpolation, ShapeRow, outside};
+use arlequin_core::geometry::{Cell, Polyhedron};
+use arlequin_core::mediator::Mediator;
+use nalgebra::Point3;
+use std::sync::{Mutex, PoisonError};
+
+/// Distance outside the domain, relative to its largest coordinate, up to which points are served by the linear functions of the
+/// nearest tetrahedron. Intersections of cells and points moved to a surface are off by 1e-12 or so.
+const NEAR: f64 = 1e-9;
+
+/// A natural-neighbour field on nodes or particle centres.
+#[derive(Debug)]
+pub struct NaturalField {
+    domain: Domain,
+    kind: Kind,
+    /// Tetrahedron of every cell.
+    elements: Vec<u32>,
+    /// Working memory that is not in use.
+    pool: Mutex<Vec<Scratch>>,
+}
+
+impl Clone for NaturalField {
+    fn clone(&self) -> Self {
+        Self {
+            domain: self.domain.clone(),
+            kind: self.kind,
+            elements: self.elements.clone(),
+            pool: Mutex::default(),
+        }
+    }
+}
+
+impl NaturalField {
+    /// Field on the nodes of a domain.
+    pub fn new(domain: Domain, kind: Kind) -> Self {
+        Self {
+            elements: domain.element_ids(),
+            domain,
+            kind,
+            pool: Mutex::default(),
+        }
+    }
+
+    /// Field on points alone, such as the centres of particles; its domain is their convex hull.
+    ///
+    /// ```
+    /// use arlequin_core::field::{Interpolation, ShapeRow};
+    /// use cnem::{NaturalField, natural::Kind};
+    /// use nalgebra::Point3;
+    /// let corner = |i: u32| Point3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
+    /// let field = NaturalField::from_points(&(0..8).map(corner).collect::<Vec<_>>(), Kind::Laplace)?;
+    /// let mut row = ShapeRow::default();
+    /// field.shape_at(&Point3::new(0.25, 0.5, 0.5), false, &mut row)?;
+    /// assert!((row.values.iter().sum::<f64>() - 1.0).abs() < 1e-14);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Domain::new`].
+    pub fn from_points(points: &[Point3<f64>], kind: Kind) -> Result<Self> {
+        Ok(Self::new(Domain::new(points, &Surface::convex_hull())?, kind))
+    }
+
+    /// Field on points within a surface. The nodes are the given points: nothing is inserted.
+    ///
+    /// # Errors
+    /// Those of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where points would have to be inserted.
+    pub fn within(points: &[Point3<f64>], surface: &Surface, kind: Kind) -> Result<Self> {
+        Ok(Self::new(Domain::with_limit(points, surface, 0)?, kind))
+    }
+
+    /// The domain.
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// Which shape functions.
+    pub fn shape_kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// Mean edge length of the tetrahedra \[m\].
+    pub fn mean_edge(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for t in self.domain.elements() {
+            let p = t.map(|v| self.domain.nodes()[v]);
+            for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+                sum += (p[i] - p[j]).norm();
+                count += 1.0;
+            }
+        }
+        sum / count
+    }
+
+    fn evaluate(
+        &self,
+        tet: Option<u32>,
+        x: &Point3<f64>,
+        gradient: bool,
+        row: &mut ShapeRow<f64>,
+    ) -> arlequin_core::Result<()> {
+        let free = || self.pool.lock().unwrap_or_else(PoisonError::into_inner);
+        let popped = free().pop();
+        let mut scratch = popped.unwrap_or_default();
+        row.clear();
+        let found = match tet {
+            Some(tet) => Ok(self.domain.shape_within(self.kind, x, tet, &mut scratch, gradient)),
+            None if gradient => self.domain.shape_with_gradients(self.kind, x, &mut scratch),
+            None => self.domain.shape(self.kind, x, &mut scratch),
+        };
+        let done = match found {
+            Ok(found) => {
+                for (k, (&node, &value)) in found.nodes.iter().zip(&found.values).enumerate() {
+                    if gradient {
+                        row.push_with_gradient(node, value, found.gradients[k]);
+                    } else if value != 0.0 {
+                        row.push(node, value);
+                    }
+                }
+                Ok(())
+            }
+            Err(_) => self.near(x, gradient, row),
+        };
+        free().push(scratch);
+        done
+    }
+
+    /// Linear functions of the nearest tetrahedron, for points that are outside by round-off.
+    fn near(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> arlequin_core::Result<()> {
+        let Some(tet) = self.domain.locate_near(x, NEAR) else {
+            return Err(outside(x, self.kind()));
+        };
+        let nodes = self.domain.corners_of(tet);
+        let p = nodes.map(|v| self.domain.nodes()[v]);
+        let gradients = linear_gradients(&p).0;
+        let values = crate::delaunay::linear_values(&p, &gradients, x);
+        for k in 0..4 {
+            if gradient {
+                row.push_with_gradient(nodes[k], values[k], gradients[k]);
+            } else {
+                row.push(nodes[k], values[k]);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Interpolation<f64> for NaturalField {
+    fn nodes(&self) -> &[Point3<f64>] {
+        self.domain.nodes()
+    }
+
+    fn shape_at(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> arlequin_core::Result<()> {
+        self.evaluate(None, x, gradient, row)
+    }
+
+    fn shape_in(
+        &self,
+        cell: usize,
+        x: &Point3<f64>,
+        gradient: bool,
+        row: &mut ShapeRow<f64>,
+    ) -> arlequin_core::Result<()> {
+        self.evaluate(self.elements.get(cell).copied(), x, gradient, row)
+    }
+
+    /// The tetrahedra of the domain.
+    fn cells(&self) -> Vec<Cell<f64>> {
+        let corners = |t: [usize; 4]| t.map(|v| self.domain.nodes()[v]);
+        self.domain
+            .elements()
+            .map(|t| Cell::Polyhedron(Polyhedron::tetrahedron(corners(t))))
+            .collect()
+    }
+
+    /// Natural-neighbour functions are no polynomials; linear functions are their best fit on a tetrahedron.
+    fn degree(&self) -> usize {
+        1
+    }
+
+    fn kind(&self) -> &'static str {
+        "natural-neighbour"
+    }
+}
+
+/// A multiplier space of natural-neighbour functions on nodes of its own, which need no mesh.
+#[derive(Debug, Clone)]
+pub struct CnemMediator {
+    field: NaturalField,
+    spacing: f64,
+    voronoi: Option<Vec<Cell<f64>>>,
+}
+
+impl CnemMediator {
+    /// Mediator on the nodes of a domain that fills the overlap; its spacing `h_B` is the mean edge length.
+    pub fn new(domain: Domain, kind: Kind) -> Self {
+        let field = NaturalField::new(domain, kind);
+        Self {
+            spacing: field.mean_edge(),
+            field,
+            voronoi: None,
+        }
+    }
+
+    /// Mediator on free nodes whose convex hull is the overlap.
+    ///
+    /// # Errors
+    /// Those of [`Domain::new`].
+    pub fn from_points(points: &[Point3<f64>], kind: Kind) -> Result<Self> {
+        Ok(Self::new(Domain::new(points, &Surface::convex_hull())?, kind))
+    }
+
+    /// The same mediator with a given spacing `h_B` \[m\].
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] unless it is positive and finite.
+    pub fn with_spacing(mut self, spacing: f64) -> Result<Self> {
+        if !(spacing.is_finite() && spacing > 0.0) {
+            return Err(parameter("mediator spacing", spacing, "must be positive and finite [m]"));
+        }
+        self.spacing = spacing;
+        Ok(self)
+    }
+
+    /// The same mediator with the Voronoi cells of its nodes as integration background instead of the tetrahedra.
+    ///
+    /// # Errors
+    /// Those of [`Domain::voronoi`].
+    pub fn with_voronoi_cells(mut self) -> Result<Self> {
+        let cells = self.field.domain.voronoi()?;
+        let mut work = crate::voronoi::CellBodies::default();
+        let bodies = (0..cells.len()).flat_map(|i| self.field.domain.cell_bodies(&cells, i, &mut work));
+        self.voronoi = Some(bodies.collect());
+        Ok(self)
+    }
+
+    /// The natural-neighbour field.
+    pub fn field(&self) -> &NaturalField {
+        &self.field
+    }
+}
+
+impl Interpolation<f64> for CnemMediator {
+    fn nodes(&self) -> &[Point3<f64>] {
+        self.field.nodes()
+    }
+    fn shape_at(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> arlequin_core::Result<()> {
+        self.field.shape_at(x, gradient, row)
+    }
+    fn shape_in(
+        &self,
+        cell: usize,
+        x: &Point3<f64>,
+        gradient: bool,
+        row: &mut ShapeRow<f64>,
+    ) -> arlequin_core::Result<()> {
+        match self.voronoi {
+            None => self.field.shape_in(cell, x, gradient, row),
+            Some(_) => self.field.shape_at(x, gradient, row),
+        }
+    }
+    fn cells(&self) -> Vec<Cell<f64>> {
+        self.voronoi.clone().unwrap_or_else(|| self.field.cells())
+    }
+    fn degree(&self) -> usize {
+        self.field.degree()
+    }
+    fn kind(&self) -> &'static str {
+        "mediator"
+    }
+}
+
+impl Mediator<f64> for CnemMediator {
+    fn spacing(&self) -> f64 {
+        self.spacing
+    }
+}

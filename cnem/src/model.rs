@@ -1,0 +1,315 @@
+//! The natural element model: weighted stiffness by nodal integration, lumped mass, both roles of the coupling.
+//!
+//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_I α_I V_I B̃_Iᵀ A B̃_I` (see [`crate::scni`]) and `M_β,I = β_I ρ V_I`, where `V_I` is
+//! the volume of the constrained Voronoi cell of node `I` and `α_I`, `β_I` are the means of the weights over it. With nodal
+//! weighting, kept for comparison with the literature, the unweighted force and mass of node `I` are multiplied by
+//! `α(x_I)` and `β(x_I)`; such a model has no symmetric stiffness and is not offered as a linear one.
+//!
+//! The mass of a node is that of its own cell alone, but its stiffness comes from the cells around it as well: a weight
+//! that falls to zero within one spacing leaves light nodes on stiff neighbours. The critical step therefore depends
+//! on the smallest weight, unlike that of models whose mass is shared over elements; `ε` of a few per cent keeps it.
+
+use crate::domain::Domain;
+use crate::error::{Error, Result, parameter};
+use crate::field::NaturalField;
+use crate::material::Elastic;
+use crate::natural::Kind;
+use crate::scni::{BlockMatrix, BoundaryFacet, Smoothing, Stabilisation, SubCells};
+use crate::voronoi::{CellBodies, Voronoi};
+use arlequin_core::effect::SurfaceFacet;
+use arlequin_core::field::Interpolation;
+use arlequin_core::geometry::Cell;
+use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model};
+use arlequin_core::sprs::CsMat;
+use arlequin_core::weight::{Weight, Weighting};
+use nalgebra::Point3;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Choices of the method.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Shape functions.
+    pub kind: Kind,
+    /// Cure of the spurious modes.
+    pub stabilisation: Stabilisation,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            kind: Kind::Laplace,
+            stabilisation: Stabilisation::default(),
+        }
+    }
+}
+
+/// A linear elastic body discretised by natural elements.
+#[derive(Debug, Clone)]
+pub struct CnemModel {
+    name: String,
+    field: Arc<NaturalField>,
+    cells: Voronoi,
+    material: Elastic,
+    options: Options,
+    smoothing: Smoothing,
+    sub: SubCells,
+    stiffness: BlockMatrix,
+    /// `α(x_I)` with nodal weighting.
+    factors: Option<Vec<f64>>,
+}
+
+impl CnemModel {
+    /// Model with all weights one: a body that is not coupled. Its nodes are those of the domain, in the same order.
+    ///
+    /// ```
+    /// use arlequin_core::model::Model;
+    /// use cnem::{CnemModel, Elastic, Options, constraint::Surface, domain::Domain};
+    /// use nalgebra::Point3;
+    /// let grid: Vec<_> =
+    ///     (0..27).map(|i| Point3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9))).collect();
+    /// let domain = Domain::new(&grid, &Surface::convex_hull())?;
+    /// let cube = CnemModel::new("cube", domain, Elastic::new(1.0, 0.0, 1.0)?, Options::default())?;
+    /// let stretched: Vec<f64> = cube.nodes().iter().flat_map(|p| [0.01 * p.x, 0.0, 0.0]).collect();
+    /// assert!((cube.internal_energy(&stretched) - 0.5e-4 * 8.0).abs() < 1e-15);
+    /// # Ok::<(), cnem::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Domain::voronoi`], and [`Error::Parameter`] for an amount of stabilisation that is negative or above 1.
+    pub fn new(name: &str, domain: Domain, material: Elastic, options: Options) -> Result<Self> {
+        let amount = match options.stabilisation {
+            Stabilisation::None => 0.0,
+            Stabilisation::SubCells(a) => a,
+        };
+        if !(0.0..=1.0).contains(&amount) {
+            return Err(parameter("stabilisation", amount, "must be between 0 and 1"));
+        }
+        let cells = domain.voronoi()?;
+        let mut smoothing = Smoothing::new(&domain, &cells, options.kind)?;
+        let sub = SubCells::new(&domain, &mut smoothing, amount);
+        let ones = vec![1.0; cells.len()];
+        Ok(Self {
+            name: name.to_owned(),
+            stiffness: BlockMatrix::new(&smoothing, &sub, &material, &ones),
+            field: Arc::new(NaturalField::new(domain, options.kind)),
+            cells,
+            material,
+            options,
+            smoothing,
+            sub,
+            factors: None,
+        })
+    }
+
+    /// The domain.
+    pub fn domain(&self) -> &Domain {
+        self.field.domain()
+    }
+
+    /// The integration cells.
+    pub fn cells(&self) -> &Voronoi {
+        &self.cells
+    }
+
+    /// The material.
+    pub fn material(&self) -> &Elastic {
+        &self.material
+    }
+
+    /// The choices made.
+    pub fn options(&self) -> Options {
+        self.options
+    }
+
+    /// The displacement field.
+    pub fn field(&self) -> Arc<NaturalField> {
+        self.field.clone()
+    }
+
+    /// Number of 3 × 3 blocks stored for the internal forces.
+    pub fn stored_blocks(&self) -> usize {
+        self.stiffness.blocks()
+    }
+
+    /// Facets of cells whose centroid lies outside the domain, next to a re-entrant edge; the linear functions of a
+    /// tetrahedron are used there.
+    pub fn extrapolated_facets(&self) -> usize {
+        self.smoothing.extrapolated
+    }
+
+    /// The parts of the boundary and of crack faces that belong to the cells.
+    pub fn boundary(&self) -> &[BoundaryFacet] {
+        &self.smoothing.boundary
+    }
+
+    /// Surface facets for loads, those of [`CnemModel::boundary`] that satisfy a condition. A facet's share of a node is its
+    /// area times the node's shape function at its centre: the rule of the nodal integration, so that a constant
+    /// stress is in equilibrium with its tractions to round-off.
+    ///
+    /// # Errors
+    /// [`Error::EmptySelection`].
+    pub fn surface(&self, select: impl Fn(&BoundaryFacet) -> bool) -> Result<Vec<SurfaceFacet<f64>>> {
+        let to_core = |f: &BoundaryFacet| {
+            let area = f.area.norm();
+            SurfaceFacet {
+                nodes: f.nodes.clone(),
+                shares: f.values.iter().map(|v| v * area).collect(),
+                centre: f.centroid,
+                normal: f.area / area,
+            }
+        };
+        let found: Vec<_> = self.boundary().iter().filter(|f| select(f)).map(to_core).collect();
+        if found.is_empty() {
+            return Err(self.nothing("boundary facet", self.boundary().len()));
+        }
+        Ok(found)
+    }
+
+    /// Nodes that satisfy a condition, for supports and probes.
+    ///
+    /// # Errors
+    /// [`Error::EmptySelection`].
+    pub fn select_nodes(&self, select: impl Fn(&Point3<f64>) -> bool) -> Result<Vec<usize>> {
+        let nodes = self.domain().nodes();
+        let found: Vec<_> = (0..nodes.len()).filter(|&i| select(&nodes[i])).collect();
+        if found.is_empty() {
+            return Err(self.nothing("node", nodes.len()));
+        }
+        Ok(found)
+    }
+
+    fn nothing(&self, what: &'static str, candidates: usize) -> Error {
+        Error::EmptySelection {
+            model: self.name.clone(),
+            what,
+            candidates,
+        }
+    }
+
+    /// Mean of a weight over every cell \[–\].
+    fn cell_means(&self, weight: &dyn Weight<f64>) -> Vec<f64> {
+        let mean = |work: &mut CellBodies, i: usize| {
+            let bodies = self.domain().cell_bodies(&self.cells, i, work);
+            if let [body] = bodies.as_slice() {
+                return weight.mean(body);
+            }
+            let sizes: Vec<f64> = bodies.iter().map(Cell::measure).collect();
+            let sum: f64 = bodies.iter().zip(&sizes).map(|(b, v)| weight.mean(b) * v).sum();
+            sum / sizes.iter().sum::<f64>()
+        };
+        (0..self.cells.len())
+            .into_par_iter()
+            .map_init(CellBodies::default, mean)
+            .collect()
+    }
+
+    fn check_size(&self, what: &str, found: usize) -> arlequin_core::Result<()> {
+        let expected = self.layout().dofs();
+        if found == expected {
+            return Ok(());
+        }
+        Err(arlequin_core::Error::SizeMismatch {
+            what: format!("{what} of model '{}'", self.name),
+            expected,
+            found,
+        })
+    }
+}
+
+impl Model<f64> for CnemModel {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn kind(&self) -> &str {
+        "cnem"
+    }
+
+    fn layout(&self) -> DofLayout {
+        DofLayout {
+            nodes: self.cells.len(),
+            components: 3,
+            rotations: 0,
+        }
+    }
+
+    fn nodes(&self) -> &[Point3<f64>] {
+        self.domain().nodes()
+    }
+
+    fn lumped_inertia(
+        &self,
+        weight: &dyn Weight<f64>,
+        weighting: Weighting,
+        out: &mut [f64],
+    ) -> arlequin_core::Result<()> {
+        self.check_size("inertia", out.len())?;
+        let factors: Vec<f64> = match weighting {
+            Weighting::Energy => self.cell_means(weight),
+            Weighting::Nodal => self.nodes().iter().map(|x| weight.at(x)).collect(),
+        };
+        for ((out, v), w) in out.chunks_exact_mut(3).zip(self.cells.volumes()).zip(factors) {
+            out.fill(self.material.density() * v * w);
+        }
+        arlequin_core::scalar::check_finite("weighted inertia", out)
+    }
+
+    fn set_internal_weight(
+        &mut self,
+        alpha: &dyn Weight<f64>,
+        weighting: Weighting,
+    ) -> arlequin_core::Result<()> {
+        let (means, factors) = match weighting {
+            Weighting::Energy => (self.cell_means(alpha), None),
+            Weighting::Nodal => (
+                vec![1.0; self.cells.len()],
+                Some(self.nodes().iter().map(|x| alpha.at(x)).collect::<Vec<_>>()),
+            ),
+        };
+        arlequin_core::scalar::check_finite("cell weights", &means)?;
+        arlequin_core::scalar::check_finite("nodal weights", factors.as_deref().unwrap_or_default())?;
+        self.stiffness = BlockMatrix::new(&self.smoothing, &self.sub, &self.material, &means);
+        self.factors = factors;
+        Ok(())
+    }
+
+    fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.check_size("displacements", q.len())?;
+        self.check_size("forces", f.len())?;
+        self.stiffness.subtract_product(q, self.factors.as_deref(), f);
+        Ok(())
+    }
+
+    /// `½ qᵀ K_α q` \[J\]; with nodal weighting `½ Σ_i α(x_i) q_i · (K q)_i`, which no force derives from. `q` must
+    /// have the length of the layout.
+    fn internal_energy(&self, q: &[f64]) -> f64 {
+        self.stiffness.energy(q, self.factors.as_deref())
+    }
+
+    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
+        match self.factors {
+            None => Some(self),
+            Some(_) => None,
+        }
+    }
+}
+
+impl LinearModel<f64> for CnemModel {
+    /// `K_α` with energy weighting; with nodal weighting the unweighted `K`.
+    fn stiffness(&self) -> CsMat<f64> {
+        self.stiffness.to_csr()
+    }
+}
+
+impl CoarseModel<f64> for CnemModel {
+    fn coarse_field(&self) -> Arc<dyn Interpolation<f64>> {
+        self.field.clone()
+    }
+}
+
+impl FineModel<f64> for CnemModel {
+    fn fine_field(&self) -> Arc<dyn Interpolation<f64>> {
+        self.field.clone()
+    }
+}

@@ -1,0 +1,228 @@
+//! The cavity of a point: tetrahedra in reach whose circumsphere holds it, and the border around them.
+
+use crate::circumcentre::{accurate, quick};
+use crate::domain::Domain;
+use crate::predicates::insphere;
+use crate::tet::{EdgeTable, FACES};
+use nalgebra::{Point3, Vector3};
+use std::cmp::Ordering;
+
+/// Relative width of the shell around a cached circumsphere in which the exact predicate is asked.
+const SHELL: f64 = 1e-10;
+/// How often a cavity is cut back before it is given up.
+const MAX_CUTS: usize = 64;
+
+/// Tetrahedron of the cavity.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Member {
+    tet: u32,
+    local: [u32; 4],
+    /// Circumcentre relative to the point.
+    pub(super) centre: Vector3<f64>,
+}
+
+/// Face of the cavity's border, counter-clockwise from outside, and the sphere through it and the point.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Border {
+    pub(super) local: [u32; 3],
+    pub(super) member: u32,
+    /// Centre of the sphere, relative to the point.
+    pub(super) centre: Vector3<f64>,
+    /// Six volumes of the face and the point.
+    pub(super) det: f64,
+}
+
+/// Face between two members, counter-clockwise from the second.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Inner {
+    pub(super) local: [u32; 3],
+    pub(super) members: [u32; 2],
+}
+
+/// Edge of the border, directed as in its first face, with the two faces.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ridge {
+    pub(super) ends: [u32; 2],
+    pub(super) faces: [u32; 2],
+}
+
+/// How the search for a star-shaped cavity ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shape {
+    /// Star-shaped at once.
+    Star,
+    /// Star-shaped after giving up tetrahedra.
+    Cut,
+    /// Not to be made star-shaped.
+    Lost,
+}
+
+/// Buffers of the cavity.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Cavity {
+    mark: Vec<u32>,
+    stamp: u32,
+    /// Member of a marked tetrahedron.
+    index: Vec<u32>,
+    table: EdgeTable,
+    banned: Vec<u32>,
+    pub(super) members: Vec<Member>,
+    pub(super) border: Vec<Border>,
+    pub(super) inner: Vec<Inner>,
+    pub(super) ridges: Vec<Ridge>,
+    /// Nodes of the cavity and their positions relative to the point, by local number.
+    pub(super) nodes: Vec<u32>,
+    pub(super) rel: Vec<Vector3<f64>>,
+}
+
+impl Cavity {
+    /// Makes room for a domain.
+    pub(super) fn fit(&mut self, domain: &Domain) {
+        let tets = domain.delaunay.tets.len();
+        if self.mark.len() < tets {
+            self.mark.resize(tets, 0);
+            self.index.resize(tets, 0);
+        }
+        self.table.reserve(domain.nodes().len());
+    }
+
+    /// Finds the cavity of `x`, which lies in the tetrahedron `start`, and cuts it back to star shape.
+    pub(super) fn find(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) -> Shape {
+        self.banned.clear();
+        for cuts in 0..MAX_CUTS {
+            self.reach(domain, x, start);
+            let banned = self.banned.len();
+            if self.build_border(domain, x) {
+                return if cuts == 0 { Shape::Star } else { Shape::Cut };
+            }
+            self.banned.retain(|&t| t != start);
+            if self.banned.len() == banned {
+                break;
+            }
+        }
+        Shape::Lost
+    }
+
+    fn next_stamp(&mut self) -> u32 {
+        if self.stamp >= (u32::MAX >> 1) - 1 {
+            self.mark.fill(0);
+            self.stamp = 0;
+        }
+        self.stamp += 1;
+        self.stamp
+    }
+
+    fn add_member(&mut self, domain: &Domain, x: &Point3<f64>, tet: u32) {
+        let t = &domain.delaunay.tets[tet as usize];
+        let local = t.v.map(|v| {
+            let local = self.table.local(v);
+            if local as usize == self.nodes.len() {
+                self.nodes.push(v);
+                self.rel.push(domain.delaunay.points[v as usize] - x);
+            }
+            local
+        });
+        let centre = self.rel[local[0] as usize] + domain.centre[tet as usize];
+        self.index[tet as usize] = self.members.len() as u32;
+        self.members.push(Member { tet, local, centre });
+    }
+
+    /// Collects the tetrahedra in reach, without the banned ones.
+    fn reach(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) {
+        let stamp = self.next_stamp();
+        let (out, inside) = (2 * stamp, 2 * stamp + 1);
+        self.table.reset(true);
+        self.members.clear();
+        self.border.clear();
+        self.inner.clear();
+        self.nodes.clear();
+        self.rel.clear();
+        self.mark[start as usize] = inside;
+        self.add_member(domain, x, start);
+        let mut next = 0;
+        while next < self.members.len() {
+            let Member { tet, local, .. } = self.members[next];
+            let t = &domain.delaunay.tets[tet as usize];
+            let walls = domain.walls[tet as usize];
+            for (slot, &n) in t.n.iter().enumerate() {
+                let other = n >> 2;
+                let mut mark = self.mark[other as usize];
+                let wall = walls >> slot & 1 == 1;
+                if !wall && mark < out {
+                    let holds = holds(domain, other, x) && !self.banned.contains(&other);
+                    mark = if holds { inside } else { out };
+                    self.mark[other as usize] = mark;
+                    if holds {
+                        self.add_member(domain, x, other);
+                    }
+                }
+                let face = FACES[slot].map(|k| local[k]);
+                if wall || mark == out {
+                    let member = next as u32;
+                    self.border.push(Border {
+                        local: face,
+                        member,
+                        centre: Vector3::zeros(),
+                        det: 0.0,
+                    });
+                } else if tet < other {
+                    let members = [next as u32, self.index[other as usize]];
+                    self.inner.push(Inner { local: face, members });
+                }
+            }
+            next += 1;
+        }
+    }
+
+    /// Spheres and ridges of the border. False, with the members behind them banned, if faces turn away from `x`.
+    fn build_border(&mut self, domain: &Domain, x: &Point3<f64>) -> bool {
+        let mut star = true;
+        self.ridges.clear();
+        for i in 0..self.border.len() {
+            let Border { local, member, .. } = self.border[i];
+            let [a, b, c] = local.map(|l| &self.rel[l as usize]);
+            let (centre, det) = quick(a, b, c).unwrap_or_else(|| {
+                let [a, b, c] = local.map(|l| &domain.delaunay.points[self.nodes[l as usize] as usize]);
+                accurate([x, a, b, c])
+            });
+            if det.is_nan() || det <= 0.0 {
+                star = false;
+                let tet = self.members[member as usize].tet;
+                if !self.banned.contains(&tet) {
+                    self.banned.push(tet);
+                }
+            }
+            let entry = &mut self.border[i];
+            entry.centre = centre;
+            entry.det = det;
+            for k in 0..3 {
+                let (p, q) = (local[k], local[(k + 1) % 3]);
+                if let Some(other) = self.table.pair(p, q, i as u32) {
+                    self.ridges.push(Ridge {
+                        ends: [p, q],
+                        faces: [i as u32, other],
+                    });
+                }
+            }
+        }
+        star
+    }
+}
+
+/// True if the circumsphere of a tetrahedron holds `x` strictly.
+#[inline]
+fn holds(domain: &Domain, tet: u32, x: &Point3<f64>) -> bool {
+    let t = &domain.delaunay.tets[tet as usize];
+    let offset = &domain.centre[tet as usize];
+    let centre = (domain.delaunay.points[t.v[0] as usize] - x) + offset;
+    let radius = offset.norm_squared();
+    let gap = radius - centre.norm_squared();
+    let margin = SHELL * radius;
+    if gap > margin {
+        return true;
+    }
+    if gap < -margin {
+        return false;
+    }
+    insphere(domain.delaunay.corners(t), x) == Ordering::Greater
+}

@@ -1,0 +1,315 @@
+//! Natural-neighbour shape functions on the constrained domain: Sibson and Laplace, values and gradients.
+//!
+//! The natural neighbours of `x` are the nodes of the tetrahedra whose circumsphere holds `x` and that are reached from
+//! the one around `x` without crossing a constrained face. With the dual facet `f_i` (area `a_i`, centroid `c_i`)
+//! between `x` and neighbour `n_i`:
+//!
+//! - Laplace: `alpha_i = a_i / |n_i - x|`, `phi_i = alpha_i / sum alpha`;
+//! - Sibson: `phi_i = V_i / sum V`, `V_i` the volume the cell of `x` takes from the cell of `n_i`;
+//!   `grad V_i = alpha_i (c_i - x)`.
+//!
+//! **Limits.** At a node: Kronecker delta. On an edge between two different constrained planes: linear. On a flat patch of
+//! constrained faces: 2D Sibson for Laplace, and the moments `integral of |y - n_i|^2 - |y - x|^2` over the 2D stolen
+//! areas (the C2 coordinate of Hiyoshi and Sugihara) for Sibson, of the nodes of the patch alone.
+//! Gradients there are taken 1e-6 of an element inside; at nodes they are one of the one-sided limits.
+//!
+//! **Re-entrant edges.** In 3D the reach of `x` can go round a re-entrant edge or a crack front, and the cavity is then not
+//! star-shaped: the tetrahedra behind faces that turn away from `x` are given up until it is, so that all neighbours
+//! see `x` in a straight line. If a weight still comes out negative (the dual of such a cavity need not be convex) or the
+//! numbers do not close, the linear functions of the tetrahedron around `x` are used. Both are counted.
+//!
+//! **Round-off.** What is left of `sum phi_i (n_i - x)` above 5e-14 of the neighbourhood's size is removed by the smallest
+//! change relative to the weights. Closer to a constrained plane than about 1e-9 of the spacing single weights lose digits
+//! (error about `1e-16 * spacing / distance`); unity and linear precision do not.
+
+mod cavity;
+mod planar;
+mod polish;
+#[cfg(test)]
+pub(crate) mod tests;
+mod weights;
+
+use crate::constraint::key;
+use crate::domain::Domain;
+use crate::error::Result;
+use crate::tet::FACES;
+use cavity::Shape;
+use nalgebra::{Point3, Vector3};
+
+/// Which natural-neighbour function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// Stolen volumes; C1 except at the nodes.
+    Sibson,
+    /// Facet area over distance (non-Sibsonian); C0, cheaper.
+    Laplace,
+}
+
+/// Shape functions at one point: `u(x) = sum values[k] u[nodes[k]]`.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Row {
+    /// Nodes with a (possibly zero) value.
+    pub nodes: Vec<usize>,
+    /// Values (no unit).
+    pub values: Vec<f64>,
+    /// Gradients (1/m); empty unless asked for.
+    pub gradients: Vec<Vector3<f64>>,
+}
+
+/// How often which branch was taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Cavities evaluated.
+    pub cavities: usize,
+    /// Points on nodes, constrained edges and patches.
+    pub limits: usize,
+    /// Cavities cut back to star shape near re-entrant edges and crack fronts.
+    pub reentrant: usize,
+    /// Evaluations that fell back to the linear functions of one tetrahedron (or one triangle of a patch).
+    pub linear: usize,
+    /// Rows whose linear residual exceeded 1e-12 of the neighbourhood's size before it was removed.
+    pub polished: usize,
+}
+
+/// Working memory of the evaluations, owned by the caller; one per thread. Nothing is allocated once it has grown.
+#[derive(Debug, Clone, Default)]
+pub struct Scratch {
+    row: Row,
+    counters: Counters,
+    near: Vec<u32>,
+    cavity: cavity::Cavity,
+    weights: weights::Weights,
+    planar: planar::Planar,
+}
+
+impl Scratch {
+    /// Empty working memory; fits any domain.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Branches taken since creation.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// The row of the last successful evaluation.
+    pub fn row(&self) -> &Row {
+        &self.row
+    }
+}
+
+impl Row {
+    fn clear(&mut self) {
+        self.nodes.clear();
+        self.values.clear();
+        self.gradients.clear();
+    }
+
+    fn push(&mut self, node: u32, value: f64) {
+        self.nodes.push(node as usize);
+        self.values.push(value);
+    }
+}
+
+/// Where a located point is with respect to the constraints.
+enum Place {
+    Node(u32),
+    Edge(u32, u32),
+    Patch(u32),
+    Free,
+}
+
+impl Domain {
+    /// Values of the shape functions at a point of the closed domain.
+    ///
+    /// # Errors
+    /// `OutsideDomain`.
+    pub fn shape<'s>(&self, kind: Kind, x: &Point3<f64>, scratch: &'s mut Scratch) -> Result<&'s Row> {
+        self.evaluate(kind, x, scratch, false)
+    }
+
+    /// Values and gradients of the shape functions at a point of the closed domain.
+    ///
+    /// # Errors
+    /// `OutsideDomain`.
+    pub fn shape_with_gradients<'s>(
+        &self,
+        kind: Kind,
+        x: &Point3<f64>,
+        scratch: &'s mut Scratch,
+    ) -> Result<&'s Row> {
+        self.evaluate(kind, x, scratch, true)
+    }
+
+    fn evaluate<'s>(&self, kind: Kind, x: &Point3<f64>, s: &'s mut Scratch, slopes: bool) -> Result<&'s Row> {
+        let tet = self.locate(x, &mut s.near)?;
+        Ok(self.shape_within(kind, x, tet, s, slopes))
+    }
+
+    /// As `evaluate`, for a point known to lie in a tetrahedron of the domain.
+    pub(crate) fn shape_within<'s>(
+        &self,
+        kind: Kind,
+        x: &Point3<f64>,
+        tet: u32,
+        s: &'s mut Scratch,
+        slopes: bool,
+    ) -> &'s Row {
+        s.cavity.fit(self);
+        let place = self.place(tet, x);
+        if matches!(place, Place::Free) {
+            self.in_cavity(kind, x, tet, s, slopes);
+            return &s.row;
+        }
+        s.counters.limits += 1;
+        if slopes {
+            // Evaluate inside for the gradients, then overwrite the values; neighbours with value zero remain.
+            let t = &self.delaunay.tets[tet as usize];
+            let middle = self
+                .delaunay
+                .corners(t)
+                .iter()
+                .map(|p| p.coords)
+                .sum::<Vector3<f64>>()
+                * 0.25;
+            let moved = x + (middle - x.coords) * 1e-6;
+            self.in_cavity(kind, &moved, tet, s, true);
+            s.row.values.fill(0.0);
+        } else {
+            s.row.clear();
+        }
+        match place {
+            Place::Node(v) => set(&mut s.row, v, 1.0, slopes),
+            Place::Edge(a, b) => {
+                let [p, q] = [a, b].map(|v| &self.delaunay.points[v as usize]);
+                let t = ((x - p).dot(&(q - p)) / (q - p).norm_squared()).clamp(0.0, 1.0);
+                set(&mut s.row, a, 1.0 - t, slopes);
+                set(&mut s.row, b, t, slopes);
+            }
+            Place::Patch(face) => {
+                s.counters.linear += usize::from(!self.on_patch(kind, x, face, &mut s.planar));
+                for (&v, &w) in s.planar.nodes.iter().zip(&s.planar.weights) {
+                    set(&mut s.row, v, w, slopes);
+                }
+            }
+            Place::Free => {}
+        }
+        &s.row
+    }
+
+    /// Finds the node, constrained edge or patch that `x`, in the closed tetrahedron `tet`, lies on.
+    fn place(&self, tet: u32, x: &Point3<f64>) -> Place {
+        let t = &self.delaunay.tets[tet as usize];
+        let tolerance = self.tolerance;
+        let distance = self.plane_distances(tet, x);
+        let mut close = [false; 4];
+        let mut count = 0;
+        for slot in 0..4 {
+            close[slot] = distance[slot].abs() <= tolerance;
+            count += usize::from(close[slot]);
+        }
+        if count == 0 {
+            return Place::Free;
+        }
+        if let Some(&v) =
+            t.v.iter()
+                .find(|&&v| (self.delaunay.points[v as usize] - x).norm() <= tolerance)
+        {
+            return Place::Node(v);
+        }
+        let edge = if count >= 2 { self.on_edges(t.v, x) } else { None };
+        if let Some(place) = edge {
+            return place;
+        }
+        let wall = |slot: &usize| close[*slot] && self.walls[tet as usize] >> *slot & 1 == 1;
+        match (0..4)
+            .find(wall)
+            .and_then(|slot| self.face_at.get(&(tet << 2 | slot as u32)))
+        {
+            Some(&face) => Place::Patch(face),
+            None => Place::Free,
+        }
+    }
+
+    /// The constrained edge among those of a tetrahedron that `x` lies on.
+    fn on_edges(&self, v: [u32; 4], x: &Point3<f64>) -> Option<Place> {
+        for i in 0..4 {
+            for j in 0..i {
+                let edge = key(v[i], v[j]);
+                let Some(faces) = self.mesh.edges.get(&edge) else {
+                    continue;
+                };
+                let [p, q] = [edge.0, edge.1].map(|v| &self.delaunay.points[v as usize]);
+                let (along, to) = (q - p, x - p);
+                if along.cross(&to).norm() > self.tolerance * along.norm() {
+                    continue;
+                }
+                return Some(match (self.mesh.flat_pair(self.nodes(), edge), faces.first()) {
+                    (Some(_), Some(&face)) => Place::Patch(face),
+                    _ => Place::Edge(edge.0, edge.1),
+                });
+            }
+        }
+        None
+    }
+}
+
+impl Domain {
+    /// Fills the row for a point strictly inside the domain, in the tetrahedron `start`.
+    fn in_cavity(&self, kind: Kind, x: &Point3<f64>, start: u32, s: &mut Scratch, slopes: bool) {
+        s.counters.cavities += 1;
+        s.row.clear();
+        let shape = s.cavity.find(self, x, start);
+        s.counters.reentrant += usize::from(shape != Shape::Star);
+        let filled = match shape {
+            Shape::Lost => None,
+            Shape::Star | Shape::Cut => s.weights.fill(kind, &s.cavity, &mut s.row, slopes),
+        };
+        match filled {
+            Some(residual) => s.counters.polished += usize::from(residual > 1e-12),
+            None => {
+                s.counters.linear += 1;
+                self.linear(x, start, &mut s.row, slopes);
+            }
+        }
+    }
+
+    /// The linear functions of one tetrahedron.
+    fn linear(&self, x: &Point3<f64>, tet: u32, row: &mut Row, slopes: bool) {
+        row.clear();
+        let t = &self.delaunay.tets[tet as usize];
+        let p = self.delaunay.corners(t);
+        let six = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));
+        let mut sum = 0.0;
+        for (slot, face) in FACES.iter().enumerate() {
+            let [a, b, c] = face.map(|k| p[k]);
+            let outward = (b - a).cross(&(c - a));
+            let value = (-outward.dot(&(x - a)) / six).max(0.0);
+            sum += value;
+            row.push(t.v[slot], value);
+            if slopes {
+                row.gradients.push(-outward / six);
+            }
+        }
+        row.values.iter_mut().for_each(|v| *v /= sum);
+    }
+}
+
+/// Sets a value in a row, which may already hold the node (then it is searched).
+fn set(row: &mut Row, node: u32, value: f64, search: bool) {
+    let at = if search {
+        row.nodes.iter().position(|&v| v == node as usize)
+    } else {
+        None
+    };
+    match at {
+        Some(k) => row.values[k] = value,
+        None => {
+            row.push(node, value);
+            if search {
+                row.gradients.push(Vector3::zeros());
+            }
+        }
+    }
+}

@@ -1,0 +1,226 @@
+//! Limits on a flat patch of constrained faces: 2D natural neighbours of the patch.
+
+use super::Kind;
+use crate::constraint::key;
+use crate::domain::Domain;
+use nalgebra::{Point3, Vector2, Vector3};
+
+/// Faces of a cavity in a patch beyond which the search stops.
+const MAX_FACES: usize = 256;
+
+/// Buffers of the evaluation on a patch, and its result.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Planar {
+    pub(super) nodes: Vec<u32>,
+    pub(super) weights: Vec<f64>,
+    faces: Vec<Triangle>,
+    rel: Vec<Vector2<f64>>,
+    rel3: Vec<Vector3<f64>>,
+    area: Vec<f64>,
+    moment: Vec<Vector2<f64>>,
+    /// Circumcentres of the border edges that leave and that reach a node.
+    gates: Vec<[Vector2<f64>; 2]>,
+}
+
+/// Face of the cavity, counter-clockwise in the plane.
+#[derive(Debug, Clone, Copy)]
+struct Triangle {
+    face: u32,
+    v: [u32; 3],
+    centre: Vector2<f64>,
+}
+
+fn cross(a: &Vector2<f64>, b: &Vector2<f64>) -> f64 {
+    a.x * b.y - a.y * b.x
+}
+
+/// Circumcentre of three points given relative to an origin.
+fn circumcentre(o: &Vector2<f64>, p: &Vector2<f64>, q: &Vector2<f64>) -> Vector2<f64> {
+    let (b, c) = (p - o, q - o);
+    let (b2, c2) = (b.norm_squared(), c.norm_squared());
+    o + Vector2::new(c.y * b2 - b.y * c2, b.x * c2 - c.x * b2) * (0.5 / cross(&b, &c))
+}
+
+impl Domain {
+    /// Weights of the nodes of the patch around `face`, which holds `x`. False if the linear ones had to be used.
+    pub(super) fn on_patch(&self, kind: Kind, x: &Point3<f64>, face: u32, s: &mut Planar) -> bool {
+        let v = self.mesh.faces[face as usize].v;
+        let [a, b, c] = v.map(|v| self.delaunay.points[v as usize]);
+        let normal = (b - a).cross(&(c - a));
+        // On axis-parallel planes two coordinates are kept as they are, so that circle tests on grids are exact.
+        let u = (b - a).normalize();
+        let w = normal.normalize().cross(&u);
+        let axis_parallel = normal.iter().filter(|n| **n != 0.0).count() == 1;
+        let k = normal.iamax();
+        let flip = if normal[k] > 0.0 { 1.0 } else { -1.0 };
+        let project = |p: &Point3<f64>| {
+            let d = p - x;
+            if axis_parallel {
+                Vector2::new(d[(k + 1) % 3] * flip, d[(k + 2) % 3])
+            } else {
+                Vector2::new(d.dot(&u), d.dot(&w))
+            }
+        };
+        s.nodes.clear();
+        s.rel.clear();
+        s.faces.clear();
+        let first = s.triangle(self, face, v, &project);
+        s.faces.push(first);
+        self.flood_patch(s, &project);
+        s.weigh(kind) && s.finish(self, x) || {
+            s.linear(v, &project, self);
+            false
+        }
+    }
+
+    /// Flood over the edges inside the patch while the circle holds the origin.
+    fn flood_patch(&self, s: &mut Planar, project: &dyn Fn(&Point3<f64>) -> Vector2<f64>) {
+        let mut next = 0;
+        while next < s.faces.len() && next < MAX_FACES {
+            let Triangle { face, v, .. } = s.faces[next];
+            next += 1;
+            for i in 0..3 {
+                let (p, q) = (v[i], v[(i + 1) % 3]);
+                let Some([f, g, c, d]) = self.mesh.flat_pair(self.nodes(), key(p, q)) else {
+                    continue;
+                };
+                let (other, apex) = if f == face { (g, d) } else { (f, c) };
+                if s.faces.iter().any(|t| t.face == other) {
+                    continue;
+                }
+                let corners = [q, p, apex].map(|v| project(&self.delaunay.points[v as usize]));
+                let o = robust::Coord { x: 0.0, y: 0.0 };
+                let [a, b, e] = corners.map(|c| robust::Coord { x: c.x, y: c.y });
+                if robust::incircle(a, b, e, o) > 0.0 {
+                    let t = s.triangle(self, other, [q, p, apex], project);
+                    s.faces.push(t);
+                }
+            }
+        }
+    }
+}
+
+impl Planar {
+    fn vertex(&mut self, domain: &Domain, v: u32, project: &dyn Fn(&Point3<f64>) -> Vector2<f64>) -> usize {
+        match self.nodes.iter().position(|&n| n == v) {
+            Some(k) => k,
+            None => {
+                self.nodes.push(v);
+                self.rel.push(project(&domain.delaunay.points[v as usize]));
+                self.nodes.len() - 1
+            }
+        }
+    }
+
+    fn triangle(
+        &mut self,
+        domain: &Domain,
+        face: u32,
+        v: [u32; 3],
+        project: &dyn Fn(&Point3<f64>) -> Vector2<f64>,
+    ) -> Triangle {
+        let [a, b, c] = v.map(|v| self.vertex(domain, v, project));
+        Triangle {
+            face,
+            v,
+            centre: circumcentre(&self.rel[a], &self.rel[b], &self.rel[c]),
+        }
+    }
+
+    fn local(&self, v: u32) -> usize {
+        self.nodes.iter().position(|&n| n == v).unwrap_or(0)
+    }
+
+    /// Stolen areas and their moments; false if the cavity is not star-shaped.
+    fn weigh(&mut self, kind: Kind) -> bool {
+        let count = self.nodes.len();
+        self.area.clear();
+        self.area.resize(count, 0.0);
+        self.moment.clear();
+        self.moment.resize(count, Vector2::zeros());
+        self.gates.clear();
+        self.gates.resize(count, [Vector2::zeros(); 2]);
+        for i in 0..self.faces.len() {
+            let Triangle { face, v, centre } = self.faces[i];
+            for k in 0..3 {
+                let (a, b) = (v[k], v[(k + 1) % 3]);
+                let right = self
+                    .faces
+                    .iter()
+                    .find(|t| t.face != face && t.v.contains(&a) && t.v.contains(&b));
+                let right = right.map(|t| (t.face, t.centre));
+                let (a, b) = (self.local(a), self.local(b));
+                match right {
+                    Some((other, _)) if other < face => {}
+                    Some((_, from)) => self.segment(a, b, &from, &centre),
+                    None => {
+                        let (p, q) = (self.rel[a], self.rel[b]);
+                        if cross(&p, &q) <= 0.0 {
+                            return false;
+                        }
+                        let gate = circumcentre(&Vector2::zeros(), &p, &q);
+                        self.segment(a, b, &gate, &centre);
+                        self.gates[a][0] = gate;
+                        self.gates[b][1] = gate;
+                    }
+                }
+            }
+        }
+        for i in 0..count {
+            let [start, end] = self.gates[i];
+            self.add(i, &end, &start);
+        }
+        self.weights.clear();
+        for i in 0..count {
+            let n = &self.rel[i];
+            self.weights.push(match kind {
+                Kind::Laplace => self.area[i],
+                Kind::Sibson => n.norm_squared() * self.area[i] - 2.0 * n.dot(&self.moment[i]),
+            });
+        }
+        true
+    }
+
+    /// Dual segment of edge `a -> b`, from the right of it to the left.
+    fn segment(&mut self, a: usize, b: usize, right: &Vector2<f64>, left: &Vector2<f64>) {
+        self.add(a, right, left);
+        self.add(b, left, right);
+    }
+
+    fn add(&mut self, i: usize, p: &Vector2<f64>, q: &Vector2<f64>) {
+        // About the node, so that far centres on a common line do not cancel.
+        let n = self.rel[i];
+        let (p, q) = (p - n, q - n);
+        let area = 0.5 * cross(&p, &q);
+        self.area[i] += area;
+        self.moment[i] += ((p + q) / 3.0 + n) * area;
+    }
+
+    /// Normalises and removes round-off; false if not usable.
+    fn finish(&mut self, domain: &Domain, x: &Point3<f64>) -> bool {
+        let total: f64 = self.weights.iter().sum();
+        for w in &mut self.weights {
+            *w /= total;
+            if w.is_nan() || *w < -1e-9 {
+                return false;
+            }
+            *w = w.max(0.0);
+        }
+        self.rel3.clear();
+        self.rel3
+            .extend(self.nodes.iter().map(|&v| domain.delaunay.points[v as usize] - x));
+        let size = self.rel3.iter().map(Vector3::norm).fold(0.0, f64::max);
+        super::polish::planar(&mut self.weights, &self.rel, size)
+    }
+
+    /// The linear functions of the face around the origin.
+    fn linear(&mut self, v: [u32; 3], project: &dyn Fn(&Point3<f64>) -> Vector2<f64>, domain: &Domain) {
+        let r = v.map(|v| project(&domain.delaunay.points[v as usize]));
+        self.nodes.clear();
+        self.weights.clear();
+        let part = [0, 1, 2].map(|k: usize| cross(&r[(k + 1) % 3], &r[(k + 2) % 3]).max(0.0));
+        let total: f64 = part.iter().sum();
+        self.nodes.extend(v);
+        self.weights.extend(part.map(|p| p / total));
+    }
+}

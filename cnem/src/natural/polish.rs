@@ -1,0 +1,131 @@
+//! Removal of the round-off in unity and linear precision.
+
+use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
+
+/// Largest linear residual, relative to the neighbourhood's size, that counts as round-off of the construction.
+pub(super) const LARGEST: f64 = 1e-4;
+/// Residual that is left alone.
+const SMALLEST: f64 = 5e-14;
+
+fn basis(r: &Vector3<f64>, size: f64) -> Vector4<f64> {
+    Vector4::new(1.0, r.x / size, r.y / size, r.z / size)
+}
+
+/// `sum phi_i p_i p_i^T`, scaled to a unit diagonal, factored.
+struct Moments {
+    scale: Vector4<f64>,
+    factor: nalgebra::Cholesky<f64, nalgebra::U4>,
+}
+
+impl Moments {
+    fn new(values: &[f64], rel: &[Vector3<f64>], size: f64) -> Option<Self> {
+        let mut m = Matrix4::zeros();
+        for (w, r) in values.iter().zip(rel) {
+            let p = basis(r, size);
+            m += p * p.transpose() * *w;
+        }
+        let scale = m.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+        let scaled = Matrix4::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
+        Some(Self {
+            scale,
+            factor: scaled.cholesky()?,
+        })
+    }
+
+    fn solve(&self, b: &Vector4<f64>) -> Vector4<f64> {
+        self.factor
+            .solve(&b.component_mul(&self.scale))
+            .component_mul(&self.scale)
+    }
+}
+
+/// Largest of the residuals of `sum phi = 1` and `sum phi (n_i - x) / size = 0`.
+pub(super) fn residual(values: &[f64], rel: &[Vector3<f64>], size: f64) -> (f64, Vector4<f64>) {
+    let mut r = Vector4::new(1.0, 0.0, 0.0, 0.0);
+    for (w, p) in values.iter().zip(rel) {
+        r -= basis(p, size) * *w;
+    }
+    (r.amax(), r)
+}
+
+/// Removes the residual by the smallest change relative to the weights; returns the residual found, or `None` if the row
+/// is not usable.
+pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Option<f64> {
+    let (found, mut r) = residual(values, rel, size);
+    if r.iter().any(|x| x.is_nan()) || found > LARGEST {
+        return None;
+    }
+    if found <= SMALLEST {
+        return Some(found);
+    }
+    for _ in 0..3 {
+        let Some(moments) = Moments::new(values, rel, size) else {
+            return (found <= 1e-12).then_some(found);
+        };
+        let c = moments.solve(&r);
+        for (w, p) in values.iter_mut().zip(rel) {
+            *w *= 1.0 + basis(p, size).dot(&c);
+        }
+        let left = residual(values, rel, size);
+        if left.0 <= SMALLEST {
+            break;
+        }
+        r = left.1;
+    }
+    let usable = values.iter().all(|w| *w >= 0.0) && residual(values, rel, size).0 <= 1e-12;
+    usable.then_some(found)
+}
+
+/// The same for the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`.
+pub(super) fn gradients(values: &[f64], slopes: &mut [Vector3<f64>], rel: &[Vector3<f64>], size: f64) {
+    let Some(moments) = Moments::new(values, rel, size) else {
+        return;
+    };
+    for d in 0..3 {
+        let mut target = Vector4::zeros();
+        target[d + 1] = 1.0 / size;
+        for (g, p) in slopes.iter().zip(rel) {
+            target -= basis(p, size) * g[d];
+        }
+        if target.amax() * size <= SMALLEST {
+            continue;
+        }
+        let c = moments.solve(&target);
+        for ((g, p), w) in slopes.iter_mut().zip(rel).zip(values) {
+            g[d] += w * basis(p, size).dot(&c);
+        }
+    }
+}
+
+/// As [`values`], for weights on a plane; true if they are usable.
+pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bool {
+    let basis = |r: &Vector2<f64>| Vector3::new(1.0, r.x / size, r.y / size);
+    let left = |weights: &[f64]| {
+        weights
+            .iter()
+            .zip(rel)
+            .fold(Vector3::new(1.0, 0.0, 0.0), |r, (w, p)| r - basis(p) * *w)
+    };
+    for _ in 0..3 {
+        let r = left(weights);
+        if r.iter().any(|x| x.is_nan()) || r.amax() > LARGEST {
+            return false;
+        }
+        if r.amax() <= SMALLEST {
+            break;
+        }
+        let m = weights.iter().zip(rel).fold(Matrix3::zeros(), |m, (w, p)| {
+            m + basis(p) * basis(p).transpose() * *w
+        });
+        let scale = m
+            .diagonal()
+            .map(|d: f64| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+        let scaled = Matrix3::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
+        let Some(factor) = scaled.cholesky() else { break };
+        let c = factor.solve(&r.component_mul(&scale)).component_mul(&scale);
+        for (w, p) in weights.iter_mut().zip(rel) {
+            *w *= 1.0 + basis(p).dot(&c);
+        }
+    }
+    weights.iter().all(|w| *w >= 0.0) && left(weights).amax() <= 1e-12
+}

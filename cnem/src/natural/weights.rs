@@ -1,0 +1,177 @@
+//! Weights of the neighbours from the dual of a star-shaped cavity.
+//!
+//! Every face of the cavity and of the star of the point has a dual segment between two circumcentres. The segments around
+//! an edge bound a Voronoi polygon, so areas and volumes are sums over segments, in any order. The volume taken from
+//! node `i` is the sum of the pyramids from `n_i` over its polygons inside the cell of the point, minus the pyramid over
+//! the facet between the two; both ends of an edge have the same pyramid.
+
+use super::cavity::{Border, Cavity, Inner, Ridge};
+use super::{Kind, Row, polish};
+use nalgebra::Vector3;
+
+/// Negative weights above this are round-off.
+const NEGATIVE: f64 = -1e-9;
+
+/// Sums per neighbour, by local number.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Weights {
+    /// Facet area over distance.
+    alpha: Vec<f64>,
+    /// Volume taken (Sibson).
+    volume: Vec<f64>,
+    /// Gradient of alpha (Laplace), or centroid moment of the facet (Sibson).
+    vector: Vec<Vector3<f64>>,
+}
+
+impl Weights {
+    /// Fills the row; returns the residual removed, or `None` if the weights are not usable.
+    pub(super) fn fill(&mut self, kind: Kind, cavity: &Cavity, row: &mut Row, slopes: bool) -> Option<f64> {
+        self.gather(kind, cavity, slopes);
+        let weight = if kind == Kind::Laplace {
+            &self.alpha
+        } else {
+            &self.volume
+        };
+        let total: f64 = weight.iter().sum();
+        for (&node, &w) in cavity.nodes.iter().zip(weight) {
+            let value = w / total;
+            if value.is_nan() || value < NEGATIVE {
+                return None;
+            }
+            row.push(node, value.max(0.0));
+        }
+        let size = cavity
+            .rel
+            .iter()
+            .map(Vector3::norm_squared)
+            .fold(0.0, f64::max)
+            .sqrt();
+        let found = polish::values(&mut row.values, &cavity.rel, size)?;
+        if slopes {
+            self.slopes(kind, cavity, row, total);
+            polish::gradients(&row.values, &mut row.gradients, &cavity.rel, size);
+        }
+        Some(found)
+    }
+
+    fn gather(&mut self, kind: Kind, cavity: &Cavity, slopes: bool) {
+        let count = cavity.nodes.len();
+        let reset = |v: &mut Vec<f64>| {
+            v.clear();
+            v.resize(count, 0.0);
+        };
+        reset(&mut self.alpha);
+        reset(&mut self.volume);
+        self.vector.clear();
+        self.vector.resize(count, Vector3::zeros());
+        for ridge in &cavity.ridges {
+            match (kind, slopes) {
+                (Kind::Laplace, false) => self.facet(cavity, ridge),
+                (Kind::Laplace, true) => self.facet_gradient(cavity, ridge),
+                (Kind::Sibson, _) => self.facet_moment(cavity, ridge, slopes),
+            }
+        }
+        for (a, r) in self.alpha.iter_mut().zip(&cavity.rel) {
+            *a *= 0.5 / r.norm_squared();
+        }
+        if kind == Kind::Sibson {
+            self.volumes(cavity);
+        }
+    }
+
+    /// Adds a dual segment to the facets of its two neighbours: twice the area times the distance.
+    #[inline]
+    fn facet(&mut self, cavity: &Cavity, ridge: &Ridge) {
+        let [p, q] = ridge.faces.map(|f| cavity.border[f as usize].centre);
+        let cross = q.cross(&p);
+        let [a, b] = ridge.ends.map(|v| v as usize);
+        self.alpha[a] += cross.dot(&cavity.rel[a]);
+        self.alpha[b] -= cross.dot(&cavity.rel[b]);
+    }
+
+    /// As `facet`, with the gradient of alpha: a centre moves along the dual line of its face by `(g . dx) / det`.
+    fn facet_gradient(&mut self, cavity: &Cavity, ridge: &Ridge) {
+        self.facet(cavity, ridge);
+        let [f, g] = ridge.faces.map(|f| &cavity.border[f as usize]);
+        let [mf, mg] = [f, g].map(|b| normal(cavity, b));
+        let [a, b] = ridge.ends.map(|v| v as usize);
+        for (v, sign) in [(a, 0.5), (b, -0.5)] {
+            let r = &cavity.rel[v];
+            let scale = sign / r.norm_squared();
+            self.vector[v] += g.centre * (f.centre.cross(r).dot(&mg) / g.det * scale);
+            self.vector[v] -= f.centre * (g.centre.cross(r).dot(&mf) / f.det * scale);
+        }
+    }
+
+    /// As `facet`, with triangles from the middle between point and neighbour, and their centroid moments.
+    #[inline]
+    fn facet_moment(&mut self, cavity: &Cavity, ridge: &Ridge, slopes: bool) {
+        let [p, q] = ridge.faces.map(|f| cavity.border[f as usize].centre);
+        let [a, b] = ridge.ends.map(|v| v as usize);
+        for (v, from, to) in [(a, &q, &p), (b, &p, &q)] {
+            let r = &cavity.rel[v];
+            let m = r * 0.5;
+            let area = (from - m).cross(&(to - m)).dot(r);
+            self.alpha[v] += area;
+            if slopes {
+                self.vector[v] += (m + from + to) * area;
+            }
+        }
+        let pyramid = (cavity.rel[b] - cavity.rel[a]).dot(&(p - cavity.rel[a]).cross(&(q - p))) / 12.0;
+        self.volume[a] += pyramid;
+        self.volume[b] += pyramid;
+    }
+
+    fn volumes(&mut self, cavity: &Cavity) {
+        for Inner { local, members } in &cavity.inner {
+            let [p, q] = members.map(|m| &cavity.members[m as usize].centre);
+            self.segment(cavity, local, p, q);
+        }
+        for Border {
+            local,
+            member,
+            centre,
+            ..
+        } in &cavity.border
+        {
+            self.segment(cavity, local, &cavity.members[*member as usize].centre, centre);
+        }
+        for ((v, a), r) in self.volume.iter_mut().zip(&self.alpha).zip(&cavity.rel) {
+            *v -= a * r.norm_squared() / 6.0;
+        }
+    }
+
+    /// Adds the dual segment of a face to the pyramids over the polygons of its three edges.
+    #[inline]
+    fn segment(&mut self, cavity: &Cavity, local: &[u32; 3], p: &Vector3<f64>, q: &Vector3<f64>) {
+        let [a, b, c] = local.map(|l| l as usize);
+        let w = q - p;
+        let [ra, rb, rc] = [a, b, c].map(|v| &cavity.rel[v]);
+        for (i, j, ri, rj) in [(a, b, ra, rb), (b, c, rb, rc), (c, a, rc, ra)] {
+            let pyramid = (rj - ri).dot(&(p - ri).cross(&w)) / 12.0;
+            self.volume[i] += pyramid;
+            self.volume[j] += pyramid;
+        }
+    }
+
+    fn slopes(&mut self, kind: Kind, cavity: &Cavity, row: &mut Row, total: f64) {
+        for (i, r) in cavity.rel.iter().enumerate() {
+            let vector = &mut self.vector[i];
+            *vector = match kind {
+                Kind::Laplace => *vector + r * (self.alpha[i] / r.norm_squared()),
+                // alpha * centroid = moment / (2 * distance^2) / 3.
+                Kind::Sibson => *vector * (0.5 / (3.0 * r.norm_squared())),
+            };
+        }
+        let sum: Vector3<f64> = self.vector.iter().sum();
+        for (v, value) in self.vector.iter().zip(&row.values) {
+            row.gradients.push((v - sum * *value) / total);
+        }
+    }
+}
+
+/// Normal of a border face pointing out, twice its area long.
+fn normal(cavity: &Cavity, face: &Border) -> Vector3<f64> {
+    let [a, b, c] = face.local.map(|l| &cavity.rel[l as usize]);
+    (b - a).cross(&(c - a))
+}

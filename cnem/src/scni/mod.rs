@@ -1,0 +1,169 @@
+//! Stabilised conforming nodal integration: one smoothed gradient per Voronoi cell.
+//!
+//! `∇̃u_I = Σ_k b_Ik ⊗ u_k` with `b_Ik = 1/V_I Σ_q A_q N_k(x_q)` over the facets of the cell of node `I`, one point per
+//! facet, at its centroid. Both sides of a facet use the same point and opposite areas, and the point integrates linear
+//! fields exactly: so a linear displacement field gives the exact gradient in every cell, and the internal forces of a
+//! constant stress are those of its tractions, integrated with the same points on the boundary.
+
+mod matrix;
+mod stabilise;
+
+pub(crate) use matrix::BlockMatrix;
+pub use stabilise::Stabilisation;
+pub(crate) use stabilise::SubCells;
+
+use crate::domain::Domain;
+use crate::error::Result;
+use crate::natural::{Kind, Scratch};
+use crate::voronoi::{Facet, Side, Voronoi};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// A facet of a cell and the shape functions at its centroid.
+#[derive(Debug, Clone)]
+struct Sampled {
+    facet: Facet,
+    nodes: Vec<usize>,
+    values: Vec<f64>,
+    /// The linear functions of a tetrahedron nearby were used.
+    extrapolated: bool,
+}
+
+/// Part of the boundary that belongs to one cell: the piece of one boundary or crack triangle closest to one node.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoundaryFacet {
+    /// The node whose cell it bounds.
+    pub cell: usize,
+    /// The triangle it is part of, as an index in [`Domain::constrained_faces`].
+    pub face: usize,
+    /// Area times the outward unit normal \[m²\].
+    pub area: Vector3<f64>,
+    /// Centroid \[m\].
+    pub centroid: Point3<f64>,
+    /// Nodes with a shape function at the centroid.
+    pub nodes: Vec<usize>,
+    /// Their values \[–\].
+    pub values: Vec<f64>,
+}
+
+/// Sparse rows: the smoothed gradients `b_Ik` \[1/m\] of all cells, nodes ascending.
+#[derive(Debug, Clone)]
+pub(crate) struct Smoothing {
+    pub(crate) volumes: Vec<f64>,
+    pub(crate) starts: Vec<usize>,
+    pub(crate) nodes: Vec<u32>,
+    pub(crate) gradients: Vec<Vector3<f64>>,
+    pub(crate) boundary: Vec<BoundaryFacet>,
+    pub(crate) extrapolated: usize,
+}
+
+impl Smoothing {
+    pub(crate) fn new(domain: &Domain, cells: &Voronoi, kind: Kind) -> Result<Self> {
+        let sampled: Vec<Vec<Sampled>> = (0..cells.len())
+            .into_par_iter()
+            .map_init(Scratch::new, |scratch, i| sample(domain, cells, kind, i, scratch))
+            .collect::<Result<_>>()?;
+        // Facets owned by a neighbour with a smaller number.
+        let mut received: Vec<Vec<(u32, u32)>> = vec![Vec::new(); cells.len()];
+        for (i, list) in sampled.iter().enumerate() {
+            for (k, s) in list.iter().enumerate() {
+                if let Side::Node(j) = s.facet.side {
+                    received[j].push((i as u32, k as u32));
+                }
+            }
+        }
+        let rows: Vec<Vec<(u32, Vector3<f64>)>> = (0..cells.len())
+            .into_par_iter()
+            .map(|i| {
+                let mut row = Vec::new();
+                for &(owner, k) in &received[i] {
+                    add(&mut row, &sampled[owner as usize][k as usize], -1.0);
+                }
+                sampled[i].iter().for_each(|s| add(&mut row, s, 1.0));
+                gather(row, 1.0 / cells.volumes()[i])
+            })
+            .collect();
+        let mut out = Self {
+            volumes: cells.volumes().to_vec(),
+            starts: vec![0],
+            nodes: Vec::new(),
+            gradients: Vec::new(),
+            boundary: Vec::new(),
+            extrapolated: sampled.iter().flatten().filter(|s| s.extrapolated).count(),
+        };
+        for row in rows {
+            out.nodes.extend(row.iter().map(|e| e.0));
+            out.gradients.extend(row.iter().map(|e| e.1));
+            out.starts.push(out.nodes.len());
+        }
+        for (cell, list) in sampled.into_iter().enumerate() {
+            for s in list {
+                if let Side::Face(face) = s.facet.side {
+                    out.boundary.push(BoundaryFacet {
+                        cell,
+                        face,
+                        area: s.facet.area,
+                        centroid: s.facet.centroid,
+                        nodes: s.nodes,
+                        values: s.values,
+                    });
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// Nodes and gradients of one cell.
+    pub(crate) fn row(&self, cell: usize) -> (&[u32], &[Vector3<f64>]) {
+        let range = self.starts[cell]..self.starts[cell + 1];
+        (&self.nodes[range.clone()], &self.gradients[range])
+    }
+}
+
+/// Evaluates the facets that cell `i` owns: those to higher nodes and those on the boundary.
+fn sample(domain: &Domain, cells: &Voronoi, kind: Kind, i: usize, s: &mut Scratch) -> Result<Vec<Sampled>> {
+    let owned = cells
+        .facets(i)
+        .iter()
+        .filter(|f| !matches!(f.side, Side::Node(j) if j < i));
+    owned
+        .map(|facet| {
+            let (nodes, values, extrapolated) = match domain.shape(kind, &facet.centroid, s) {
+                Ok(row) => (row.nodes.clone(), row.values.clone(), false),
+                // The common boundary of two cells at a re-entrant edge need not be convex: its centroid may lie outside.
+                Err(_) => {
+                    let (nodes, values) = domain.linear_at_node(i, &facet.centroid)?;
+                    (nodes.to_vec(), values.to_vec(), true)
+                }
+            };
+            Ok(Sampled {
+                facet: *facet,
+                nodes,
+                values,
+                extrapolated,
+            })
+        })
+        .collect()
+}
+
+fn add(row: &mut Vec<(u32, Vector3<f64>)>, s: &Sampled, sign: f64) {
+    for (&node, &value) in s.nodes.iter().zip(&s.values) {
+        if value != 0.0 {
+            row.push((node as u32, s.facet.area * (sign * value)));
+        }
+    }
+}
+
+/// Sums the entries of every node, in the order they were added.
+fn gather(mut row: Vec<(u32, Vector3<f64>)>, scale: f64) -> Vec<(u32, Vector3<f64>)> {
+    row.sort_by_key(|e| e.0);
+    let mut out: Vec<(u32, Vector3<f64>)> = Vec::new();
+    for (node, g) in row {
+        match out.last_mut() {
+            Some(last) if last.0 == node => last.1 += g,
+            _ => out.push((node, g)),
+        }
+    }
+    out.iter_mut().for_each(|e| e.1 *= scale);
+    out
+}

@@ -1,0 +1,104 @@
+//! Stabilisation: what a cell's smoothed gradient does not see is made visible by the tetrahedra at its node.
+//!
+//! A saw-tooth from node to node leaves the smoothed gradients almost at zero. The added energy
+//! `½ Σ_I Σ_T∋I w_T (∇̃u_I − ∇u_T) : A : (∇̃u_I − ∇u_T)`, `w_T = a s_T V_T / 4`, with the linear functions of the tetrahedra
+//! `T`, sees it. Every term vanishes for linear displacements, whatever its weight: the patch test is kept even where
+//! tetrahedra are left out, and `s_T = min(1, (r_T / r_0)²)` with the ratio `r_T` of lowest height to longest edge keeps slivers from
+//! shortening the critical step.
+
+use super::Smoothing;
+use crate::domain::Domain;
+use nalgebra::Vector3;
+
+/// Ratio of lowest height to longest edge below which a tetrahedron counts less; 0.82 for a regular one, 0.41 for the
+/// corner of a cube.
+const FLAT: f64 = 0.4;
+
+/// What is done about the spurious modes of nodal integration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Stabilisation {
+    /// Nothing.
+    None,
+    /// The difference between cell and tetrahedron gradients, times this amount `a` \[–\].
+    SubCells(f64),
+}
+
+impl Default for Stabilisation {
+    fn default() -> Self {
+        Self::SubCells(0.05)
+    }
+}
+
+/// The tetrahedra that stabilise, and their sums per cell.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct SubCells {
+    pub(crate) tets: Vec<[u32; 4]>,
+    pub(crate) gradients: Vec<[Vector3<f64>; 4]>,
+    /// `w_T` \[m³\].
+    pub(crate) weights: Vec<f64>,
+    /// `W_I = Σ_T w_T` \[m³\].
+    pub(crate) sums: Vec<f64>,
+    /// `c_Ik = Σ_T w_T g_Tk` \[m²\], on the pattern of the smoothing.
+    pub(crate) mixed: Vec<Vector3<f64>>,
+}
+
+impl SubCells {
+    /// Adds the nodes of the tetrahedra to the pattern of the smoothing where they are missing.
+    pub(crate) fn new(domain: &Domain, smoothing: &mut Smoothing, amount: f64) -> Self {
+        let cells = smoothing.volumes.len();
+        let mut out = Self::default();
+        if amount > 0.0 {
+            for t in domain.elements() {
+                let p = t.map(|v| domain.nodes()[v]);
+                let (gradients, volume) = crate::delaunay::linear_gradients(&p);
+                let height = 1.0 / gradients.iter().map(|g| g.norm()).fold(0.0, f64::max);
+                let mut edge: f64 = 0.0;
+                for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+                    edge = edge.max((p[i] - p[j]).norm());
+                }
+                let ratio = (height / (edge * FLAT)).min(1.0);
+                let weight = amount * ratio * ratio * volume * 0.25;
+                if weight.is_finite() && weight > 0.0 {
+                    out.tets.push(t.map(|v| v as u32));
+                    out.gradients.push(gradients);
+                    out.weights.push(weight);
+                }
+            }
+        }
+        out.widen(smoothing);
+        out.sums = vec![0.0; cells];
+        out.mixed = vec![Vector3::zeros(); smoothing.nodes.len()];
+        for ((t, g), w) in out.tets.iter().zip(&out.gradients).zip(&out.weights) {
+            for &cell in t {
+                out.sums[cell as usize] += w;
+                let range = smoothing.starts[cell as usize]..smoothing.starts[cell as usize + 1];
+                let row = &smoothing.nodes[range.clone()];
+                for (node, g) in t.iter().zip(g) {
+                    out.mixed[range.start + row.partition_point(|k| k < node)] += g * *w;
+                }
+            }
+        }
+        out
+    }
+
+    fn widen(&self, smoothing: &mut Smoothing) {
+        let cells = smoothing.volumes.len();
+        let mut wanted: Vec<Vec<u32>> = vec![Vec::new(); cells];
+        for t in &self.tets {
+            t.iter().for_each(|&c| wanted[c as usize].extend(t));
+        }
+        let (mut starts, mut nodes, mut gradients) = (vec![0], Vec::new(), Vec::new());
+        for (cell, wanted) in wanted.iter_mut().enumerate() {
+            let (old, b) = smoothing.row(cell);
+            wanted.extend(old);
+            wanted.sort_unstable();
+            wanted.dedup();
+            for &node in wanted.iter() {
+                nodes.push(node);
+                gradients.push(old.binary_search(&node).map_or(Vector3::zeros(), |k| b[k]));
+            }
+            starts.push(nodes.len());
+        }
+        (smoothing.starts, smoothing.nodes, smoothing.gradients) = (starts, nodes, gradients);
+    }
+}

@@ -1,0 +1,246 @@
+//! The cell of one node: read off the circumcentres, or clipped tetrahedron by tetrahedron.
+
+use super::gaps::Regions;
+use super::{Facet, Side};
+use crate::bins::{Bins, around};
+use crate::clip::Polyhedron;
+use crate::domain::Domain;
+use crate::tet::INF;
+use nalgebra::{Point3, Vector3};
+
+/// Twice the area of a facet, relative to the squared distance of its nodes, below which it is round-off.
+const TINY_FACET: f64 = 1e-13;
+
+const NODE: u64 = 1 << 40;
+const WALL: u64 = 2 << 40;
+const FREE: u64 = 3 << 40;
+const KIND: u64 = 3 << 40;
+
+/// Sum over the pieces of one facet: area vector, and centroid times area, relative to the node.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    tag: u64,
+    area: Vector3<f64>,
+    moment: Vector3<f64>,
+    weight: f64,
+}
+
+/// Working memory and result of one cell.
+#[derive(Debug, Default)]
+pub(super) struct Work {
+    star: Vec<u32>,
+    queue: Vec<u32>,
+    /// Neighbours with their position relative to the node, nearest first.
+    near: Vec<(f64, u32, Vector3<f64>)>,
+    pieces: Vec<Piece>,
+    piece: Polyhedron,
+    /// Volume in every tetrahedron, if the cell was clipped.
+    pub(super) parts: Vec<(u32, f64)>,
+    /// The convex parts themselves, relative to the node, if asked for.
+    pub(super) keep: Option<Vec<Polyhedron>>,
+    pub(super) volume: f64,
+    pub(super) facets: Vec<Facet>,
+}
+
+impl Work {
+    fn start(&mut self, domain: &Domain, node: u32) {
+        self.volume = 0.0;
+        self.pieces.clear();
+        self.parts.clear();
+        self.facets.clear();
+        domain.delaunay.star(node, &mut self.star);
+    }
+
+    /// The cell, by the quicker way where no constrained face is near.
+    pub(super) fn cell(&mut self, domain: &Domain, walls: &Bins, node: u32) {
+        self.start(domain, node);
+        let seed = &domain.delaunay.points[node as usize];
+        let within = self.star.iter().all(|&t| domain.inside[t as usize]);
+        let reach = self
+            .star
+            .iter()
+            .map(|&t| domain.centre[t as usize].norm_squared())
+            .fold(0.0, f64::max)
+            .sqrt();
+        if within && !walls.any(&around([seed], reach * (1.0 + 1e-9))) {
+            self.read_circumcentres(domain, node);
+        } else {
+            self.by_clipping(domain, &Regions::default(), node);
+        }
+        self.finish(seed);
+    }
+
+    /// The cell by clipping, with its share of the regions that were handed over.
+    pub(super) fn clipped(&mut self, domain: &Domain, regions: &Regions, node: u32) {
+        self.start(domain, node);
+        self.by_clipping(domain, regions, node);
+        for region in regions.of_node(node) {
+            self.near.clear();
+            let seed = domain.delaunay.points[node as usize];
+            for &v in region.nodes.iter().filter(|&&v| v != node) {
+                let r = domain.delaunay.points[v as usize] - seed;
+                self.near.push((r.norm_squared(), v, r));
+            }
+            self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            for &tet in &region.tets {
+                self.clip_one(domain, tet, &seed);
+                self.take_piece(tet);
+            }
+        }
+        self.finish(&domain.delaunay.points[node as usize]);
+    }
+
+    fn add(&mut self, tag: u64, area: Vector3<f64>, moment: Vector3<f64>, weight: f64) {
+        match self.pieces.iter_mut().find(|p| p.tag == tag) {
+            Some(p) => {
+                p.area += area;
+                p.moment += moment;
+                p.weight += weight;
+            }
+            None => self.pieces.push(Piece {
+                tag,
+                area,
+                moment,
+                weight,
+            }),
+        }
+    }
+
+    /// Every face at the node has a dual segment, which bounds the facets of its two other vertices.
+    fn read_circumcentres(&mut self, domain: &Domain, node: u32) {
+        let seed = domain.delaunay.points[node as usize];
+        let centre = |t: u32| {
+            let base = domain.delaunay.tets[t as usize].v[0];
+            (domain.delaunay.points[base as usize] - seed) + domain.centre[t as usize]
+        };
+        for i in 0..self.star.len() {
+            let tet = self.star[i];
+            let t = &domain.delaunay.tets[tet as usize];
+            for (slot, &n) in t.n.iter().enumerate() {
+                let face = t.face(slot);
+                let Some(at) = face.iter().position(|&v| v == node) else {
+                    continue;
+                };
+                if tet > n >> 2 {
+                    continue;
+                }
+                let (p, q) = (centre(tet), centre(n >> 2));
+                for (other, from, to) in [(face[(at + 1) % 3], &p, &q), (face[(at + 2) % 3], &q, &p)] {
+                    let r = domain.delaunay.points[other as usize] - seed;
+                    let m = r * 0.5;
+                    let twice = (from - m).cross(&(to - m)).dot(&r);
+                    let weight = 0.5 * twice / r.norm();
+                    let area = r * (0.5 * twice / r.norm_squared());
+                    self.volume += twice / 12.0;
+                    self.add(
+                        NODE | u64::from(other),
+                        area,
+                        (m + from + to) * (weight / 3.0),
+                        weight,
+                    );
+                }
+            }
+        }
+    }
+
+    fn by_clipping(&mut self, domain: &Domain, regions: &Regions, node: u32) {
+        let seed = domain.delaunay.points[node as usize];
+        self.near.clear();
+        for &t in &self.star {
+            for &v in &domain.delaunay.tets[t as usize].v {
+                if v != node && v != INF && !self.near.iter().any(|n| n.1 == v) {
+                    let r = domain.delaunay.points[v as usize] - seed;
+                    self.near.push((r.norm_squared(), v, r));
+                }
+            }
+        }
+        self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        self.queue.clear();
+        self.queue
+            .extend(self.star.iter().filter(|&&t| domain.inside[t as usize]));
+        let mut next = 0;
+        while next < self.queue.len() {
+            let tet = self.queue[next];
+            next += 1;
+            self.clip_one(domain, tet, &seed);
+            for (tag, _) in self.piece.faces() {
+                let id = (tag & !KIND) as u32;
+                if tag & KIND == FREE && !self.queue.contains(&id) {
+                    self.queue.push(id);
+                }
+            }
+            if !regions.holds(tet) {
+                self.take_piece(tet);
+            }
+        }
+    }
+
+    /// Adds the piece of a tetrahedron to the cell.
+    fn take_piece(&mut self, tet: u32) {
+        let piece = std::mem::take(&mut self.piece);
+        for (tag, face) in piece.faces() {
+            if tag & KIND != FREE {
+                let weight = face.area.norm();
+                self.add(tag, face.area, face.centroid * weight, weight);
+            }
+        }
+        if !piece.is_empty() {
+            let volume = piece.volume();
+            self.volume += volume;
+            self.parts.push((tet, volume));
+            if let Some(keep) = &mut self.keep {
+                keep.push(piece.clone());
+            }
+        }
+        self.piece = piece;
+    }
+
+    /// The part of one tetrahedron that is closest to the node.
+    fn clip_one(&mut self, domain: &Domain, tet: u32, seed: &Point3<f64>) {
+        let t = &domain.delaunay.tets[tet as usize];
+        let walls = domain.walls[tet as usize];
+        let tags = [0, 1, 2, 3].map(|slot: usize| {
+            let wall = (walls >> slot & 1 == 1)
+                .then(|| domain.face_at.get(&(tet << 2 | slot as u32)))
+                .flatten();
+            match wall {
+                Some(&face) => WALL | u64::from(face),
+                None => FREE | u64::from(t.n[slot] >> 2),
+            }
+        });
+        self.piece
+            .set_tetrahedron(domain.delaunay.corners(t).map(|p| p - seed), tags);
+        let mut reach = self.piece.reach();
+        for (square, v, r) in &self.near {
+            if *square > 4.0 * reach {
+                break;
+            }
+            if self.piece.clip(r, 0.5 * square, NODE | u64::from(*v)) {
+                if self.piece.is_empty() {
+                    return;
+                }
+                reach = self.piece.reach();
+            }
+        }
+    }
+
+    fn finish(&mut self, seed: &Point3<f64>) {
+        self.pieces.sort_unstable_by_key(|p| p.tag);
+        let size = self.pieces.iter().map(|p| p.weight).fold(0.0, f64::max);
+        for p in &self.pieces {
+            if p.weight > TINY_FACET * size {
+                let id = (p.tag & !KIND) as usize;
+                let side = if p.tag & KIND == NODE {
+                    Side::Node(id)
+                } else {
+                    Side::Face(id)
+                };
+                self.facets.push(Facet {
+                    side,
+                    area: p.area,
+                    centroid: seed + p.moment / p.weight,
+                });
+            }
+        }
+    }
+}
