@@ -159,7 +159,12 @@ impl CnemModel {
                 normal: f.area / area,
             }
         };
-        let found: Vec<_> = self.boundary().iter().filter(|f| select(f)).map(to_core).collect();
+        let found: Vec<_> = self
+            .boundary()
+            .iter()
+            .filter(|f| select(f))
+            .map(to_core)
+            .collect();
         if found.is_empty() {
             return Err(self.nothing("boundary facet", self.boundary().len()));
         }

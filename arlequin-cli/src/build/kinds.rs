@@ -24,6 +24,8 @@ use std::sync::Arc;
 pub(crate) enum Kind {
     /// Linear finite elements.
     Fem,
+    /// Constrained natural elements.
+    Cnem,
     /// Harmonic spring chain along x.
     Chain,
 }
@@ -69,6 +71,7 @@ pub(crate) fn body(name: &str, table: &ModelTable, folder: &Path) -> Result<Body
     check_material(&key, &table.material)?;
     match table.kind {
         Kind::Fem => finite_elements(name, &key, table, folder),
+        Kind::Cnem => super::natural::body(name, &key, table, folder),
         Kind::Chain => chain(name, &key, table),
     }
 }
@@ -101,15 +104,9 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         folder,
     };
     let mesh = request.mesh()?;
-    let poisson = match (table.material.poisson, &table.shape) {
-        (Some(nu), _) => nu,
-        (None, Shape::Bar { .. }) => 0.0,
-        (None, _) => {
-            return Err(crate::error::key(
-                format!("{key}.material"),
-                "a solid needs poisson, Poisson's ratio [-]; add poisson = 0.3 or what the material has",
-            ));
-        }
+    let poisson = match table.shape {
+        Shape::Bar { .. } => table.material.poisson.unwrap_or(0.0),
+        _ => solid_poisson(key, table)?,
     };
     let material = Elastic::new(table.material.young, poisson, table.material.density)
         .map_err(fem(format!("{key}.material")))?;
@@ -138,6 +135,16 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
             ..table.material
         },
         shape: table.shape.clone(),
+    })
+}
+
+/// Poisson's ratio, which a solid must have.
+pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<f64> {
+    table.material.poisson.ok_or_else(|| {
+        crate::error::key(
+            format!("{key}.material"),
+            "a solid needs poisson, Poisson's ratio [-]; add poisson = 0.3 or what the material has",
+        )
     })
 }
 

@@ -4,6 +4,7 @@ mod drive;
 mod joint;
 mod kinds;
 mod mesh;
+mod natural;
 mod probe;
 mod select;
 

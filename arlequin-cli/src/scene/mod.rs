@@ -13,7 +13,7 @@ pub(crate) use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SamplingKind,
     WeightTable, WeightingKind,
 };
-pub(crate) use model::{Element, Material, ModelTable, RoleKind, Shape};
+pub(crate) use model::{CnemTable, Element, Functions, Material, ModelTable, RoleKind, Shape};
 pub(crate) use source::Source;
 
 use serde::Deserialize;

@@ -23,6 +23,9 @@ pub(crate) struct ModelTable {
     /// Choices of finite elements; read by `kind = "fem"` only.
     #[serde(default)]
     pub(crate) fem: FemTable,
+    /// Choices of natural elements; read by `kind = "cnem"` only.
+    #[serde(default)]
+    pub(crate) cnem: CnemTable,
 }
 
 /// The part of a model in its interfaces.
@@ -120,4 +123,24 @@ pub(crate) enum Element {
     Hex8,
     /// Four-node tetrahedra.
     Tet4,
+}
+
+/// Choices of natural elements.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CnemTable {
+    /// Shape functions.
+    pub(crate) functions: Option<Functions>,
+    /// Share of the stabilisation, 0 for none.
+    pub(crate) stabilisation: Option<f64>,
+}
+
+/// Natural-neighbour functions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Functions {
+    /// Volumes stolen from the neighbours.
+    Sibson,
+    /// Areas over distances.
+    Laplace,
 }

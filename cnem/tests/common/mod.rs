@@ -38,7 +38,10 @@ pub(crate) fn block(
     let mut used = vec![0; n[0] * n[1] * n[2]];
     let mut quads = Vec::new();
     let kept = |i: isize, j: isize, k: isize| {
-        let inside = [i, j, k].iter().zip(counts).all(|(&a, c)| a >= 0 && (a as usize) < c);
+        let inside = [i, j, k]
+            .iter()
+            .zip(counts)
+            .all(|(&a, c)| a >= 0 && (a as usize) < c);
         inside && keep(i as usize, j as usize, k as usize)
     };
     for k in 0..counts[2] {
@@ -130,13 +133,21 @@ pub(crate) fn lowest(k: &CsMat<f64>, mass: &[f64], fixed: &[bool], count: usize)
     let mut x: Vec<Vec<f64>> = (0..size).map(|_| (0..n).map(|_| next()).collect()).collect();
     let mut values = vec![0.0; size];
     for _ in 0..30 {
-        let old: Vec<Vec<f64>> = x.iter().map(|v| v.iter().zip(&m).map(|(v, m)| v * m).collect()).collect();
+        let old: Vec<Vec<f64>> = x
+            .iter()
+            .map(|v| v.iter().zip(&m).map(|(v, m)| v * m).collect())
+            .collect();
         x = old.clone();
         x.iter_mut().for_each(|v| factor.solve(v));
         // Rayleigh-Ritz: A = Xᵀ K X = Xᵀ M X_old, B = Xᵀ M X.
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let mx: Vec<Vec<f64>> = x.iter().map(|v| v.iter().zip(&m).map(|(v, m)| v * m).collect()).collect();
-        let a = nalgebra::DMatrix::from_fn(size, size, |i, j| 0.5 * (dot(&x[i], &old[j]) + dot(&x[j], &old[i])));
+        let mx: Vec<Vec<f64>> = x
+            .iter()
+            .map(|v| v.iter().zip(&m).map(|(v, m)| v * m).collect())
+            .collect();
+        let a = nalgebra::DMatrix::from_fn(size, size, |i, j| {
+            0.5 * (dot(&x[i], &old[j]) + dot(&x[j], &old[i]))
+        });
         let b = nalgebra::DMatrix::from_fn(size, size, |i, j| dot(&x[i], &mx[j]));
         let l = b.cholesky().unwrap().l();
         let li = l.clone().try_inverse().unwrap();
@@ -146,7 +157,11 @@ pub(crate) fn lowest(k: &CsMat<f64>, mass: &[f64], fixed: &[bool], count: usize)
         order.sort_by(|&i, &j| e.eigenvalues[i].total_cmp(&e.eigenvalues[j]));
         x = order
             .iter()
-            .map(|&c| (0..n).map(|r| (0..size).map(|s| x[s][r] * y[(s, c)]).sum()).collect())
+            .map(|&c| {
+                (0..n)
+                    .map(|r| (0..size).map(|s| x[s][r] * y[(s, c)]).sum())
+                    .collect()
+            })
             .collect();
         values = order.iter().map(|&c| e.eigenvalues[c]).collect();
     }
@@ -155,7 +170,12 @@ pub(crate) fn lowest(k: &CsMat<f64>, mass: &[f64], fixed: &[bool], count: usize)
         free.iter().zip(v).for_each(|(&i, x)| out[i] = *x);
         out
     };
-    values.iter().copied().zip(x.iter().map(full)).take(count).collect()
+    values
+        .iter()
+        .copied()
+        .zip(x.iter().map(full))
+        .take(count)
+        .collect()
 }
 
 pub(crate) fn largest(v: &[f64]) -> f64 {
