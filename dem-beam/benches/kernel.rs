@@ -1,0 +1,2 @@
+//! Placeholder bench entry.
+fn main() {}
