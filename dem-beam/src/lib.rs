@@ -2,8 +2,11 @@
 
 pub mod bond;
 pub mod error;
+pub mod kernel;
+pub mod packing;
 pub mod particles;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 pub use error::{DemError, Result};
+pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};

@@ -1,0 +1,3 @@
+//! The fast kernel.
+
+pub mod order;
