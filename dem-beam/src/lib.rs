@@ -2,11 +2,13 @@
 
 pub mod bond;
 pub mod error;
+pub mod finite;
 pub mod kernel;
 pub mod packing;
 pub mod particles;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
+pub use kernel::{BeamDynamics, Held};
 pub use error::{DemError, Result};
 pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};

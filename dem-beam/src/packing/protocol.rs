@@ -197,9 +197,9 @@ const START_FRACTION: f64 = 0.5;
 /// Growth of the volume fraction per relaxation on the way to jamming.
 const GROWTH: f64 = 0.01;
 /// Overlaps below this fraction of the wanted one do not carry load.
-const LOOSE: f64 = 0.1;
+const LOOSE: f64 = 0.25;
 /// Force balance (of the mean contact force) at which a jammed state counts as relaxed.
-const BALANCE: f64 = 1e-2;
+const BALANCE: f64 = 3e-2;
 /// The wanted overlap is met within this factor.
 const NEAR: f64 = 1.25;
 
@@ -229,6 +229,7 @@ fn grow(
         let done = soft.relax(max_steps, LOOSE * wanted, BALANCE);
         steps += done.steps;
         let m = done.overlap;
+        eprintln!("{phi:.5} {m:.3e} {}", done.steps);
         if m <= wanted * NEAR && m >= wanted / NEAR {
             return Ok((m, steps));
         }

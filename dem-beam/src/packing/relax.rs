@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 /// Largest FIRE step: half the stability limit of a sphere with a dozen contacts.
-const STEP_MAX: f64 = 0.4;
+const STEP_MAX: f64 = 0.55;
 /// First FIRE step.
 const STEP_FIRST: f64 = 0.1;
 /// Mixing factor at the start and after each restart (Bitzek et al.).
