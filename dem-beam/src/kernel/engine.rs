@@ -1,6 +1,6 @@
 //! One pass over all blocks: forces, velocities, new rows.
 
-use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar};
+use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar, eight};
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
 use crate::bond::BeamRigidity;
@@ -183,10 +183,7 @@ fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
 ) -> ([L::V; 8], [L::V; 6]) {
     let layout = pass.layout;
     let mine = &rows[block * LANES..(block + 1) * LANES];
-    let own = l.transpose(std::array::from_fn(
-        #[inline(always)]
-        |r| mine[r].0,
-    ));
+    let own = l.transpose(eight!(r => mine[r].0));
     let mut acc = [l.splat(L::T::default()); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
     for s in range {
@@ -196,10 +193,7 @@ fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
             }
         }
         let near = &layout.neighbours[s];
-        let other = l.transpose(std::array::from_fn(
-            #[inline(always)]
-            |r| rows[near[r] as usize].0,
-        ));
+        let other = l.transpose(eight!(r => rows[near[r] as usize].0));
         W::add(l, k, &layout.slots[s], &own, &other, &mut acc);
     }
     (own, acc)
@@ -226,10 +220,10 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Step<'_, '_, L::
             }
             let m = &j.pass.layout.inverse_mass[block];
             let (m, i) = (l.mul(kick, l.load(&m[0].0)), l.mul(kick, l.load(&m[1].0)));
-            let v: [L::V; 6] = std::array::from_fn(
-                #[inline(always)]
-                |c| l.madd(if c < 3 { m } else { i }, f[c], l.load(&velocity[c].0)),
-            );
+            let mut v = f;
+            for c in 0..6 {
+                v[c] = l.madd(if c < 3 { m } else { i }, f[c], l.load(&velocity[c].0));
+            }
             for (store, v) in velocity.iter_mut().zip(v) {
                 store.0 = l.store(v);
             }

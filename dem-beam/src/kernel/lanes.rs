@@ -10,6 +10,21 @@
 #[cfg(target_arch = "x86_64")]
 pub(crate) use super::lanes_x86::{Wide256, Wide512};
 
+/// Array of `$e` for `$k` = 0 to 7, written out: closures and `map` are compiled on their own,
+/// without the instruction set of the caller, and cost a factor of three.
+macro_rules! eight {
+    ($k:ident => $e:expr) => {
+        eight!(@ $k $e, 0 1 2 3 4 5 6 7)
+    };
+    (@ $k:ident $e:expr, $($n:literal)*) => {
+        [$({
+            let $k: usize = $n;
+            $e
+        }),*]
+    };
+}
+pub(crate) use eight;
+
 /// Lanes per vector, particles per block.
 pub(crate) const LANES: usize = 8;
 
@@ -92,11 +107,6 @@ pub(crate) trait Job {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Portable<T>(pub(crate) std::marker::PhantomData<T>);
 
-macro_rules! each {
-    ($e:expr) => {
-        std::array::from_fn($e)
-    };
-}
 
 macro_rules! portable {
     ($t:ty) => {
@@ -121,44 +131,44 @@ macro_rules! portable {
             }
             #[inline(always)]
             fn add(self, a: Self::V, b: Self::V) -> Self::V {
-                each!(|k| a[k] + b[k])
+                eight!(k => a[k] + b[k])
             }
             #[inline(always)]
             fn sub(self, a: Self::V, b: Self::V) -> Self::V {
-                each!(|k| a[k] - b[k])
+                eight!(k => a[k] - b[k])
             }
             #[inline(always)]
             fn mul(self, a: Self::V, b: Self::V) -> Self::V {
-                each!(|k| a[k] * b[k])
+                eight!(k => a[k] * b[k])
             }
             #[inline(always)]
             fn div(self, a: Self::V, b: Self::V) -> Self::V {
-                each!(|k| a[k] / b[k])
+                eight!(k => a[k] / b[k])
             }
             #[inline(always)]
             fn sqrt(self, a: Self::V) -> Self::V {
-                each!(|k| a[k].sqrt())
+                eight!(k => a[k].sqrt())
             }
             #[inline(always)]
             fn max(self, a: Self::V, b: Self::V) -> Self::V {
-                each!(|k| a[k].max(b[k]))
+                eight!(k => a[k].max(b[k]))
             }
             // Not `mul_add`: without the instruction it is a library call, ten times slower.
             #[inline(always)]
             fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-                each!(|k| a[k] * b[k] + c[k])
+                eight!(k => a[k] * b[k] + c[k])
             }
             #[inline(always)]
             fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-                each!(|k| c[k] - a[k] * b[k])
+                eight!(k => c[k] - a[k] * b[k])
             }
             #[inline(always)]
             fn transpose(self, rows: [[$t; LANES]; LANES]) -> [Self::V; LANES] {
-                each!(|c| each!(|r: usize| rows[r][c]))
+                eight!(c => eight!(r => rows[r][c]))
             }
             #[inline(always)]
             fn untranspose(self, v: [Self::V; LANES]) -> [[$t; LANES]; LANES] {
-                each!(|r| each!(|c: usize| v[c][r]))
+                eight!(r => eight!(c => v[c][r]))
             }
             #[inline(always)]
             fn prefetch(self, _row: &Row<$t>) {}

@@ -1,6 +1,6 @@
 //! The lanes of AVX-512 (one register) and AVX2 with FMA (two registers for f64, one for f32).
 
-use super::lanes::{Job, LANES, Lanes, Row};
+use super::lanes::{Job, LANES, Lanes, Row, eight};
 use core::arch::x86_64::{__m256, __m256d, __m512d};
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, cast};
@@ -38,14 +38,18 @@ fn blocks(s: V4, t: [__m512d; 4]) -> [__m512d; 4] {
 #[inline(always)]
 fn turn512(s: V4, r: [__m512d; 8]) -> [__m512d; 8] {
     let f = s.avx512f;
-    let lo = [0, 2, 4, 6].map(
-        #[inline(always)]
-        |k| f._mm512_unpacklo_pd(r[k], r[k + 1]),
-    );
-    let hi = [0, 2, 4, 6].map(
-        #[inline(always)]
-        |k| f._mm512_unpackhi_pd(r[k], r[k + 1]),
-    );
+    let lo = [
+        f._mm512_unpacklo_pd(r[0], r[1]),
+        f._mm512_unpacklo_pd(r[2], r[3]),
+        f._mm512_unpacklo_pd(r[4], r[5]),
+        f._mm512_unpacklo_pd(r[6], r[7]),
+    ];
+    let hi = [
+        f._mm512_unpackhi_pd(r[0], r[1]),
+        f._mm512_unpackhi_pd(r[2], r[3]),
+        f._mm512_unpackhi_pd(r[4], r[5]),
+        f._mm512_unpackhi_pd(r[6], r[7]),
+    ];
     let (e, o) = (blocks(s, lo), blocks(s, hi));
     [e[0], o[0], e[1], o[1], e[2], o[2], e[3], o[3]]
 }
@@ -103,11 +107,12 @@ impl Lanes for Wide512 {
     }
     #[inline(always)]
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [__m512d; LANES] {
-        turn512(self.0, rows.map(cast))
+        turn512(self.0, eight!(k => cast(rows[k])))
     }
     #[inline(always)]
     fn untranspose(self, v: [__m512d; LANES]) -> [[f64; LANES]; LANES] {
-        turn512(self.0, v).map(cast)
+        let t = turn512(self.0, v);
+        eight!(k => cast(t[k]))
     }
     #[inline(always)]
     fn prefetch(self, row: &Row<f64>) {
@@ -120,10 +125,18 @@ impl Lanes for Wide512 {
 pub(crate) struct Wide256<T>(pub(crate) V3, pub(crate) std::marker::PhantomData<T>);
 
 macro_rules! both {
-    ($x:expr) => {{
-        let f = $x;
-        [f(0), f(1)]
-    }};
+    ($k:ident => $e:expr) => {
+        [
+            {
+                let $k = 0;
+                $e
+            },
+            {
+                let $k = 1;
+                $e
+            },
+        ]
+    };
 }
 
 /// 4 x 4 transposition.
@@ -144,10 +157,10 @@ fn turn4(s: V3, r: [__m256d; 4]) -> [__m256d; 4] {
 
 #[inline(always)]
 fn turn256(s: V3, r: [[__m256d; 2]; 8]) -> [[__m256d; 2]; 8] {
-    let q = |rows: usize, half: usize| {
-        turn4(s, [r[rows][half], r[rows + 1][half], r[rows + 2][half], r[rows + 3][half]])
-    };
-    let (a, b, c, d) = (q(0, 0), q(4, 0), q(0, 1), q(4, 1));
+    let a = turn4(s, [r[0][0], r[1][0], r[2][0], r[3][0]]);
+    let b = turn4(s, [r[4][0], r[5][0], r[6][0], r[7][0]]);
+    let c = turn4(s, [r[0][1], r[1][1], r[2][1], r[3][1]]);
+    let d = turn4(s, [r[4][1], r[5][1], r[6][1], r[7][1]]);
     [
         [a[0], b[0]],
         [a[1], b[1]],
@@ -181,43 +194,44 @@ impl Lanes for Wide256<f64> {
     }
     #[inline(always)]
     fn add(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(|k: usize| self.0.avx._mm256_add_pd(a[k], b[k]))
+        both!(k => self.0.avx._mm256_add_pd(a[k], b[k]))
     }
     #[inline(always)]
     fn sub(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(|k: usize| self.0.avx._mm256_sub_pd(a[k], b[k]))
+        both!(k => self.0.avx._mm256_sub_pd(a[k], b[k]))
     }
     #[inline(always)]
     fn mul(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(|k: usize| self.0.avx._mm256_mul_pd(a[k], b[k]))
+        both!(k => self.0.avx._mm256_mul_pd(a[k], b[k]))
     }
     #[inline(always)]
     fn div(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(|k: usize| self.0.avx._mm256_div_pd(a[k], b[k]))
+        both!(k => self.0.avx._mm256_div_pd(a[k], b[k]))
     }
     #[inline(always)]
     fn sqrt(self, a: Self::V) -> Self::V {
-        both!(|k: usize| self.0.avx._mm256_sqrt_pd(a[k]))
+        both!(k => self.0.avx._mm256_sqrt_pd(a[k]))
     }
     #[inline(always)]
     fn max(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(|k: usize| self.0.avx._mm256_max_pd(a[k], b[k]))
+        both!(k => self.0.avx._mm256_max_pd(a[k], b[k]))
     }
     #[inline(always)]
     fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        both!(|k: usize| self.0.fma._mm256_fmadd_pd(a[k], b[k], c[k]))
+        both!(k => self.0.fma._mm256_fmadd_pd(a[k], b[k], c[k]))
     }
     #[inline(always)]
     fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        both!(|k: usize| self.0.fma._mm256_fnmadd_pd(a[k], b[k], c[k]))
+        both!(k => self.0.fma._mm256_fnmadd_pd(a[k], b[k], c[k]))
     }
     #[inline(always)]
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES] {
-        turn256(self.0, rows.map(cast))
+        turn256(self.0, eight!(k => cast(rows[k])))
     }
     #[inline(always)]
     fn untranspose(self, v: [Self::V; LANES]) -> [[f64; LANES]; LANES] {
-        turn256(self.0, v).map(cast)
+        let t = turn256(self.0, v);
+        eight!(k => cast(t[k]))
     }
     #[inline(always)]
     fn prefetch(self, row: &Row<f64>) {
@@ -229,20 +243,21 @@ impl Lanes for Wide256<f64> {
 #[inline(always)]
 fn turn8(s: V3, r: [__m256; 8]) -> [__m256; 8] {
     let a = s.avx;
-    let pair = |k: usize| {
-        let (lo, hi) = (a._mm256_unpacklo_ps(r[k], r[k + 1]), a._mm256_unpackhi_ps(r[k], r[k + 1]));
-        (lo, hi)
-    };
-    let (p, q, u, v) = (pair(0), pair(2), pair(4), pair(6));
-    let four = |x: (__m256, __m256), y: (__m256, __m256)| {
-        [
-            a._mm256_shuffle_ps::<0x44>(x.0, y.0),
-            a._mm256_shuffle_ps::<0xee>(x.0, y.0),
-            a._mm256_shuffle_ps::<0x44>(x.1, y.1),
-            a._mm256_shuffle_ps::<0xee>(x.1, y.1),
-        ]
-    };
-    let (b, c) = (four(p, q), four(u, v));
+    macro_rules! four {
+        ($i:literal) => {{
+            let p0 = a._mm256_unpacklo_ps(r[$i], r[$i + 1]);
+            let p1 = a._mm256_unpackhi_ps(r[$i], r[$i + 1]);
+            let q0 = a._mm256_unpacklo_ps(r[$i + 2], r[$i + 3]);
+            let q1 = a._mm256_unpackhi_ps(r[$i + 2], r[$i + 3]);
+            [
+                a._mm256_shuffle_ps::<0x44>(p0, q0),
+                a._mm256_shuffle_ps::<0xee>(p0, q0),
+                a._mm256_shuffle_ps::<0x44>(p1, q1),
+                a._mm256_shuffle_ps::<0xee>(p1, q1),
+            ]
+        }};
+    }
+    let (b, c) = (four!(0), four!(4));
     [
         a._mm256_permute2f128_ps::<0x20>(b[0], c[0]),
         a._mm256_permute2f128_ps::<0x20>(b[1], c[1]),
@@ -308,11 +323,12 @@ impl Lanes for Wide256<f32> {
     }
     #[inline(always)]
     fn transpose(self, rows: [[f32; LANES]; LANES]) -> [__m256; LANES] {
-        turn8(self.0, rows.map(cast))
+        turn8(self.0, eight!(k => cast(rows[k])))
     }
     #[inline(always)]
     fn untranspose(self, v: [__m256; LANES]) -> [[f32; LANES]; LANES] {
-        turn8(self.0, v).map(cast)
+        let t = turn8(self.0, v);
+        eight!(k => cast(t[k]))
     }
     #[inline(always)]
     fn prefetch(self, row: &Row<f32>) {

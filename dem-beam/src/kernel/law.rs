@@ -19,7 +19,7 @@
 //! m_i = k_t s (r_0 n + n x r) - 2 k_b t_i x (t_j - (2 c_i + c_j) n)
 //! ```
 
-use super::lanes::{Lanes, Row, Scalar, Vec3, axpy, cross, diff, dot, scale, sum};
+use super::lanes::{Lanes, Scalar, Vec3, axpy, cross, diff, dot, scale, sum};
 use crate::bond::{BeamRigidity, LinearBond};
 
 /// A force law on rows of eight numbers per particle.
@@ -59,15 +59,19 @@ pub(crate) struct Rigidity<L: Lanes> {
 impl<L: Lanes> Rigidity<L> {
     #[inline(always)]
     pub(crate) fn new(l: L, k: &BeamRigidity) -> Self {
-        let s = |x: f64| l.splat(L::T::of(x));
+        macro_rules! s {
+            ($x:expr) => {
+                l.splat(L::T::of($x))
+            };
+        }
         Self {
-            axial: s(k.axial),
-            torsion: s(k.torsion),
-            bending2: s(2.0 * k.bending),
-            minus_bending12: s(-12.0 * k.bending),
-            two: s(2.0),
-            three: s(3.0),
-            one: s(1.0),
+            axial: s!(k.axial),
+            torsion: s!(k.torsion),
+            bending2: s!(2.0 * k.bending),
+            minus_bending12: s!(-12.0 * k.bending),
+            two: s!(2.0),
+            three: s!(3.0),
+            one: s!(1.0),
         }
     }
 }
@@ -78,9 +82,10 @@ pub(crate) struct Linear;
 
 /// `n/l` and `w l` of eight half-bonds; zero in empty lanes.
 #[derive(Debug, Clone, Copy, Default)]
+#[repr(C, align(64))]
 pub(crate) struct LinearSlot<T> {
-    axis: [Row<T>; 3],
-    scale: Row<T>,
+    axis: [[T; 8]; 3],
+    scale: [T; 8],
 }
 
 impl<T: Scalar> Law<T> for Linear {
@@ -88,9 +93,9 @@ impl<T: Scalar> Law<T> for Linear {
 
     fn fill(slot: &mut LinearSlot<T>, lane: usize, bond: &LinearBond) {
         for a in 0..3 {
-            slot.axis[a].0[lane] = T::of(bond.axis[a]);
+            slot.axis[a][lane] = T::of(bond.axis[a]);
         }
-        slot.scale.0[lane] = T::of(bond.scale);
+        slot.scale[lane] = T::of(bond.scale);
     }
 
     #[inline(always)]
@@ -103,11 +108,11 @@ impl<T: Scalar> Law<T> for Linear {
         acc: &mut [L::V; 6],
     ) {
         let p: Vec3<L> = [
-            l.load(&slot.axis[0].0),
-            l.load(&slot.axis[1].0),
-            l.load(&slot.axis[2].0),
+            l.load(&slot.axis[0]),
+            l.load(&slot.axis[1]),
+            l.load(&slot.axis[2]),
         ];
-        let s = l.load(&slot.scale.0);
+        let s = l.load(&slot.scale);
         let q = dot(l, p, p);
         let bs = l.mul(k.bending2, s);
         let b = l.mul(bs, q);
@@ -137,8 +142,11 @@ impl<T: Scalar> Law<T> for Linear {
 
     #[inline(always)]
     fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8] {
-        let m = |k: usize| l.madd(dt, v[k], own[k]);
-        [m(0), m(1), m(2), m(3), m(4), m(5), own[6], own[7]]
+        let mut out = *own;
+        for k in 0..6 {
+            out[k] = l.madd(dt, v[k], own[k]);
+        }
+        out
     }
 }
 
@@ -148,16 +156,17 @@ pub(crate) struct Finite;
 
 /// `d0`, `1/l0` and `w/l0` of eight half-bonds; in empty lanes a unit axis without stiffness.
 #[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
 pub(crate) struct FiniteSlot<T> {
-    rest: [Row<T>; 3],
-    inverse: Row<T>,
-    scale: Row<T>,
+    rest: [[T; 8]; 3],
+    inverse: [T; 8],
+    scale: [T; 8],
 }
 
 impl<T: Scalar> Default for FiniteSlot<T> {
     fn default() -> Self {
-        let zero = Row::default();
-        let one = Row([T::of(1.0); 8]);
+        let zero = [T::default(); 8];
+        let one = [T::of(1.0); 8];
         Self { rest: [one, zero, zero], inverse: one, scale: zero }
     }
 }
@@ -168,10 +177,10 @@ impl<T: Scalar> Law<T> for Finite {
     fn fill(slot: &mut FiniteSlot<T>, lane: usize, bond: &LinearBond) {
         let inverse = bond.axis.norm();
         for a in 0..3 {
-            slot.rest[a].0[lane] = T::of(bond.axis[a] / (inverse * inverse));
+            slot.rest[a][lane] = T::of(bond.axis[a] / (inverse * inverse));
         }
-        slot.inverse.0[lane] = T::of(inverse);
-        slot.scale.0[lane] = T::of(bond.scale * inverse * inverse);
+        slot.inverse[lane] = T::of(inverse);
+        slot.scale[lane] = T::of(bond.scale * inverse * inverse);
     }
 
     #[inline(always)]
@@ -184,12 +193,12 @@ impl<T: Scalar> Law<T> for Finite {
         acc: &mut [L::V; 6],
     ) {
         let d0: Vec3<L> = [
-            l.load(&slot.rest[0].0),
-            l.load(&slot.rest[1].0),
-            l.load(&slot.rest[2].0),
+            l.load(&slot.rest[0]),
+            l.load(&slot.rest[1]),
+            l.load(&slot.rest[2]),
         ];
-        let inverse = l.load(&slot.inverse.0);
-        let s = l.load(&slot.scale.0);
+        let inverse = l.load(&slot.inverse);
+        let s = l.load(&slot.scale);
         let du = diff(l, [other[0], other[1], other[2]], [own[0], own[1], own[2]]);
         let d = sum(l, d0, du);
         let dd = dot(l, d, d);
@@ -248,8 +257,8 @@ impl<T: Scalar> Law<T> for Finite {
         // (1, h) (s, q) = (s - h.q, q + s h + h x q)
         let s_new = l.mul(norm, l.sub(s, dot(l, h, q)));
         let q_new = scale(l, axpy(l, h, s, sum(l, q, cross(l, h, q))), norm);
-        let m = |k: usize| l.madd(dt, v[k], own[k]);
-        [m(0), m(1), m(2), s_new, q_new[0], q_new[1], q_new[2], own[7]]
+        let u = axpy(l, [v[0], v[1], v[2]], dt, [own[0], own[1], own[2]]);
+        [u[0], u[1], u[2], s_new, q_new[0], q_new[1], q_new[2], own[7]]
     }
 }
 
