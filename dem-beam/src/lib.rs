@@ -1,11 +1,14 @@
 //! Cohesive-beam discrete elements: spheres joined by Euler-Bernoulli beams.
 
 pub mod bond;
+pub mod calibrate;
+pub mod critical;
 pub mod error;
 pub mod finite;
 pub mod kernel;
 pub mod packing;
 pub mod particles;
+pub mod statics;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 pub use kernel::{BeamDynamics, Held};

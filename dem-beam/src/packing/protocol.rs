@@ -229,7 +229,6 @@ fn grow(
         let done = soft.relax(max_steps, LOOSE * wanted, BALANCE);
         steps += done.steps;
         let m = done.overlap;
-        eprintln!("{phi:.5} {m:.3e} {}", done.steps);
         if m <= wanted * NEAR && m >= wanted / NEAR {
             return Ok((m, steps));
         }
