@@ -10,7 +10,9 @@ use std::time::Instant;
 
 fn body(count: usize) -> Result<BondedParticles, DemError> {
     let bar = Container::cylinder(20e-3, 1e-3)?;
-    PackingSpec::quench(bar, count, 1).build()?.bonded(BeamMaterial::SILICA, 2200.0)
+    PackingSpec::quench(bar, count, 1)
+        .build()?
+        .bonded(BeamMaterial::SILICA, 2200.0)
 }
 
 /// Best of `repeats` runs (s per step).
@@ -40,7 +42,11 @@ fn main() -> Result<(), DemError> {
         let start = Instant::now();
         let body = body(count)?;
         let bonds = body.pairs().len();
-        println!("{} particles, {bonds} bonds, packed in {:.1} s", body.len(), start.elapsed().as_secs_f64());
+        println!(
+            "{} particles, {bonds} bonds, packed in {:.1} s",
+            body.len(),
+            start.elapsed().as_secs_f64()
+        );
         let kick: Vec<Twist> = (0..body.len())
             .map(|i| Twist {
                 linear: Vector3::new((i as f64).sin(), (i as f64).cos(), 0.3) * 1e-3,

@@ -192,10 +192,7 @@ impl LinearBond {
                 angular: Vector3::new(x[o + 3], x[o + 4], x[o + 5]),
             };
             let (fi, fj) = self.wrenches(k, &at(0), &at(6));
-            for (o, v) in [fi.linear, fi.angular, fj.linear, fj.angular]
-                .iter()
-                .enumerate()
-            {
+            for (o, v) in [fi.linear, fi.angular, fj.linear, fj.angular].iter().enumerate() {
                 out.fixed_view_mut::<3, 1>(3 * o, c).copy_from(&-v);
             }
         }
@@ -213,14 +210,12 @@ impl LinearBond {
         let shear = p.cross_matrix() * (6.0 * k.bending * s * q);
         let mut out = Matrix6::zeros();
         out.fixed_view_mut::<3, 3>(0, 0).copy_from(
-            &(one * (12.0 * k.bending * s * q * q)
-                + ppt * ((k.axial - 12.0 * k.bending * q) * s)),
+            &(one * (12.0 * k.bending * s * q * q) + ppt * ((k.axial - 12.0 * k.bending * q) * s)),
         );
         out.fixed_view_mut::<3, 3>(0, 3).copy_from(&-shear);
         out.fixed_view_mut::<3, 3>(3, 0).copy_from(&shear);
-        out.fixed_view_mut::<3, 3>(3, 3).copy_from(
-            &(one * (4.0 * k.bending * s * q) + ppt * ((k.torsion - 4.0 * k.bending) * s)),
-        );
+        out.fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&(one * (4.0 * k.bending * s * q) + ppt * ((k.torsion - 4.0 * k.bending) * s)));
         out
     }
 

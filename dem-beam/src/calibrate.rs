@@ -71,22 +71,34 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
         // An affine start: nearly the solution.
         problem.start[i].linear.x = STRAIN * along;
     }
-    for (name, s) in [("particles at the first end", -1.0_f64), ("particles at the second end", 1.0)] {
+    for (name, s) in [
+        ("particles at the first end", -1.0_f64),
+        ("particles at the second end", 1.0),
+    ] {
         if !side.iter().any(|x| x.total_cmp(&s).is_eq()) {
-            return Err(DemError::OutOfRange { name, value: 0.0, range: "values >= 1" });
+            return Err(DemError::OutOfRange {
+                name,
+                value: 0.0,
+                range: "values >= 1",
+            });
         }
     }
     let done = problem.solve(body, TOLERANCE, ITERATIONS)?;
-    let pull: f64 = done.reactions.iter().zip(&side).map(|(r, s)| 0.5 * s * r.linear.x).sum();
+    let pull: f64 = done
+        .reactions
+        .iter()
+        .zip(&side)
+        .map(|(r, s)| 0.5 * s * r.linear.x)
+        .sum();
     let gauge = |i: &usize| {
         let t = (body.positions()[*i].x - bar.start) / bar.length;
         (0.25..0.75).contains(&t)
     };
     let chosen: Vec<usize> = (0..body.len()).filter(gauge).collect();
     let slope = |axis: usize| {
-        let points = chosen.iter().map(|&i| {
-            (body.positions()[i], done.displacements[i].linear[axis])
-        });
+        let points = chosen
+            .iter()
+            .map(|&i| (body.positions()[i], done.displacements[i].linear[axis]));
         gradient(points).map(|g| g[axis])
     };
     let (ex, ey, ez) = (slope(0)?, slope(1)?, slope(2)?);
@@ -132,7 +144,10 @@ impl Spread {
         let n = x.len().max(1) as f64;
         let mean = x.iter().sum::<f64>() / n;
         let square: f64 = x.iter().map(|x| (x - mean) * (x - mean)).sum();
-        Self { mean, deviation: (square / (n - 1.0).max(1.0)).sqrt() }
+        Self {
+            mean,
+            deviation: (square / (n - 1.0).max(1.0)).sqrt(),
+        }
     }
 }
 
@@ -190,11 +205,17 @@ pub fn inverse(
     beam_poisson: f64,
 ) -> Result<Calibration> {
     positive("wanted Young's modulus", young)?;
-    let beam = |ratio: f64, young: f64| BeamMaterial { young, poisson: beam_poisson, radius_ratio: ratio };
+    let beam = |ratio: f64, young: f64| BeamMaterial {
+        young,
+        poisson: beam_poisson,
+        radius_ratio: ratio,
+    };
     let test = |ratio: f64| measure(packings, beam(ratio, 1e9), bar);
     let (mut low, mut high) = (0.2, 1.5);
-    let (mut f_low, mut f_high) =
-        (test(low)?.poisson.mean - poisson, test(high)?.poisson.mean - poisson);
+    let (mut f_low, mut f_high) = (
+        test(low)?.poisson.mean - poisson,
+        test(high)?.poisson.mean - poisson,
+    );
     let mut tests = 2 * packings.len();
     if !(f_low * f_high <= 0.0) {
         return Err(DemError::OutOfRange {
@@ -213,7 +234,11 @@ pub fn inverse(
         if f.abs() < 1e-4 {
             let found = beam(ratio, 1e9 * young / now.young.mean);
             let reached = measure(packings, found, bar)?;
-            return Ok(Calibration { beam: found, reached, tests: tests + packings.len() });
+            return Ok(Calibration {
+                beam: found,
+                reached,
+                tests: tests + packings.len(),
+            });
         }
         if f * f_high > 0.0 {
             (high, f_high) = (ratio, f);
@@ -243,5 +268,13 @@ pub fn clamp_layer(body: &BondedParticles, at: f64) -> Vec<Held> {
     let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
     let spheres = body.positions().iter().zip(body.radii());
     let touches = |x: &Vector3<f64>, r: f64| x.x - at < r + 0.05 * mean;
-    spheres.map(|(x, r)| if touches(x, *r) { Held::ALL } else { Held::default() }).collect()
+    spheres
+        .map(|(x, r)| {
+            if touches(x, *r) {
+                Held::ALL
+            } else {
+                Held::default()
+            }
+        })
+        .collect()
 }

@@ -56,20 +56,34 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
 /// [`DemError::OutOfRange`] for zero steps, or if no particle has both mass and stiffness.
 pub fn lanczos(body: &BondedParticles, steps: usize) -> Result<f64> {
     if steps == 0 {
-        return Err(DemError::OutOfRange { name: "Lanczos steps", value: 0.0, range: "values >= 1" });
+        return Err(DemError::OutOfRange {
+            name: "Lanczos steps",
+            value: 0.0,
+            range: "values >= 1",
+        });
     }
     let n = body.len();
     let root = |m: f64| if m > 0.0 { m.sqrt().recip() } else { 0.0 };
-    let scale: Vec<[f64; 2]> =
-        body.mass().iter().zip(body.inertia()).map(|(&m, &i)| [root(m), root(i)]).collect();
+    let scale: Vec<[f64; 2]> = body
+        .mass()
+        .iter()
+        .zip(body.inertia())
+        .map(|(&m, &i)| [root(m), root(i)])
+        .collect();
     let weigh = |x: &[Twist]| -> Vec<Twist> {
         x.iter()
             .zip(&scale)
-            .map(|(x, s)| Twist { linear: x.linear * s[0], angular: x.angular * s[1] })
+            .map(|(x, s)| Twist {
+                linear: x.linear * s[0],
+                angular: x.angular * s[1],
+            })
             .collect()
     };
     let dot = |a: &[Twist], b: &[Twist]| -> f64 {
-        a.iter().zip(b).map(|(a, b)| a.linear.dot(&b.linear) + a.angular.dot(&b.angular)).sum()
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| a.linear.dot(&b.linear) + a.angular.dot(&b.angular))
+            .sum()
     };
     // A start without symmetry, the same every time.
     let noise = |p: usize, c: usize| ((p * 6 + c) as f64 * 12.9898).sin() + 0.1;
@@ -80,7 +94,12 @@ pub fn lanczos(body: &BondedParticles, steps: usize) -> Result<f64> {
         })
         .collect();
     let norm = dot(&v, &v).sqrt();
-    v.iter_mut().for_each(|x| *x = Twist { linear: x.linear / norm, angular: x.angular / norm });
+    v.iter_mut().for_each(|x| {
+        *x = Twist {
+            linear: x.linear / norm,
+            angular: x.angular / norm,
+        }
+    });
     let mut last = vec![Twist::zero(); n];
     let (mut diagonal, mut off): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
     let mut beta = 0.0;
@@ -101,7 +120,12 @@ pub fn lanczos(body: &BondedParticles, steps: usize) -> Result<f64> {
             break;
         }
         off.push(beta);
-        w.iter_mut().for_each(|x| *x = Twist { linear: x.linear / beta, angular: x.angular / beta });
+        w.iter_mut().for_each(|x| {
+            *x = Twist {
+                linear: x.linear / beta,
+                angular: x.angular / beta,
+            }
+        });
         last = std::mem::replace(&mut v, w);
     }
     off.truncate(diagonal.len() - 1);

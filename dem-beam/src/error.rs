@@ -229,12 +229,7 @@ pub enum DemError {
 pub type Result<T> = std::result::Result<T, DemError>;
 
 /// Refuses NaN and infinities.
-pub(crate) fn finite(
-    what: &'static str,
-    object: &'static str,
-    index: usize,
-    value: f64,
-) -> Result<()> {
+pub(crate) fn finite(what: &'static str, object: &'static str, index: usize, value: f64) -> Result<()> {
     if value.is_finite() {
         Ok(())
     } else {

@@ -11,7 +11,7 @@ pub mod particles;
 pub mod statics;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
-pub use kernel::{BeamDynamics, Held};
 pub use error::{DemError, Result};
+pub use kernel::{BeamDynamics, Held};
 pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};

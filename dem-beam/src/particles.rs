@@ -117,11 +117,7 @@ impl BondedParticles {
             bond.scale = w / bond.axis.norm();
         }
         self.weights.copy_from_slice(weights);
-        let factor: Vec<f64> = sum
-            .iter()
-            .zip(&degree)
-            .map(|(s, &d)| s / f64::from(d))
-            .collect();
+        let factor: Vec<f64> = sum.iter().zip(&degree).map(|(s, &d)| s / f64::from(d)).collect();
         self.apply_mass_factors(&factor);
         Ok(())
     }
@@ -247,9 +243,7 @@ impl BondedParticles {
             .bonds
             .iter()
             .zip(&self.pairs)
-            .map(|(b, &[i, j])| {
-                b.energy(&self.rigidity, &state[i as usize], &state[j as usize])
-            })
+            .map(|(b, &[i, j])| b.energy(&self.rigidity, &state[i as usize], &state[j as usize]))
             .sum())
     }
 }
@@ -306,12 +300,7 @@ pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result
     Ok(())
 }
 
-fn make_bond(
-    bond: usize,
-    [i, j]: [u32; 2],
-    positions: &[Vector3<f64>],
-    radii: &[f64],
-) -> Result<LinearBond> {
+fn make_bond(bond: usize, [i, j]: [u32; 2], positions: &[Vector3<f64>], radii: &[f64]) -> Result<LinearBond> {
     let (first, second) = (i as usize, j as usize);
     let particle = first.max(second);
     if particle >= positions.len() {

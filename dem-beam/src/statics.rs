@@ -81,16 +81,31 @@ impl StaticProblem {
             .map(|((k, f), free)| split(&(k - f).component_mul(&free.map(|f| 1.0 - f))))
             .collect();
         let displacements = x.iter().map(split).collect();
-        Ok(Equilibrium { displacements, reactions, iterations, residual })
+        Ok(Equilibrium {
+            displacements,
+            reactions,
+            iterations,
+            residual,
+        })
     }
 }
 
 fn join(t: &Twist) -> Six {
-    Six::new(t.linear.x, t.linear.y, t.linear.z, t.angular.x, t.angular.y, t.angular.z)
+    Six::new(
+        t.linear.x,
+        t.linear.y,
+        t.linear.z,
+        t.angular.x,
+        t.angular.y,
+        t.angular.z,
+    )
 }
 
 fn split(x: &Six) -> Twist {
-    Twist { linear: Vector3::new(x[0], x[1], x[2]), angular: Vector3::new(x[3], x[4], x[5]) }
+    Twist {
+        linear: Vector3::new(x[0], x[1], x[2]),
+        angular: Vector3::new(x[3], x[4], x[5]),
+    }
 }
 
 struct System<'a> {
@@ -111,7 +126,10 @@ impl<'a> System<'a> {
             start[i + 1] += start[i];
         }
         let mut next = start.clone();
-        let blank = LinearBond { axis: Vector3::zeros(), scale: 0.0 };
+        let blank = LinearBond {
+            axis: Vector3::zeros(),
+            scale: 0.0,
+        };
         let mut ends = vec![(0, blank); 2 * body.pairs().len()];
         for (bond, &[i, j]) in body.bonds().iter().zip(body.pairs()) {
             for (a, o, b) in [(i, j, *bond), (j, i, bond.reversed())] {
@@ -135,10 +153,18 @@ impl<'a> System<'a> {
                 let mask = free * free.transpose();
                 let held = Matrix6::from_diagonal(&free.map(|f| 1.0 - f));
                 let k = k.component_mul(&mask) + held * k.diagonal().max();
-                k.try_inverse().unwrap_or_else(Matrix6::identity).component_mul(&mask)
+                k.try_inverse()
+                    .unwrap_or_else(Matrix6::identity)
+                    .component_mul(&mask)
             })
             .collect();
-        Self { body, start, ends, free, inverse }
+        Self {
+            body,
+            start,
+            ends,
+            free,
+            inverse,
+        }
     }
 
     /// `out = K x`, all components.
@@ -170,7 +196,9 @@ impl<'a> System<'a> {
         let n = x.len();
         let mut q = vec![Six::zeros(); n];
         self.stiffness(x, &mut q);
-        let mut r: Vec<Six> = (0..n).map(|i| (loads[i] - q[i]).component_mul(&self.free[i])).collect();
+        let mut r: Vec<Six> = (0..n)
+            .map(|i| (loads[i] - q[i]).component_mul(&self.free[i]))
+            .collect();
         let mut z: Vec<Six> = r.iter().zip(&self.inverse).map(|(r, k)| k * r).collect();
         let mut p = z.clone();
         let mut rho = ordered_dot(&r, &z);
@@ -184,11 +212,15 @@ impl<'a> System<'a> {
                 return (step, residual);
             }
             self.stiffness(&p, &mut q);
-            q.iter_mut().zip(&self.free).for_each(|(q, f)| q.component_mul_assign(f));
+            q.iter_mut()
+                .zip(&self.free)
+                .for_each(|(q, f)| q.component_mul_assign(f));
             let alpha = rho / ordered_dot(&p, &q);
             let update = x.par_chunks_mut(CHUNK).zip(r.par_chunks_mut(CHUNK));
             let update = update.zip(z.par_chunks_mut(CHUNK)).zip(p.par_chunks(CHUNK));
-            let update = update.zip(q.par_chunks(CHUNK)).zip(self.inverse.par_chunks(CHUNK));
+            let update = update
+                .zip(q.par_chunks(CHUNK))
+                .zip(self.inverse.par_chunks(CHUNK));
             update.for_each(|(((((x, r), z), p), q), inverse)| {
                 for i in 0..x.len() {
                     x[i] += p[i] * alpha;

@@ -42,7 +42,11 @@ fn textbook(k: &BeamRigidity, l: f64) -> M12 {
 }
 
 fn frame(n: &Vector3<f64>) -> Matrix3<f64> {
-    let helper = if n.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
+    let helper = if n.x.abs() < 0.7 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
     let y = n.cross(&helper).normalize();
     Matrix3::from_columns(&[*n, y, n.cross(&y)])
 }
@@ -151,7 +155,11 @@ fn cantilever_chain() {
         let axis = turn * Vector3::x();
         let positions: Vec<_> = (0..=n).map(|i| axis * (2.0 * r * i as f64)).collect();
         let pairs = (0..n as u32).map(|i| [i, i + 1]).collect();
-        let matter = Matter { beam: BeamMaterial::SILICA, density: 2200.0, volume: 1e-9 };
+        let matter = Matter {
+            beam: BeamMaterial::SILICA,
+            density: 2200.0,
+            volume: 1e-9,
+        };
         let body = BondedParticles::new(positions, vec![r; n + 1], pairs, &matter).unwrap();
         let k = *body.rigidity();
         let size = 6 * n;
@@ -172,11 +180,15 @@ fn cantilever_chain() {
         let l = 2.0 * r * n as f64;
         let solve = |load: SVector<f64, 6>| {
             let mut b = DVector::zeros(size);
-            for c in 0..6 { b[size - 6 + c] = load[c] * unit(c); }
+            for c in 0..6 {
+                b[size - 6 + c] = load[c] * unit(c);
+            }
             let x = chol.solve(&b);
             let end: Vec<f64> = (0..6).map(|c| x[size - 6 + c] * unit(c)).collect();
-            (turn.inverse() * Vector3::new(end[0], end[1], end[2]),
-             turn.inverse() * Vector3::new(end[3], end[4], end[5]))
+            (
+                turn.inverse() * Vector3::new(end[0], end[1], end[2]),
+                turn.inverse() * Vector3::new(end[3], end[4], end[5]),
+            )
         };
         let load = |f: Vector3<f64>, c: Vector3<f64>| {
             let (f, c) = (turn * f, turn * c);

@@ -28,7 +28,10 @@ pub struct Held {
 
 impl Held {
     /// All six.
-    pub const ALL: Self = Self { linear: [true; 3], angular: [true; 3] };
+    pub const ALL: Self = Self {
+        linear: [true; 3],
+        angular: [true; 3],
+    };
 }
 
 #[derive(Debug)]
@@ -80,7 +83,11 @@ impl<T: Dispatch> BeamDynamics<T> {
     pub fn linear(body: &BondedParticles, step: f64) -> Result<Self> {
         positive("time step", step)?;
         let inner = Inner::Linear(State::new(body));
-        Ok(Self { inner, body: body.clone(), step })
+        Ok(Self {
+            inner,
+            body: body.clone(),
+            step,
+        })
     }
 
     /// Finite-rotation law, at rest.
@@ -93,7 +100,11 @@ impl<T: Dispatch> BeamDynamics<T> {
         state.rows.iter_mut().for_each(|r| r.0[3] = T::of(1.0));
         state.spare.clone_from(&state.rows);
         let inner = Inner::Finite(state);
-        Ok(Self { inner, body: body.clone(), step })
+        Ok(Self {
+            inner,
+            body: body.clone(),
+            step,
+        })
     }
 
     /// The body.
@@ -205,7 +216,10 @@ impl<T: Dispatch> BeamDynamics<T> {
             Inner::Finite(s) => s.read_rows(|r| {
                 let q = Quaternion::new(at(r, 3), at(r, 4), at(r, 5), at(r, 6));
                 let angular = UnitQuaternion::new_unchecked(q).scaled_axis();
-                Twist { linear: linear(r), angular }
+                Twist {
+                    linear: linear(r),
+                    angular,
+                }
             }),
         }
     }
@@ -251,7 +265,8 @@ impl<T: Dispatch> BeamDynamics<T> {
             Inner::Linear(_) => {
                 let x = self.displacements();
                 let k = self.body.rigidity();
-                ends.map(|(b, &[i, j])| b.energy(k, &x[i as usize], &x[j as usize])).sum()
+                ends.map(|(b, &[i, j])| b.energy(k, &x[i as usize], &x[j as usize]))
+                    .sum()
             }
             Inner::Finite(s) => {
                 let x = s.read_rows(|r| finite::Pose {
@@ -264,7 +279,8 @@ impl<T: Dispatch> BeamDynamics<T> {
                     )),
                 });
                 let k = self.body.rigidity();
-                ends.map(|(b, &[i, j])| finite::energy(b, k, &x[i as usize], &x[j as usize])).sum()
+                ends.map(|(b, &[i, j])| finite::energy(b, k, &x[i as usize], &x[j as usize]))
+                    .sum()
             }
         }
     }
@@ -275,15 +291,20 @@ impl<T: Dispatch> BeamDynamics<T> {
     /// the accelerations.
     pub fn invariant(&mut self) -> f64 {
         let forces = self.forces();
-        let held: Option<Vec<Twist>> =
-            each_law!(&self.inner, s => s.free.as_ref().map(|f| s.collect(f)));
+        let held: Option<Vec<Twist>> = each_law!(&self.inner, s => s.free.as_ref().map(|f| s.collect(f)));
         let mut correction = 0.0;
         for (p, f) in forces.iter().enumerate() {
             let free = held.as_ref().map_or(
-                Twist { linear: Vector3::repeat(1.0), angular: Vector3::repeat(1.0) },
+                Twist {
+                    linear: Vector3::repeat(1.0),
+                    angular: Vector3::repeat(1.0),
+                },
                 |h| h[p],
             );
-            let (a, b) = (f.linear.component_mul(&free.linear), f.angular.component_mul(&free.angular));
+            let (a, b) = (
+                f.linear.component_mul(&free.linear),
+                f.angular.component_mul(&free.angular),
+            );
             let (m, i) = (self.body.mass()[p], self.body.inertia()[p]);
             if m > 0.0 {
                 correction += a.norm_squared() / m + b.norm_squared() / i;

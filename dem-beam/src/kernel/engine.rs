@@ -14,7 +14,7 @@ const CHUNK: usize = 32;
 const AHEAD: usize = 6;
 
 /// Particles above which rows no longer stay in the second-level cache and fetching ahead pays.
-const FAR: usize = 100_000;
+const FAR: usize = 1_000;
 
 /// Six numbers of eight particles.
 pub(crate) type Six<T> = [Row<T>; 6];
@@ -118,14 +118,33 @@ impl<T: Dispatch, W: Law<T>> Pass<'_, T, W> {
             .for_each(|(c, (out, velocity))| {
                 let (kick, drift) = (T::of(kick), T::of(drift));
                 let first = c * CHUNK;
-                T::dispatch(self.isa, Step { pass: self, first, rows, out, velocity, kick, drift });
+                T::dispatch(
+                    self.isa,
+                    Step {
+                        pass: self,
+                        first,
+                        rows,
+                        out,
+                        velocity,
+                        kick,
+                        drift,
+                    },
+                );
             });
     }
 
     /// Internal forces and torques on the particles.
     pub(crate) fn forces(&self, rows: &[Row<T>], out: &mut [Six<T>]) {
         out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, out)| {
-            T::dispatch(self.isa, Forces { pass: self, first: c * CHUNK, rows, out });
+            T::dispatch(
+                self.isa,
+                Forces {
+                    pass: self,
+                    first: c * CHUNK,
+                    rows,
+                    out,
+                },
+            );
         });
     }
 }

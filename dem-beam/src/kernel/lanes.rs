@@ -29,18 +29,11 @@ pub(crate) use eight;
 pub(crate) const LANES: usize = 8;
 
 /// A scalar the kernels run in.
-pub trait Scalar: sealed::Sealed + Copy + Default + Send + Sync + std::fmt::Debug + 'static {
+pub(crate) trait Scalar: Copy + Default + Send + Sync + std::fmt::Debug + 'static {
     /// Nearest value.
     fn of(x: f64) -> Self;
     /// Exact value.
     fn to_f64(self) -> f64;
-}
-
-mod sealed {
-    /// Only the two floats the kernels are written for.
-    pub trait Sealed {}
-    impl Sealed for f64 {}
-    impl Sealed for f32 {}
 }
 
 impl Scalar for f64 {
@@ -85,7 +78,6 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
     fn div(self, a: Self::V, b: Self::V) -> Self::V;
     fn sqrt(self, a: Self::V) -> Self::V;
-    fn max(self, a: Self::V, b: Self::V) -> Self::V;
     /// `a b + c`.
     fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// `c - a b`.
@@ -106,7 +98,6 @@ pub(crate) trait Job {
 /// Plain arrays: every target, and the reference for the others.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Portable<T>(pub(crate) std::marker::PhantomData<T>);
-
 
 macro_rules! portable {
     ($t:ty) => {
@@ -148,10 +139,6 @@ macro_rules! portable {
             #[inline(always)]
             fn sqrt(self, a: Self::V) -> Self::V {
                 eight!(k => a[k].sqrt())
-            }
-            #[inline(always)]
-            fn max(self, a: Self::V, b: Self::V) -> Self::V {
-                eight!(k => a[k].max(b[k]))
             }
             // Not `mul_add`: without the instruction it is a library call, ten times slower.
             #[inline(always)]
@@ -201,7 +188,11 @@ pub(crate) fn cross<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
 /// `a s + c`.
 #[inline(always)]
 pub(crate) fn axpy<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
-    [l.madd(a[0], s, c[0]), l.madd(a[1], s, c[1]), l.madd(a[2], s, c[2])]
+    [
+        l.madd(a[0], s, c[0]),
+        l.madd(a[1], s, c[1]),
+        l.madd(a[2], s, c[2]),
+    ]
 }
 
 /// `a s`.

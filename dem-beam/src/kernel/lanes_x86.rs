@@ -94,10 +94,6 @@ impl Lanes for Wide512 {
         self.0.avx512f._mm512_sqrt_pd(a)
     }
     #[inline(always)]
-    fn max(self, a: __m512d, b: __m512d) -> __m512d {
-        self.0.avx512f._mm512_max_pd(a, b)
-    }
-    #[inline(always)]
     fn madd(self, a: __m512d, b: __m512d, c: __m512d) -> __m512d {
         self.0.avx512f._mm512_fmadd_pd(a, b, c)
     }
@@ -116,7 +112,9 @@ impl Lanes for Wide512 {
     }
     #[inline(always)]
     fn prefetch(self, row: &Row<f64>) {
-        self.0.sse._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>((&raw const *row).cast());
+        self.0
+            .sse
+            ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>((&raw const *row).cast());
     }
 }
 
@@ -213,10 +211,6 @@ impl Lanes for Wide256<f64> {
         both!(k => self.0.avx._mm256_sqrt_pd(a[k]))
     }
     #[inline(always)]
-    fn max(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(k => self.0.avx._mm256_max_pd(a[k], b[k]))
-    }
-    #[inline(always)]
     fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
         both!(k => self.0.fma._mm256_fmadd_pd(a[k], b[k], c[k]))
     }
@@ -235,7 +229,9 @@ impl Lanes for Wide256<f64> {
     }
     #[inline(always)]
     fn prefetch(self, row: &Row<f64>) {
-        self.0.sse._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>((&raw const *row).cast());
+        self.0
+            .sse
+            ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>((&raw const *row).cast());
     }
 }
 
@@ -310,10 +306,6 @@ impl Lanes for Wide256<f32> {
         self.0.avx._mm256_sqrt_ps(a)
     }
     #[inline(always)]
-    fn max(self, a: __m256, b: __m256) -> __m256 {
-        self.0.avx._mm256_max_ps(a, b)
-    }
-    #[inline(always)]
     fn madd(self, a: __m256, b: __m256, c: __m256) -> __m256 {
         self.0.fma._mm256_fmadd_ps(a, b, c)
     }
@@ -332,6 +324,8 @@ impl Lanes for Wide256<f32> {
     }
     #[inline(always)]
     fn prefetch(self, row: &Row<f32>) {
-        self.0.sse._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>((&raw const *row).cast());
+        self.0
+            .sse
+            ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>((&raw const *row).cast());
     }
 }

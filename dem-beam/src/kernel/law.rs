@@ -135,7 +135,11 @@ impl<T: Scalar> Law<T> for Linear {
             l.mul(bs, l.madd(k.two, pi, pj)),
         );
         let c = axpy(l, cross(l, p, du), b3, [acc[3], acc[4], acc[5]]);
-        let c = [l.nmadd(b, bend[0], c[0]), l.nmadd(b, bend[1], c[1]), l.nmadd(b, bend[2], c[2])];
+        let c = [
+            l.nmadd(b, bend[0], c[0]),
+            l.nmadd(b, bend[1], c[1]),
+            l.nmadd(b, bend[2], c[2]),
+        ];
         let c = axpy(l, p, along, c);
         *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
     }
@@ -167,7 +171,11 @@ impl<T: Scalar> Default for FiniteSlot<T> {
     fn default() -> Self {
         let zero = [T::default(); 8];
         let one = [T::of(1.0); 8];
-        Self { rest: [one, zero, zero], inverse: one, scale: zero }
+        Self {
+            rest: [one, zero, zero],
+            inverse: one,
+            scale: zero,
+        }
     }
 }
 
@@ -234,7 +242,11 @@ impl<T: Scalar> Law<T> for Finite {
         }
         let ktr = l.mul(kt, r0);
         let m = axpy(l, n, ktr, axpy(l, cross(l, n, r), kt, [acc[3], acc[4], acc[5]]));
-        let arm = [l.nmadd(a, n[0], tj[0]), l.nmadd(a, n[1], tj[1]), l.nmadd(a, n[2], tj[2])];
+        let arm = [
+            l.nmadd(a, n[0], tj[0]),
+            l.nmadd(a, n[1], tj[1]),
+            l.nmadd(a, n[2], tj[2]),
+        ];
         let bend = cross(l, ti, arm);
         *acc = [
             f[0],

@@ -64,13 +64,7 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
         out
     }
 
-    fn push_block(
-        &mut self,
-        block: usize,
-        body: &BondedParticles,
-        row: &[u32],
-        half: &mut [(u32, u32)],
-    ) {
+    fn push_block(&mut self, block: usize, body: &BondedParticles, row: &[u32], half: &mut [(u32, u32)]) {
         let first = block * LANES;
         let first_slot = self.slots.len();
         for lane in 0..LANES.min(self.order.len() - first) {

@@ -27,8 +27,12 @@ const WINDOW: usize = 256;
 /// stay empty. Entry k is the particle at place k.
 #[must_use]
 pub fn block_order(positions: &[Vector3<f64>], pairs: &[[u32; 2]]) -> Vec<u32> {
-    let low = positions.iter().fold(Vector3::repeat(f64::INFINITY), |m, p| m.inf(p));
-    let high = positions.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |m, p| m.sup(p));
+    let low = positions
+        .iter()
+        .fold(Vector3::repeat(f64::INFINITY), |m, p| m.inf(p));
+    let high = positions
+        .iter()
+        .fold(Vector3::repeat(f64::NEG_INFINITY), |m, p| m.sup(p));
     let mut degree = vec![0_u32; positions.len()];
     for e in pairs.iter().flatten() {
         degree[*e as usize] += 1;

@@ -57,10 +57,15 @@ pub(crate) fn bond_and_trim(spheres: &[Sphere], coordination: f64) -> Result<Bon
 }
 
 /// All pairs with relative gap below `reach`.
-fn near_pairs(spheres: &[Sphere], reach: f64) -> Vec<(f64, [u32; 2])> {
+pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64) -> Vec<(f64, [u32; 2])> {
     let largest = spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
     let mut list = Vec::new();
-    verlet_list(&mut CellList::default(), spheres, 2.0 * largest * reach, &mut list);
+    verlet_list(
+        &mut CellList::default(),
+        spheres,
+        2.0 * largest * reach,
+        &mut list,
+    );
     let mut out = Vec::new();
     for (c, chunk) in list.iter().enumerate() {
         for k in 0..chunk.start.len() - 1 {
@@ -102,5 +107,7 @@ pub(crate) fn largest_component(count: usize, pairs: &[[u32; 2]]) -> Vec<u32> {
             best = r;
         }
     }
-    (0..count as u32).filter(|&i| roots[i as usize] as usize == best).collect()
+    (0..count as u32)
+        .filter(|&i| roots[i as usize] as usize == best)
+        .collect()
 }

@@ -100,12 +100,7 @@ pub(crate) struct ListChunk {
 /// For each particle all others closer than `r_i + r_j + skin` (both directions stored), the
 /// touching ones first: the branch "do they touch" is then foreseen by the processor, which
 /// halves the time of a force evaluation.
-pub(crate) fn verlet_list(
-    cells: &mut CellList,
-    spheres: &[Sphere],
-    skin: f64,
-    out: &mut Vec<ListChunk>,
-) {
+pub(crate) fn verlet_list(cells: &mut CellList, spheres: &[Sphere], skin: f64, out: &mut Vec<ListChunk>) {
     let largest = spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
     cells.build(spheres, 2.0 * largest + skin);
     let cells = &*cells;

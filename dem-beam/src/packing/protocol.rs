@@ -14,10 +14,10 @@ use super::cells::Sphere;
 use super::container::Container;
 use super::relax::SoftSpheres;
 use super::report::PackingReport;
+use crate::bond::BeamMaterial;
 use crate::error::{DemError, Result, positive};
 use crate::kernel::order::morton_key;
-use crate::particles::{BondedParticles, Matter, MAX_RADIUS_RATIO};
-use crate::bond::BeamMaterial;
+use crate::particles::{BondedParticles, MAX_RADIUS_RATIO, Matter};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -186,7 +186,11 @@ impl PackingSpec {
             Compaction::Quench { fraction } => ("volume fraction", fraction),
         };
         if !(value > 0.0 && value < 0.75) {
-            return Err(DemError::OutOfRange { name, value, range: "(0, 0.75)" });
+            return Err(DemError::OutOfRange {
+                name,
+                value,
+                range: "(0, 0.75)",
+            });
         }
         Ok(())
     }
@@ -254,7 +258,11 @@ fn grow(
         phi = next;
     }
     let overlap = soft.relax(0, 0.0, 0.0).overlap;
-    Err(DemError::NotJammed { steps, overlap, wanted })
+    Err(DemError::NotJammed {
+        steps,
+        overlap,
+        wanted,
+    })
 }
 
 /// Cumulative volume along one axis, so that slabs of equal content can be sampled.
@@ -273,7 +281,12 @@ impl Profile {
         if !matches!(container, Container::Surface(_)) {
             // Boxes and cylinders along their longest axis have a constant section. A flat
             // cylinder has not, but it is sampled along a diameter and thin anyway.
-            return Self { low: low[axis], slab: extent, blur: 0.0, cumulative: vec![0.0, 1.0] };
+            return Self {
+                low: low[axis],
+                slab: extent,
+                blur: 0.0,
+                cumulative: vec![0.0, 1.0],
+            };
         }
         let (slabs, side) = (128, 24);
         let slab = extent / f64::from(slabs);
@@ -282,9 +295,8 @@ impl Profile {
         let mut total = 0.0;
         for s in 0..slabs {
             for k in 0..side * side {
-                let at = |a: usize, i: i32| {
-                    low[a] + (high[a] - low[a]) * (f64::from(i) + 0.5) / f64::from(side)
-                };
+                let at =
+                    |a: usize, i: i32| low[a] + (high[a] - low[a]) * (f64::from(i) + 0.5) / f64::from(side);
                 let mut x = Vector3::zeros();
                 x[axis] = low[axis] + slab * (f64::from(s) + 0.5);
                 x[b] = at(b, k % side);
@@ -294,11 +306,19 @@ impl Profile {
             cumulative.push(total);
         }
         cumulative.iter_mut().for_each(|c| *c /= total.max(1.0));
-        Self { low: low[axis], slab, blur: slab, cumulative }
+        Self {
+            low: low[axis],
+            slab,
+            blur: slab,
+            cumulative,
+        }
     }
 
     fn quantile(&self, q: f64) -> f64 {
-        let k = self.cumulative.partition_point(|c| *c <= q).clamp(1, self.cumulative.len() - 1);
+        let k = self
+            .cumulative
+            .partition_point(|c| *c <= q)
+            .clamp(1, self.cumulative.len() - 1);
         let (a, b) = (self.cumulative[k - 1], self.cumulative[k]);
         let t = if b > a { (q - a) / (b - a) } else { 0.5 };
         self.low + self.slab * (k as f64 - 1.0 + t)
@@ -321,7 +341,7 @@ pub struct Packing {
 }
 
 impl Packing {
-    fn assemble(
+    pub(crate) fn assemble(
         container: &Container,
         spheres: &[Sphere],
         bonding: Bonding,
@@ -344,7 +364,11 @@ impl Packing {
     /// # Errors
     /// As [`BondedParticles::new`].
     pub fn bonded(&self, beam: BeamMaterial, density: f64) -> Result<BondedParticles> {
-        let matter = Matter { beam, density, volume: self.volume };
+        let matter = Matter {
+            beam,
+            density,
+            volume: self.volume,
+        };
         let (x, r) = (self.positions.clone(), self.radii.clone());
         BondedParticles::new(x, r, self.pairs.clone(), &matter)
     }

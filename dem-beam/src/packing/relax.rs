@@ -123,7 +123,10 @@ impl<'a> SoftSpheres<'a> {
                     dt = (dt * 1.1).min(STEP_MAX);
                     mix *= 0.99;
                 }
-                [1.0 - mix, mix * (s.speed2 / s.force2.max(f64::MIN_POSITIVE)).sqrt()]
+                [
+                    1.0 - mix,
+                    mix * (s.speed2 / s.force2.max(f64::MIN_POSITIVE)).sqrt(),
+                ]
             } else {
                 downhill = 0;
                 dt *= 0.5;
@@ -143,13 +146,20 @@ impl<'a> SoftSpheres<'a> {
                 self.renew_list(skin);
             }
         }
-        Relaxed { overlap, steps: max_steps }
+        Relaxed {
+            overlap,
+            steps: max_steps,
+        }
     }
 
     /// Forces on all particles and their sums.
     fn forces(&mut self) -> Sums {
         let (spheres, container) = (&self.spheres, self.container);
-        let work = self.force.par_chunks_mut(CHUNK).zip(&self.list).zip(&mut self.sums);
+        let work = self
+            .force
+            .par_chunks_mut(CHUNK)
+            .zip(&self.list)
+            .zip(&mut self.sums);
         let velocity = &self.velocity;
         work.enumerate().for_each(|(c, ((force, list), sums))| {
             let mut total = Sums::default();

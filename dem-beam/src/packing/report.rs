@@ -75,7 +75,10 @@ impl PackingReport {
             .filter(|&i| container.gap(&at(i as u32), reach) >= reach)
             .map(|i| f64::from(degree[i]))
             .collect();
-        let spread = fabric.symmetric_eigenvalues().map(|e| (3.0 * e - 1.0).abs()).max();
+        let spread = fabric
+            .symmetric_eigenvalues()
+            .map(|e| (3.0 * e - 1.0).abs())
+            .max();
         let cubes: f64 = spheres.iter().map(|s| s[3] * s[3] * s[3]).sum();
         Self {
             coordination_all: bonding.coordination_all,

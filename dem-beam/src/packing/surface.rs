@@ -68,8 +68,12 @@ impl Surface {
             .iter()
             .map(|&[a, b, c]| at(a).dot(&at(b).cross(&at(c))) / 6.0)
             .sum::<f64>();
-        let low = vertices.iter().fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(v));
-        let high = vertices.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(v));
+        let low = vertices
+            .iter()
+            .fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(v));
+        let high = vertices
+            .iter()
+            .fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(v));
         if !(volume > 1e-12 * (high - low).product()) {
             return Err(DemError::NoVolume { volume });
         }
@@ -109,7 +113,12 @@ impl Surface {
         let dims = [0, 1, 2].map(|a| (extent[a] / size).ceil() as usize + 2);
         let cells = dims[0] * dims[1] * dims[2];
         let mut near: Vec<Vec<u32>> = vec![Vec::new(); cells];
-        let grid = Grid { size, dims, reach, ..Grid::default() };
+        let grid = Grid {
+            size,
+            dims,
+            reach,
+            ..Grid::default()
+        };
         for (t, tri) in self.triangles.iter().enumerate() {
             let c = tri.map(|i| self.vertices[i as usize]);
             let low = grid.cell(&(c[0].inf(&c[1]).inf(&c[2]).add_scalar(-reach)), &self.bounds.0);
@@ -135,7 +144,12 @@ impl Surface {
                 inside[i] = self.winding(&centre) > 0.5;
             }
         }
-        self.grid = Grid { start, triangles: flat, inside, ..grid };
+        self.grid = Grid {
+            start,
+            triangles: flat,
+            inside,
+            ..grid
+        };
     }
 
     /// Winding number of the surface about `x`: 1 inside, 0 outside (van Oosterom and Strackee).
@@ -177,7 +191,11 @@ impl Surface {
         if best > limit && sign >= 0.0 || !best.is_finite() {
             return None;
         }
-        let normal = if best > 1e-12 * self.grid.size { (x - foot) * (sign / best) } else { -face };
+        let normal = if best > 1e-12 * self.grid.size {
+            (x - foot) * (sign / best)
+        } else {
+            -face
+        };
         Some((sign * best, normal))
     }
 
