@@ -14,7 +14,7 @@ const CHUNK: usize = 32;
 const AHEAD: usize = 6;
 
 /// Particles above which rows no longer stay in the second-level cache and fetching ahead pays.
-const FAR: usize = 1_000;
+const FAR: usize = 8_000;
 
 /// Six numbers of eight particles.
 pub(crate) type Six<T> = [Row<T>; 6];
@@ -203,18 +203,20 @@ fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
     let layout = pass.layout;
     let mine = &rows[block * LANES..(block + 1) * LANES];
     let own = l.transpose(eight!(r => mine[r].0));
+    let ready = W::ready(l, &own);
     let mut acc = [l.splat(L::T::default()); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
     for s in range {
         if FETCH && s + AHEAD < layout.neighbours.len() {
             for &p in &layout.neighbours[s + AHEAD] {
-                l.prefetch(&rows[p as usize]);
+                l.prefetch(rows.as_ptr().wrapping_add(p as usize));
             }
         }
         let near = &layout.neighbours[s];
         let other = l.transpose(eight!(r => rows[near[r] as usize].0));
-        W::add(l, k, &layout.slots[s], &own, &other, &mut acc);
+        W::add(l, k, &layout.slots[s], &ready, &other, &mut acc);
     }
+    W::finish(l, &layout.own[block], &own, &mut acc);
     (own, acc)
 }
 

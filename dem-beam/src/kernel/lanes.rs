@@ -76,8 +76,10 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
-    fn div(self, a: Self::V, b: Self::V) -> Self::V;
-    fn sqrt(self, a: Self::V) -> Self::V;
+    /// `1/a` to a few units in the last place.
+    fn recip(self, a: Self::V) -> Self::V;
+    /// `1/sqrt(a)` to a few units in the last place.
+    fn recip_sqrt(self, a: Self::V) -> Self::V;
     /// `a b + c`.
     fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// `c - a b`.
@@ -86,8 +88,8 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn transpose(self, rows: [[Self::T; LANES]; LANES]) -> [Self::V; LANES];
     /// Row k holds lane k of the eight vectors.
     fn untranspose(self, v: [Self::V; LANES]) -> [[Self::T; LANES]; LANES];
-    /// Starts fetching a row.
-    fn prefetch(self, row: &Row<Self::T>);
+    /// Starts fetching a row; any address will do.
+    fn prefetch(self, row: *const Row<Self::T>);
 }
 
 /// Work for [`Lanes::run`]; implementations must be `#[inline(always)]` to be compiled for it.
@@ -133,12 +135,12 @@ macro_rules! portable {
                 eight!(k => a[k] * b[k])
             }
             #[inline(always)]
-            fn div(self, a: Self::V, b: Self::V) -> Self::V {
-                eight!(k => a[k] / b[k])
+            fn recip(self, a: Self::V) -> Self::V {
+                eight!(k => a[k].recip())
             }
             #[inline(always)]
-            fn sqrt(self, a: Self::V) -> Self::V {
-                eight!(k => a[k].sqrt())
+            fn recip_sqrt(self, a: Self::V) -> Self::V {
+                eight!(k => a[k].sqrt().recip())
             }
             // Not `mul_add`: without the instruction it is a library call, ten times slower.
             #[inline(always)]
@@ -158,7 +160,7 @@ macro_rules! portable {
                 eight!(r => eight!(c => v[c][r]))
             }
             #[inline(always)]
-            fn prefetch(self, _row: &Row<$t>) {}
+            fn prefetch(self, _row: *const Row<$t>) {}
         }
     };
 }
