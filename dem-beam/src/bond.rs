@@ -34,7 +34,7 @@ pub struct BeamMaterial {
 }
 
 impl BeamMaterial {
-    /// Silica as in Jebahi et al. 2013: 265 GPa, 0.3, 0.71.
+    /// Silica as in Jebahi et al. 2013: 265e9 Pa, 0.3, 0.71.
     pub const SILICA: Self = Self {
         young: 265e9,
         poisson: 0.3,

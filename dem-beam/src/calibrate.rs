@@ -217,7 +217,8 @@ pub fn inverse(
         test(high)?.poisson.mean - poisson,
     );
     let mut tests = 2 * packings.len();
-    if !(f_low * f_high <= 0.0) {
+    let bracketed = f_low * f_high <= 0.0;
+    if !bracketed {
         return Err(DemError::OutOfRange {
             name: "wanted Poisson's ratio",
             value: poisson,

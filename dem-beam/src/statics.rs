@@ -64,7 +64,8 @@ impl StaticProblem {
         let loads: Vec<Six> = self.loads.iter().map(join).collect();
         let mut x: Vec<Six> = self.start.iter().map(join).collect();
         let (iterations, residual) = system.conjugate_gradients(&loads, &mut x, tolerance, limit);
-        if !(residual <= tolerance) {
+        let converged = residual <= tolerance;
+        if !converged {
             return Err(DemError::NoConvergence {
                 what: "static solve",
                 iterations,

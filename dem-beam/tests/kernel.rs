@@ -152,7 +152,7 @@ fn critical_step_is_critical_and_bounds_are_safe() {
         let start = d.kinetic_energy();
         d.run(3000);
         let end = d.kinetic_energy() + d.elastic_energy();
-        !(end < 1e3 * start)
+        end.is_nan() || end > 1e3 * start
     };
     assert!(!grows(0.999 * exact) && !grows(bound));
     assert!(grows(1.003 * exact) && grows(springs));
@@ -317,7 +317,7 @@ fn supports_and_loads() {
     let dt = 0.9 * critical::block_bound(&body).unwrap();
     let mut d = BeamDynamics::<f64>::linear(&body, dt).unwrap();
     let held = dem_beam::calibrate::clamp_layer(&body, 0.0);
-    assert!(held.iter().any(|h| *h == Held::ALL));
+    assert!(held.contains(&Held::ALL));
     d.set_held(&held).unwrap();
     let load = Twist {
         linear: Vector3::x() * 1e-3,

@@ -132,7 +132,7 @@ impl<T: Scalar> Law<T> for Linear {
         let (p, s) = (bond.axis, bond.scale);
         let b = 2.0 * k.bending * s * p.dot(&p);
         let across = (k.torsion - 4.0 * k.bending) * s;
-        let mut add = |at: &mut [T; 8], x: f64| at[lane] = T::of(at[lane].to_f64() + x);
+        let add = |at: &mut [T; 8], x: f64| at[lane] = T::of(at[lane].to_f64() + x);
         for a in 0..3 {
             slot.axis[a][lane] = T::of(p[a]);
             add(&mut own.lever[a], 3.0 * b * p[a]);

@@ -49,7 +49,7 @@ pub struct PackingSpec {
     /// usual value for this method.
     pub spread: f64,
     /// Bonds per particle times two, over all particles; 6.2 by default, the usual value for this
-    /// method. It decides E: about 17 GPa per unit for silica beams.
+    /// method. It decides E: about 17e9 Pa per unit for silica beams.
     pub coordination: f64,
     /// How to compact.
     pub compaction: Compaction,

@@ -74,7 +74,7 @@ impl Surface {
         let high = vertices
             .iter()
             .fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(v));
-        if !(volume > 1e-12 * (high - low).product()) {
+        if volume.is_nan() || volume <= 1e-12 * (high - low).product() {
             return Err(DemError::NoVolume { volume });
         }
         let mut out = Self {
