@@ -146,7 +146,7 @@ proptest! {
 }
 
 /// GOAL: n beams in line are one Euler-Bernoulli cantilever, whatever n and direction.
-/// EXPECTED: F l/ES, F l^3/3EI with slope F l^2/2EI, T l/GI_O, to 1e-9.
+/// EXPECTED: `F l/ES`, `F l^3/3EI` with slope `F l^2/2EI`, `T l/GI_O`, to 1e-9.
 #[test]
 fn cantilever_chain() {
     for n in [1_usize, 7, 40] {
