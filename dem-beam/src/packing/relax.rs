@@ -55,8 +55,8 @@ pub(crate) struct SoftSpheres<'a> {
     container: &'a Container,
     pub(crate) spheres: Vec<Sphere>,
     listed: Vec<Sphere>,
-    velocity: Vec<[f64; 3]>,
-    force: Vec<[f64; 3]>,
+    velocity: Vec<[f64; 4]>,
+    force: Vec<[f64; 4]>,
     list: Vec<ListChunk>,
     cells: CellList,
     sums: Vec<Sums>,
@@ -72,8 +72,8 @@ impl<'a> SoftSpheres<'a> {
         Self {
             container,
             listed: Vec::new(),
-            velocity: vec![[0.0; 3]; n],
-            force: vec![[0.0; 3]; n],
+            velocity: vec![[0.0; 4]; n],
+            force: vec![[0.0; 4]; n],
             list: Vec::new(),
             cells: CellList::default(),
             sums: vec![Sums::default(); n.div_ceil(CHUNK)],
@@ -104,7 +104,7 @@ impl<'a> SoftSpheres<'a> {
     /// stay below `loose` of the diameter (not jammed), or `max_steps` is reached.
     pub(crate) fn relax(&mut self, max_steps: usize, loose: f64, balance: f64) -> Relaxed {
         let (mut dt, mut mix, mut downhill) = (STEP_FIRST, MIX, 0);
-        self.velocity.iter_mut().for_each(|v| *v = [0.0; 3]);
+        self.velocity.iter_mut().for_each(|v| *v = [0.0; 4]);
         let mut skin = 0.4 * self.mean_radius;
         self.renew_list(skin);
         let mut since_list = 0;
@@ -139,8 +139,8 @@ impl<'a> SoftSpheres<'a> {
                 // A calm packing moves little between lists: then a thin skin is cheaper.
                 if since_list > 40 {
                     skin = (0.7 * skin).max(0.05 * self.mean_radius);
-                } else if since_list < 8 {
-                    skin = (1.4 * skin).min(0.6 * self.mean_radius);
+                } else if since_list < 16 {
+                    skin = (1.4 * skin).min(1.2 * self.mean_radius);
                 }
                 since_list = 0;
                 self.renew_list(skin);
@@ -190,28 +190,65 @@ impl<'a> SoftSpheres<'a> {
             .zip(self.force.par_chunks(CHUNK))
             .zip(self.listed.par_chunks(CHUNK))
             .zip(&mut self.sums);
+        let arch = pulp::Arch::new();
         work.for_each(|((((x, v), f), old), sums)| {
-            let mut far = 0.0_f64;
-            for (((x, v), f), old) in x.iter_mut().zip(v).zip(f).zip(old) {
-                let mut moved = 0.0;
-                for a in 0..3 {
-                    v[a] = steer[0] * v[a] + push * f[a];
-                    // Far-overlapped starts would shoot particles through each other.
-                    x[a] += (dt * v[a]).clamp(-cap, cap);
-                    moved += (x[a] - old[a]) * (x[a] - old[a]);
-                }
-                far = far.max(moved);
-            }
+            let (coefficients, mut far) = ([dt, steer[0], push, cap], 0.0);
+            arch.dispatch(Advance {
+                coefficients,
+                x,
+                v,
+                f,
+                old,
+                far: &mut far,
+            });
             sums.moved2 = far;
         });
         self.sums.iter().fold(0.0_f64, |m, s| m.max(s.moved2)).sqrt()
     }
 }
 
+/// Moves the spheres of a chunk; entry 3 of velocity and force is zero, so that the radius stays
+/// and four lanes are used.
+struct Advance<'a> {
+    /// `dt`, `steer0`, `steer1 + dt`, and the cap on one displacement.
+    coefficients: [f64; 4],
+    x: &'a mut [Sphere],
+    v: &'a mut [[f64; 4]],
+    f: &'a [[f64; 4]],
+    old: &'a [Sphere],
+    far: &'a mut f64,
+}
+
+impl pulp::NullaryFnOnce for Advance<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let [dt, keep, push, cap] = self.coefficients;
+        let mut far = 0.0;
+        let spheres = self.x.iter_mut().zip(self.v).zip(self.f).zip(self.old);
+        for (((x, v), f), old) in spheres {
+            let mut d = [0.0; 4];
+            for a in 0..4 {
+                v[a] = keep * v[a] + push * f[a];
+                let step = dt * v[a];
+                // Far-overlapped starts would shoot particles through each other.
+                let step = if step < cap { step } else { cap };
+                let step = if step > -cap { step } else { -cap };
+                x[a] += step;
+                d[a] = x[a] - old[a];
+            }
+            let moved = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            far = if moved > far { moved } else { far };
+        }
+        *self.far = far;
+    }
+}
+
 #[inline]
-fn contact_force(spheres: &[Sphere], i: usize, near: &[u32], total: &mut Sums) -> [f64; 3] {
+fn contact_force(spheres: &[Sphere], i: usize, near: &[u32], total: &mut Sums) -> [f64; 4] {
     let s = spheres[i];
-    let mut f = [0.0; 3];
+    let mut f = [0.0; 4];
     for &j in near {
         let t = spheres[j as usize];
         let d = [s[0] - t[0], s[1] - t[1], s[2] - t[2]];
@@ -232,7 +269,7 @@ fn contact_force(spheres: &[Sphere], i: usize, near: &[u32], total: &mut Sums) -
 }
 
 #[inline]
-fn wall_force(container: &Container, s: &Sphere, mut f: [f64; 3]) -> [f64; 3] {
+fn wall_force(container: &Container, s: &Sphere, mut f: [f64; 4]) -> [f64; 4] {
     container.walls(&Vector3::new(s[0], s[1], s[2]), s[3], |gap, n| {
         let push = s[3] - gap;
         for a in 0..3 {
