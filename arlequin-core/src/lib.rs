@@ -1,1 +1,34 @@
-//! Placeholder.
+//! The method: traits of models, fields, weights, mediators and junctions, and the algorithms that couple them.
+//!
+//! The core does not know what a particle, an element or a Voronoi cell is; it has no input or output, no clock, no
+//! random numbers and no threads of its own.
+
+pub mod conformance;
+pub mod coupled;
+pub mod effect;
+pub mod error;
+pub mod field;
+pub mod geometry;
+pub mod harmonic;
+pub mod interface;
+pub mod junction;
+pub mod ledger;
+pub mod linalg;
+pub mod mediator;
+pub mod model;
+pub mod observer;
+pub mod overlap;
+pub mod scalar;
+pub mod spectrum;
+pub mod subdomain;
+pub mod time;
+pub mod weight;
+
+pub use coupled::{Coupled, Guard, TimeStep};
+pub use error::{Error, Result};
+pub use interface::{InterfaceOptions, InterfaceSpec, Sampling};
+pub use model::{CoarseModel, FineModel, LinearModel, Model};
+pub use scalar::Real;
+pub use subdomain::Subdomain;
+pub use weight::{Weighting, Weights};
+pub use {nalgebra, sprs};

@@ -1,0 +1,228 @@
+//! Checks that any implementer of the traits can call in its own tests.
+//!
+//! Each returns a defect, relative to the natural scale of the quantity; the caller states the tolerance.
+
+use crate::coupled::Coupled;
+use crate::field::{Interpolation, ShapeRow};
+use crate::model::Model;
+use crate::weight::{Uniform, Weight, Weighting};
+use crate::{Real, Result};
+use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
+
+/// Defects of shape functions over a set of points.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ShapeDefect<T> {
+    /// Largest `|Σ N − 1|`.
+    pub unity: T,
+    /// Largest `|Σ N x_k − x|`, relative to the extent of the nodes.
+    pub linear: T,
+    /// Largest `|Σ ∇N|` and `|Σ ∇N x_k − 1|`, the former times the extent; zero if gradients were not asked for.
+    pub gradient: T,
+    /// Most negative value.
+    pub negative: T,
+}
+
+fn extent<T: Real>(nodes: &[Point3<T>]) -> T {
+    let [low, high] = crate::geometry::bounds_of(nodes.iter());
+    (high - low).norm().max(T::epsilon())
+}
+
+/// Partition of unity and linear completeness of a field at the given points.
+///
+/// # Errors
+/// Those of the field.
+pub fn shapes<T: Real>(
+    field: &dyn Interpolation<T>,
+    points: &[Point3<T>],
+    gradients: bool,
+) -> Result<ShapeDefect<T>> {
+    let mut worst: ShapeDefect<T> = ShapeDefect::default();
+    let size = extent(field.nodes());
+    let mut row = ShapeRow::default();
+    for x in points {
+        field.shape_at(x, gradients, &mut row)?;
+        let (mut unity, mut position) = (-T::one(), -x.coords);
+        let (mut slope, mut jacobian) = (Vector3::zeros(), nalgebra::Matrix3::zeros());
+        for (k, (&node, &n)) in row.nodes.iter().zip(&row.values).enumerate() {
+            unity += n;
+            position += field.nodes()[node].coords * n;
+            worst.negative = worst.negative.min(n);
+            if gradients {
+                slope += row.gradients[k];
+                jacobian += row.gradients[k] * (field.nodes()[node] - x).transpose();
+            }
+        }
+        worst.unity = worst.unity.max(unity.abs());
+        worst.linear = worst.linear.max(position.norm() / size);
+        if gradients {
+            // A line has gradients along itself only: compare the action on its own extent.
+            let mut missing = T::zero();
+            for d in row
+                .nodes
+                .iter()
+                .skip(1)
+                .map(|&k| field.nodes()[k] - field.nodes()[row.nodes[0]])
+            {
+                missing = missing.max((jacobian.transpose() * d - d).norm() / d.norm());
+            }
+            worst.gradient = worst.gradient.max(slope.norm() * size).max(missing);
+        }
+    }
+    Ok(worst)
+}
+
+/// Largest `|Σ_m w_m(x) − 1|` over points: weights of one kind over all models.
+pub fn partition_of_unity<T: Real>(weights: &[Arc<dyn Weight<T>>], points: &[Point3<T>]) -> T {
+    points
+        .iter()
+        .map(|x| (weights.iter().map(|w| w.at(x)).sum::<T>() - T::one()).abs())
+        .fold(T::zero(), |a, b| a.max(b))
+}
+
+/// Rigid translation `t` and small rotation `r` as displacements of a model; rotational unknowns turn by `r`.
+pub fn rigid_motion<T: Real>(model: &dyn Model<T>, t: Vector3<T>, r: Vector3<T>) -> Vec<T> {
+    let layout = model.layout();
+    let mut q = Vec::with_capacity(layout.dofs());
+    for x in model.nodes() {
+        let u = t + r.cross(&x.coords);
+        q.extend_from_slice(&u.as_slice()[..layout.components]);
+    }
+    (0..layout.rotations).for_each(|i| q.push(r[i % 3]));
+    q
+}
+
+/// Largest force under a rigid motion, relative to that under a random displacement of the same size.
+///
+/// # Errors
+/// Those of the model.
+pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>) -> Result<T> {
+    let n = model.layout().dofs();
+    let size = extent(model.nodes());
+    let t = Vector3::new(T::of(0.3), T::of(-0.2), T::of(0.5));
+    let r = if model.layout().components == 1 {
+        Vector3::zeros()
+    } else {
+        Vector3::new(T::of(0.1), T::of(0.4), T::of(-0.3)) / size
+    };
+    let q = rigid_motion(model, t, r);
+    let force = |model: &mut dyn Model<T>, q: &[T]| -> Result<T> {
+        let mut f = vec![T::zero(); n];
+        model.add_internal_forces(q, &mut f)?;
+        Ok(f.iter().fold(T::zero(), |a, b| a.max(b.abs())))
+    };
+    let rigid = force(model, &q)?;
+    let random: Vec<T> = (0..n).map(|i| random(i)).collect();
+    let scale = force(model, &random)?;
+    Ok(rigid / scale)
+}
+
+/// A fixed sequence in (−1, 1).
+fn random<T: Real>(i: usize) -> T {
+    let x = ((i as f64 + 0.5) * 0.569_840_290_998_053_3).fract() * 91.7;
+    T::of(2.0 * x.fract() - 1.0)
+}
+
+/// Largest relative difference between `−∇U` (central differences) and the internal forces at a displacement of the
+/// given amplitude \[m\]. For a nodal weighting this is of order one: its law has no potential.
+///
+/// # Errors
+/// Those of the model.
+pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
+    let n = model.layout().dofs();
+    let mut q: Vec<T> = (0..n).map(|i| random::<T>(i) * amplitude).collect();
+    let mut f = vec![T::zero(); n];
+    model.add_internal_forces(&q, &mut f)?;
+    let scale = f.iter().fold(T::epsilon(), |a, b| a.max(b.abs()));
+    let h = amplitude * T::epsilon().cbrt();
+    let mut worst = T::zero();
+    // Some fifty unknowns spread over the model, from its first to its last.
+    for i in (0..n).step_by((n / 50).max(1)) {
+        let keep = q[i];
+        q[i] = keep + h;
+        let up = model.internal_energy(&q);
+        q[i] = keep - h;
+        let down = model.internal_energy(&q);
+        q[i] = keep;
+        worst = worst.max(((up - down) / (h + h) + f[i]).abs() / scale);
+    }
+    Ok(worst)
+}
+
+/// Relative difference between the unweighted translational mass per component and `expected` \[kg\]; infinite where
+/// a mass is not positive.
+///
+/// # Errors
+/// Those of the model.
+pub fn mass<T: Real>(model: &dyn Model<T>, expected: T) -> Result<T> {
+    let layout = model.layout();
+    let mut m = vec![T::zero(); layout.dofs()];
+    model.lumped_inertia(&Uniform(T::one()), Weighting::Energy, &mut m)?;
+    if m.iter().any(|m| !m.is_finite() || *m <= T::zero()) {
+        return Ok(T::of(f64::from(f32::MAX)));
+    }
+    let total: T = m[..layout.translations()].iter().copied().sum();
+    Ok((total / T::of(layout.components as f64) / expected - T::one()).abs())
+}
+
+/// Largest relative asymmetry `|aᵀK b − bᵀK a|` of the internal forces about the reference configuration.
+///
+/// # Errors
+/// Those of the model.
+pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
+    let n = model.layout().dofs();
+    let a: Vec<T> = (0..n).map(|i| random::<T>(i) * amplitude).collect();
+    let b: Vec<T> = (0..n).map(|i| random::<T>(i + 7919) * amplitude).collect();
+    let (mut fa, mut fb) = (vec![T::zero(); n], vec![T::zero(); n]);
+    model.add_internal_forces(&a, &mut fa)?;
+    model.add_internal_forces(&b, &mut fb)?;
+    let dot = crate::effect::dot::<T>;
+    Ok((dot(&fa, &b) - dot(&fb, &a)).abs() / (dot(&fa, &a).abs() + dot(&fb, &b).abs()))
+}
+
+/// Largest violation of `λᵀ(B v) = (Bᵀλ)ᵀv` over the interfaces of a run: the operators are each other's transpose.
+pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
+    let mut worst = T::zero();
+    for i in &run.interfaces {
+        for c in &i.coupling {
+            let lambda: Vec<T> = (0..i.multipliers().len()).map(random).collect();
+            let v: Vec<T> = (0..c.matrix.cols() * c.shared).map(|k| random(k + 31)).collect();
+            let (mut jump, mut force) = (vec![T::zero(); lambda.len()], vec![T::zero(); v.len()]);
+            c.gather(T::one(), &v, &mut jump);
+            c.scatter(T::one(), &lambda, &vec![T::one(); v.len()], &mut force);
+            let (a, b) = (crate::effect::dot(&lambda, &jump), crate::effect::dot(&force, &v));
+            worst = worst.max((a - b).abs() / (a.abs() + b.abs()).max(T::epsilon()));
+        }
+    }
+    worst
+}
+
+/// Force and moment that a random multiplier exerts on both sides together, relative to the force on one side:
+/// whether an interface conserves linear and angular momentum.
+pub fn interface_momentum<T: Real>(run: &Coupled<T>) -> [T; 2] {
+    let mut worst = [T::zero(); 2];
+    for i in &run.interfaces {
+        let lambda: Vec<T> = (0..i.multipliers().len()).map(random).collect();
+        let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
+        let (mut scale, mut reach) = (T::epsilon(), T::epsilon());
+        for (m, c) in i.coupling.iter().enumerate() {
+            let model = run.subdomains[i.sides[m]].model();
+            let d = model.layout().components;
+            let mut f = vec![T::zero(); model.layout().dofs()];
+            let sign = if m == 0 { -T::one() } else { T::one() };
+            c.scatter(sign, &lambda, &vec![T::one(); f.len()], &mut f);
+            for (k, x) in model.nodes().iter().enumerate() {
+                let mut g = Vector3::zeros();
+                (0..d).for_each(|a| g[a] = f[k * d + a]);
+                let arm = x - run.subdomains[i.sides[0]].model().nodes()[0];
+                force += g;
+                moment += arm.cross(&g);
+                scale += g.norm();
+                reach = reach.max(arm.norm());
+            }
+        }
+        worst[0] = worst[0].max(force.norm() / scale);
+        worst[1] = worst[1].max(moment.norm() / (scale * reach));
+    }
+    worst
+}

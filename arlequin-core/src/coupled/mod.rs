@@ -1,0 +1,301 @@
+//! The coupled run: several subdomains, several disjoint interfaces, one velocity-Verlet step for all.
+//!
+//! ```text
+//! u_{n+1} = u_n + Δt u̇_n + Δt²/2 ü_n
+//! ü* = M_β⁻¹ (F_ext − F_int)_{n+1},   u̇* = u̇_n + Δt/2 (ü_n + ü*)
+//! A λ = B_C u̇* − B_D ḋ*;  velocities corrected by Δt/2 M⁻¹Bᵀλ, accelerations by M⁻¹Bᵀλ
+//! ```
+//!
+//! This is RATTLE for linear velocity constraints: it conserves `H` of [`crate::ledger`] and filters nothing.
+
+mod setup;
+pub mod statics;
+
+pub use setup::{Guard, Plan, TimeStep};
+
+use crate::interface::Interface;
+use crate::ledger::{EnergySample, Ledger, WorkLine};
+use crate::observer::{Observer, Phase, StepReport};
+use crate::subdomain::Subdomain;
+use crate::{Error, Real, Result};
+use std::ops::ControlFlow;
+
+/// A ready coupled run.
+#[derive(Debug)]
+pub struct Coupled<T: Real> {
+    pub(crate) subdomains: Vec<Subdomain<T>>,
+    pub(crate) interfaces: Vec<Interface<T>>,
+    critical: Vec<T>,
+    dt: T,
+    time: T,
+    start_time: T,
+    step: usize,
+    guard: Guard<T>,
+    ledger: Ledger<T>,
+    start_loss: T,
+    work: Vec<T>,
+}
+
+impl<T: Real> Coupled<T> {
+    /// Subdomains in the order they were given.
+    pub fn subdomains(&self) -> &[Subdomain<T>] {
+        &self.subdomains
+    }
+    /// Interfaces in the order they were given.
+    pub fn interfaces(&self) -> &[Interface<T>] {
+        &self.interfaces
+    }
+    /// Time step \[s\].
+    pub fn dt(&self) -> T {
+        self.dt
+    }
+    /// Current time \[s\].
+    pub fn time(&self) -> T {
+        self.time
+    }
+    /// Steps made so far.
+    pub fn steps(&self) -> usize {
+        self.step
+    }
+    /// Critical step of every subdomain \[s\].
+    pub fn critical_steps(&self) -> &[T] {
+        &self.critical
+    }
+    /// Kinetic energy that the projection of an inconsistent initial velocity removed \[J\].
+    pub fn start_loss(&self) -> T {
+        self.start_loss
+    }
+    /// Largest relative drift of the energy balance so far.
+    pub fn drift(&self) -> T {
+        self.ledger.top_drift
+    }
+    /// Largest relative constraint residual so far.
+    pub fn constraint_residual(&self) -> T {
+        self.ledger.top_residual
+    }
+    /// Last sample of the ledger.
+    pub fn last_energy(&self) -> Option<&EnergySample<T>> {
+        self.ledger.last.as_ref()
+    }
+    /// Kinetic plus internal energy of all subdomains at the whole step \[J\].
+    pub fn energy(&self) -> T {
+        self.subdomains
+            .iter()
+            .map(|s| s.kinetic_energy() + s.internal_energy())
+            .sum()
+    }
+    /// Linear and angular momentum of all subdomains.
+    pub fn momentum(&self) -> [nalgebra::Vector3<T>; 2] {
+        let zero = nalgebra::Vector3::zeros();
+        self.subdomains
+            .iter()
+            .map(Subdomain::momentum)
+            .fold([zero, zero], |a, b| [a[0] + b[0], a[1] + b[1]])
+    }
+
+    /// The works of the ledger: every effect, the moving supports, the constraint.
+    pub fn works(&self) -> Vec<WorkLine<T>> {
+        let mut lines = Vec::new();
+        for s in &self.subdomains {
+            for (e, w) in s.effects.iter().zip(&s.works) {
+                lines.push(WorkLine {
+                    name: format!("{}/{}", s.model().name(), e.name()),
+                    work: *w,
+                });
+            }
+        }
+        if self
+            .subdomains
+            .iter()
+            .any(|s| s.supports().iter().any(|m| m.amplitude != T::zero()))
+        {
+            lines.push(WorkLine {
+                name: "supports".into(),
+                work: self.ledger.supports,
+            });
+        }
+        if !self.interfaces.is_empty() {
+            lines.push(WorkLine {
+                name: "constraint".into(),
+                work: self.ledger.constraint,
+            });
+        }
+        lines
+    }
+
+    /// Largest velocity jump of one interface, relative to the largest velocity seen, and displacement jump \[m\].
+    pub fn jumps(&mut self, interface: usize) -> [T; 2] {
+        let i = &self.interfaces[interface];
+        let [c, d] = i.sides;
+        let (a, b) = (&self.subdomains[c].state, &self.subdomains[d].state);
+        let (_, velocity) = i.jump([&a.v, &b.v], &mut self.work);
+        let (_, displacement) = i.jump([&a.q, &b.q], &mut self.work);
+        [velocity, displacement]
+    }
+
+    /// Makes one step.
+    ///
+    /// # Errors
+    /// Errors of models and effects, [`Error::Diverged`], [`Error::EnergyGrowth`].
+    pub fn advance(&mut self, observer: &mut dyn Observer<T>) -> Result<StepReport<T>> {
+        // Works are drawn up every step; the invariant costs two energy evaluations and is drawn every few.
+        let draw = self.ledger.start.is_none() || (self.step + 1).is_multiple_of(self.guard.interval);
+        let next = self.start_time + T::of((self.step + 1) as f64) * self.dt;
+        for (k, s) in self.subdomains.iter_mut().enumerate() {
+            observer.phase(Phase::Predict(k));
+            s.predict(next, self.dt, draw)?;
+        }
+        let invariant: Option<T> = draw.then(|| self.subdomains.iter().map(|s| s.invariant(self.dt)).sum());
+        observer.phase(Phase::Interface);
+        self.correct();
+        self.step += 1;
+        self.time = next;
+        observer.phase(Phase::Ledger);
+        // The invariant of this step is the one before the forces of the new instant did any work.
+        let energy = invariant.map(|h| self.draw(h)).transpose()?;
+        self.account();
+        Ok(StepReport {
+            step: self.step,
+            time: self.time,
+            energy,
+        })
+    }
+
+    /// Makes steps until the count is reached or the observer breaks; returns the number made.
+    ///
+    /// # Errors
+    /// Those of [`Self::advance`] and of the observer.
+    pub fn run(&mut self, steps: usize, observer: &mut dyn Observer<T>) -> Result<usize> {
+        for made in 0..steps {
+            let report = self.advance(observer)?;
+            observer.phase(Phase::Observe);
+            if let ControlFlow::Break(()) = observer.observe(self, &report)? {
+                return Ok(made + 1);
+            }
+        }
+        Ok(steps)
+    }
+
+    fn correct(&mut self) {
+        let half = self.dt * T::of(0.5);
+        for i in &mut self.interfaces {
+            let [coarse, fine] = i.sides;
+            let [c, d] = pair(&mut self.subdomains, coarse, fine);
+            i.project(
+                [&mut c.state.v, &mut d.state.v],
+                [&c.inverse_inertia, &d.inverse_inertia],
+                T::one() / half,
+            );
+            i.add_multiplier_forces(0, T::one(), &c.inverse_inertia, &mut c.state.a);
+            i.add_multiplier_forces(1, T::one(), &d.inverse_inertia, &mut d.state.a);
+            for (m, s) in [c, d].into_iter().enumerate() {
+                if let Some(force) = s.force_on_moving_supports() {
+                    i.add_force(m, force);
+                }
+            }
+        }
+    }
+
+    /// Adds the works of this instant, `Δt F_n·v_n`, with corrected velocities.
+    fn account(&mut self) {
+        for s in &mut self.subdomains {
+            self.ledger.supports += s.account(self.dt);
+        }
+        for i in &self.interfaces {
+            let [c, d] = i.sides;
+            let (a, b) = (&self.subdomains[c].state, &self.subdomains[d].state);
+            let (power, _) = i.jump([&a.v, &b.v], &mut self.work);
+            self.ledger.constraint -= self.dt * power;
+        }
+    }
+
+    fn total_work(&self) -> (T, T) {
+        let works = self.subdomains.iter().flat_map(|s| s.works.iter().copied());
+        let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
+        all.by_ref()
+            .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
+    }
+
+    fn draw(&mut self, invariant: T) -> Result<EnergySample<T>> {
+        if let Some(s) = self.subdomains.iter().find(|s| !s.is_finite()) {
+            let model = s.model().name().to_owned();
+            return Err(Error::Diverged {
+                step: self.step,
+                time: self.time.as_f64(),
+                what: "velocity",
+                model,
+            });
+        }
+        let mut residual = T::zero();
+        let speed = |s: &Subdomain<T>| {
+            s.state.v[..s.model().layout().translations()]
+                .iter()
+                .fold(T::zero(), |m, v| m.max(v.abs()))
+        };
+        let top = self
+            .subdomains
+            .iter()
+            .map(speed)
+            .fold(self.ledger.top_velocity, |a, b| a.max(b));
+        self.ledger.top_velocity = top;
+        for k in 0..self.interfaces.len() {
+            residual = residual.max(self.jumps(k)[0]);
+        }
+        if top > T::zero() {
+            residual /= top;
+        }
+        let (work, volume) = self.total_work();
+        let start = *self.ledger.start.get_or_insert(invariant);
+        let drift = invariant - start - work;
+        self.ledger.scale = self
+            .ledger
+            .scale
+            .max(start.abs())
+            .max(invariant.abs())
+            .max(volume);
+        let scale = self.ledger.scale;
+        let relative = if scale > T::zero() {
+            drift / scale
+        } else {
+            T::zero()
+        };
+        self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
+        self.ledger.top_residual = self.ledger.top_residual.max(residual);
+        let sample = EnergySample {
+            step: self.step,
+            time: self.time,
+            kinetic: self.subdomains.iter().map(Subdomain::kinetic_energy).sum(),
+            internal: self.subdomains.iter().map(Subdomain::internal_energy).sum(),
+            invariant,
+            work,
+            drift,
+            relative_drift: relative,
+            constraint_residual: residual,
+        };
+        // Growth is measured against what was put in, not against the (growing) energy itself.
+        let reference = start.abs().max(volume);
+        let bound = self.guard.growth * reference;
+        if !drift.is_finite() || (reference > T::zero() && drift > bound) {
+            return Err(Error::EnergyGrowth {
+                step: self.step,
+                time: self.time.as_f64(),
+                excess: drift.as_f64(),
+                bound: bound.as_f64(),
+                percent: 100.0 * self.guard.growth.as_f64(),
+            });
+        }
+        self.ledger.last = Some(sample.clone());
+        Ok(sample)
+    }
+}
+
+/// Two different subdomains at once.
+pub(crate) fn pair<T: Real>(all: &mut [Subdomain<T>], a: usize, b: usize) -> [&mut Subdomain<T>; 2] {
+    let (low, high) = (a.min(b), a.max(b));
+    let (head, tail) = all.split_at_mut(high);
+    if a < b {
+        [&mut head[low], &mut tail[0]]
+    } else {
+        [&mut tail[0], &mut head[low]]
+    }
+}

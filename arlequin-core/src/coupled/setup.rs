@@ -1,0 +1,246 @@
+//! Building a coupled run: checks, operators, consistent start.
+
+use super::{Coupled, pair};
+use crate::error::invalid;
+use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
+use crate::ledger::Ledger;
+use crate::subdomain::Subdomain;
+use crate::weight::Weighting;
+use crate::{Error, Real, Result};
+
+/// How the time step is chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TimeStep<T> {
+    /// In seconds; refused above the critical step.
+    Seconds(T),
+    /// As a share of the critical step, below one.
+    Fraction(T),
+    /// In seconds, whatever the critical step: for studies of stability.
+    Unchecked(T),
+}
+
+/// When a run is stopped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guard<T> {
+    /// Steps between two drawings of the energy ledger.
+    pub interval: usize,
+    /// Unexplained energy growth that ends the run, relative to initial energy and work put in.
+    pub growth: T,
+}
+
+impl<T: Real> Guard<T> {
+    /// 5 % for energy-consistent weighting, whose drift is round-off: anything above is an instability. The nodal law
+    /// changes the energy by up to its own size by construction, so tenfold growth is its bound.
+    pub fn for_weighting(weighting: Weighting) -> Self {
+        let growth = if weighting == Weighting::Energy {
+            0.05
+        } else {
+            10.0
+        };
+        Self {
+            interval: 10,
+            growth: T::of(growth),
+        }
+    }
+}
+
+/// What a run will be, for reports before it starts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Name, kind, nodes, unknowns and critical step \[s\] of every model.
+    pub models: Vec<(String, String, usize, usize, f64)>,
+    /// Chosen step \[s\].
+    pub dt: f64,
+    /// Largest stable step \[s\].
+    pub critical_dt: f64,
+    /// Interfaces.
+    pub interfaces: Vec<InterfaceReport>,
+    /// Effects that are on, as `model/effect`.
+    pub effects: Vec<String>,
+}
+
+impl<T: Real> Coupled<T> {
+    /// Builds a run: weights the models, checks and factors the interfaces, chooses or checks the step, and makes
+    /// initial velocities and accelerations consistent with the constraint.
+    ///
+    /// # Errors
+    /// Every set-up check of models, effects and interfaces; [`Error::UnstableStep`]; [`Error::SharedNode`].
+    pub fn new(
+        mut subdomains: Vec<Subdomain<T>>,
+        interfaces: Vec<InterfaceSpec<T>>,
+        step: TimeStep<T>,
+        guard: Option<Guard<T>>,
+    ) -> Result<Self> {
+        if subdomains.is_empty() {
+            return Err(invalid("subdomains", 0, "a run needs at least one model"));
+        }
+        let mut critical = Vec::with_capacity(subdomains.len());
+        for s in &mut subdomains {
+            s.prepare()?;
+            critical.push(s.critical_step()?);
+        }
+        let dt = choose_step(step, &critical, &subdomains)?;
+        let mut built = Vec::with_capacity(interfaces.len());
+        for spec in &interfaces {
+            built.push(Interface::new(
+                spec,
+                [
+                    side(&subdomains, spec, spec.coarse)?,
+                    side(&subdomains, spec, spec.fine)?,
+                ],
+            )?);
+        }
+        check_disjoint(&built, &subdomains)?;
+        let nodal = subdomains
+            .iter()
+            .any(|s| s.weights().weighting == Weighting::Nodal);
+        let weighting = if nodal {
+            Weighting::Nodal
+        } else {
+            Weighting::Energy
+        };
+        let guard = guard.unwrap_or_else(|| Guard::for_weighting(weighting));
+        if guard.interval == 0 || !guard.growth.is_finite() || guard.growth <= T::zero() {
+            return Err(invalid(
+                "guard",
+                format_args!("{guard:?}"),
+                "interval and growth must be positive",
+            ));
+        }
+        let mut run = Self {
+            subdomains,
+            interfaces: built,
+            critical,
+            dt,
+            time: T::zero(),
+            start_time: T::zero(),
+            step: 0,
+            guard,
+            ledger: Ledger::new(),
+            start_loss: T::zero(),
+            work: Vec::new(),
+        };
+        run.start()?;
+        Ok(run)
+    }
+
+    /// Projects `v_0` and `a_0` on the constraint once; otherwise the jump flips its sign every step for ever.
+    fn start(&mut self) -> Result<()> {
+        for s in &mut self.subdomains {
+            s.start(self.time, self.dt)?;
+        }
+        let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        for i in &mut self.interfaces {
+            let [coarse, fine] = i.sides;
+            let [c, d] = pair(&mut self.subdomains, coarse, fine);
+            let inverse = [&c.inverse_inertia[..], &d.inverse_inertia[..]];
+            i.project([&mut c.state.v, &mut d.state.v], inverse, T::zero());
+            i.project([&mut c.state.a, &mut d.state.a], inverse, T::one());
+            self.work
+                .resize(self.work.len().max(i.multipliers().len()), T::zero());
+        }
+        self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        Ok(())
+    }
+
+    /// What the run will be.
+    pub fn plan(&self) -> Plan {
+        let models = self.subdomains.iter().zip(&self.critical).map(|(s, c)| {
+            let layout = s.model().layout();
+            (
+                s.model().name().to_owned(),
+                s.model().kind().to_owned(),
+                layout.nodes,
+                layout.dofs(),
+                c.as_f64(),
+            )
+        });
+        let effects = self
+            .subdomains
+            .iter()
+            .flat_map(|s| {
+                s.effects()
+                    .map(|e| format!("{}/{}", s.model().name(), e.name()))
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        Plan {
+            models: models.collect(),
+            dt: self.dt.as_f64(),
+            critical_dt: self.critical.iter().fold(f64::INFINITY, |a, b| a.min(b.as_f64())),
+            interfaces: self.interfaces.iter().map(|i| i.report().clone()).collect(),
+            effects,
+        }
+    }
+}
+
+fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize) -> Result<Side<'a, T>> {
+    if k >= all.len() || spec.coarse == spec.fine {
+        let what = format!("subdomain of interface '{}'", spec.name);
+        return Err(invalid(
+            &what,
+            k,
+            &format!("must be two different ones of {}", all.len()),
+        ));
+    }
+    Ok(Side {
+        name: all[k].model().name(),
+        field: &**all[k].field(),
+        layout: all[k].model().layout(),
+        inverse_inertia: all[k].inverse_inertia(),
+    })
+}
+
+fn choose_step<T: Real>(step: TimeStep<T>, critical: &[T], subdomains: &[Subdomain<T>]) -> Result<T> {
+    let (k, limit) = critical
+        .iter()
+        .enumerate()
+        .fold((0, critical[0]), |a, (k, c)| if *c < a.1 { (k, *c) } else { a });
+    match step {
+        TimeStep::Fraction(f) if f > T::zero() && f < T::one() => Ok(limit * f),
+        TimeStep::Fraction(f) => Err(invalid(
+            "fraction of the critical step",
+            f,
+            "must be above 0 and below 1",
+        )),
+        TimeStep::Seconds(dt) if dt.is_finite() && dt > T::zero() => {
+            if dt > limit {
+                let model = subdomains[k].model().name().to_owned();
+                return Err(Error::UnstableStep {
+                    dt: dt.as_f64(),
+                    critical: limit.as_f64(),
+                    model,
+                });
+            }
+            Ok(dt)
+        }
+        TimeStep::Unchecked(dt) if dt.is_finite() && dt > T::zero() => Ok(dt),
+        TimeStep::Seconds(dt) | TimeStep::Unchecked(dt) => {
+            Err(invalid("time step", dt, "must be positive and finite"))
+        }
+    }
+}
+
+/// Interfaces are solved one after the other, which is exact only if no node belongs to two of them.
+fn check_disjoint<T: Real>(interfaces: &[Interface<T>], subdomains: &[Subdomain<T>]) -> Result<()> {
+    let mut owner: Vec<Vec<usize>> = subdomains
+        .iter()
+        .map(|s| vec![usize::MAX; s.model().layout().nodes])
+        .collect();
+    for (k, i) in interfaces.iter().enumerate() {
+        for m in 0..2 {
+            for node in coupled_nodes(&i.coupling[m], i.components()) {
+                let first = std::mem::replace(&mut owner[i.sides[m]][node], k);
+                if first != usize::MAX {
+                    return Err(Error::SharedNode {
+                        first: interfaces[first].report().name.clone(),
+                        second: i.report().name.clone(),
+                        model: subdomains[i.sides[m]].model().name().to_owned(),
+                        node,
+                    });
+                }
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,222 @@
+//! The static twin: the weighted energy is stationary under `⟨μ, u − d⟩ = 0` for all `μ`.
+//!
+//! `[K_C 0 B_Cᵀ; 0 K_D −B_Dᵀ; B_C −B_D 0] [u; d; λ] = [F; f; 0]` with the weights, mediator and junction objects of the
+//! dynamic run.
+
+use super::Coupled;
+use crate::effect::Instant;
+use crate::{Error, Real, Result};
+use sprs::TriMat;
+
+/// Static equilibrium.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Equilibrium<T> {
+    /// Displacements of every subdomain \[m, rad\].
+    pub displacements: Vec<Vec<T>>,
+    /// Multipliers of every interface.
+    pub multipliers: Vec<Vec<T>>,
+    /// Weighted internal energy \[J\].
+    pub energy: T,
+    /// Relative residual of the linear system.
+    pub residual: T,
+}
+
+/// Relative residual above which a solution is not one.
+const RESIDUAL_LIMIT: f64 = 1e-6;
+
+impl<T: Real> Coupled<T> {
+    /// Equilibrium under the loads and prescribed displacements of time `t`, velocities zero.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] for a model that is not linear; [`Error::SingularSystem`] where rigid motions are free.
+    pub fn equilibrium(&mut self, t: T) -> Result<Equilibrium<T>> {
+        let starts: Vec<usize> = self
+            .subdomains
+            .iter()
+            .map(|s| s.model().layout().dofs())
+            .chain(self.interfaces.iter().map(|i| i.multipliers().len()))
+            .scan(0, |sum, n| {
+                let start = *sum;
+                *sum += n;
+                Some(start)
+            })
+            .collect();
+        let size = starts.last().copied().unwrap_or(0)
+            + self.interfaces.last().map_or_else(
+                || self.subdomains[starts.len() - 1].model().layout().dofs(),
+                |i| i.multipliers().len(),
+            );
+        let mut rhs = vec![T::zero(); size];
+        let mut fixed = vec![false; size];
+        let mut values = vec![T::zero(); size];
+        let mut matrix = TriMat::new((size, size));
+        let mut scale = T::zero();
+        for (s, &start) in self.subdomains.iter_mut().zip(&starts) {
+            let Some(linear) = s.model().as_linear() else {
+                let what = "be solved statically: it is not linear".into();
+                return Err(Error::Unsupported {
+                    model: s.model().name().into(),
+                    what,
+                });
+            };
+            for (v, (i, j)) in linear.stiffness().iter() {
+                matrix.add_triplet(start + i, start + j, *v);
+                scale = scale.max(v.abs());
+            }
+            let n = s.model().layout().dofs();
+            let rest = vec![T::zero(); n];
+            let at = Instant {
+                time: t,
+                q: &rest,
+                v_half: &rest,
+            };
+            for e in &mut s.effects {
+                e.add_forces(&at, &mut rhs[start..start + n])?;
+            }
+            for motion in s.supports() {
+                for &d in &motion.dofs {
+                    fixed[start + d] = true;
+                    values[start + d] = motion.amplitude * motion.time.at(t);
+                }
+            }
+        }
+        self.add_constraints(&starts, scale, &mut matrix);
+        let q = solve_with_supports(&matrix, &rhs, &fixed, &values, scale)?;
+        let cut = |k: usize, n: usize| q.0[starts[k]..starts[k] + n].to_vec();
+        let count = self.subdomains.len();
+        let displacements: Vec<Vec<T>> = self
+            .subdomains
+            .iter()
+            .enumerate()
+            .map(|(k, s)| cut(k, s.model().layout().dofs()))
+            .collect();
+        let energy = self
+            .subdomains
+            .iter()
+            .zip(&displacements)
+            .map(|(s, q)| s.model().internal_energy(q))
+            .sum();
+        let multipliers = self
+            .interfaces
+            .iter()
+            .enumerate()
+            .map(|(k, i)| cut(count + k, i.multipliers().len()))
+            .collect();
+        Ok(Equilibrium {
+            displacements,
+            multipliers,
+            energy,
+            residual: q.1,
+        })
+    }
+
+    /// Constraint blocks, scaled to the stiffness so that pivoting compares like with like. Dependent multipliers get
+    /// a compliance of 1e-12 of their own, which moves the solution by as little.
+    fn add_constraints(&self, starts: &[usize], scale: T, matrix: &mut TriMat<T>) {
+        for (k, i) in self.interfaces.iter().enumerate() {
+            let row_start = starts[self.subdomains.len() + k];
+            for (m, coupling) in i.coupling.iter().enumerate() {
+                let sign = if m == 0 { T::one() } else { -T::one() };
+                let (d, col_start) = (coupling.shared, starts[i.sides[m]]);
+                for (v, (r, c)) in coupling.matrix.iter() {
+                    for a in 0..d {
+                        let (row, col) = (row_start + r * d + a, col_start + c * d + a);
+                        matrix.add_triplet(row, col, sign * *v);
+                        matrix.add_triplet(col, row, sign * *v);
+                    }
+                }
+            }
+            let regularise = !i.report().null_modes.is_empty();
+            let size = i.coupling[0]
+                .matrix
+                .iter()
+                .fold(T::zero(), |s, (v, _)| s.max(v.abs()));
+            let compliance = if regularise && scale > T::zero() {
+                size * size / scale * T::of(1e-12)
+            } else {
+                T::zero()
+            };
+            for r in 0..i.multipliers().len() {
+                matrix.add_triplet(row_start + r, row_start + r, -compliance);
+            }
+        }
+    }
+}
+
+/// Eliminates prescribed unknowns, scales symmetrically, solves with one step of refinement.
+fn solve_with_supports<T: Real>(
+    matrix: &TriMat<T>,
+    rhs: &[T],
+    fixed: &[bool],
+    values: &[T],
+    scale: T,
+) -> Result<(Vec<T>, T)> {
+    let n = rhs.len();
+    let full = matrix.to_csr::<usize>();
+    // Multiplier rows have no diagonal; they are scaled by their largest entry against the stiffness scale.
+    let mut weight = vec![T::one(); n];
+    for (i, row) in full.outer_iterator().enumerate() {
+        let diagonal = row.get(i).copied().unwrap_or_else(T::zero);
+        let top = row.iter().fold(T::zero(), |s, (_, v)| s.max(v.abs()));
+        weight[i] = if diagonal > T::zero() {
+            T::one() / diagonal.sqrt()
+        } else if top > T::zero() {
+            scale.sqrt() / top
+        } else {
+            T::one()
+        };
+    }
+    let mut system = TriMat::with_capacity((n, n), full.nnz());
+    let mut b: Vec<T> = (0..n)
+        .map(|i| {
+            if fixed[i] {
+                values[i] / weight[i]
+            } else {
+                rhs[i] * weight[i]
+            }
+        })
+        .collect();
+    for (v, (i, j)) in full.iter() {
+        if fixed[i] {
+            continue;
+        }
+        if fixed[j] {
+            b[i] -= *v * weight[i] * values[j];
+        } else {
+            system.add_triplet(i, j, *v * weight[i] * weight[j]);
+        }
+    }
+    (0..n)
+        .filter(|&i| fixed[i])
+        .for_each(|i| system.add_triplet(i, i, T::one()));
+    let a = system.to_csc::<usize>();
+    let factor = T::lu(&a)?;
+    let mut x = b.clone();
+    factor.solve(&mut x);
+    let mut r = residual(&a, &x, &b);
+    factor.solve(&mut r);
+    x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
+    let r = residual(&a, &x, &b);
+    let norm = |v: &[T]| v.iter().fold(T::zero(), |s, x| s.max(x.abs()));
+    let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));
+    let relative = norm(&r) / (norm(&b) + top * norm(&x)).max(T::epsilon() * T::epsilon());
+    if !relative.is_finite()
+        || relative > T::of(RESIDUAL_LIMIT).max(T::epsilon().sqrt())
+        || norm(&x) > norm(&b) / T::epsilon()
+    {
+        return Err(Error::SingularSystem {
+            size: n,
+            residual: relative.as_f64(),
+        });
+    }
+    x.iter_mut().zip(&weight).for_each(|(x, w)| *x *= *w);
+    Ok((x, relative))
+}
+
+fn residual<T: Real>(a: &sprs::CsMat<T>, x: &[T], b: &[T]) -> Vec<T> {
+    let mut r = b.to_vec();
+    for (j, col) in a.outer_iterator().enumerate() {
+        col.iter().for_each(|(i, v)| r[i] -= *v * x[j]);
+    }
+    r
+}

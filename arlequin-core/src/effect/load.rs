@@ -1,0 +1,155 @@
+//! Forces on given unknowns: nodal loads and surface tractions with a time function.
+
+use super::{Effect, Instant, Site};
+use crate::error::invalid;
+use crate::time::TimeFunction;
+use crate::{Error, Real, Result};
+use nalgebra::{Point3, Vector3};
+
+/// A facet of a model's surface, as loads need it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SurfaceFacet<T: Real> {
+    /// Nodes that carry the facet's load.
+    pub nodes: Vec<usize>,
+    /// Area of each node's share \[m²\].
+    pub shares: Vec<T>,
+    /// Centre \[m\].
+    pub centre: Point3<T>,
+    /// Outward unit normal.
+    pub normal: Vector3<T>,
+}
+
+impl<T: Real> SurfaceFacet<T> {
+    /// Area \[m²\].
+    pub fn area(&self) -> T {
+        self.shares.iter().copied().sum()
+    }
+}
+
+#[derive(Debug, Clone)]
+enum Spread<T: Real> {
+    /// Forces \[N\] (moments \[N m\]) on unknowns.
+    Dofs(Vec<(usize, T)>),
+    /// Tractions \[Pa\], one per facet.
+    Facets(Vec<(SurfaceFacet<T>, Vector3<T>)>),
+}
+
+/// A dead load on some unknowns, scaled by a time function and weighted by `γ`.
+#[derive(Debug, Clone)]
+pub struct Load<T: Real> {
+    name: String,
+    spread: Spread<T>,
+    time: TimeFunction<T>,
+    forces: Vec<(usize, T)>,
+    factor: T,
+}
+
+impl<T: Real> Load<T> {
+    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
+    pub fn on_dofs(name: &str, forces: Vec<(usize, T)>, time: TimeFunction<T>) -> Result<Self> {
+        let good = !forces.is_empty() && forces.iter().all(|(_, f)| f.is_finite());
+        Self::checked(name, good, forces.len(), Spread::Dofs(forces), time)
+    }
+
+    /// A traction field `t(x)` \[Pa\], sampled at the facet centres.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] for an empty surface, a non-finite traction or an invalid time function.
+    pub fn traction(
+        name: &str,
+        facets: Vec<SurfaceFacet<T>>,
+        field: &dyn Fn(&SurfaceFacet<T>) -> Vector3<T>,
+        time: TimeFunction<T>,
+    ) -> Result<Self> {
+        let loaded: Vec<_> = facets
+            .into_iter()
+            .map(|f| (field(&f), f))
+            .map(|(t, f)| (f, t))
+            .collect();
+        let good = !loaded.is_empty() && loaded.iter().all(|(_, t)| t.iter().all(|c| c.is_finite()));
+        Self::checked(name, good, loaded.len(), Spread::Facets(loaded), time)
+    }
+
+    fn checked(
+        name: &str,
+        good: bool,
+        count: usize,
+        spread: Spread<T>,
+        time: TimeFunction<T>,
+    ) -> Result<Self> {
+        time.validate()?;
+        if !good {
+            let what = format!("load '{name}'");
+            return Err(invalid(
+                &what,
+                format_args!("{count} entries"),
+                "needs at least one finite entry; check the selection",
+            ));
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            spread,
+            time,
+            forces: Vec::new(),
+            factor: T::zero(),
+        })
+    }
+}
+
+impl<T: Real> Effect<T> for Load<T> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn attach(&mut self, site: &Site<'_, T>) -> Result<()> {
+        let layout = site.model.layout();
+        let gamma = &*site.weights.external;
+        let weigh = |dof: usize| match dof {
+            d if d < layout.translations() => gamma.at(&site.model.nodes()[d / layout.components]),
+            _ => T::one(),
+        };
+        let mut sum = std::collections::BTreeMap::<usize, T>::new();
+        match &self.spread {
+            Spread::Dofs(forces) => {
+                for &(dof, f) in forces {
+                    if dof >= layout.dofs() {
+                        let what = format!("unknowns of '{}' in load '{}'", site.model.name(), self.name);
+                        return Err(Error::SizeMismatch {
+                            what,
+                            expected: layout.dofs(),
+                            found: dof + 1,
+                        });
+                    }
+                    *sum.entry(dof).or_default() += f * weigh(dof);
+                }
+            }
+            Spread::Facets(facets) => {
+                for (facet, traction) in facets {
+                    let w = gamma.at(&facet.centre);
+                    for (node, share) in facet.nodes.iter().zip(&facet.shares) {
+                        for c in 0..layout.components {
+                            *sum.entry(node * layout.components + c).or_default() += traction[c] * *share * w;
+                        }
+                    }
+                }
+            }
+        }
+        self.forces = sum.into_iter().filter(|(_, f)| *f != T::zero()).collect();
+        Ok(())
+    }
+
+    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        self.factor = self.time.at(at.time);
+        if self.factor != T::zero() {
+            self.forces.iter().for_each(|&(dof, a)| f[dof] += a * self.factor);
+        }
+        Ok(())
+    }
+
+    fn power(&self, v: &[T]) -> T {
+        self.forces.iter().fold(T::zero(), |s, &(dof, a)| s + a * v[dof]) * self.factor
+    }
+}

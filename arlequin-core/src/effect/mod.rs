@@ -1,0 +1,193 @@
+//! Effects: body force, loads, damping, absorber. Only what a scene lists exists in the run.
+//!
+//! An effect adds forces to one subdomain and is one line of the energy ledger.
+
+mod absorber;
+mod load;
+
+pub use absorber::{Absorber, RateField};
+pub use load::{Load, SurfaceFacet};
+
+use crate::model::{DofLayout, Model};
+use crate::weight::Weights;
+use crate::{Real, Result};
+use nalgebra::Vector3;
+
+/// What an effect may see when it is attached to a subdomain.
+#[derive(Clone, Copy)]
+pub struct Site<'a, T: Real> {
+    /// The model.
+    pub model: &'a dyn Model<T>,
+    /// The model's weights; loads take `external`.
+    pub weights: &'a Weights<T>,
+    /// Lumped inertia weighted by `β` \[kg, kg m²\].
+    pub inertia: &'a [T],
+    /// Its inverse, zero for prescribed unknowns.
+    pub inverse_inertia: &'a [T],
+}
+
+impl<T: Real> std::fmt::Debug for Site<'_, T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Site of {}", self.model.name())
+    }
+}
+
+/// The instant at which forces are wanted.
+#[derive(Debug, Clone, Copy)]
+pub struct Instant<'a, T> {
+    /// Time \[s\].
+    pub time: T,
+    /// Displacements at that time.
+    pub q: &'a [T],
+    /// Velocities half a step earlier: what an explicit scheme knows.
+    pub v_half: &'a [T],
+}
+
+/// A load, a damping or any other force on one subdomain beside its internal ones.
+pub trait Effect<T: Real>: Send {
+    /// Name in the ledger.
+    fn name(&self) -> &str;
+
+    /// Prepares the effect for its subdomain; called once before the first step.
+    ///
+    /// # Errors
+    /// Invalid parameters for this subdomain.
+    fn attach(&mut self, site: &Site<'_, T>) -> Result<()>;
+
+    /// Adds the weighted forces \[N, N m\] and remembers them for [`Effect::power`]. Must not allocate.
+    ///
+    /// # Errors
+    /// Whatever keeps the effect from doing so.
+    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()>;
+
+    /// Power of the last added forces on the velocities `v` \[W\]: negative where energy is dissipated.
+    fn power(&self, v: &[T]) -> T;
+
+    /// Largest damping rate `c/m` \[1/s\]; lowers the critical step of the explicit scheme.
+    fn damping_rate(&self) -> T {
+        T::zero()
+    }
+}
+
+/// Gravity or any constant acceleration field \[m/s²\]: `F_i = M_γ,i g`.
+#[derive(Debug, Clone)]
+pub struct BodyForce<T: Real> {
+    acceleration: Vector3<T>,
+    force: Vec<T>,
+}
+
+impl<T: Real> BodyForce<T> {
+    /// Body force with the given acceleration \[m/s²\]; bars and chains feel its x component.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] if it is not finite.
+    pub fn new(acceleration: Vector3<T>) -> Result<Self> {
+        if acceleration.iter().all(|a| a.is_finite()) {
+            Ok(Self {
+                acceleration,
+                force: Vec::new(),
+            })
+        } else {
+            Err(crate::error::invalid(
+                "body acceleration",
+                format_args!("{acceleration:?}"),
+                "must be finite",
+            ))
+        }
+    }
+}
+
+impl<T: Real> Effect<T> for BodyForce<T> {
+    fn name(&self) -> &str {
+        "body-force"
+    }
+
+    fn attach(&mut self, site: &Site<'_, T>) -> Result<()> {
+        let DofLayout { components, .. } = site.model.layout();
+        let mut mass = vec![T::zero(); site.model.layout().dofs()];
+        site.model
+            .lumped_inertia(&*site.weights.external, site.weights.weighting, &mut mass)?;
+        mass.truncate(site.model.layout().translations());
+        for (i, m) in mass.iter_mut().enumerate() {
+            *m *= self.acceleration[i % components];
+        }
+        self.force = mass;
+        Ok(())
+    }
+
+    fn add_forces(&mut self, _: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        f.iter_mut().zip(&self.force).for_each(|(f, g)| *f += *g);
+        Ok(())
+    }
+
+    fn power(&self, v: &[T]) -> T {
+        dot(&self.force, v)
+    }
+}
+
+/// Mass-proportional damping `F = −c M_β v` with a rate `c` \[1/s\].
+#[derive(Debug, Clone)]
+pub struct MassDamping<T: Real> {
+    rate: T,
+    inertia: Vec<T>,
+    force: Vec<T>,
+}
+
+impl<T: Real> MassDamping<T> {
+    /// Damping with the given rate \[1/s\].
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] if it is negative or not finite.
+    pub fn new(rate: T) -> Result<Self> {
+        if rate >= T::zero() && rate.is_finite() {
+            Ok(Self {
+                rate,
+                inertia: Vec::new(),
+                force: Vec::new(),
+            })
+        } else {
+            Err(crate::error::invalid(
+                "damping rate",
+                rate,
+                "must be finite and not negative",
+            ))
+        }
+    }
+}
+
+impl<T: Real> Effect<T> for MassDamping<T> {
+    fn name(&self) -> &str {
+        "mass-damping"
+    }
+
+    fn attach(&mut self, site: &Site<'_, T>) -> Result<()> {
+        self.inertia = site.inertia.to_vec();
+        self.force = vec![T::zero(); self.inertia.len()];
+        Ok(())
+    }
+
+    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        for (((f, g), m), v) in f
+            .iter_mut()
+            .zip(&mut self.force)
+            .zip(&self.inertia)
+            .zip(at.v_half)
+        {
+            *g = -self.rate * *m * *v;
+            *f += *g;
+        }
+        Ok(())
+    }
+
+    fn power(&self, v: &[T]) -> T {
+        dot(&self.force, v)
+    }
+
+    fn damping_rate(&self) -> T {
+        self.rate
+    }
+}
+
+pub(crate) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
+    a.iter().zip(b).fold(T::zero(), |s, (x, y)| s + *x * *y)
+}

@@ -1,0 +1,592 @@
+//! Coupling matrices: which points sample the junction integrals, and the sums over them.
+
+use super::{Coupling, InterfaceSpec, Side};
+use crate::field::{Interpolation, ShapeRow};
+use crate::geometry::{BoxTree, Cell, HalfSpace, Polyhedron, Sample};
+use crate::junction::Shape;
+use crate::{Error, Real, Result};
+use nalgebra::{Point3, Vector3};
+use sprs::{CsMat, TriMat};
+
+/// How the junction integrals are sampled. Every choice uses the same points for both sides, so that action equals
+/// reaction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Sampling {
+    /// Quadrature on the common refinement of mediator, coarse and fine cells: exact for polynomial shapes.
+    #[default]
+    Intersection,
+    /// Both velocities are interpolated at the mediator nodes first (`Π u̇ − Π ḋ`), the choice of the literature.
+    Projection,
+    /// At the integration points of the fine field (particle quadrature).
+    Particles,
+}
+
+/// Share of the mediator that may lie outside a model before it counts as an error: faceted meshes of a curved
+/// surface differ by that much.
+const OVERHANG_LIMIT: f64 = 0.02;
+/// A sample whose cell is not known.
+const NO_CELL: usize = usize::MAX;
+const UNKNOWN: [usize; 3] = [NO_CELL; 3];
+/// Particle volumes need not fill the mediator exactly.
+const PARTICLE_COVERAGE: f64 = 0.3;
+
+pub(super) struct Built<T> {
+    pub(super) coupling: [Coupling<T>; 2],
+    pub(super) measure: T,
+    pub(super) momentum_defect: T,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Sums entries of a sparse matrix in a fixed order: dense blocks while row and column nodes stay the same, as they do
+/// over a piece of the overlap, then entries that are merged as they grow.
+struct Accumulator<T> {
+    entries: Vec<(u32, u32, T)>,
+    limit: usize,
+    rows: Vec<usize>,
+    cols: Vec<usize>,
+    block: Vec<T>,
+}
+
+impl<T: Real> Accumulator<T> {
+    fn new() -> Self {
+        Self {
+            entries: Vec::new(),
+            limit: 1 << 20,
+            rows: Vec::new(),
+            cols: Vec::new(),
+            block: Vec::new(),
+        }
+    }
+    /// The block of `rows × cols` nodes with `size` components each, row major, to be added to.
+    fn block(&mut self, rows: &[usize], cols: &[usize], size: usize) -> &mut [T] {
+        if self.rows != rows || self.cols != cols {
+            self.flush(size);
+            self.rows.clear();
+            self.rows.extend_from_slice(rows);
+            self.cols.clear();
+            self.cols.extend_from_slice(cols);
+            self.block.clear();
+            self.block
+                .resize(rows.len() * cols.len() * size * size, T::zero());
+        }
+        &mut self.block
+    }
+    fn flush(&mut self, size: usize) {
+        let width = self.cols.len() * size;
+        for (i, row) in self.rows.iter().enumerate() {
+            for a in 0..size {
+                for (j, col) in self.cols.iter().enumerate() {
+                    for b in 0..size {
+                        let value = self.block[(i * size + a) * width + j * size + b];
+                        self.entries
+                            .push(((row * size + a) as u32, (col * size + b) as u32, value));
+                    }
+                }
+            }
+        }
+        self.block.clear();
+        self.rows.clear();
+        if self.entries.len() > self.limit {
+            self.merge();
+            self.limit = (self.entries.len() * 2).max(1 << 20);
+        }
+    }
+    fn merge(&mut self) {
+        self.entries.sort_by_key(|e| (e.0, e.1));
+        self.entries.dedup_by(|next, kept| {
+            let same = (next.0, next.1) == (kept.0, kept.1);
+            if same {
+                kept.2 += next.2;
+            }
+            same
+        });
+    }
+    fn into_matrix(mut self, rows: usize, cols: usize, size: usize) -> CsMat<T> {
+        self.flush(size);
+        self.merge();
+        let mut t = TriMat::with_capacity((rows, cols), self.entries.len());
+        self.entries
+            .iter()
+            .filter(|e| e.2 != T::zero())
+            .for_each(|e| t.add_triplet(e.0 as usize, e.1 as usize, e.2));
+        t.to_csr()
+    }
+}
+
+pub(super) fn assemble<T: Real>(
+    spec: &InterfaceSpec<T>,
+    sides: &[Side<'_, T>; 2],
+    components: usize,
+) -> Result<Built<T>> {
+    let cells = spec.mediator.cells();
+    let total: T = cells.iter().map(Cell::measure).sum();
+    if !total.is_finite() || total <= T::zero() {
+        let model = sides[0].name.to_owned();
+        return Err(Error::EmptyOverlap {
+            interface: spec.name.clone(),
+            model,
+        });
+    }
+    let mut warnings = Vec::new();
+    let (coupling, measure) = match spec.options.sampling {
+        Sampling::Projection => (projection(spec, sides, &cells, components)?, total),
+        Sampling::Intersection => {
+            if sides.iter().any(|s| s.field.samples().is_some()) {
+                return Err(crate::error::invalid(
+                    &format!("interface '{}': sampling", spec.name),
+                    "intersection",
+                    "a particle-quadrature field exists at the particles only; use 'particles' sampling",
+                ));
+            }
+            refined(spec, sides, &cells, total, components, &mut warnings)?
+        }
+        Sampling::Particles => {
+            let Some(samples) = sides[1].field.samples() else {
+                return Err(crate::error::invalid(
+                    &format!("interface '{}': sampling", spec.name),
+                    "particles",
+                    &format!(
+                        "the fine field of '{}' has no integration points of its own; use 'intersection'",
+                        sides[1].name
+                    ),
+                ));
+            };
+            let mut sums = Sums::new(spec, sides, components);
+            sums.add(samples, UNKNOWN)?;
+            let (coupling, covered) = sums.finish(&mut warnings)?;
+            check_coverage(spec, sides, covered, total)?;
+            (coupling, covered)
+        }
+    };
+    let mut built = Built {
+        coupling,
+        measure,
+        momentum_defect: T::zero(),
+        warnings,
+    };
+    if !spec.junction.is_seminorm() {
+        built.momentum_defect = momentum_defect(&built.coupling, sides, components);
+        let limit = T::epsilon().sqrt();
+        if built.momentum_defect > limit {
+            let (defect, limit) = (built.momentum_defect.as_f64(), limit.as_f64());
+            return Err(Error::MomentumLeak {
+                interface: spec.name.clone(),
+                defect,
+                limit,
+            });
+        }
+    } else {
+        pin(spec, sides, &mut built.coupling, components)?;
+    }
+    Ok(built)
+}
+
+fn check_coverage<T: Real>(
+    spec: &InterfaceSpec<T>,
+    sides: &[Side<'_, T>; 2],
+    covered: T,
+    total: T,
+) -> Result<()> {
+    let (interface, model) = (spec.name.clone(), sides[1].name.to_owned());
+    if covered <= T::zero() {
+        return Err(Error::EmptyOverlap { interface, model });
+    }
+    if ((covered - total) / total).abs() > T::of(PARTICLE_COVERAGE) {
+        let (outside, total) = ((total - covered).as_f64(), total.as_f64());
+        return Err(Error::OverhangingMediator {
+            interface,
+            model,
+            outside,
+            total,
+        });
+    }
+    Ok(())
+}
+
+/// Cells of a field, ready for intersections.
+struct CellSet<T: Real> {
+    cells: Vec<Cell<T>>,
+    planes: Vec<Vec<HalfSpace<T>>>,
+    tree: BoxTree<T>,
+}
+
+impl<T: Real> CellSet<T> {
+    fn new(field: &dyn Interpolation<T>) -> Self {
+        let cells = field.cells();
+        let planes = cells
+            .iter()
+            .map(|c| match c {
+                Cell::Polyhedron(p) => p.half_spaces(),
+                Cell::Segment { .. } => Vec::new(),
+            })
+            .collect();
+        let tree = BoxTree::new(cells.iter().map(Cell::bounds).collect());
+        Self { cells, planes, tree }
+    }
+
+    /// Pieces of `cell` inside the field and the cells they lie in; the cell itself if the field has no cells.
+    fn pieces(&self, cell: &Cell<T>) -> Vec<(usize, Cell<T>)> {
+        if self.cells.is_empty() {
+            return vec![(NO_CELL, cell.clone())];
+        }
+        let mut out = Vec::new();
+        self.tree.any(&cell.bounds(), &mut |k| {
+            let piece = match (cell, &self.cells[k]) {
+                (Cell::Polyhedron(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k]),
+                (a, b) => a.intersection(b),
+            };
+            out.extend(piece.map(|c| (k, c)));
+            false
+        });
+        out
+    }
+}
+
+fn nonempty<T: Real>(p: &Polyhedron<T>, planes: &[HalfSpace<T>]) -> Option<Cell<T>> {
+    let body = p.intersection(planes);
+    if body.faces.is_empty() {
+        return None;
+    }
+    // Slivers of round-off, from cells that only touch, carry no measure worth a sample.
+    let [low, high] = crate::geometry::bounds_of(p.faces.iter().flatten());
+    let size = (high - low).norm();
+    (body.volume() > size * size * size * T::epsilon() * T::of(16.0)).then_some(Cell::Polyhedron(body))
+}
+
+/// Sums over mediator ∩ coarse ∩ fine.
+fn refined<T: Real>(
+    spec: &InterfaceSpec<T>,
+    sides: &[Side<'_, T>; 2],
+    cells: &[Cell<T>],
+    total: T,
+    components: usize,
+    warnings: &mut Vec<String>,
+) -> Result<([Coupling<T>; 2], T)> {
+    let sets = [CellSet::new(sides[0].field), CellSet::new(sides[1].field)];
+    let degree = spec.mediator.degree() + sides[0].field.degree().max(sides[1].field.degree());
+    let mut covered = [T::zero(); 2];
+    let mut samples = Vec::new();
+    let mut sums = Sums::new(spec, sides, components);
+    for (m, cell) in cells.iter().enumerate() {
+        for (c, piece) in sets[0].pieces(cell) {
+            covered[0] += piece.measure();
+            for (f, part) in sets[1].pieces(&piece) {
+                samples.clear();
+                part.quadrature(degree.min(5), &mut samples);
+                covered[1] += samples.iter().map(|s| s.measure).sum();
+                sums.add(&samples, [m, c, f])?;
+            }
+        }
+    }
+    for (m, covered) in covered.into_iter().enumerate() {
+        let (interface, model) = (spec.name.clone(), sides[m].name.to_owned());
+        if covered <= T::zero() {
+            return Err(Error::EmptyOverlap { interface, model });
+        }
+        if total - covered > total * T::of(OVERHANG_LIMIT) {
+            let (outside, total) = ((total - covered).as_f64(), total.as_f64());
+            return Err(Error::OverhangingMediator {
+                interface,
+                model,
+                outside,
+                total,
+            });
+        }
+    }
+    sums.finish(warnings)
+}
+
+/// Sums of `⟨N_i, N_j⟩` over sampling points, for both sides at once.
+struct Sums<'a, T: Real> {
+    spec: &'a InterfaceSpec<T>,
+    sides: &'a [Side<'a, T>; 2],
+    components: usize,
+    sums: [Accumulator<T>; 2],
+    measure: T,
+    lost: T,
+    rows: ShapeRow<T>,
+    cols: [ShapeRow<T>; 2],
+}
+
+impl<'a, T: Real> Sums<'a, T> {
+    fn new(spec: &'a InterfaceSpec<T>, sides: &'a [Side<'a, T>; 2], components: usize) -> Self {
+        Self {
+            spec,
+            sides,
+            components,
+            sums: [Accumulator::new(), Accumulator::new()],
+            measure: T::zero(),
+            lost: T::zero(),
+            rows: ShapeRow::default(),
+            cols: [ShapeRow::default(), ShapeRow::default()],
+        }
+    }
+
+    /// Adds samples that lie in one cell each of mediator, coarse and fine field, where known.
+    fn add(&mut self, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
+        let gradient = self.spec.junction.needs_gradient();
+        for s in samples {
+            match evaluate(&*self.spec.mediator, cells[0], &s.point, gradient, &mut self.rows) {
+                Err(Error::OutsideDomain { .. }) => continue,
+                other => other?,
+            }
+            let mut inside = true;
+            for m in 0..2 {
+                match evaluate(
+                    self.sides[m].field,
+                    cells[m + 1],
+                    &s.point,
+                    gradient,
+                    &mut self.cols[m],
+                ) {
+                    Err(Error::OutsideDomain { .. }) => inside = false,
+                    Err(Error::NoGradient { .. }) => {
+                        let (role, junction) = (
+                            self.sides[m].field.kind().into(),
+                            self.spec.junction.name().into(),
+                        );
+                        return Err(Error::NoGradient { role, junction });
+                    }
+                    other => other?,
+                }
+            }
+            if !inside {
+                self.lost += s.measure;
+                continue;
+            }
+            self.measure += s.measure;
+            for m in 0..2 {
+                add_products(
+                    self.spec,
+                    &self.rows,
+                    &self.cols[m],
+                    s.measure,
+                    self.components,
+                    &mut self.sums[m],
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// The coupling matrices and the measure that all three fields cover.
+    fn finish(self, warnings: &mut Vec<String>) -> Result<([Coupling<T>; 2], T)> {
+        let Self {
+            spec,
+            sides,
+            components,
+            sums,
+            measure,
+            lost,
+            ..
+        } = self;
+        if lost > (measure + lost) * T::of(OVERHANG_LIMIT) {
+            let (outside, total) = (lost.as_f64(), (lost + measure).as_f64());
+            let (interface, model) = (spec.name.clone(), sides[0].name.to_owned());
+            return Err(Error::OverhangingMediator {
+                interface,
+                model,
+                outside,
+                total,
+            });
+        }
+        if lost > T::zero() {
+            warnings.push(format!(
+                "{:.2e} of the overlap lies outside one of the models (faceted surface) and is left out on both sides",
+                (lost / (measure + lost)).as_f64()
+            ));
+        }
+        let shared = if spec.junction.splits() { components } else { 1 };
+        let per_node = components / shared;
+        let nodes = spec.mediator.nodes().len();
+        let [coarse, fine] = sums;
+        let matrix = |sum: Accumulator<T>, m: usize| {
+            sum.into_matrix(nodes * per_node, sides[m].layout.nodes * per_node, per_node)
+        };
+        let coupling = [
+            Coupling {
+                matrix: matrix(coarse, 0),
+                shared,
+            },
+            Coupling {
+                matrix: matrix(fine, 1),
+                shared,
+            },
+        ];
+        Ok((coupling, measure))
+    }
+}
+
+fn evaluate<T: Real, F: Interpolation<T> + ?Sized>(
+    field: &F,
+    cell: usize,
+    x: &Point3<T>,
+    gradient: bool,
+    row: &mut ShapeRow<T>,
+) -> Result<()> {
+    if cell == NO_CELL {
+        field.shape_at(x, gradient, row)
+    } else {
+        field.shape_in(cell, x, gradient, row)
+    }
+}
+
+fn shape<T: Real>(row: &ShapeRow<T>, k: usize) -> Shape<T> {
+    let gradient = row.gradients.get(k).copied().unwrap_or_else(Vector3::zeros);
+    Shape {
+        value: row.values[k],
+        gradient,
+    }
+}
+
+fn add_products<T: Real>(
+    spec: &InterfaceSpec<T>,
+    rows: &ShapeRow<T>,
+    cols: &ShapeRow<T>,
+    measure: T,
+    components: usize,
+    sum: &mut Accumulator<T>,
+) {
+    let size = if spec.junction.splits() { 1 } else { components };
+    let width = cols.nodes.len() * size;
+    let block = sum.block(&rows.nodes, &cols.nodes, size);
+    for i in 0..rows.nodes.len() {
+        let si = shape(rows, i);
+        for j in 0..cols.nodes.len() {
+            let product = spec.junction.block(&si, &shape(cols, j)) * measure;
+            for a in 0..size {
+                for b in 0..size {
+                    block[(i * size + a) * width + j * size + b] += product[(a, b)];
+                }
+            }
+        }
+    }
+}
+
+/// `B = M_O P` with the mediator's own Gram matrix and the fields' values at the mediator nodes.
+fn projection<T: Real>(
+    spec: &InterfaceSpec<T>,
+    sides: &[Side<'_, T>; 2],
+    cells: &[Cell<T>],
+    components: usize,
+) -> Result<[Coupling<T>; 2]> {
+    let gradient = spec.junction.needs_gradient();
+    let shared = if spec.junction.splits() { components } else { 1 };
+    let per_node = components / shared;
+    let nodes = spec.mediator.nodes();
+    let mut gram = Accumulator::new();
+    let (mut row, mut samples) = (ShapeRow::default(), Vec::new());
+    cells
+        .iter()
+        .for_each(|c| c.quadrature((2 * spec.mediator.degree()).min(5), &mut samples));
+    for s in &samples {
+        spec.mediator.shape_at(&s.point, gradient, &mut row)?;
+        let cols = row.clone();
+        add_products(spec, &row, &cols, s.measure, components, &mut gram);
+    }
+    let size = nodes.len() * per_node;
+    let gram = gram.into_matrix(size, size, per_node);
+    let side = |m: usize| -> Result<Coupling<T>> {
+        let mut values = TriMat::new((size, sides[m].layout.nodes * per_node));
+        let mut row = ShapeRow::default();
+        for (i, x) in nodes.iter().enumerate() {
+            sides[m]
+                .field
+                .shape_at(x, false, &mut row)
+                .map_err(|e| overhang(e, spec, sides[m].name, x))?;
+            for (&j, &v) in row.nodes.iter().zip(&row.values) {
+                (0..per_node).for_each(|a| values.add_triplet(i * per_node + a, j * per_node + a, v));
+            }
+        }
+        let values: CsMat<T> = values.to_csr();
+        Ok(Coupling {
+            matrix: &gram * &values,
+            shared,
+        })
+    };
+    Ok([side(0)?, side(1)?])
+}
+
+fn overhang<T: Real>(error: Error, spec: &InterfaceSpec<T>, model: &str, x: &Point3<T>) -> Error {
+    match error {
+        Error::OutsideDomain { point, .. } => Error::OutsideDomain {
+            point,
+            role: format!(
+                "'{model}' (mediator node of interface '{}', projection sampling)",
+                spec.name
+            ),
+        },
+        _ => crate::field::outside(x, model),
+    }
+}
+
+/// Largest relative difference between the sides of `Σ_j B_ij` and `Σ_j B_ij x_j`: forces and moments of one
+/// multiplier on the two models.
+fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2], components: usize) -> T {
+    let per_node = components / coupling[0].shared;
+    let nodes = coupling[0].matrix.rows();
+    let mut moments = vec![[T::zero(); 8]; nodes];
+    let (mut scale, mut reach) = (T::zero(), T::epsilon());
+    for m in 0..2 {
+        let sign = if m == 0 { T::one() } else { -T::one() };
+        for (v, (i, j)) in coupling[m].matrix.iter() {
+            // Rows of a block matrix mix components; translations along a act on columns of component a.
+            if i % per_node != j % per_node {
+                continue;
+            }
+            let x = sides[m].field.nodes()[j / per_node] - sides[0].field.nodes()[0];
+            reach = reach.max(x.norm());
+            moments[i][0] += sign * *v;
+            (0..3).for_each(|c| moments[i][c + 1] += sign * *v * x[c]);
+            moments[i][7] += if m == 0 { v.abs() } else { T::zero() };
+        }
+    }
+    let mut worst = T::zero();
+    for m in &moments {
+        scale = scale.max(m[7]);
+        worst = (1..4).fold(worst.max(m[0].abs()), |w, c| w.max(m[c].abs() / reach));
+    }
+    if scale > T::zero() {
+        worst / scale
+    } else {
+        T::zero()
+    }
+}
+
+/// Replaces one multiplier row by the pointwise constraint `u(x_a) = d(x_a)`: a seminorm does not see constants.
+fn pin<T: Real>(
+    spec: &InterfaceSpec<T>,
+    sides: &[Side<'_, T>; 2],
+    coupling: &mut [Coupling<T>; 2],
+    components: usize,
+) -> Result<()> {
+    let nodes = spec.mediator.nodes();
+    let x = spec.options.pin.unwrap_or(nodes[0]);
+    let distance = |k: &usize| (nodes[*k] - x).norm().as_f64();
+    let nearest = (0..nodes.len())
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        .unwrap_or(0);
+    let per_node = components / coupling[0].shared;
+    // The row has the magnitude of its neighbours, so that the operator stays well scaled.
+    let scale = coupling[0]
+        .matrix
+        .iter()
+        .fold(T::zero(), |s, (v, _)| s.max(v.abs()));
+    for (m, side) in coupling.iter_mut().enumerate() {
+        let mut t = TriMat::new((side.matrix.rows(), side.matrix.cols()));
+        let others = side.matrix.iter().filter(|(_, (i, _))| i / per_node != nearest);
+        others.for_each(|(v, (i, j))| t.add_triplet(i, j, *v));
+        let mut row = ShapeRow::default();
+        sides[m]
+            .field
+            .shape_at(&x, false, &mut row)
+            .map_err(|e| overhang(e, spec, sides[m].name, &x))?;
+        for (&j, &v) in row.nodes.iter().zip(&row.values) {
+            for a in 0..per_node {
+                t.add_triplet(nearest * per_node + a, j * per_node + a, v * scale);
+            }
+        }
+        side.matrix = t.to_csr();
+    }
+    Ok(())
+}

@@ -1,0 +1,346 @@
+//! The interface: coupling matrices, multiplier operator and correction, the same for any pair of models.
+//!
+//! With `B_m` the multiplier-by-unknown matrix of side `m` (`C_m = B_mᵀ`, stored once, so that the two are adjoint by
+//! construction):
+//!
+//! ```text
+//! constraint   B_C u̇ − B_D ḋ = 0
+//! operator     S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ,     A = Δt/2 S
+//! correction   A λ = B_C u̇* − B_D ḋ*,   u̇ = u̇* − Δt/2 M_C⁻¹ B_Cᵀ λ,   ḋ = ḋ* + Δt/2 M_D⁻¹ B_Dᵀ λ
+//! ```
+//!
+//! `S` does not depend on the step: it is factored once.
+
+mod assembly;
+mod operator;
+
+pub use assembly::Sampling;
+pub use operator::NullMode;
+
+use crate::field::Interpolation;
+use crate::junction::Junction;
+use crate::mediator::Mediator;
+use crate::model::DofLayout;
+use crate::{Error, Real, Result};
+use nalgebra::Point3;
+use operator::Operator;
+use sprs::CsMat;
+use std::sync::Arc;
+
+/// What ties a coarse to a fine subdomain.
+pub struct InterfaceSpec<T: Real> {
+    /// Name for messages and reports.
+    pub name: String,
+    /// Index of the coarse subdomain.
+    pub coarse: usize,
+    /// Index of the fine subdomain.
+    pub fine: usize,
+    /// The multiplier space.
+    pub mediator: Arc<dyn Mediator<T>>,
+    /// The scalar product.
+    pub junction: Box<dyn Junction<T>>,
+    /// Choices with good defaults.
+    pub options: InterfaceOptions<T>,
+}
+
+impl<T: Real> std::fmt::Debug for InterfaceSpec<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("InterfaceSpec")
+            .field("name", &self.name)
+            .field("junction", &self.junction.name())
+            .finish_non_exhaustive()
+    }
+}
+
+/// Choices of an interface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InterfaceOptions<T: Real> {
+    /// How the junction integrals are sampled.
+    pub sampling: Sampling,
+    /// Lump the multiplier operator to its row sums (L2 only). The constraint then holds only in the mean.
+    pub lumped: bool,
+    /// Eigenvalues of the scaled operator below this share of the largest count as zero.
+    pub rank_tolerance: T,
+    /// Point at which the models are pinned together; needed by a seminorm. `None` takes the first mediator node.
+    pub pin: Option<Point3<T>>,
+}
+
+impl<T: Real> Default for InterfaceOptions<T> {
+    fn default() -> Self {
+        // Below 1e-10 a multiplier moves the models by less than the round-off of the solve (f32: 1e-5).
+        let rank_tolerance = T::of(1e-10).max(T::epsilon() * T::of(100.0));
+        Self {
+            sampling: Sampling::Intersection,
+            lumped: false,
+            rank_tolerance,
+            pin: None,
+        }
+    }
+}
+
+/// One model as an interface sees it.
+#[derive(Clone, Copy)]
+pub struct Side<'a, T: Real> {
+    /// Name of the model.
+    pub name: &'a str,
+    /// Field in the overlap.
+    pub field: &'a dyn Interpolation<T>,
+    /// Arrangement of the unknowns.
+    pub layout: DofLayout,
+    /// Inverse weighted inertia; zero where motion is prescribed.
+    pub inverse_inertia: &'a [T],
+}
+
+impl<T: Real> std::fmt::Debug for Side<'_, T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Side of {}", self.name)
+    }
+}
+
+/// What the set-up of an interface found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InterfaceReport {
+    /// Name.
+    pub name: String,
+    /// Junction.
+    pub junction: &'static str,
+    /// Multiplier unknowns.
+    pub multipliers: usize,
+    /// Independent ones.
+    pub rank: usize,
+    /// Condition number of `A` (Lanczos estimate; of the retained modes where some were dropped).
+    pub condition: f64,
+    /// Measure of the overlap \[m³\].
+    pub measure: f64,
+    /// Nodes of the coarse and the fine model that the multipliers act on.
+    pub coupled_nodes: [usize; 2],
+    /// Relative difference of the mediator's zeroth and first moments as the two sides integrate them.
+    pub momentum_defect: f64,
+    /// Stored entries of coupling matrices and factor.
+    pub nonzeros: usize,
+    /// Modes that were dropped.
+    pub null_modes: Vec<NullMode>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Coupling matrix of one side, multiplier rows by model columns.
+#[derive(Debug, Clone)]
+pub(crate) struct Coupling<T> {
+    pub(crate) matrix: CsMat<T>,
+    /// Vector components that share a scalar matrix; 1 if the matrix itself holds all components.
+    pub(crate) shared: usize,
+}
+
+impl<T: Real> Coupling<T> {
+    /// `out += sign · B v`.
+    pub(crate) fn gather(&self, sign: T, v: &[T], out: &mut [T]) {
+        let d = self.shared;
+        for (i, row) in self.matrix.outer_iterator().enumerate() {
+            for (j, b) in row.iter() {
+                let b = sign * *b;
+                (0..d).for_each(|c| out[i * d + c] += b * v[j * d + c]);
+            }
+        }
+    }
+
+    /// `out += sign · diag(scale) Bᵀ λ`.
+    pub(crate) fn scatter(&self, sign: T, lambda: &[T], scale: &[T], out: &mut [T]) {
+        let d = self.shared;
+        for (i, row) in self.matrix.outer_iterator().enumerate() {
+            for (j, b) in row.iter() {
+                let b = sign * *b;
+                (0..d).for_each(|c| out[j * d + c] += scale[j * d + c] * b * lambda[i * d + c]);
+            }
+        }
+    }
+}
+
+/// A ready interface between a coarse and a fine subdomain.
+#[derive(Debug)]
+pub struct Interface<T: Real> {
+    /// Subdomains: coarse, fine.
+    pub(crate) sides: [usize; 2],
+    /// Coupling matrices: coarse, fine.
+    pub(crate) coupling: [Coupling<T>; 2],
+    operator: Operator<T>,
+    lambda: Vec<T>,
+    report: InterfaceReport,
+    components: usize,
+    nodes: Vec<Point3<T>>,
+}
+
+impl<T: Real> Interface<T> {
+    /// Builds the coupling matrices of a mediator between two sides (coarse first) and factors the operator.
+    ///
+    /// # Errors
+    /// Empty overlap, overhanging mediator, momentum leak, missing gradients, lumped H1, or no independent multiplier.
+    pub fn new(spec: &InterfaceSpec<T>, sides: [Side<'_, T>; 2]) -> Result<Self> {
+        let components = sides[0].layout.components;
+        if sides[1].layout.components != components {
+            return Err(Error::SizeMismatch {
+                what: format!(
+                    "interface '{}': displacement components of '{}'",
+                    spec.name, sides[1].name
+                ),
+                expected: components,
+                found: sides[1].layout.components,
+            });
+        }
+        if spec.options.lumped && !spec.junction.may_lump() {
+            return Err(crate::error::invalid(
+                &format!("interface '{}': lumped", spec.name),
+                spec.junction.name(),
+                "only the L2 junction may be lumped; lumping an H1 junction diverges",
+            ));
+        }
+        let built = assembly::assemble(spec, &sides, components)?;
+        let inverse = [sides[0].inverse_inertia, sides[1].inverse_inertia];
+        let operator = Operator::new(spec, &built.coupling, inverse, components)?;
+        let size = built.coupling[0].matrix.rows() * built.coupling[0].shared;
+        let coupled_nodes = [0, 1].map(|m| coupled_nodes(&built.coupling[m], components).len());
+        let mut report = InterfaceReport {
+            name: spec.name.clone(),
+            junction: spec.junction.name(),
+            multipliers: size,
+            rank: size - operator.dropped(),
+            condition: operator.condition.as_f64(),
+            measure: built.measure.as_f64(),
+            coupled_nodes,
+            momentum_defect: built.momentum_defect.as_f64(),
+            nonzeros: built.coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>() + operator.nonzeros(),
+            null_modes: operator.null_modes.clone(),
+            warnings: built.warnings,
+        };
+        report.warnings.extend(advice(&report, spec, components));
+        Ok(Self {
+            sides: [spec.coarse, spec.fine],
+            coupling: built.coupling,
+            operator,
+            lambda: vec![T::zero(); size],
+            report,
+            components,
+            nodes: spec.mediator.nodes().to_vec(),
+        })
+    }
+
+    /// What the set-up found.
+    pub fn report(&self) -> &InterfaceReport {
+        &self.report
+    }
+
+    /// Index of the coarse and the fine subdomain.
+    pub fn sides(&self) -> [usize; 2] {
+        self.sides
+    }
+
+    /// Multipliers of the last correction, components interleaved \[N/m³ for L2\].
+    pub fn multipliers(&self) -> &[T] {
+        &self.lambda
+    }
+
+    /// Mediator nodes \[m\].
+    pub fn nodes(&self) -> &[Point3<T>] {
+        &self.nodes
+    }
+
+    /// Vector components per multiplier node.
+    pub fn components(&self) -> usize {
+        self.components
+    }
+
+    /// Solves `S μ = B_C x_C − B_D x_D`, stores `scale · μ` as multipliers and corrects
+    /// `x_C −= M_C⁻¹ B_Cᵀ μ`, `x_D += M_D⁻¹ B_Dᵀ μ`.
+    pub(crate) fn project(&mut self, x: [&mut [T]; 2], inverse: [&[T]; 2], scale: T) {
+        let [coarse, fine] = x;
+        self.lambda.fill(T::zero());
+        self.coupling[0].gather(T::one(), coarse, &mut self.lambda);
+        self.coupling[1].gather(-T::one(), fine, &mut self.lambda);
+        self.operator.solve(&mut self.lambda);
+        self.coupling[0].scatter(-T::one(), &self.lambda, inverse[0], coarse);
+        self.coupling[1].scatter(T::one(), &self.lambda, inverse[1], fine);
+        self.lambda.iter_mut().for_each(|l| *l *= scale);
+    }
+
+    /// Adds `weight · (−C_C λ)` or `weight · c_D λ` on `target`, per unknown scaled by `scale`.
+    pub(crate) fn add_multiplier_forces(&self, side: usize, weight: T, scale: &[T], target: &mut [T]) {
+        let sign = if side == 0 { -T::one() } else { T::one() };
+        self.coupling[side].scatter(sign * weight, &self.lambda, scale, target);
+    }
+
+    /// Adds the coupling force of one side, `−C_C λ` or `c_D λ` \[N\].
+    pub(crate) fn add_force(&self, side: usize, force: &mut [T]) {
+        let d = self.coupling[side].shared;
+        let sign = if side == 0 { -T::one() } else { T::one() };
+        for (v, (i, j)) in self.coupling[side].matrix.iter() {
+            (0..d).for_each(|c| force[j * d + c] += sign * *v * self.lambda[i * d + c]);
+        }
+    }
+
+    /// `λᵀ(B_C x_C − B_D x_D)` and the largest component of the jump divided by the multiplier's own measure.
+    pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> (T, T) {
+        work.clear();
+        work.resize(self.lambda.len(), T::zero());
+        self.coupling[0].gather(T::one(), x[0], work);
+        self.coupling[1].gather(-T::one(), x[1], work);
+        let power = crate::effect::dot(&self.lambda, work);
+        let largest = work
+            .iter()
+            .zip(&self.operator.row_measure)
+            .fold(T::zero(), |m, (r, s)| {
+                m.max(if *s > T::zero() {
+                    (*r / *s).abs()
+                } else {
+                    T::zero()
+                })
+            });
+        (power, largest)
+    }
+}
+
+/// Nodes a coupling matrix touches, ascending.
+pub(crate) fn coupled_nodes<T: Real>(coupling: &Coupling<T>, components: usize) -> Vec<usize> {
+    let per_column = if coupling.shared > 1 || components == 1 {
+        1
+    } else {
+        components
+    };
+    let mut nodes: Vec<usize> = coupling
+        .matrix
+        .iter()
+        .filter(|(v, _)| **v != T::zero())
+        .map(|(_, (_, col))| col / per_column)
+        .collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    nodes
+}
+
+fn advice<T: Real>(report: &InterfaceReport, spec: &InterfaceSpec<T>, components: usize) -> Vec<String> {
+    let mut out = Vec::new();
+    let nodes = report.multipliers / components;
+    let [coarse, fine] = report.coupled_nodes;
+    if nodes > coarse.min(fine) {
+        let which = if nodes > coarse.max(fine) {
+            "both models"
+        } else if nodes > fine {
+            "the fine model"
+        } else {
+            "the coarse model"
+        };
+        out.push(format!(
+            "the mediator ({nodes} nodes) is finer than {which} in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
+             will be reflected; use h_B ≥ {:.3e} m",
+            spec.mediator.spacing().as_f64() * (nodes as f64 / coarse.min(fine) as f64),
+        ));
+    }
+    if !report.null_modes.is_empty() {
+        out.push(format!(
+            "{} of {} multiplier unknowns are dependent and were dropped (first at mediator node {})",
+            report.null_modes.len(),
+            report.multipliers,
+            report.null_modes[0].node
+        ));
+    }
+    out
+}

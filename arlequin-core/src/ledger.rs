@@ -1,0 +1,75 @@
+//! The energy ledger: where energy is, where it came from, and what is left unexplained.
+
+use crate::Real;
+
+/// One line of the ledger: an effect and the work it has done since the start \[J\].
+#[derive(Debug, Clone, PartialEq)]
+pub struct WorkLine<T> {
+    /// Subdomain or interface, and effect.
+    pub name: String,
+    /// Work on the models since the start \[J\]; negative where energy was dissipated.
+    pub work: T,
+}
+
+/// The balance at one step.
+///
+/// The invariant `H = ½ v_{n+½}ᵀMv_{n+½} + ½ q_nᵀKq_{n+1}` changes exactly by the work `Δt F_n·v_n` of loads, damping,
+/// supports and constraint; what remains is [`EnergySample::drift`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct EnergySample<T> {
+    /// Step number.
+    pub step: usize,
+    /// Time \[s\].
+    pub time: T,
+    /// Kinetic energy at the whole step \[J\].
+    pub kinetic: T,
+    /// Internal energy at the whole step \[J\].
+    pub internal: T,
+    /// Discrete invariant `H` half a step earlier \[J\].
+    pub invariant: T,
+    /// Sum of all works since the start \[J\].
+    pub work: T,
+    /// `H − H_0 − work` \[J\].
+    pub drift: T,
+    /// Drift relative to the energy in play.
+    pub relative_drift: T,
+    /// Largest jump of velocity between the models, relative to the largest velocity in the run so far.
+    pub constraint_residual: T,
+}
+
+impl<T: Real> EnergySample<T> {
+    /// Kinetic plus internal energy \[J\].
+    pub fn total(&self) -> T {
+        self.kinetic + self.internal
+    }
+}
+
+/// Running sums behind the samples.
+#[derive(Debug, Clone)]
+pub(crate) struct Ledger<T> {
+    pub(crate) supports: T,
+    pub(crate) constraint: T,
+    pub(crate) start: Option<T>,
+    /// Largest energy seen in any account: the scale for relative figures.
+    pub(crate) scale: T,
+    pub(crate) top_drift: T,
+    pub(crate) top_residual: T,
+    pub(crate) top_velocity: T,
+    pub(crate) last: Option<EnergySample<T>>,
+}
+
+impl<T: Real> Ledger<T> {
+    pub(crate) fn new() -> Self {
+        let z = T::zero();
+        Self {
+            supports: z,
+            constraint: z,
+            start: None,
+            scale: z,
+            top_drift: z,
+            top_residual: z,
+            top_velocity: z,
+            last: None,
+        }
+    }
+}

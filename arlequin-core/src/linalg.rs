@@ -1,0 +1,222 @@
+//! Direct solvers behind small object-safe traits: sparse Cholesky, sparse LU, dense symmetric eigenvalues.
+
+use crate::{Error, Real, Result};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::solvers::Solve;
+use faer::sparse::linalg::cholesky::{self, LltRef, SymbolicCholesky, SymmetricOrdering};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::traits::RealField;
+use faer::{Conj, MatMut, MatRef, Par, Side};
+use sprs::CsMat;
+
+/// A factor of a symmetric positive definite matrix that solves in place without allocating.
+pub trait SpdFactor<T>: Send + std::fmt::Debug {
+    /// Overwrites the right-hand side `b` with the solution.
+    fn solve(&mut self, b: &mut [T]);
+    /// Number of rows.
+    fn size(&self) -> usize;
+    /// Stored entries of the factor.
+    fn nonzeros(&self) -> usize;
+}
+
+/// A factor of a general square matrix.
+pub trait SquareFactor<T>: Send + std::fmt::Debug {
+    /// Overwrites the right-hand side `b` with the solution; may allocate.
+    fn solve(&self, b: &mut [T]);
+}
+
+/// Spectrum of a dense symmetric matrix.
+#[derive(Debug, Clone)]
+pub struct DenseEigen<T> {
+    /// Eigenvalues, ascending.
+    pub values: Vec<T>,
+    /// Eigenvectors, column major: vector `k` is `vectors[k * n..(k + 1) * n]`.
+    pub vectors: Vec<T>,
+}
+
+struct Cholesky<T> {
+    symbolic: SymbolicCholesky<usize>,
+    values: Vec<T>,
+    memory: MemBuffer,
+}
+
+impl<T> std::fmt::Debug for Cholesky<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Cholesky")
+            .field("size", &self.symbolic.nrows())
+            .field("nonzeros", &self.values.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<T: RealField + Send> SpdFactor<T> for Cholesky<T> {
+    fn solve(&mut self, b: &mut [T]) {
+        let n = b.len();
+        LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
+            Conj::No,
+            MatMut::from_column_major_slice_mut(b, n, 1),
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+        );
+    }
+    fn size(&self) -> usize {
+        self.symbolic.nrows()
+    }
+    fn nonzeros(&self) -> usize {
+        self.values.len()
+    }
+}
+
+/// A matrix in compressed columns; a symmetric one may come in either storage.
+fn columns<T: Clone + Default>(matrix: &CsMat<T>) -> CsMat<T> {
+    if matrix.is_csc() {
+        matrix.clone()
+    } else {
+        matrix.to_csc()
+    }
+}
+
+fn view<'a, T>(matrix: &'a CsMat<T>, starts: &'a [usize]) -> SparseColMatRef<'a, usize, T> {
+    let symbolic =
+        SymbolicSparseColMatRef::new_checked(matrix.rows(), matrix.cols(), starts, None, matrix.indices());
+    SparseColMatRef::new(symbolic, matrix.data())
+}
+
+pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn SpdFactor<T>>> {
+    let size = matrix.rows();
+    let broken = |pivot| Error::NotPositiveDefinite { pivot, size };
+    if matrix
+        .data()
+        .iter()
+        .any(|v| !nalgebra::ComplexField::is_finite(v))
+    {
+        return Err(broken(0));
+    }
+    let matrix = columns(matrix);
+    let starts = matrix.indptr().to_proper().to_vec();
+    let a = view(&matrix, &starts);
+    let symbolic = cholesky::factorize_symbolic_cholesky(
+        a.symbolic(),
+        Side::Lower,
+        SymmetricOrdering::Amd,
+        Default::default(),
+    )
+    .map_err(|_| broken(size))?;
+    let mut values = vec![T::default(); symbolic.len_val()];
+    let mut memory =
+        MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<T>(Par::Seq, Default::default()));
+    symbolic
+        .factorize_numeric_llt(
+            &mut values,
+            a,
+            Side::Lower,
+            Default::default(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+            Default::default(),
+        )
+        .map_err(|faer::linalg::solvers::LltError::NonPositivePivot { index }| broken(index))?;
+    let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(1, Par::Seq));
+    Ok(Box::new(Cholesky {
+        symbolic,
+        values,
+        memory,
+    }))
+}
+
+struct Lu<T>(faer::sparse::linalg::solvers::Lu<usize, T>);
+
+impl<T> std::fmt::Debug for Lu<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Lu")
+    }
+}
+
+impl<T: RealField + Send + Sync> SquareFactor<T> for Lu<T> {
+    fn solve(&self, b: &mut [T]) {
+        let n = b.len();
+        self.0
+            .solve_in_place(MatMut::from_column_major_slice_mut(b, n, 1));
+    }
+}
+
+pub(crate) fn lu<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn SquareFactor<T>>> {
+    let matrix = columns(matrix);
+    let starts = matrix.indptr().to_proper().to_vec();
+    let a = view(&matrix, &starts);
+    let factor = a.sp_lu().map_err(|_| Error::SingularSystem {
+        size: a.nrows(),
+        residual: f64::NAN,
+    })?;
+    Ok(Box::new(Lu(factor)))
+}
+
+pub(crate) fn symmetric_eigen<T: Real + RealField>(n: usize, column_major: &[T]) -> Result<DenseEigen<T>> {
+    let singular = || Error::SingularSystem {
+        size: n,
+        residual: f64::NAN,
+    };
+    if column_major.iter().any(|v| !nalgebra::ComplexField::is_finite(v)) {
+        return Err(singular());
+    }
+    let a = MatRef::from_column_major_slice(column_major, n, n);
+    let eigen = a.self_adjoint_eigen(Side::Lower).map_err(|_| singular())?;
+    let (s, u) = (eigen.S(), eigen.U());
+    Ok(DenseEigen {
+        values: (0..n).map(|k| s[k]).collect(),
+        vectors: (0..n).flat_map(|k| (0..n).map(move |i| u[(i, k)])).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sprs::TriMat;
+
+    fn laplacian(n: usize) -> CsMat<f64> {
+        let mut t = TriMat::new((n, n));
+        for i in 0..n {
+            t.add_triplet(i, i, 2.0);
+            if i > 0 {
+                t.add_triplet(i, i - 1, -1.0);
+                t.add_triplet(i - 1, i, -1.0);
+            }
+        }
+        t.to_csr()
+    }
+
+    #[test]
+    fn cholesky_and_lu_solve_the_laplacian() {
+        let a = laplacian(50);
+        let x: Vec<f64> = (0..50).map(|i| f64::from(i).sin()).collect();
+        let b = &a * &sprs::CsVec::new(50, (0..50).collect(), x.clone());
+        let mut b1 = vec![0.0; 50];
+        b.iter().for_each(|(i, v)| b1[i] = *v);
+        let mut b2 = b1.clone();
+        f64::cholesky(&a).unwrap().solve(&mut b1);
+        f64::lu(&a).unwrap().solve(&mut b2);
+        for i in 0..50 {
+            assert!((b1[i] - x[i]).abs() < 1e-12 && (b2[i] - x[i]).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn indefinite_matrix_is_refused_with_its_pivot() {
+        let mut t = TriMat::new((2, 2));
+        t.add_triplet(0, 0, 1.0);
+        t.add_triplet(1, 1, -1.0);
+        let e = f64::cholesky(&t.to_csr()).unwrap_err();
+        assert!(matches!(e, Error::NotPositiveDefinite { size: 2, .. }), "{e}");
+    }
+
+    #[test]
+    fn eigenvalues_of_the_laplacian() {
+        let n = 12;
+        let dense: Vec<f64> = laplacian(n).to_dense().iter().copied().collect();
+        let e = f64::symmetric_eigen(n, &dense).unwrap();
+        for (k, v) in e.values.iter().enumerate() {
+            let exact = 2.0 - 2.0 * ((k + 1) as f64 * std::f64::consts::PI / (n + 1) as f64).cos();
+            assert!((v - exact).abs() < 1e-13);
+        }
+    }
+}

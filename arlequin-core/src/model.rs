@@ -1,0 +1,130 @@
+//! What a mechanics model must offer to be coupled, and the two roles it can play.
+
+use crate::field::Interpolation;
+use crate::weight::{Weight, Weighting};
+use crate::{Real, Result};
+use nalgebra::Point3;
+use sprs::CsMat;
+use std::sync::Arc;
+
+/// How the degrees of freedom are arranged: `components` displacements per node (`x0 y0 z0 x1 …`), then
+/// `rotations` further unknowns that the coupling never touches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DofLayout {
+    /// Number of nodes (or particles).
+    pub nodes: usize,
+    /// Displacement components per node: 3 in space, 1 for bars and chains along x.
+    pub components: usize,
+    /// Number of further unknowns (particle rotations), stored behind the displacements.
+    pub rotations: usize,
+}
+
+impl DofLayout {
+    /// Number of displacement unknowns.
+    pub fn translations(&self) -> usize {
+        self.nodes * self.components
+    }
+    /// Number of all unknowns.
+    pub fn dofs(&self) -> usize {
+        self.translations() + self.rotations
+    }
+}
+
+/// Displacements \[m\] (and rotations \[rad\]), velocities and accelerations of one model.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct State<T> {
+    /// Displacements, rotations.
+    pub q: Vec<T>,
+    /// Velocities.
+    pub v: Vec<T>,
+    /// Accelerations.
+    pub a: Vec<T>,
+}
+
+impl<T: Real> State<T> {
+    /// At rest in the reference configuration.
+    pub fn zero(dofs: usize) -> Self {
+        Self {
+            q: vec![T::zero(); dofs],
+            v: vec![T::zero(); dofs],
+            a: vec![T::zero(); dofs],
+        }
+    }
+}
+
+/// A mechanics model as the coupling sees it: `M_β q̈ = F_ext,γ − F_int,α`, without loads and coupling forces.
+///
+/// A model never meets another model, the multipliers or the time integrator.
+pub trait Model<T: Real>: Send {
+    /// Name for messages and reports.
+    fn name(&self) -> &str;
+
+    /// Kind of the model: "fem", "cnem", "dem" ...
+    fn kind(&self) -> &str;
+
+    /// Arrangement of the unknowns.
+    fn layout(&self) -> DofLayout;
+
+    /// Reference positions of the nodes \[m\].
+    fn nodes(&self) -> &[Point3<T>];
+
+    /// Writes the lumped inertia of every unknown \[kg, kg m²\], weighted by `weight`.
+    ///
+    /// With [`Weighting::Energy`] each integration cell (element, bond) contributes its mass times the **mean** of the
+    /// weight over the cell; with [`Weighting::Nodal`] the node's whole mass is multiplied by the weight at the node.
+    ///
+    /// # Errors
+    /// Whatever keeps the model from doing so.
+    fn lumped_inertia(&self, weight: &dyn Weight<T>, weighting: Weighting, out: &mut [T]) -> Result<()>;
+
+    /// Stores the weight `α` of the internal energy, by the same rule as [`Model::lumped_inertia`]: element means, or
+    /// (nodal) a factor on the assembled nodal force.
+    ///
+    /// # Errors
+    /// Whatever keeps the model from doing so.
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<T>, weighting: Weighting) -> Result<()>;
+
+    /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`. Must not allocate.
+    ///
+    /// # Errors
+    /// Failure of the constitutive law (an inverted element, a broken bond that cannot be).
+    fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> Result<()>;
+
+    /// Weighted internal energy \[J\]; minus its gradient are the internal forces (with energy weighting).
+    fn internal_energy(&self, q: &[T]) -> T;
+
+    /// Largest stable step of velocity Verlet \[s\] for the given inverse inertia (0 = prescribed).
+    /// The default computes `2/ω_max` by Lanczos iterations on the forces about the reference configuration.
+    ///
+    /// # Errors
+    /// Those of the internal forces.
+    fn critical_step(&mut self, inverse_inertia: &[T]) -> Result<T> {
+        crate::spectrum::critical_step(self.layout().dofs(), inverse_inertia, &mut |q, f| {
+            self.add_internal_forces(q, f)
+        })
+    }
+
+    /// The model as a linear one, if it is: needed by the static twin and the harmonic analysis.
+    fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
+        None
+    }
+}
+
+/// A model whose internal forces are `−K q`.
+pub trait LinearModel<T: Real> {
+    /// The weighted stiffness matrix \[N/m\], symmetric, both triangles stored.
+    fn stiffness(&self) -> CsMat<T>;
+}
+
+/// The coarse role: the model receives the weight `f` and must have a continuous field in the overlap.
+pub trait CoarseModel<T: Real>: Model<T> {
+    /// The continuous displacement field on the model's nodes.
+    fn coarse_field(&self) -> Arc<dyn Interpolation<T>>;
+}
+
+/// The fine role: the model receives `1 − f`. A discrete model has no field of its own and chooses one here
+/// (natural neighbours, or particle quadrature [`crate::field::ParticleField`]).
+pub trait FineModel<T: Real>: Model<T> {
+    /// The displacement field that the junction sees in the overlap.
+    fn fine_field(&self) -> Arc<dyn Interpolation<T>>;
+}

@@ -1,0 +1,167 @@
+//! Where the overlap is: the normalised position across it, from the distances to its two borders.
+
+use crate::error::invalid;
+use crate::{Real, Result};
+use nalgebra::{Point3, Unit, Vector3};
+
+/// Where a point lies with respect to an overlap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Place<T> {
+    /// Only the coarse model lives here.
+    Coarse,
+    /// Only the fine model lives here.
+    Fine,
+    /// In the overlap, at position `s`: 0 at the border to the fine model's own region, 1 at that to the coarse one's.
+    Overlap(T),
+}
+
+/// An overlap of a coarse and a fine model.
+pub trait Overlap<T: Real>: std::fmt::Debug + Send + Sync {
+    /// Place of a point.
+    fn place(&self, x: &Point3<T>) -> Place<T>;
+
+    /// `(g, c)` if the unclamped position is the linear function `s(x) = g · x + c`.
+    fn linear_position(&self) -> Option<(Vector3<T>, T)> {
+        None
+    }
+}
+
+/// A plane layer, the overlap of beams and bars.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slab<T: Real> {
+    gradient: Vector3<T>,
+    offset: T,
+}
+
+impl<T: Real> Slab<T> {
+    /// Layer between the fine border through `fine` and the coarse border through `coarse` \[m\], normal to the
+    /// line between these two points.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] for coincident or non-finite points.
+    pub fn between(fine: Point3<T>, coarse: Point3<T>) -> Result<Self> {
+        let d = coarse - fine;
+        let square = d.norm_squared();
+        if !square.is_finite() || square <= T::zero() {
+            return Err(invalid(
+                "overlap width",
+                square.sqrt(),
+                "must be positive and finite",
+            ));
+        }
+        let gradient = d / square;
+        Ok(Self {
+            gradient,
+            offset: -gradient.dot(&fine.coords),
+        })
+    }
+}
+
+impl<T: Real> Overlap<T> for Slab<T> {
+    fn place(&self, x: &Point3<T>) -> Place<T> {
+        let s = self.gradient.dot(&x.coords) + self.offset;
+        // A point on a border, up to round-off, belongs to the overlap.
+        let tolerance = T::epsilon() * T::of(64.0);
+        if s < -tolerance {
+            Place::Fine
+        } else if s > T::one() + tolerance {
+            Place::Coarse
+        } else {
+            Place::Overlap(s.clamp(T::zero(), T::one()))
+        }
+    }
+
+    fn linear_position(&self) -> Option<(Vector3<T>, T)> {
+        Some((self.gradient, self.offset))
+    }
+}
+
+/// A region given by its signed distance, negative inside.
+pub trait Region<T: Real>: Send + Sync {
+    /// Signed distance to the border \[m\].
+    fn distance(&self, x: &Point3<T>) -> T;
+}
+
+/// Simple regions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Primitive<T: Real> {
+    /// The side of a plane against its normal.
+    HalfSpace {
+        /// A point of the plane \[m\].
+        point: Point3<T>,
+        /// Outward unit normal.
+        normal: Unit<Vector3<T>>,
+    },
+    /// A ball.
+    Ball {
+        /// Centre \[m\].
+        centre: Point3<T>,
+        /// Radius \[m\].
+        radius: T,
+    },
+    /// A box along the axes.
+    Block {
+        /// Lowest corner \[m\].
+        low: Point3<T>,
+        /// Highest corner \[m\].
+        high: Point3<T>,
+    },
+    /// An infinite circular cylinder.
+    Cylinder {
+        /// A point of the axis \[m\].
+        point: Point3<T>,
+        /// Direction of the axis.
+        axis: Unit<Vector3<T>>,
+        /// Radius \[m\].
+        radius: T,
+    },
+}
+
+impl<T: Real> Region<T> for Primitive<T> {
+    fn distance(&self, x: &Point3<T>) -> T {
+        match self {
+            Self::HalfSpace { point, normal } => normal.dot(&(x - point)),
+            Self::Ball { centre, radius } => (x - centre).norm() - *radius,
+            Self::Block { low, high } => {
+                let centre = nalgebra::center(low, high);
+                let half = (high - low) * T::of(0.5);
+                let q = (x - centre).abs() - half;
+                let outer = q.sup(&Vector3::zeros()).norm();
+                outer + q.max().min(T::zero())
+            }
+            Self::Cylinder { point, axis, radius } => {
+                let d = x - point;
+                (d - axis.into_inner() * axis.dot(&d)).norm() - *radius
+            }
+        }
+    }
+}
+
+/// A general overlap: the part of an outer region that is outside an inner core.
+///
+/// The fine model alone fills `fine_core`; the coarse model alone fills what lies outside `fine_domain`; between the
+/// two borders `s = φ_D/(φ_C + φ_D)` with the distances to the fine core and to the outer border.
+#[derive(Debug, Clone)]
+pub struct Shell<R> {
+    /// Region in which only the fine model lives.
+    pub fine_core: R,
+    /// Whole region of the fine model; beyond it only the coarse model lives.
+    pub fine_domain: R,
+}
+
+impl<T: Real, R: Region<T> + std::fmt::Debug> Overlap<T> for Shell<R> {
+    fn place(&self, x: &Point3<T>) -> Place<T> {
+        let to_fine = self.fine_core.distance(x);
+        let to_coarse = -self.fine_domain.distance(x);
+        let tolerance = T::epsilon() * T::of(64.0) * (to_fine.abs() + to_coarse.abs());
+        if to_fine < -tolerance {
+            Place::Fine
+        } else if to_coarse < -tolerance {
+            Place::Coarse
+        } else {
+            let (f, c) = (to_fine.max(T::zero()), to_coarse.max(T::zero()));
+            let sum = f + c;
+            Place::Overlap(if sum > T::zero() { f / sum } else { T::of(0.5) })
+        }
+    }
+}

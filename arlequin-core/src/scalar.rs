@@ -1,0 +1,96 @@
+//! The one scalar bound of the workspace, and the door to the direct solvers.
+
+use crate::linalg::{self, DenseEigen, SpdFactor, SquareFactor};
+use crate::{Error, Result};
+use sprs::CsMat;
+
+/// Real numbers the workspace computes with; implemented for `f32` and `f64` only.
+///
+/// The sparse and dense factorisations hang on the scalar so that the solver library is instantiated
+/// once per type in this crate and stays out of every public bound.
+pub trait Real:
+    nalgebra::RealField
+    + sprs::MulAcc
+    + num_traits::FromPrimitive
+    + num_traits::ToPrimitive
+    + Copy
+    + Default
+    + std::iter::Sum
+    + Send
+    + Sync
+    + 'static
+{
+    /// A literal in generic code.
+    fn of(x: f64) -> Self;
+
+    /// The value as `f64`, for messages and reports.
+    fn as_f64(self) -> f64;
+
+    /// Distance between one and the next number.
+    fn epsilon() -> Self;
+
+    /// Sparse Cholesky factor of a symmetric positive definite matrix (both triangles stored).
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] with the pivot at which the factorisation broke down.
+    fn cholesky(matrix: &CsMat<Self>) -> Result<Box<dyn SpdFactor<Self>>>;
+
+    /// Sparse LU factor with partial pivoting, for the indefinite systems of the static twin.
+    ///
+    /// # Errors
+    /// [`Error::SingularSystem`] where a pivot vanishes.
+    fn lu(matrix: &CsMat<Self>) -> Result<Box<dyn SquareFactor<Self>>>;
+
+    /// Eigenvalues (ascending) and vectors of a dense symmetric matrix, column major, `n × n`.
+    ///
+    /// # Errors
+    /// [`Error::SingularSystem`] if the iteration does not converge (non-finite input).
+    fn symmetric_eigen(n: usize, column_major: &[Self]) -> Result<DenseEigen<Self>>;
+}
+
+macro_rules! real {
+    ($t:ty) => {
+        impl Real for $t {
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::allow_attributes_without_reason,
+                reason = "literals are meant to round to the working precision"
+            )]
+            fn of(x: f64) -> Self {
+                x as Self
+            }
+            fn as_f64(self) -> f64 {
+                f64::from(self)
+            }
+            fn epsilon() -> Self {
+                Self::EPSILON
+            }
+            fn cholesky(matrix: &CsMat<Self>) -> Result<Box<dyn SpdFactor<Self>>> {
+                linalg::cholesky(matrix)
+            }
+            fn lu(matrix: &CsMat<Self>) -> Result<Box<dyn SquareFactor<Self>>> {
+                linalg::lu(matrix)
+            }
+            fn symmetric_eigen(n: usize, column_major: &[Self]) -> Result<DenseEigen<Self>> {
+                linalg::symmetric_eigen(n, column_major)
+            }
+        }
+    };
+}
+
+real!(f32);
+real!(f64);
+
+/// Fails with [`Error::NotFinite`] unless every number is finite.
+///
+/// # Errors
+/// Names `what` and the first offending index.
+pub fn check_finite<T: Real>(what: &str, values: &[T]) -> Result<()> {
+    match values.iter().position(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(Error::NotFinite {
+            what: what.to_owned(),
+            index,
+        }),
+    }
+}

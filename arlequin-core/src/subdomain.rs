@@ -1,0 +1,446 @@
+//! A subdomain: one model with its weights, supports, effects and state; velocity Verlet's half of the step.
+
+use crate::effect::{Effect, Instant, Site};
+use crate::error::invalid;
+use crate::field::Interpolation;
+use crate::model::{CoarseModel, FineModel, Model, State};
+use crate::scalar::check_finite;
+use crate::time::TimeFunction;
+use crate::weight::Weights;
+use crate::{Error, Real, Result};
+use std::sync::Arc;
+
+/// The part a subdomain plays in its interfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Receives the weight `f`.
+    Coarse,
+    /// Receives `1 − f`.
+    Fine,
+}
+
+/// Prescribed motion of some unknowns: `q = amplitude · f(t)`.
+#[derive(Debug, Clone)]
+pub struct PrescribedMotion<T> {
+    /// Unknowns.
+    pub dofs: Vec<usize>,
+    /// Amplitude \[m, rad\]; zero fixes them.
+    pub amplitude: T,
+    /// Time function.
+    pub time: TimeFunction<T>,
+}
+
+impl<T: Real> PrescribedMotion<T> {
+    /// Fixed unknowns.
+    pub fn fixed(dofs: Vec<usize>) -> Self {
+        Self {
+            dofs,
+            amplitude: T::zero(),
+            time: TimeFunction::Step,
+        }
+    }
+
+    fn at(&self, t: T) -> T {
+        if self.amplitude == T::zero() {
+            T::zero()
+        } else {
+            self.amplitude * self.time.at(t)
+        }
+    }
+
+    /// Central differences of the motion: with these as velocity and acceleration, velocity Verlet follows it exactly.
+    fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
+        let (before, now, after) = (self.at(t - dt), self.at(t), self.at(t + dt));
+        (
+            now,
+            (after - before) / (dt + dt),
+            (after - now - now + before) / (dt * dt),
+        )
+    }
+}
+
+/// One model with everything the coupled run knows of it.
+pub struct Subdomain<T: Real> {
+    model: Box<dyn Model<T>>,
+    role: Role,
+    field: Arc<dyn Interpolation<T>>,
+    weights: Weights<T>,
+    supports: Vec<PrescribedMotion<T>>,
+    pub(crate) effects: Vec<Box<dyn Effect<T>>>,
+    pub(crate) works: Vec<T>,
+    pub(crate) state: State<T>,
+    pub(crate) inertia: Vec<T>,
+    pub(crate) inverse_inertia: Vec<T>,
+    internal: Vec<T>,
+    internal_before: Vec<T>,
+    force: Vec<T>,
+    q_before: Vec<T>,
+}
+
+impl<T: Real> std::fmt::Debug for Subdomain<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Subdomain")
+            .field("model", &self.model.name())
+            .field("role", &self.role)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<T: Real> Subdomain<T> {
+    /// A model in the coarse role.
+    pub fn coarse(model: impl CoarseModel<T> + 'static, weights: Weights<T>) -> Self {
+        let field = model.coarse_field();
+        Self::new(Box::new(model), Role::Coarse, field, weights)
+    }
+
+    /// A model in the fine role.
+    pub fn fine(model: impl FineModel<T> + 'static, weights: Weights<T>) -> Self {
+        let field = model.fine_field();
+        Self::new(Box::new(model), Role::Fine, field, weights)
+    }
+
+    /// A model with an explicitly chosen field.
+    pub fn new(
+        model: Box<dyn Model<T>>,
+        role: Role,
+        field: Arc<dyn Interpolation<T>>,
+        weights: Weights<T>,
+    ) -> Self {
+        let n = model.layout().dofs();
+        let zeros = || vec![T::zero(); n];
+        Self {
+            role,
+            field,
+            weights,
+            supports: Vec::new(),
+            effects: Vec::new(),
+            works: Vec::new(),
+            state: State::zero(n),
+            inertia: zeros(),
+            inverse_inertia: zeros(),
+            internal: zeros(),
+            internal_before: zeros(),
+            force: zeros(),
+            q_before: zeros(),
+            model,
+        }
+    }
+
+    /// Adds an effect.
+    #[must_use]
+    pub fn with_effect(mut self, effect: Box<dyn Effect<T>>) -> Self {
+        self.effects.push(effect);
+        self.works.push(T::zero());
+        self
+    }
+
+    /// Adds a support or a prescribed motion.
+    #[must_use]
+    pub fn with_support(mut self, motion: PrescribedMotion<T>) -> Self {
+        self.supports.push(motion);
+        self
+    }
+
+    /// Sets initial displacements \[m\] and velocities \[m/s\].
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] or [`Error::NotFinite`].
+    pub fn with_initial(mut self, q: Vec<T>, v: Vec<T>) -> Result<Self> {
+        for (what, x) in [("initial displacement", &q), ("initial velocity", &v)] {
+            let expected = self.model.layout().dofs();
+            if x.len() != expected {
+                return Err(Error::SizeMismatch {
+                    what: what.into(),
+                    expected,
+                    found: x.len(),
+                });
+            }
+            check_finite(what, x)?;
+        }
+        self.state.q = q;
+        self.state.v = v;
+        Ok(self)
+    }
+
+    /// The model.
+    pub fn model(&self) -> &dyn Model<T> {
+        &*self.model
+    }
+    /// The role.
+    pub fn role(&self) -> Role {
+        self.role
+    }
+    /// The displacement field that interfaces and probes see.
+    pub fn field(&self) -> &Arc<dyn Interpolation<T>> {
+        &self.field
+    }
+    /// The weights.
+    pub fn weights(&self) -> &Weights<T> {
+        &self.weights
+    }
+    /// Current state.
+    pub fn state(&self) -> &State<T> {
+        &self.state
+    }
+    /// Lumped inertia weighted by `β` \[kg, kg m²\].
+    pub fn inertia(&self) -> &[T] {
+        &self.inertia
+    }
+    /// Its inverse; zero for prescribed unknowns.
+    pub fn inverse_inertia(&self) -> &[T] {
+        &self.inverse_inertia
+    }
+    /// Effects in the order they were added.
+    pub fn effects(&self) -> impl Iterator<Item = &dyn Effect<T>> {
+        self.effects.iter().map(|e| &**e)
+    }
+    /// Supports and prescribed motions.
+    pub fn supports(&self) -> &[PrescribedMotion<T>] {
+        &self.supports
+    }
+
+    /// Weights the model, computes its inertia and attaches the effects.
+    pub(crate) fn prepare(&mut self) -> Result<()> {
+        let layout = self.model.layout();
+        let mode = self.weights.weighting;
+        self.model.set_internal_weight(&*self.weights.internal, mode)?;
+        self.model
+            .lumped_inertia(&*self.weights.kinetic, mode, &mut self.inertia)?;
+        check_finite("weighted inertia", &self.inertia)?;
+        let top = self.inertia[..layout.translations()]
+            .iter()
+            .fold(T::zero(), |a, b| a.max(*b));
+        let mut prescribed = vec![false; layout.dofs()];
+        for motion in &self.supports {
+            motion.time.validate()?;
+            if !motion.amplitude.is_finite() {
+                return Err(invalid(
+                    "amplitude of a prescribed motion",
+                    motion.amplitude,
+                    "must be finite",
+                ));
+            }
+            for &d in &motion.dofs {
+                if d >= layout.dofs() {
+                    let what = format!("supported unknowns of '{}'", self.model.name());
+                    return Err(Error::SizeMismatch {
+                        what,
+                        expected: layout.dofs(),
+                        found: d + 1,
+                    });
+                }
+                if std::mem::replace(&mut prescribed[d], true) {
+                    let what = format!("support of '{}'", self.model.name());
+                    return Err(invalid(
+                        &what,
+                        format_args!("unknown {d}"),
+                        "is prescribed twice; remove one of the supports",
+                    ));
+                }
+            }
+        }
+        for (i, m) in self.inertia.iter().enumerate() {
+            // Round-off of element means may leave a few epsilon of the largest mass where there should be none.
+            if !prescribed[i]
+                && *m <= top * T::epsilon() * T::of(4.0)
+                && (i < layout.translations() || *m <= T::zero())
+            {
+                let node = if i < layout.translations() {
+                    i / layout.components
+                } else {
+                    (i - layout.translations()) / 3
+                };
+                let x = self
+                    .model
+                    .nodes()
+                    .get(node)
+                    .map_or([f64::NAN; 3], |p| [p.x.as_f64(), p.y.as_f64(), p.z.as_f64()]);
+                return Err(Error::ZeroMass {
+                    model: self.model.name().into(),
+                    node,
+                    point: x,
+                    mass: m.as_f64(),
+                });
+            }
+            self.inverse_inertia[i] = if prescribed[i] { T::zero() } else { T::one() / *m };
+        }
+        let site = Site {
+            model: &*self.model,
+            weights: &self.weights,
+            inertia: &self.inertia,
+            inverse_inertia: &self.inverse_inertia,
+        };
+        self.effects.iter_mut().try_for_each(|e| e.attach(&site))
+    }
+
+    /// Critical step of the weighted model with its damping effects \[s\].
+    ///
+    /// Damping forces use the velocity half a step earlier, which shortens the stable step to
+    /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`.
+    pub(crate) fn critical_step(&mut self) -> Result<T> {
+        let free = self.model.critical_step(&self.inverse_inertia)?;
+        let rate: T = self.effects.iter().map(|e| e.damping_rate()).sum();
+        let zeta = rate * free * T::of(0.25);
+        Ok(free * ((T::one() + zeta * zeta).sqrt() - zeta))
+    }
+
+    /// Internal and effect forces at the current displacements, into `force`; accelerations from them.
+    fn evaluate(&mut self, t: T, dt: T) -> Result<()> {
+        std::mem::swap(&mut self.internal, &mut self.internal_before);
+        self.internal.fill(T::zero());
+        self.model
+            .add_internal_forces(&self.state.q, &mut self.internal)?;
+        self.force.copy_from_slice(&self.internal);
+        let at = Instant {
+            time: t,
+            q: &self.state.q,
+            v_half: &self.state.v,
+        };
+        for e in &mut self.effects {
+            e.add_forces(&at, &mut self.force)?;
+        }
+        for (a, (f, w)) in self
+            .state
+            .a
+            .iter_mut()
+            .zip(self.force.iter().zip(&self.inverse_inertia))
+        {
+            *a = *f * *w;
+        }
+        for motion in &self.supports {
+            let (_, _, acceleration) = motion.kinematics(t, dt);
+            motion.dofs.iter().for_each(|&d| self.state.a[d] = acceleration);
+        }
+        Ok(())
+    }
+
+    /// Sets prescribed displacements and velocities of time `t` and the accelerations of the start.
+    pub(crate) fn start(&mut self, t: T, dt: T) -> Result<()> {
+        for motion in &self.supports {
+            let (q, v, _) = motion.kinematics(t, dt);
+            for &d in &motion.dofs {
+                self.state.q[d] = q;
+                self.state.v[d] = v;
+            }
+        }
+        self.evaluate(t, dt)
+    }
+
+    /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` at time `t`.
+    pub(crate) fn predict(&mut self, t: T, dt: T, keep: bool) -> Result<()> {
+        let half = dt * T::of(0.5);
+        if keep {
+            self.q_before.copy_from_slice(&self.state.q);
+        }
+        let State { q, v, a } = &mut self.state;
+        for ((q, v), a) in q.iter_mut().zip(v.iter_mut()).zip(a.iter()) {
+            *v += half * *a;
+            *q += dt * *v;
+        }
+        for motion in &self.supports {
+            let now = motion.at(t);
+            motion.dofs.iter().for_each(|&d| q[d] = now);
+        }
+        self.evaluate(t, dt)?;
+        let State { v, a, .. } = &mut self.state;
+        v.iter_mut().zip(a.iter()).for_each(|(v, a)| *v += half * *a);
+        for motion in &self.supports {
+            let (_, velocity, _) = motion.kinematics(t, dt);
+            motion.dofs.iter().for_each(|&d| self.state.v[d] = velocity);
+        }
+        Ok(())
+    }
+
+    /// The force vector, where moving supports make the coupling forces on them a part of the balance.
+    pub(crate) fn force_on_moving_supports(&mut self) -> Option<&mut [T]> {
+        let moving = self.supports.iter().any(|m| m.amplitude != T::zero());
+        moving.then_some(&mut self.force[..])
+    }
+
+    /// Adds the work of effects over the step; returns that of the moving supports.
+    pub(crate) fn account(&mut self, dt: T) -> T {
+        for (w, e) in self.works.iter_mut().zip(&self.effects) {
+            *w += dt * e.power(&self.state.v);
+        }
+        let mut support = T::zero();
+        for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {
+            for &d in &motion.dofs {
+                let reaction = self.inertia[d] * self.state.a[d] - self.force[d];
+                support += dt * reaction * self.state.v[d];
+            }
+        }
+        support
+    }
+
+    /// Invariant of the step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
+    /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs the displacements kept by [`Self::predict`].
+    pub(crate) fn invariant(&self, dt: T) -> T {
+        let (half, quarter) = (T::of(0.5), T::of(0.25));
+        let mut sum =
+            half * (self.model.internal_energy(&self.q_before) + self.model.internal_energy(&self.state.q));
+        for i in 0..self.inertia.len() {
+            let dq = self.state.q[i] - self.q_before[i];
+            let v = dq / dt;
+            sum +=
+                half * self.inertia[i] * v * v + quarter * dq * (self.internal[i] - self.internal_before[i]);
+        }
+        sum
+    }
+
+    /// Kinetic energy at the whole step \[J\].
+    pub fn kinetic_energy(&self) -> T {
+        let v = &self.state.v;
+        T::of(0.5)
+            * self
+                .inertia
+                .iter()
+                .zip(v)
+                .fold(T::zero(), |s, (m, v)| s + *m * *v * *v)
+    }
+
+    /// Internal energy at the whole step \[J\].
+    pub fn internal_energy(&self) -> T {
+        self.model.internal_energy(&self.state.q)
+    }
+
+    /// Linear momentum \[kg m/s\] and angular momentum about the origin in the reference configuration \[kg m²/s\].
+    pub fn momentum(&self) -> [nalgebra::Vector3<T>; 2] {
+        let layout = self.model.layout();
+        let d = layout.components;
+        let (mut linear, mut angular) = (nalgebra::Vector3::zeros(), nalgebra::Vector3::zeros());
+        for (k, x) in self.model.nodes().iter().enumerate() {
+            let mut p = nalgebra::Vector3::zeros();
+            (0..d).for_each(|c| p[c] = self.inertia[k * d + c] * self.state.v[k * d + c]);
+            linear += p;
+            angular += x.coords.cross(&p);
+        }
+        if layout.rotations == 3 * layout.nodes {
+            for i in layout.translations()..layout.dofs() {
+                angular[(i - layout.translations()) % 3] += self.inertia[i] * self.state.v[i];
+            }
+        }
+        [linear, angular]
+    }
+
+    /// Displacement and velocity of the field at a point \[m, m/s\].
+    ///
+    /// # Errors
+    /// [`Error::OutsideDomain`].
+    pub fn sample(&self, x: &nalgebra::Point3<T>) -> Result<[nalgebra::Vector3<T>; 2]> {
+        let mut row = crate::field::ShapeRow::default();
+        self.field.shape_at(x, false, &mut row)?;
+        let d = self.model.layout().components;
+        let mut out = [nalgebra::Vector3::zeros(); 2];
+        for (&k, &n) in row.nodes.iter().zip(&row.values) {
+            for c in 0..d {
+                out[0][c] += n * self.state.q[k * d + c];
+                out[1][c] += n * self.state.v[k * d + c];
+            }
+        }
+        Ok(out)
+    }
+
+    pub(crate) fn is_finite(&self) -> bool {
+        self.state.v.iter().all(|v| v.is_finite())
+    }
+}

@@ -1,0 +1,327 @@
+//! Weight functions: how overlapping models share energy, mass and load.
+//!
+//! `f = 1` where only the coarse model lives, `0` where only the fine one does, and in the overlap
+//! `f = ε + (1 − 2ε) p(s)` with a profile `p` of the normalised position `s ∈ [0, 1]`, counted from the fine border.
+
+use crate::error::invalid;
+use crate::geometry::{self, Cell, HalfSpace};
+use crate::overlap::{Overlap, Place};
+use crate::{Real, Result};
+use nalgebra::Point3;
+use std::sync::Arc;
+
+/// How weights enter a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Weighting {
+    /// Every element or bond carries the mean of the weight over itself, in stiffness **and** mass. Conserves the
+    /// weighted energy and leaves the critical step as it is for any weight.
+    #[default]
+    Energy,
+    /// Nodal forces and masses are multiplied by the weight at the node. Not conservative; kept for comparison with
+    /// the literature.
+    Nodal,
+}
+
+/// A weight function. Over all models, the weights of one kind sum to one at every point.
+pub trait Weight<T: Real>: Send + Sync {
+    /// Value at a point \[–\].
+    fn at(&self, x: &Point3<T>) -> T;
+
+    /// Mean over a cell. The default integrates numerically; a weight that knows its kinks does it exactly.
+    fn mean(&self, cell: &Cell<T>) -> T {
+        geometry::mean(cell, 2, &|x| self.at(x))
+    }
+}
+
+/// The same value everywhere; `Uniform(1)` is a model that is not coupled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Uniform<T>(pub T);
+
+impl<T: Real> Weight<T> for Uniform<T> {
+    fn at(&self, _: &Point3<T>) -> T {
+        self.0
+    }
+    fn mean(&self, _: &Cell<T>) -> T {
+        self.0
+    }
+}
+
+/// `1 − Σ` of other weights: the fine model's share beside one or several coarse ones.
+#[derive(Clone)]
+pub struct Complement<T: Real>(pub Vec<Arc<dyn Weight<T>>>);
+
+impl<T: Real> std::fmt::Debug for Complement<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Complement of {} weights", self.0.len())
+    }
+}
+
+impl<T: Real> Weight<T> for Complement<T> {
+    fn at(&self, x: &Point3<T>) -> T {
+        T::one() - self.0.iter().map(|w| w.at(x)).sum()
+    }
+    fn mean(&self, cell: &Cell<T>) -> T {
+        T::one() - self.0.iter().map(|w| w.mean(cell)).sum()
+    }
+}
+
+/// Shape of the transition.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Profile<T> {
+    /// A constant in the whole overlap.
+    Constant(T),
+    /// `p = s` (C0).
+    Linear,
+    /// `p = 3s² − 2s³` (C1).
+    Cubic,
+    /// `p = 10s³ − 15s⁴ + 6s⁵` (C2).
+    Quintic,
+    /// A C1 profile whose derivative is piecewise linear between stations of `s`, those of the mediator nodes: then
+    /// `grad f` lies in the mediator space and the patch test is exact. Built by [`Profile::mediator_compatible`].
+    Compatible(CompatibleProfile<T>),
+}
+
+/// Piecewise quadratic profile, see [`Profile::Compatible`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct CompatibleProfile<T> {
+    stations: Vec<T>,
+    slope: Vec<T>,
+    value: Vec<T>,
+}
+
+impl<T: Real> Profile<T> {
+    /// The C1 profile whose slope interpolates that of the cubic linearly between the given stations.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] unless the stations rise from 0 to 1 with at least one in between.
+    pub fn mediator_compatible(stations: &[T]) -> Result<Self> {
+        let n = stations.len();
+        let tolerance = T::epsilon().sqrt();
+        let rising = stations.windows(2).all(|w| w[1] - w[0] > tolerance);
+        let spans = n >= 3 && stations[0].abs() < tolerance && (stations[n - 1] - T::one()).abs() < tolerance;
+        if !rising || !spans {
+            return Err(invalid(
+                "stations of the mediator-compatible weight",
+                format_args!("{n} values"),
+                "must rise from 0 to 1 with at least one in between; use two or more mediator layers across the overlap",
+            ));
+        }
+        let mut slope: Vec<T> = stations.iter().map(|&s| s * (T::one() - s)).collect();
+        slope[0] = T::zero();
+        slope[n - 1] = T::zero();
+        let mut value = vec![T::zero(); n];
+        for k in 1..n {
+            value[k] =
+                value[k - 1] + (slope[k] + slope[k - 1]) * (stations[k] - stations[k - 1]) * T::of(0.5);
+        }
+        let total = value[n - 1];
+        slope.iter_mut().chain(&mut value).for_each(|v| *v /= total);
+        Ok(Self::Compatible(CompatibleProfile {
+            stations: stations.to_vec(),
+            slope,
+            value,
+        }))
+    }
+
+    /// `p(s)` for `s` in `[0, 1]`.
+    pub fn at(&self, s: T) -> T {
+        let k = T::of;
+        match self {
+            Self::Constant(c) => *c,
+            Self::Linear => s,
+            Self::Cubic => s * s * (k(3.0) - k(2.0) * s),
+            Self::Quintic => s * s * s * (k(10.0) + s * (k(6.0) * s - k(15.0))),
+            Self::Compatible(c) => {
+                let j = c
+                    .stations
+                    .partition_point(|&x| x <= s)
+                    .clamp(1, c.stations.len() - 1)
+                    - 1;
+                let (h, t) = (c.stations[j + 1] - c.stations[j], s - c.stations[j]);
+                c.value[j] + t * (c.slope[j] + (c.slope[j + 1] - c.slope[j]) * t / (h + h))
+            }
+        }
+    }
+
+    /// Values of `s` between which the profile is one polynomial.
+    fn breaks(&self) -> Vec<T> {
+        match self {
+            Self::Compatible(c) => c.stations.clone(),
+            _ => vec![T::zero(), T::one()],
+        }
+    }
+}
+
+/// The weight of the coarse model across one overlap.
+#[derive(Clone)]
+pub struct Ramp<T: Real> {
+    overlap: Arc<dyn Overlap<T>>,
+    profile: Profile<T>,
+    epsilon: T,
+}
+
+impl<T: Real> std::fmt::Debug for Ramp<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Ramp")
+            .field("profile", &self.profile)
+            .field("epsilon", &self.epsilon)
+            .finish()
+    }
+}
+
+impl<T: Real> Ramp<T> {
+    /// Weight with the given profile, kept in `[ε, 1 − ε]` inside the overlap.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] for `ε` outside `[0, 0.5)` or a constant outside `[0, 1]`.
+    pub fn new(overlap: Arc<dyn Overlap<T>>, profile: Profile<T>, epsilon: T) -> Result<Self> {
+        if !(epsilon >= T::zero() && epsilon < T::of(0.5)) {
+            return Err(invalid("epsilon", epsilon, "must be at least 0 and below 0.5"));
+        }
+        if let Profile::Constant(c) = profile
+            && !(c >= T::zero() && c <= T::one())
+        {
+            return Err(invalid("constant weight", c, "must be between 0 and 1"));
+        }
+        Ok(Self {
+            overlap,
+            profile,
+            epsilon,
+        })
+    }
+
+    fn of_position(&self, place: Place<T>) -> T {
+        match place {
+            Place::Coarse => T::one(),
+            Place::Fine => T::zero(),
+            Place::Overlap(s) => match self.profile {
+                Profile::Constant(c) => c,
+                _ => self.epsilon + (T::one() - self.epsilon - self.epsilon) * self.profile.at(s),
+            },
+        }
+    }
+
+    /// Exact mean where `s(x) = gradient · x + offset`: cut the cell at the kinks, integrate each piece exactly.
+    fn exact_mean(&self, cell: &Cell<T>, gradient: nalgebra::Vector3<T>, offset: T) -> T {
+        let (one, zero) = (T::one(), T::zero());
+        let corners = cell.corners();
+        let position = |x: &Point3<T>| gradient.dot(&x.coords) + offset;
+        let low = corners
+            .iter()
+            .map(position)
+            .fold(T::of(f64::MAX), |a, b| a.min(b));
+        let high = corners
+            .iter()
+            .map(position)
+            .fold(-T::of(f64::MAX), |a, b| a.max(b));
+        if high <= zero || low >= one {
+            return if high <= zero { zero } else { one };
+        }
+        let mut total = zero;
+        let mut rest = Some(cell.clone());
+        let mut sum = zero;
+        let mut samples = Vec::new();
+        let mut add = |piece: &Cell<T>, value: &dyn Fn(T) -> T| {
+            samples.clear();
+            piece.quadrature(5, &mut samples);
+            for s in &samples {
+                sum += s.measure * value(position(&s.point));
+                total += s.measure;
+            }
+        };
+        for (k, b) in self.profile.breaks().into_iter().enumerate() {
+            let plane = HalfSpace {
+                normal: gradient,
+                offset: b - offset,
+            };
+            let Some(body) = rest else { break };
+            if let Some(piece) = body.clip(&plane) {
+                let value = |s: T| match k {
+                    0 => zero,
+                    _ => self.of_position(Place::Overlap(s.clamp(zero, one))),
+                };
+                add(&piece, &value);
+            }
+            rest = body.clip(&plane.flipped());
+        }
+        if let Some(body) = rest {
+            add(&body, &|_| one);
+        }
+        sum / total
+    }
+}
+
+impl<T: Real> Weight<T> for Ramp<T> {
+    fn at(&self, x: &Point3<T>) -> T {
+        self.of_position(self.overlap.place(x))
+    }
+
+    fn mean(&self, cell: &Cell<T>) -> T {
+        match self.overlap.linear_position() {
+            Some((gradient, offset)) => self.exact_mean(cell, gradient, offset),
+            None => {
+                let places: Vec<_> = cell.corners().iter().map(|x| self.overlap.place(x)).collect();
+                let inside = places.iter().all(|p| matches!(p, Place::Overlap(_)));
+                geometry::mean(cell, if inside { 1 } else { 3 }, &|x| self.at(x))
+            }
+        }
+    }
+}
+
+/// The three weights of one model: `α` on internal energy, `β` on kinetic energy, `γ` on external work.
+#[derive(Clone)]
+pub struct Weights<T: Real> {
+    /// `α`.
+    pub internal: Arc<dyn Weight<T>>,
+    /// `β`.
+    pub kinetic: Arc<dyn Weight<T>>,
+    /// `γ`.
+    pub external: Arc<dyn Weight<T>>,
+    /// How they enter the model.
+    pub weighting: Weighting,
+}
+
+impl<T: Real> std::fmt::Debug for Weights<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Weights")
+            .field("weighting", &self.weighting)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<T: Real> Weights<T> {
+    /// The same weight for all three energies, applied energy-consistently.
+    pub fn same(weight: Arc<dyn Weight<T>>) -> Self {
+        Self {
+            internal: weight.clone(),
+            kinetic: weight.clone(),
+            external: weight,
+            weighting: Weighting::Energy,
+        }
+    }
+
+    /// All ones: a model alone.
+    pub fn uncoupled() -> Self {
+        Self::same(Arc::new(Uniform(T::one())))
+    }
+
+    /// The fine model's weights beside those of its coarse partners.
+    pub fn complement_of(coarse: &[Self]) -> Self {
+        let pick = |f: &dyn Fn(&Self) -> Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
+            Arc::new(Complement(coarse.iter().map(f).collect()))
+        };
+        Self {
+            internal: pick(&|w| w.internal.clone()),
+            kinetic: pick(&|w| w.kinetic.clone()),
+            external: pick(&|w| w.external.clone()),
+            weighting: coarse.first().map_or(Weighting::Energy, |w| w.weighting),
+        }
+    }
+
+    /// The same weights applied as `weighting` says.
+    #[must_use]
+    pub fn with_weighting(mut self, weighting: Weighting) -> Self {
+        self.weighting = weighting;
+        self
+    }
+}

@@ -1,0 +1,187 @@
+//! A harmonic chain written against the traits as any third party would: masses, springs, nothing else.
+//!
+//! `U = Σ_bonds ᾱ_b C/2 (q_{k+1} − q_k)²`, and every bond carries half of each of its masses, both weighted by the
+//! mean of the weight over the bond.
+
+use arlequin::core::field::Interpolation;
+use arlequin::core::geometry::Cell;
+use arlequin::core::model::DofLayout;
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::sprs::{CsMat, TriMat};
+use arlequin::core::weight::Weight;
+use arlequin::core::{Error, FineModel, LinearModel, Model, Result, Weighting};
+use arlequin::fem_ref::FemField;
+use std::sync::Arc;
+
+/// Equal masses joined by equal springs along x.
+#[derive(Debug, Clone)]
+pub(crate) struct Chain {
+    name: String,
+    nodes: Vec<Point3<f64>>,
+    mass: f64,
+    stiffness: Vec<f64>,
+    bond_weight: Vec<f64>,
+    node_weight: Vec<f64>,
+    field: Arc<FemField<f64>>,
+}
+
+impl Chain {
+    /// Chain of `bonds` springs of stiffness `C` [N/m] from `x0` [m] with spacing `r` [m]; `mass` [kg] per particle
+    /// (half at the ends).
+    pub(crate) fn new(name: &str, x0: f64, r: f64, bonds: usize, mass: f64, stiffness: f64) -> Result<Self> {
+        for (what, value) in [
+            ("chain spacing", r),
+            ("chain mass", mass),
+            ("chain stiffness", stiffness),
+        ] {
+            if !value.is_finite() || value <= 0.0 {
+                let rule = "must be positive and finite".to_owned();
+                return Err(Error::InvalidParameter {
+                    name: what.into(),
+                    value: value.to_string(),
+                    rule,
+                });
+            }
+        }
+        if bonds == 0 {
+            let rule = "must be at least 1".to_owned();
+            return Err(Error::InvalidParameter {
+                name: "chain bonds".into(),
+                value: "0".into(),
+                rule,
+            });
+        }
+        let nodes: Vec<_> = (0..=bonds)
+            .map(|k| Point3::new(x0 + r * k as f64, 0.0, 0.0))
+            .collect();
+        // Between two masses the field is linear: the natural neighbours of a point on a line.
+        let field = Arc::new(FemField::on_line(nodes.clone(), 1.0)?);
+        let (stiffness, bond_weight, node_weight) =
+            (vec![stiffness; bonds], vec![1.0; bonds], vec![1.0; bonds + 1]);
+        Ok(Self {
+            name: name.to_owned(),
+            nodes,
+            mass,
+            stiffness,
+            bond_weight,
+            node_weight,
+            field,
+        })
+    }
+
+    /// The same chain with a stiffness [N/m] of its own for every bond.
+    pub(crate) fn with_stiffness(mut self, of_bond: impl Fn(usize) -> f64) -> Self {
+        self.stiffness = (0..self.stiffness.len()).map(of_bond).collect();
+        self
+    }
+
+    fn bond(&self, b: usize) -> Cell<f64> {
+        Cell::Segment {
+            ends: [self.nodes[b], self.nodes[b + 1]],
+            section: 1.0,
+        }
+    }
+
+    /// Stiffness of each bond and factor on its force at both ends.
+    fn bonds(&self) -> impl Iterator<Item = (f64, [f64; 2])> + '_ {
+        let ends = self.node_weight.windows(2);
+        self.bond_weight
+            .iter()
+            .zip(&self.stiffness)
+            .zip(ends)
+            .map(|((w, k), n)| (w * k, [n[0], n[1]]))
+    }
+}
+
+impl Model<f64> for Chain {
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn kind(&self) -> &str {
+        "chain"
+    }
+    fn layout(&self) -> DofLayout {
+        DofLayout {
+            nodes: self.nodes.len(),
+            components: 1,
+            rotations: 0,
+        }
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        &self.nodes
+    }
+
+    fn lumped_inertia(&self, weight: &dyn Weight<f64>, weighting: Weighting, out: &mut [f64]) -> Result<()> {
+        out.fill(0.0);
+        for b in 0..self.bond_weight.len() {
+            let mean = weight.mean(&self.bond(b));
+            for k in [b, b + 1] {
+                let w = if weighting == Weighting::Energy {
+                    mean
+                } else {
+                    weight.at(&self.nodes[k])
+                };
+                out[k] += 0.5 * self.mass * w;
+            }
+        }
+        Ok(())
+    }
+
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>, weighting: Weighting) -> Result<()> {
+        let energy = weighting == Weighting::Energy;
+        self.bond_weight = (0..self.bond_weight.len())
+            .map(|b| if energy { alpha.mean(&self.bond(b)) } else { 1.0 })
+            .collect();
+        self.node_weight = self
+            .nodes
+            .iter()
+            .map(|x| if energy { 1.0 } else { alpha.at(x) })
+            .collect();
+        Ok(())
+    }
+
+    fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
+        for (b, (k, [left, right])) in self.bonds().enumerate() {
+            let tension = k * (q[b + 1] - q[b]);
+            f[b] += left * tension;
+            f[b + 1] -= right * tension;
+        }
+        Ok(())
+    }
+
+    fn internal_energy(&self, q: &[f64]) -> f64 {
+        let weight = |n: [f64; 2]| 0.5 * (n[0] + n[1]);
+        self.bonds()
+            .zip(q.windows(2))
+            .map(|((k, n), q)| 0.5 * k * weight(n) * (q[1] - q[0]).powi(2))
+            .sum()
+    }
+
+    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
+        Some(self)
+    }
+}
+
+impl LinearModel<f64> for Chain {
+    fn stiffness(&self) -> CsMat<f64> {
+        let n = self.nodes.len();
+        let mut t = TriMat::new((n, n));
+        for (b, (k, [left, right])) in self.bonds().enumerate() {
+            for (i, j, v) in [
+                (b, b, left),
+                (b, b + 1, -left),
+                (b + 1, b, -right),
+                (b + 1, b + 1, right),
+            ] {
+                t.add_triplet(i, j, k * v);
+            }
+        }
+        t.to_csr()
+    }
+}
+
+impl FineModel<f64> for Chain {
+    fn fine_field(&self) -> Arc<dyn Interpolation<f64>> {
+        self.field.clone()
+    }
+}

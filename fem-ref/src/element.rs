@@ -1,0 +1,250 @@
+//! The three elements: shape functions, Gauss points, inverse mapping.
+//!
+//! Node order is that of Gmsh and VTK: a tetrahedron has corner 3 on the side of `(1 − 0) × (2 − 0)`, a hexahedron its
+//! bottom loop and then its top loop. The hexahedron is integrated with 2 × 2 × 2 Gauss points, simplices with one.
+
+use arlequin_core::Real;
+use nalgebra::{Matrix3, Point3, Vector3};
+
+/// Kind of the elements of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ElementKind {
+    /// Two-node bar with a cross-section; carries axial displacement only.
+    Bar2,
+    /// Four-node tetrahedron, linear.
+    Tet4,
+    /// Eight-node hexahedron, trilinear.
+    Hex8,
+}
+
+/// Most corners any element has.
+pub(crate) const MAX_CORNERS: usize = 8;
+
+impl ElementKind {
+    /// Number of corners.
+    pub const fn corners(self) -> usize {
+        match self {
+            Self::Bar2 => 2,
+            Self::Tet4 => 4,
+            Self::Hex8 => 8,
+        }
+    }
+
+    /// Displacement components per node: 1 for bars, 3 for solids.
+    pub const fn components(self) -> usize {
+        match self {
+            Self::Bar2 => 1,
+            Self::Tet4 | Self::Hex8 => 3,
+        }
+    }
+
+    /// Name for messages.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Bar2 => "bar2",
+            Self::Tet4 => "tet4",
+            Self::Hex8 => "hex8",
+        }
+    }
+
+    /// Local corners of every face, in the order that makes its loop normal point outwards. A bar's faces are its ends.
+    pub const fn faces(self) -> &'static [&'static [usize]] {
+        match self {
+            Self::Bar2 => &[&[0], &[1]],
+            Self::Tet4 => &[&[0, 2, 1], &[0, 1, 3], &[1, 2, 3], &[0, 3, 2]],
+            Self::Hex8 => &[
+                &[0, 3, 2, 1],
+                &[4, 5, 6, 7],
+                &[0, 1, 5, 4],
+                &[1, 2, 6, 5],
+                &[2, 3, 7, 6],
+                &[3, 0, 4, 7],
+            ],
+        }
+    }
+
+    /// Local end points of every edge.
+    pub const fn edges(self) -> &'static [[usize; 2]] {
+        match self {
+            Self::Bar2 => &[[0, 1]],
+            Self::Tet4 => &[[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]],
+            Self::Hex8 => &[
+                [0, 1],
+                [1, 2],
+                [2, 3],
+                [3, 0],
+                [4, 5],
+                [5, 6],
+                [6, 7],
+                [7, 4],
+                [0, 4],
+                [1, 5],
+                [2, 6],
+                [3, 7],
+            ],
+        }
+    }
+
+    /// Number of Gauss points of the stiffness.
+    pub(crate) const fn gauss_count(self) -> usize {
+        match self {
+            Self::Bar2 | Self::Tet4 => 1,
+            Self::Hex8 => 8,
+        }
+    }
+}
+
+/// Corner `k` of the reference cube `[−1, 1]³`.
+pub(crate) const HEX_CORNERS: [[f64; 3]; 8] = [
+    [-1.0, -1.0, -1.0],
+    [1.0, -1.0, -1.0],
+    [1.0, 1.0, -1.0],
+    [-1.0, 1.0, -1.0],
+    [-1.0, -1.0, 1.0],
+    [1.0, -1.0, 1.0],
+    [1.0, 1.0, 1.0],
+    [-1.0, 1.0, 1.0],
+];
+
+/// Values `N_i(ξ) = Π_a (1 + ξ_ia ξ_a) / 8` of the hexahedron.
+pub(crate) fn hex_values<T: Real>(xi: &Vector3<T>) -> [T; 8] {
+    let eighth = T::of(0.125);
+    HEX_CORNERS.map(|c| {
+        (0..3).fold(eighth, |n, a| {
+            if c[a] > 0.0 {
+                n * (T::one() + xi[a])
+            } else {
+                n * (T::one() - xi[a])
+            }
+        })
+    })
+}
+
+/// Gradients of [`hex_values`] with respect to `ξ`.
+pub(crate) fn hex_gradients<T: Real>(xi: &Vector3<T>) -> [Vector3<T>; 8] {
+    let eighth = T::of(0.125);
+    HEX_CORNERS.map(|c| {
+        let s = c.map(T::of);
+        let f = |a: usize| T::one() + s[a] * xi[a];
+        Vector3::new(s[0] * f(1) * f(2), s[1] * f(0) * f(2), s[2] * f(0) * f(1)) * eighth
+    })
+}
+
+/// Jacobian `∂x/∂ξ` of a hexahedron from its local gradients.
+pub(crate) fn hex_jacobian<T: Real>(p: &[Point3<T>; 8], gradients: &[Vector3<T>; 8]) -> Matrix3<T> {
+    let mut j = Matrix3::zeros();
+    for (x, g) in p.iter().zip(gradients) {
+        j += x.coords * g.transpose();
+    }
+    j
+}
+
+/// The map of a hexahedron.
+pub(crate) fn hex_map<T: Real>(p: &[Point3<T>; 8], xi: &Vector3<T>) -> Point3<T> {
+    let values = hex_values(xi);
+    let sum = p
+        .iter()
+        .zip(values)
+        .fold(Vector3::zeros(), |s, (x, n)| s + x.coords * n);
+    Point3::from(sum)
+}
+
+/// One integration point of an element.
+#[derive(Debug, Clone)]
+pub(crate) struct GaussPoint<T: Real> {
+    /// Weight times Jacobian \[m³\].
+    pub(crate) weight: T,
+    /// Shape function values.
+    pub(crate) values: [T; MAX_CORNERS],
+    /// Shape function gradients \[1/m\].
+    pub(crate) gradients: [Vector3<T>; MAX_CORNERS],
+}
+
+/// Gradients of the barycentric coordinates of a tetrahedron \[1/m\] and six times its volume.
+pub(crate) fn tet_gradients<T: Real>(p: &[Point3<T>; 8]) -> ([Vector3<T>; 4], T) {
+    let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
+    let six = a.cross(&b).dot(&c);
+    let g = [b.cross(&c) / six, c.cross(&a) / six, a.cross(&b) / six];
+    ([-(g[0] + g[1] + g[2]), g[0], g[1], g[2]], six)
+}
+
+/// Visits the Gauss points of an element. Corners beyond those of the kind are ignored.
+pub(crate) fn for_each_gauss<T: Real>(
+    kind: ElementKind,
+    p: &[Point3<T>; 8],
+    section: T,
+    visit: &mut dyn FnMut(&GaussPoint<T>),
+) {
+    let mut point = GaussPoint {
+        weight: T::zero(),
+        values: [T::zero(); 8],
+        gradients: [Vector3::zeros(); 8],
+    };
+    match kind {
+        ElementKind::Bar2 => {
+            let d = p[1] - p[0];
+            let g = d / d.norm_squared();
+            point.weight = d.norm() * section;
+            point.values[..2].fill(T::of(0.5));
+            point.gradients[0] = -g;
+            point.gradients[1] = g;
+            visit(&point);
+        }
+        ElementKind::Tet4 => {
+            let (g, six) = tet_gradients(p);
+            point.weight = six / T::of(6.0);
+            point.values[..4].fill(T::of(0.25));
+            point.gradients[..4].copy_from_slice(&g);
+            visit(&point);
+        }
+        ElementKind::Hex8 => {
+            let a = T::of(1.0 / 3f64.sqrt());
+            for c in HEX_CORNERS {
+                let xi = Vector3::from(c.map(T::of)) * a;
+                let local = hex_gradients(&xi);
+                let j = hex_jacobian(p, &local);
+                point.weight = j.determinant();
+                point.values = hex_values(&xi);
+                // A valid mesh has an invertible Jacobian; zero gradients mark the impossible case.
+                let inverse = j.try_inverse().unwrap_or_else(Matrix3::zeros).transpose();
+                point.gradients = local.map(|g| inverse * g);
+                visit(&point);
+            }
+        }
+    }
+}
+
+/// `∫ N_i dV` of every corner \[m³\]: the row sums of the consistent mass over the density.
+pub(crate) fn nodal_volumes<T: Real>(kind: ElementKind, p: &[Point3<T>; 8], section: T) -> [T; 8] {
+    let mut out = [T::zero(); 8];
+    for_each_gauss(kind, p, section, &mut |g| {
+        for (o, n) in out.iter_mut().zip(&g.values) {
+            *o += g.weight * *n;
+        }
+    });
+    out
+}
+
+/// Local coordinates of `x` in a hexahedron by Newton's method, `None` where it does not settle near the element.
+pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<Vector3<T>> {
+    let reach = T::of(3.0);
+    let settled = T::epsilon() * T::of(16.0);
+    let mut xi = Vector3::zeros();
+    let mut step = T::of(f64::from(f32::MAX));
+    for _ in 0..50 {
+        let j = hex_jacobian(p, &hex_gradients(&xi));
+        let d = j.try_inverse()? * (x - hex_map(p, &xi));
+        let size = d.amax();
+        if !size.is_finite() {
+            return None;
+        }
+        // Near the solution the steps shrink until round-off stops them.
+        let stalled = size >= step && size < T::epsilon().sqrt();
+        xi = (xi + d).map(|c| c.clamp(-reach, reach));
+        step = size;
+        if size <= settled || stalled {
+            return (xi.amax() < reach).then_some(xi);
+        }
+    }
+    None
+}

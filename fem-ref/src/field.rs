@@ -1,0 +1,390 @@
+//! The displacement field of a mesh: point location, shape functions, integration cells; and the mediator made of it.
+//!
+//! A point is located through a box tree in `O(log n)`. It belongs to the element of lowest number whose local
+//! coordinates it violates by no more than 1e-9 of the element's size (more in single precision), so the choice on a
+//! common face is reproducible. Values within that tolerance are the element's own polynomial, which keeps partition
+//! of unity and linear completeness exact.
+
+use crate::element::{self, ElementKind};
+use crate::error::{Result, parameter};
+use crate::mesh::Mesh;
+use arlequin_core::Real;
+use arlequin_core::field::{Interpolation, ShapeRow, outside};
+use arlequin_core::geometry::{BoxTree, Cell, bounds_of};
+use arlequin_core::mediator::Mediator;
+use nalgebra::{Matrix3, Point3, Vector3};
+use std::sync::Arc;
+
+/// How local coordinates of a hexahedron are found, and how far its faces are from planes.
+#[derive(Debug, Clone)]
+struct HexShape<T: Real> {
+    /// Inverse Jacobian where the map is affine (a parallelepiped).
+    affine: Option<Matrix3<T>>,
+    /// Largest distance of a face's corners from a plane, relative to the element's size.
+    warp: T,
+}
+
+/// The finite element field of a mesh.
+#[derive(Debug, Clone)]
+pub struct FemField<T: Real> {
+    mesh: Arc<Mesh<T>>,
+    tree: BoxTree<T>,
+    hexes: Vec<HexShape<T>>,
+    tolerance: T,
+    /// Whether some hexahedron has warped faces and is cut into several cells.
+    warped: bool,
+}
+
+/// Local coordinates of a point in one element.
+struct Located<T: Real> {
+    element: usize,
+    /// Barycentric coordinates (bars, tetrahedra) or `ξ` (hexahedra).
+    local: [T; 4],
+    violation: T,
+}
+
+impl<T: Real> FemField<T> {
+    /// Field on a mesh.
+    ///
+    /// ```
+    /// use arlequin_core::{field::{Interpolation, ShapeRow}, nalgebra::Point3};
+    /// use fem_ref::{ElementKind, FemField, generate};
+    /// let mesh = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(2.0, 1.0, 1.0), [4, 2, 2])?;
+    /// let field = FemField::new(mesh);
+    /// let mut row = ShapeRow::default();
+    /// field.shape_at(&Point3::new(0.3, 0.4, 0.1), true, &mut row)?;
+    /// assert!((row.values.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn new(mesh: impl Into<Arc<Mesh<T>>>) -> Self {
+        let mesh = mesh.into();
+        let tolerance = T::of(1e-9).max(T::epsilon() * T::of(32.0));
+        let hexes: Vec<_> = match mesh.kind() {
+            ElementKind::Hex8 => (0..mesh.element_count())
+                .map(|e| hex_shape(&mesh.corners(e)))
+                .collect(),
+            _ => Vec::new(),
+        };
+        let boxes = (0..mesh.element_count()).map(|e| {
+            let p = mesh.corners(e);
+            let [low, high] = bounds_of(p[..mesh.kind().corners()].iter());
+            let slack = hexes.get(e).map_or(T::zero(), |h: &HexShape<T>| h.warp);
+            let margin = Vector3::repeat((high - low).norm() * (tolerance + slack) * T::of(2.0));
+            [low - margin, high + margin]
+        });
+        Self {
+            tree: BoxTree::new(boxes.collect()),
+            mesh: mesh.clone(),
+            warped: hexes.iter().any(|h| h.warp > tolerance),
+            hexes,
+            tolerance,
+        }
+    }
+
+    /// Piecewise linear field on points along a line \[m\], such as the particles of a chain, with cells of the given
+    /// cross-section \[m²\]. The points may come in any order; the field keeps their numbers.
+    ///
+    /// ```
+    /// use arlequin_core::{field::Interpolation, nalgebra::Point3};
+    /// let chain: Vec<_> = (0..5).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
+    /// let field = fem_ref::FemField::on_line(chain, 1e-6)?;
+    /// assert_eq!((field.nodes().len(), field.cells().len()), (5, 4));
+    /// # Ok::<(), fem_ref::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Mesh::new`] (fewer than two points, coincident points, NaN) and [`Mesh::with_section`].
+    pub fn on_line(points: Vec<Point3<T>>, section: T) -> Result<Self> {
+        let origin = points.first().copied().unwrap_or_else(Point3::origin);
+        let far = |p: &Point3<T>| (p - origin).norm_squared();
+        let axis = points.iter().fold(Vector3::zeros(), |a, p| {
+            if far(p) > a.norm_squared() { p - origin } else { a }
+        });
+        let mut order: Vec<u32> = (0..points.len() as u32).collect();
+        let station = |k: &u32| axis.dot(&(points[*k as usize] - origin)).as_f64();
+        order.sort_by(|a, b| station(a).total_cmp(&station(b)));
+        let connectivity = order.windows(2).flatten().copied().collect();
+        let mesh = Mesh::new(ElementKind::Bar2, points, connectivity)?.with_section(section)?;
+        Ok(Self::new(mesh))
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> &Mesh<T> {
+        &self.mesh
+    }
+
+    /// Integration cells of element `e`.
+    pub(crate) fn cells_of(&self, e: usize, out: &mut Vec<Cell<T>>) {
+        let planar = self.hexes.get(e).is_none_or(|h| h.warp <= self.tolerance);
+        self.mesh.cells_of(e, planar, out);
+    }
+
+    /// Local coordinates of `x` in element `e` and by how much they leave it.
+    fn local(&self, e: usize, x: &Point3<T>) -> Option<Located<T>> {
+        let p = self.mesh.corners(e);
+        let (zero, one) = (T::zero(), T::one());
+        let (local, violation) = match self.mesh.kind() {
+            ElementKind::Bar2 => {
+                let d = p[1] - p[0];
+                let s = d.dot(&(x - p[0])) / d.norm_squared();
+                let off = (x - (p[0] + d * s)).norm() / d.norm();
+                ([one - s, s, zero, zero], (-s).max(s - one).max(off))
+            }
+            ElementKind::Tet4 => {
+                let (g, _) = element::tet_gradients(&p);
+                let b = [1, 2, 3].map(|k: usize| g[k].dot(&(x - p[0])));
+                let local = [one - b[0] - b[1] - b[2], b[0], b[1], b[2]];
+                (local, local.into_iter().fold(-one, |v, l| v.max(-l)))
+            }
+            ElementKind::Hex8 => {
+                let xi = match &self.hexes[e].affine {
+                    Some(inverse) => inverse * (x - element::hex_map(&p, &Vector3::zeros())),
+                    None => element::hex_inverse(&p, x)?,
+                };
+                // A point off a face by round-off is taken onto it, so that the far nodes have no part in it.
+                let xi = xi.map(|c: T| {
+                    if (c.abs() - one).abs() < T::epsilon() * T::of(128.0) {
+                        one.copysign(c)
+                    } else {
+                        c
+                    }
+                });
+                ([xi.x, xi.y, xi.z, zero], (xi.amax() - one) * T::of(0.5))
+            }
+        };
+        Some(Located {
+            element: e,
+            local,
+            violation,
+        })
+    }
+
+    /// The element that holds `x`; where none does, one whose warped face makes `x` a point of its integration cells.
+    fn locate(&self, x: &Point3<T>) -> Option<Located<T>> {
+        let mut best: Option<Located<T>> = None;
+        let mut near: Option<Located<T>> = None;
+        self.tree.any(&[*x, *x], &mut |e| {
+            if best.as_ref().is_some_and(|b| b.element < e) {
+                return false;
+            }
+            let Some(found) = self.local(e, x) else {
+                return false;
+            };
+            if found.violation <= self.tolerance {
+                best = Some(found);
+            } else if self
+                .hexes
+                .get(e)
+                .is_some_and(|h| found.violation <= h.warp * T::of(2.0))
+            {
+                let closer = near.as_ref().is_none_or(|n| {
+                    found.violation < n.violation
+                        || (found.violation <= n.violation && found.element < n.element)
+                });
+                if closer {
+                    near = Some(found);
+                }
+            }
+            false
+        });
+        best.or(near)
+    }
+
+    /// Shape functions at a located point.
+    fn evaluate(
+        &self,
+        at: &Located<T>,
+        x: &Point3<T>,
+        gradient: bool,
+        row: &mut ShapeRow<T>,
+    ) -> arlequin_core::Result<()> {
+        row.clear();
+        let nodes = self.mesh.element(at.element);
+        let p = self.mesh.corners(at.element);
+        let mut values = [T::zero(); 8];
+        let mut gradients = [Vector3::zeros(); 8];
+        match self.mesh.kind() {
+            ElementKind::Hex8 => {
+                let xi = Vector3::new(at.local[0], at.local[1], at.local[2]);
+                values = element::hex_values(&xi);
+                if gradient {
+                    let local = element::hex_gradients(&xi);
+                    let Some(inverse) = element::hex_jacobian(&p, &local).try_inverse() else {
+                        return Err(outside(x, self.kind()));
+                    };
+                    gradients = local.map(|g| inverse.tr_mul(&g));
+                }
+            }
+            ElementKind::Tet4 => {
+                values[..4].copy_from_slice(&at.local);
+                gradients[..4].copy_from_slice(&element::tet_gradients(&p).0);
+            }
+            ElementKind::Bar2 => {
+                values[..2].copy_from_slice(&at.local[..2]);
+                let d = p[1] - p[0];
+                gradients[1] = d / d.norm_squared();
+                gradients[0] = -gradients[1];
+            }
+        }
+        // A value of a few units of round-off is that of a point on a face: the node has no part in it.
+        let nothing = T::epsilon() * T::of(4.0);
+        for (k, &node) in nodes.iter().enumerate() {
+            if gradient {
+                row.push_with_gradient(node as usize, values[k], gradients[k]);
+            } else if values[k].abs() > nothing {
+                row.push(node as usize, values[k]);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
+    let j = element::hex_jacobian(p, &element::hex_gradients(&Vector3::zeros()));
+    let size = j.norm();
+    let centre = element::hex_map(p, &Vector3::zeros());
+    let bent = p
+        .iter()
+        .zip(element::HEX_CORNERS)
+        .map(|(x, c)| (x - centre - j * Vector3::from(c.map(T::of))).norm())
+        .fold(T::zero(), |a, b| a.max(b));
+    let warp = ElementKind::Hex8.faces().iter().map(|f| {
+        let d = [1, 2, 3].map(|k: usize| p[f[k]] - p[f[0]]);
+        let normal = d[0].cross(&d[2]) + (p[f[3]] - p[f[2]]).cross(&(p[f[1]] - p[f[2]]));
+        d[1].dot(&d[0].cross(&d[2])).abs() / (normal.norm() * size)
+    });
+    let warp = warp.fold(T::zero(), |a, b| a.max(b));
+    let exact = bent <= size * T::epsilon() * T::of(16.0);
+    HexShape {
+        affine: if exact { j.try_inverse() } else { None },
+        warp,
+    }
+}
+
+impl<T: Real> Interpolation<T> for FemField<T> {
+    fn nodes(&self) -> &[Point3<T>] {
+        self.mesh.nodes()
+    }
+
+    fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> arlequin_core::Result<()> {
+        match self.locate(x) {
+            Some(at) => self.evaluate(&at, x, gradient, row),
+            None => Err(outside(x, self.kind())),
+        }
+    }
+
+    fn shape_in(
+        &self,
+        cell: usize,
+        x: &Point3<T>,
+        gradient: bool,
+        row: &mut ShapeRow<T>,
+    ) -> arlequin_core::Result<()> {
+        // With warped hexahedra, which are cut into several cells, cells and elements are numbered differently.
+        if self.warped {
+            return self.shape_at(x, gradient, row);
+        }
+        match self.local(cell, x) {
+            Some(at) => self.evaluate(&at, x, gradient, row),
+            None => Err(outside(x, self.kind())),
+        }
+    }
+
+    fn cells(&self) -> Vec<Cell<T>> {
+        let mut out = Vec::with_capacity(self.mesh.element_count());
+        for e in 0..self.mesh.element_count() {
+            self.cells_of(e, &mut out);
+        }
+        out
+    }
+
+    fn degree(&self) -> usize {
+        match self.mesh.kind() {
+            ElementKind::Bar2 | ElementKind::Tet4 => 1,
+            ElementKind::Hex8 => 3,
+        }
+    }
+
+    fn kind(&self) -> &'static str {
+        "finite-element"
+    }
+}
+
+/// A multiplier space on a finite element mesh of its own.
+#[derive(Debug, Clone)]
+pub struct FemMediator<T: Real> {
+    field: FemField<T>,
+    spacing: T,
+}
+
+impl<T: Real> FemMediator<T> {
+    /// Mediator on a mesh that fills the overlap; its spacing `h_B` is the mean edge length.
+    ///
+    /// ```
+    /// use arlequin_core::mediator::Mediator;
+    /// use fem_ref::{FemMediator, generate};
+    /// let mediator = FemMediator::new(generate::bar(-20.0f64, 0.0, 2, 1.0)?);
+    /// assert!((mediator.spacing() - 10.0).abs() < 1e-14);
+    /// # Ok::<(), fem_ref::Error>(())
+    /// ```
+    pub fn new(mesh: Mesh<T>) -> Self {
+        Self {
+            spacing: mesh.spacing(),
+            field: FemField::new(mesh),
+        }
+    }
+
+    /// The same mediator with a given spacing `h_B` \[m\].
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] unless it is positive and finite.
+    pub fn with_spacing(mut self, spacing: T) -> Result<Self> {
+        if !(spacing.is_finite() && spacing > T::zero()) {
+            return Err(parameter(
+                "mediator spacing",
+                spacing,
+                "must be positive and finite [m]",
+            ));
+        }
+        self.spacing = spacing;
+        Ok(self)
+    }
+
+    /// The mediator's mesh.
+    pub fn mesh(&self) -> &Mesh<T> {
+        self.field.mesh()
+    }
+}
+
+impl<T: Real> Interpolation<T> for FemMediator<T> {
+    fn nodes(&self) -> &[Point3<T>] {
+        self.field.nodes()
+    }
+    fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> arlequin_core::Result<()> {
+        self.field.shape_at(x, gradient, row)
+    }
+    fn shape_in(
+        &self,
+        cell: usize,
+        x: &Point3<T>,
+        gradient: bool,
+        row: &mut ShapeRow<T>,
+    ) -> arlequin_core::Result<()> {
+        self.field.shape_in(cell, x, gradient, row)
+    }
+    fn cells(&self) -> Vec<Cell<T>> {
+        self.field.cells()
+    }
+    fn degree(&self) -> usize {
+        self.field.degree()
+    }
+    fn kind(&self) -> &'static str {
+        "mediator"
+    }
+}
+
+impl<T: Real> Mediator<T> for FemMediator<T> {
+    fn spacing(&self) -> T {
+        self.spacing
+    }
+}

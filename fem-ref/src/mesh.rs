@@ -1,0 +1,448 @@
+//! A mesh of one element kind with named groups of nodes and surface facets.
+
+use crate::check;
+use crate::element::{self, ElementKind};
+use crate::error::{Error, Result, parameter};
+use arlequin_core::Real;
+use arlequin_core::effect::SurfaceFacet;
+use arlequin_core::geometry::{Cell, Polyhedron};
+use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
+
+/// A face of an element, by element and local face number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Facet {
+    /// Element index.
+    pub element: u32,
+    /// Index into [`ElementKind::faces`].
+    pub face: u8,
+}
+
+/// A named part of a mesh: nodes, and the facets between them if the part is a surface.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Group {
+    /// Node indices, ascending.
+    pub nodes: Vec<u32>,
+    /// Facets, ascending; empty for groups of points, lines or volumes.
+    pub facets: Vec<Facet>,
+}
+
+/// A condition on a position.
+pub(crate) type Condition<'a, T> = dyn Fn(&Point3<T>) -> bool + 'a;
+
+/// A mesh of one element kind in the reference configuration, valid by construction.
+#[derive(Debug, Clone)]
+pub struct Mesh<T: Real> {
+    kind: ElementKind,
+    nodes: Vec<Point3<T>>,
+    connectivity: Vec<u32>,
+    groups: BTreeMap<String, Group>,
+    section: T,
+}
+
+impl<T: Real> Mesh<T> {
+    /// Mesh from node positions \[m\] and the corners of every element in a row. Bars get a section of 1 m², the
+    /// problem per unit section; see [`Mesh::with_section`].
+    ///
+    /// ```
+    /// use fem_ref::{ElementKind, Mesh};
+    /// use arlequin_core::nalgebra::Point3;
+    /// let p = Point3::new;
+    /// let nodes = vec![p(0.0, 0.0, 0.0), p(1.0, 0.0, 0.0), p(0.0, 1.0, 0.0), p(0.0, 0.0, 1.0)];
+    /// let mesh = Mesh::new(ElementKind::Tet4, nodes.clone(), vec![0, 1, 2, 3])?;
+    /// assert!((mesh.volume() - 1.0 / 6.0f64).abs() < 1e-15);
+    /// let e = Mesh::new(ElementKind::Tet4, nodes, vec![0, 2, 1, 3]).unwrap_err();
+    /// assert!(e.to_string().contains("inverted"));
+    /// # Ok::<(), fem_ref::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// A typed error for an empty mesh, NaN coordinates, indices out of range, inverted or flat elements (hexahedra:
+    /// Jacobian at all corners), unreferenced or coincident nodes.
+    pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
+        check::mesh(kind, &nodes, &connectivity)?;
+        Ok(Self {
+            kind,
+            nodes,
+            connectivity,
+            groups: BTreeMap::new(),
+            section: T::one(),
+        })
+    }
+
+    /// The same mesh with the given cross-section of its bars \[m²\].
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] unless the section is positive and finite.
+    pub fn with_section(mut self, section: T) -> Result<Self> {
+        if !(section.is_finite() && section > T::zero()) {
+            return Err(parameter("section", section, "must be positive and finite [m2]"));
+        }
+        self.section = section;
+        Ok(self)
+    }
+
+    /// The same mesh with every node moved to `map(x)`; elements and groups stay.
+    ///
+    /// # Errors
+    /// As [`Mesh::new`], if the moved mesh is not valid.
+    pub fn mapped(mut self, map: impl Fn(&Point3<T>) -> Point3<T>) -> Result<Self> {
+        self.nodes.iter_mut().for_each(|x| *x = map(x));
+        check::mesh(self.kind, &self.nodes, &self.connectivity)?;
+        Ok(self)
+    }
+
+    /// Element kind.
+    pub fn kind(&self) -> ElementKind {
+        self.kind
+    }
+
+    /// Node positions \[m\].
+    pub fn nodes(&self) -> &[Point3<T>] {
+        &self.nodes
+    }
+
+    /// Cross-section of bars \[m²\].
+    pub fn section(&self) -> T {
+        self.section
+    }
+
+    /// Number of elements.
+    pub fn element_count(&self) -> usize {
+        self.connectivity.len() / self.kind.corners()
+    }
+
+    /// Corners of all elements in a row.
+    pub fn connectivity(&self) -> &[u32] {
+        &self.connectivity
+    }
+
+    /// Corners of element `e`.
+    pub fn element(&self, e: usize) -> &[u32] {
+        let n = self.kind.corners();
+        &self.connectivity[e * n..(e + 1) * n]
+    }
+
+    /// Positions of the corners of element `e` \[m\]; entries beyond its corners are the origin.
+    pub(crate) fn corners(&self, e: usize) -> [Point3<T>; 8] {
+        let mut p = [Point3::origin(); 8];
+        for (p, &k) in p.iter_mut().zip(self.element(e)) {
+            *p = self.nodes[k as usize];
+        }
+        p
+    }
+
+    /// Mean edge length \[m\] over all edges of all elements.
+    pub fn spacing(&self) -> T {
+        let (mut sum, mut count) = (T::zero(), 0usize);
+        for e in 0..self.element_count() {
+            let p = self.corners(e);
+            for [a, b] in self.kind.edges() {
+                sum += (p[*b] - p[*a]).norm();
+                count += 1;
+            }
+        }
+        sum / T::of(count as f64)
+    }
+
+    /// Volume \[m³\]; for bars length times section.
+    pub fn volume(&self) -> T {
+        (0..self.element_count())
+            .flat_map(|e| element::nodal_volumes(self.kind, &self.corners(e), self.section))
+            .sum()
+    }
+
+    /// Integration cells of element `e`: a segment, a tetrahedron, a hexahedron with planar faces, or, where a face
+    /// is warped, six tetrahedra that meet those of the neighbours.
+    pub(crate) fn cells_of(&self, e: usize, planar: bool, out: &mut Vec<Cell<T>>) {
+        let p = self.corners(e);
+        match self.kind {
+            ElementKind::Bar2 => out.push(Cell::Segment {
+                ends: [p[0], p[1]],
+                section: self.section,
+            }),
+            ElementKind::Tet4 => out.push(Cell::Polyhedron(Polyhedron::tetrahedron([
+                p[0], p[1], p[2], p[3],
+            ]))),
+            ElementKind::Hex8 if planar => out.push(Cell::Polyhedron(Polyhedron::hexahedron(p))),
+            ElementKind::Hex8 => {
+                let tets = split_hexahedron(self.element(e));
+                out.extend(
+                    tets.map(|t| {
+                        Cell::Polyhedron(Polyhedron::tetrahedron(t.map(|k| self.nodes[k as usize])))
+                    }),
+                );
+            }
+        }
+    }
+
+    /// The same domain cut into tetrahedra, six per hexahedron, conforming; nodes and groups stay. The structured box
+    /// becomes a Kuhn triangulation. A mesh of tetrahedra is returned as it is.
+    ///
+    /// # Errors
+    /// [`Error::Kind`] for bars; as [`Mesh::new`] where a warped hexahedron has no valid cut.
+    pub fn into_tetrahedra(self) -> Result<Self> {
+        match self.kind {
+            ElementKind::Tet4 => return Ok(self),
+            ElementKind::Hex8 => {}
+            ElementKind::Bar2 => {
+                return Err(Error::Kind {
+                    what: "tetrahedra",
+                    kind: self.kind.name(),
+                    remedy: "a mesh of hex8 elements",
+                });
+            }
+        }
+        let mut connectivity = Vec::with_capacity(self.element_count() * 24);
+        for e in 0..self.element_count() {
+            connectivity.extend(split_hexahedron(self.element(e)).as_flattened());
+        }
+        let mut mesh = Self::new(ElementKind::Tet4, self.nodes.clone(), connectivity)?;
+        for (name, group) in &self.groups {
+            let mut facets = Vec::with_capacity(2 * group.facets.len());
+            for hex_facet in &group.facets {
+                let quad = self.facet_nodes(*hex_facet);
+                // The six tetrahedra of hexahedron e have the numbers 6 e to 6 e + 5.
+                let first = 6 * hex_facet.element;
+                let faces =
+                    (first..first + 6).flat_map(|element| (0..4).map(move |face| Facet { element, face }));
+                facets.extend(faces.filter(|f| mesh.facet_nodes(*f).iter().all(|k| quad.contains(k))));
+            }
+            mesh.set_group(name, group.nodes.clone(), facets);
+        }
+        Ok(mesh)
+    }
+
+    /// Named groups.
+    pub fn groups(&self) -> &BTreeMap<String, Group> {
+        &self.groups
+    }
+
+    /// The group of the given name.
+    ///
+    /// # Errors
+    /// [`Error::UnknownGroup`] with the names there are.
+    pub fn group(&self, name: &str) -> Result<&Group> {
+        self.groups.get(name).ok_or_else(|| Error::UnknownGroup {
+            name: name.to_owned(),
+            known: if self.groups.is_empty() {
+                "none".to_owned()
+            } else {
+                self.groups.keys().cloned().collect::<Vec<_>>().join(", ")
+            },
+        })
+    }
+
+    /// Nodes of a group, ascending.
+    ///
+    /// # Errors
+    /// [`Error::UnknownGroup`].
+    pub fn group_nodes(&self, name: &str) -> Result<Vec<usize>> {
+        Ok(self.group(name)?.nodes.iter().map(|&k| k as usize).collect())
+    }
+
+    /// Nodes whose position satisfies the condition, ascending.
+    pub fn nodes_where(&self, condition: impl Fn(&Point3<T>) -> bool) -> Vec<usize> {
+        (0..self.nodes.len())
+            .filter(|&k| condition(&self.nodes[k]))
+            .collect()
+    }
+
+    /// Facets that belong to one element only, ascending.
+    pub fn boundary(&self) -> Vec<Facet> {
+        let mut keyed: Vec<([u32; 4], Facet)> = Vec::new();
+        for e in 0..self.element_count() {
+            for face in 0..self.kind.faces().len() {
+                let facet = Facet {
+                    element: e as u32,
+                    face: face as u8,
+                };
+                let mut key = [u32::MAX; 4];
+                let corners = self.element(e);
+                for (k, local) in key.iter_mut().zip(self.kind.faces()[face]) {
+                    *k = corners[*local];
+                }
+                key.sort_unstable();
+                keyed.push((key, facet));
+            }
+        }
+        keyed.sort_unstable();
+        let same = |i: usize, j: usize| keyed.get(j).is_some_and(|k| k.0 == keyed[i].0);
+        let mut out: Vec<Facet> = (0..keyed.len())
+            .filter(|&i| !same(i, i + 1) && (i == 0 || !same(i, i - 1)))
+            .map(|i| keyed[i].1)
+            .collect();
+        out.sort_unstable();
+        out
+    }
+
+    /// Nodes of a facet in outward order.
+    pub fn facet_nodes(&self, facet: Facet) -> Vec<u32> {
+        let corners = self.element(facet.element as usize);
+        self.kind.faces()[usize::from(facet.face)]
+            .iter()
+            .map(|&k| corners[k])
+            .collect()
+    }
+
+    /// The facets of a group as loads need them: shares `∫ N_i dA`, outward unit normals.
+    ///
+    /// # Errors
+    /// [`Error::UnknownGroup`], or [`Error::NotASurface`] if the group has no facets.
+    pub fn surface(&self, name: &str) -> Result<Vec<SurfaceFacet<T>>> {
+        let group = self.group(name)?;
+        if group.facets.is_empty() {
+            return Err(Error::NotASurface {
+                name: name.to_owned(),
+                nodes: group.nodes.len(),
+            });
+        }
+        Ok(group.facets.iter().map(|&f| self.surface_facet(f)).collect())
+    }
+
+    /// Boundary facets whose centre satisfies the condition.
+    pub fn surface_where(&self, condition: impl Fn(&Point3<T>) -> bool) -> Vec<SurfaceFacet<T>> {
+        let all = self.boundary().into_iter().map(|f| self.surface_facet(f));
+        all.filter(|f| condition(&f.centre)).collect()
+    }
+
+    /// Names the nodes that satisfy a condition.
+    ///
+    /// # Errors
+    /// [`Error::EmptyGroup`] if there are none.
+    pub fn with_nodes(mut self, name: &str, condition: impl Fn(&Point3<T>) -> bool) -> Result<Self> {
+        let nodes: Vec<u32> = self
+            .nodes_where(condition)
+            .into_iter()
+            .map(|k| k as u32)
+            .collect();
+        if nodes.is_empty() {
+            return Err(empty(name, "node"));
+        }
+        let facets = Vec::new();
+        self.groups.insert(name.to_owned(), Group { nodes, facets });
+        Ok(self)
+    }
+
+    /// Names the boundary facets all of whose corners satisfy a condition, and their nodes.
+    ///
+    /// # Errors
+    /// [`Error::EmptyGroup`] if there are none.
+    pub fn with_surface(self, name: &str, condition: impl Fn(&Point3<T>) -> bool) -> Result<Self> {
+        self.with_surfaces(&[(name, &condition)])
+    }
+
+    /// [`Mesh::with_surface`] for several names at once: the boundary is found only once.
+    pub(crate) fn with_surfaces(mut self, named: &[(&str, &Condition<'_, T>)]) -> Result<Self> {
+        let boundary = self.boundary();
+        for (name, condition) in named {
+            let good = |f: &Facet| {
+                self.facet_nodes(*f)
+                    .iter()
+                    .all(|&k| condition(&self.nodes[k as usize]))
+            };
+            let facets: Vec<Facet> = boundary.iter().copied().filter(good).collect();
+            if facets.is_empty() {
+                return Err(empty(name, "boundary facet"));
+            }
+            self.set_group(name, Vec::new(), facets);
+        }
+        Ok(self)
+    }
+
+    /// Stores a group; the nodes of its facets are added to its nodes.
+    pub(crate) fn set_group(&mut self, name: &str, mut nodes: Vec<u32>, mut facets: Vec<Facet>) {
+        nodes.extend(facets.iter().flat_map(|f| self.facet_nodes(*f)));
+        nodes.sort_unstable();
+        nodes.dedup();
+        facets.sort_unstable();
+        facets.dedup();
+        self.groups.insert(name.to_owned(), Group { nodes, facets });
+    }
+
+    /// The same kind, section and groups with other nodes and elements, which must be a renumbering.
+    pub(crate) fn with_parts(mut self, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
+        self.nodes = nodes;
+        self.connectivity = connectivity;
+        self
+    }
+
+    /// Renumbers the groups.
+    pub(crate) fn map_groups(&mut self, node: impl Fn(u32) -> u32, facet: impl Fn(Facet) -> Facet) {
+        for group in self.groups.values_mut() {
+            group.nodes.iter_mut().for_each(|k| *k = node(*k));
+            group.facets.iter_mut().for_each(|f| *f = facet(*f));
+            group.nodes.sort_unstable();
+            group.facets.sort_unstable();
+        }
+    }
+
+    fn surface_facet(&self, facet: Facet) -> SurfaceFacet<T> {
+        let nodes: Vec<usize> = self.facet_nodes(facet).iter().map(|&k| k as usize).collect();
+        let p: Vec<Point3<T>> = nodes.iter().map(|&k| self.nodes[k]).collect();
+        let sum = p.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
+        let centre = Point3::from(sum / T::of(p.len() as f64));
+        let (normal, shares) = match p.as_slice() {
+            [a, b, c] => {
+                let n = (b - a).cross(&(c - a)) * T::of(0.5);
+                (n, vec![n.norm() / T::of(3.0); 3])
+            }
+            [a, b, c, d] => {
+                let n = (c - a).cross(&(d - b));
+                (n, quadrilateral_shares([*a, *b, *c, *d]).to_vec())
+            }
+            _ => {
+                let [a, b, ..] = self.corners(facet.element as usize);
+                let axis = if facet.face == 0 { a - b } else { b - a };
+                (axis, vec![self.section])
+            }
+        };
+        SurfaceFacet {
+            nodes,
+            shares,
+            centre,
+            normal: normal.normalize(),
+        }
+    }
+}
+
+fn empty(name: &str, what: &'static str) -> Error {
+    Error::EmptyGroup {
+        name: name.to_owned(),
+        what,
+    }
+}
+
+/// `∫ N_i dA` of a bilinear quadrilateral with 2 × 2 Gauss points.
+fn quadrilateral_shares<T: Real>(p: [Point3<T>; 4]) -> [T; 4] {
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|c| c.map(T::of));
+    let (quarter, gauss) = (T::of(0.25), T::of(1.0 / 3f64.sqrt()));
+    let mut shares = [T::zero(); 4];
+    for [s, t] in corners.map(|c| c.map(|x| x * gauss)) {
+        let (mut du, mut dv) = (Vector3::zeros(), Vector3::zeros());
+        for (x, [a, b]) in p.iter().zip(corners) {
+            du += x.coords * (a * (T::one() + b * t) * quarter);
+            dv += x.coords * (b * (T::one() + a * s) * quarter);
+        }
+        let area = du.cross(&dv).norm();
+        for (share, [a, b]) in shares.iter_mut().zip(corners) {
+            *share += area * (T::one() + a * s) * (T::one() + b * t) * quarter;
+        }
+    }
+    shares
+}
+
+/// Cuts a hexahedron into six tetrahedra by coning its lowest-numbered corner with the three faces that do not hold it,
+/// each cut along the diagonal from its own lowest corner. Neighbours cut their common face alike.
+pub(crate) fn split_hexahedron(corners: &[u32]) -> [[u32; 4]; 6] {
+    let apex = (0..8).min_by_key(|&k| corners[k]).unwrap_or(0);
+    let mut out = [[0; 4]; 6];
+    let far = ElementKind::Hex8.faces().iter().filter(|f| !f.contains(&apex));
+    for (slot, face) in out.chunks_exact_mut(2).zip(far) {
+        let low = (0..4).min_by_key(|&k| corners[face[k]]).unwrap_or(0);
+        let at = |k: usize| corners[face[(low + k) % 4]];
+        slot[0] = [corners[apex], at(0), at(1), at(2)];
+        slot[1] = [corners[apex], at(0), at(2), at(3)];
+    }
+    out
+}

@@ -1,0 +1,242 @@
+//! The finite element model: weighted stiffness, lumped mass, both roles of the coupling.
+//!
+//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_e α_e K_e` and `M_β,i = Σ_e β_e ρ ∫_e N_i dV`, where `α_e` and `β_e` are
+//! the means of the weights over the element. With nodal weighting, kept for comparison with the literature, the
+//! unweighted force and mass of node `i` are multiplied by `α(x_i)` and `β(x_i)`; such a model has no symmetric
+//! stiffness and is therefore not offered as a linear one.
+
+use crate::element::{self, ElementKind};
+use crate::error::{Error, Result};
+use crate::field::FemField;
+use crate::kernel::BlockMatrix;
+use crate::material::Elastic;
+use crate::mesh::Mesh;
+use arlequin_core::Real;
+use arlequin_core::field::Interpolation;
+use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model};
+use arlequin_core::weight::{Weight, Weighting};
+use nalgebra::Point3;
+use rayon::prelude::*;
+use sprs::CsMat;
+use std::sync::Arc;
+
+/// A linear elastic body meshed with finite elements; bars carry axial displacements only.
+#[derive(Debug, Clone)]
+pub struct FemModel<T: Real> {
+    name: String,
+    field: Arc<FemField<T>>,
+    material: Elastic<T>,
+    /// Unweighted lumped mass contributions `ρ ∫ N_i dV` \[kg\], per element and corner.
+    masses: Vec<T>,
+    stiffness: BlockMatrix<T>,
+    /// `α(x_i)` with nodal weighting.
+    factors: Option<Vec<T>>,
+}
+
+impl<T: Real> FemModel<T> {
+    /// Model with all weights one: a body that is not coupled.
+    ///
+    /// ```
+    /// use arlequin_core::model::Model;
+    /// use fem_ref::{Elastic, FemModel, generate};
+    /// let bar = FemModel::new("bar", generate::bar(0.0, 1.0, 10, 1.0)?, Elastic::new(1.0, 0.0, 1.0)?)?;
+    /// let stretched: Vec<f64> = bar.nodes().iter().map(|p| 0.01 * p.x).collect();
+    /// assert!((bar.internal_energy(&stretched) - 0.5e-4).abs() < 1e-16);
+    /// # Ok::<(), fem_ref::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::BarDirection`] for bars that are not parallel to x.
+    pub fn new(name: &str, mesh: Mesh<T>, material: Elastic<T>) -> Result<Self> {
+        if mesh.kind() == ElementKind::Bar2 {
+            bars_along_x(&mesh)?;
+        }
+        let corners = mesh.kind().corners();
+        let mut masses = Vec::with_capacity(mesh.connectivity().len());
+        for e in 0..mesh.element_count() {
+            let volumes = element::nodal_volumes(mesh.kind(), &mesh.corners(e), mesh.section());
+            masses.extend(volumes[..corners].iter().map(|v| *v * material.density()));
+        }
+        let ones = vec![T::one(); mesh.element_count()];
+        Ok(Self {
+            name: name.to_owned(),
+            stiffness: BlockMatrix::new(&mesh, &material, &ones),
+            field: Arc::new(FemField::new(mesh)),
+            material,
+            masses,
+            factors: None,
+        })
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> &Mesh<T> {
+        self.field.mesh()
+    }
+
+    /// The material.
+    pub fn material(&self) -> &Elastic<T> {
+        &self.material
+    }
+
+    /// The displacement field.
+    pub fn field(&self) -> Arc<FemField<T>> {
+        self.field.clone()
+    }
+
+    /// Mean of a weight over every element \[–\].
+    fn element_means(&self, weight: &dyn Weight<T>) -> Vec<T> {
+        let mean = |e: usize| {
+            let mut cells = Vec::new();
+            self.field.cells_of(e, &mut cells);
+            if let [cell] = cells.as_slice() {
+                return weight.mean(cell);
+            }
+            let (mut sum, mut total) = (T::zero(), T::zero());
+            for cell in &cells {
+                sum += weight.mean(cell) * cell.measure();
+                total += cell.measure();
+            }
+            sum / total
+        };
+        (0..self.mesh().element_count())
+            .into_par_iter()
+            .map(mean)
+            .collect()
+    }
+
+    fn check_size(&self, what: &str, found: usize) -> arlequin_core::Result<()> {
+        let expected = self.layout().dofs();
+        if found == expected {
+            return Ok(());
+        }
+        Err(arlequin_core::Error::SizeMismatch {
+            what: format!("{what} of model '{}'", self.name),
+            expected,
+            found,
+        })
+    }
+}
+
+fn bars_along_x<T: Real>(mesh: &Mesh<T>) -> Result<()> {
+    for element in 0..mesh.element_count() {
+        let p = mesh.corners(element);
+        let d = p[1] - p[0];
+        let angle = d.yz().norm() / d.norm();
+        if angle > T::epsilon().sqrt() {
+            return Err(Error::BarDirection {
+                element,
+                angle: angle.asin().as_f64(),
+            });
+        }
+    }
+    Ok(())
+}
+
+impl<T: Real> Model<T> for FemModel<T> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn kind(&self) -> &str {
+        "fem"
+    }
+
+    fn layout(&self) -> DofLayout {
+        DofLayout {
+            nodes: self.mesh().nodes().len(),
+            components: self.mesh().kind().components(),
+            rotations: 0,
+        }
+    }
+
+    fn nodes(&self) -> &[Point3<T>] {
+        self.mesh().nodes()
+    }
+
+    fn lumped_inertia(
+        &self,
+        weight: &dyn Weight<T>,
+        weighting: Weighting,
+        out: &mut [T],
+    ) -> arlequin_core::Result<()> {
+        self.check_size("inertia", out.len())?;
+        let (mesh, c) = (self.mesh(), self.layout().components);
+        let corners = mesh.kind().corners();
+        let means = match weighting {
+            Weighting::Energy => self.element_means(weight),
+            Weighting::Nodal => vec![T::one(); mesh.element_count()],
+        };
+        out.fill(T::zero());
+        for (slot, (&node, mass)) in mesh.connectivity().iter().zip(&self.masses).enumerate() {
+            let m = *mass * means[slot / corners];
+            out[node as usize * c..(node as usize + 1) * c]
+                .iter_mut()
+                .for_each(|o| *o += m);
+        }
+        if weighting == Weighting::Nodal {
+            for (x, out) in mesh.nodes().iter().zip(out.chunks_exact_mut(c)) {
+                let w = weight.at(x);
+                out.iter_mut().for_each(|o| *o *= w);
+            }
+        }
+        arlequin_core::scalar::check_finite("weighted inertia", out)
+    }
+
+    fn set_internal_weight(
+        &mut self,
+        alpha: &dyn Weight<T>,
+        weighting: Weighting,
+    ) -> arlequin_core::Result<()> {
+        let (means, factors) = match weighting {
+            Weighting::Energy => (self.element_means(alpha), None),
+            Weighting::Nodal => (
+                vec![T::one(); self.mesh().element_count()],
+                Some(self.nodes().iter().map(|x| alpha.at(x)).collect::<Vec<T>>()),
+            ),
+        };
+        arlequin_core::scalar::check_finite("element weights", &means)?;
+        arlequin_core::scalar::check_finite("nodal weights", factors.as_deref().unwrap_or_default())?;
+        self.stiffness.assemble(self.field.mesh(), &self.material, &means);
+        self.factors = factors;
+        Ok(())
+    }
+
+    fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> arlequin_core::Result<()> {
+        self.check_size("displacements", q.len())?;
+        self.check_size("forces", f.len())?;
+        self.stiffness.subtract_product(q, self.factors.as_deref(), f);
+        Ok(())
+    }
+
+    /// `½ qᵀ K_α q` \[J\]; with nodal weighting `½ Σ_i α(x_i) q_i · (K q)_i`, which no force derives from. `q` must
+    /// have the length of the layout.
+    fn internal_energy(&self, q: &[T]) -> T {
+        self.stiffness.energy(q, self.factors.as_deref())
+    }
+
+    fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
+        match self.factors {
+            None => Some(self),
+            Some(_) => None,
+        }
+    }
+}
+
+impl<T: Real> LinearModel<T> for FemModel<T> {
+    /// `K_α` with element weighting; with nodal weighting the unweighted `K`.
+    fn stiffness(&self) -> CsMat<T> {
+        self.stiffness.to_csr()
+    }
+}
+
+impl<T: Real> CoarseModel<T> for FemModel<T> {
+    fn coarse_field(&self) -> Arc<dyn Interpolation<T>> {
+        self.field.clone()
+    }
+}
+
+impl<T: Real> FineModel<T> for FemModel<T> {
+    fn fine_field(&self) -> Arc<dyn Interpolation<T>> {
+        self.field.clone()
+    }
+}

@@ -1,0 +1,86 @@
+//! Numbering for locality: reverse Cuthill-McKee, so that neighbours in the mesh are neighbours in memory.
+
+use crate::kernel::Incidence;
+use crate::mesh::{Facet, Mesh};
+use arlequin_core::Real;
+
+impl<T: Real> Mesh<T> {
+    /// The same mesh with nodes in reverse Cuthill-McKee order and elements in the order of their lowest node; groups
+    /// follow. For imported meshes, whose numbers jump; generated ones are in a good order already.
+    #[must_use]
+    pub fn renumbered(self) -> Self {
+        let order = node_order(&self);
+        let mut place = vec![0u32; order.len()];
+        for (new, &old) in order.iter().enumerate() {
+            place[old as usize] = new as u32;
+        }
+        let corners = self.kind().corners();
+        let mut elements: Vec<(u32, u32)> = (0..self.element_count() as u32)
+            .map(|e| {
+                let nodes = self.element(e as usize).iter();
+                (nodes.map(|&k| place[k as usize]).min().unwrap_or(0), e)
+            })
+            .collect();
+        elements.sort_unstable();
+        let mut element_place = vec![0u32; elements.len()];
+        let mut connectivity = Vec::with_capacity(elements.len() * corners);
+        for (new, &(_, old)) in elements.iter().enumerate() {
+            element_place[old as usize] = new as u32;
+            connectivity.extend(self.element(old as usize).iter().map(|&k| place[k as usize]));
+        }
+        let nodes = order.iter().map(|&k| self.nodes()[k as usize]).collect();
+        let mut out = self.with_parts(nodes, connectivity);
+        out.map_groups(
+            |k| place[k as usize],
+            |f| Facet {
+                element: element_place[f.element as usize],
+                face: f.face,
+            },
+        );
+        out
+    }
+}
+
+/// Old node numbers in their new order.
+fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
+    let nodes = mesh.nodes().len();
+    let incidence = Incidence::new(nodes, mesh.connectivity());
+    let corners = mesh.kind().corners();
+    let degree = |k: &u32| (incidence.of(*k as usize).len(), *k);
+    let mut seen = vec![false; nodes];
+    let mut order: Vec<u32> = Vec::with_capacity(nodes);
+    let mut by_degree: Vec<u32> = (0..nodes as u32).collect();
+    by_degree.sort_unstable_by_key(degree);
+    for &seed in &by_degree {
+        if seen[seed as usize] {
+            continue;
+        }
+        // The node found last in a first sweep lies at an end of the part.
+        let first = order.len();
+        let mut start = seed;
+        for sweep in 0..2 {
+            order.truncate(first);
+            order.push(start);
+            seen[start as usize] = true;
+            let mut head = first;
+            while head < order.len() {
+                let tail = order.len();
+                for &slot in incidence.of(order[head] as usize) {
+                    for &k in mesh.element(slot as usize / corners) {
+                        if !std::mem::replace(&mut seen[k as usize], true) {
+                            order.push(k);
+                        }
+                    }
+                }
+                order[tail..].sort_unstable_by_key(degree);
+                head += 1;
+            }
+            if sweep == 0 {
+                start = order[order.len() - 1];
+                order[first..].iter().for_each(|&k| seen[k as usize] = false);
+            }
+        }
+    }
+    order.reverse();
+    order
+}

@@ -1,0 +1,380 @@
+//! Couplings of solids in space: momenta, patch test, sampling choices, several interfaces, prescribed motion, effects
+//! in the ledger, single precision.
+
+#[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
+mod support;
+
+use arlequin::core::conformance;
+use arlequin::core::effect::{Absorber, BodyForce, Load, MassDamping};
+use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
+use arlequin::core::junction::{H1Gradient, H1Strain, L2};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::observer::Silent;
+use arlequin::core::overlap::Slab;
+use arlequin::core::subdomain::PrescribedMotion;
+use arlequin::core::time::TimeFunction;
+use arlequin::core::weight::{Complement, Profile, Ramp, Weight};
+use arlequin::core::{Coupled, Error, Sampling, Subdomain, TimeStep, Weights};
+use arlequin::fem_ref::{ElementKind, FemModel};
+use std::sync::Arc;
+use support::solid::{self, bodies, couple, junctions, material, mediator, shaken, spec};
+
+/// Sum of the moduli of all nodal momenta and of their moments: the scale of conservation.
+fn momentum_scale(c: &Coupled<f64>) -> [f64; 2] {
+    let (mut p, mut l) = (0.0, 0.0);
+    for s in c.subdomains() {
+        for (k, x) in s.model().nodes().iter().enumerate() {
+            let m = (0..3)
+                .map(|a| (s.inertia()[3 * k + a] * s.state().v[3 * k + a]).abs())
+                .sum::<f64>();
+            p += m;
+            l += m * x.coords.norm();
+        }
+    }
+    [p, l]
+}
+
+#[test]
+fn check_9_momenta_are_conserved_on_non_coincident_meshes() {
+    for kind in [ElementKind::Hex8, ElementKind::Tet4] {
+        for junction in junctions() {
+            let name = junction.name();
+            let space = mediator(kind, solid::OVERLAP, [2, 2, 2]);
+            let mut c = couple(shaken(bodies(Profile::Cubic, 0.05), 7), space, junction).unwrap();
+            assert!(c.interfaces()[0].report().momentum_defect < 1e-13);
+            assert!(conformance::adjointness(&c) < 1e-13);
+            let [force, moment] = conformance::interface_momentum(&c);
+            assert!(force < 1e-13 && moment < 1e-13, "{name}: {force:e} {moment:e}");
+            let (before, scale) = (c.momentum(), momentum_scale(&c));
+            c.run(400, &mut Silent).unwrap();
+            let after = c.momentum();
+            for k in 0..2 {
+                let change = (after[k] - before[k]).norm() / scale[k];
+                assert!(change <= 1e-12, "{name}: momentum {k} changes by {change:e}");
+            }
+            assert!(
+                c.drift() < 1e-11 && c.constraint_residual() < 1e-11,
+                "{name}: drift {:e}",
+                c.drift()
+            );
+        }
+    }
+}
+
+#[test]
+fn overhanging_mediator_is_refused_with_the_measure_outside() {
+    let space = mediator::<f64>(ElementKind::Hex8, [2.0, 3.25], [2, 2, 2]);
+    let e = couple::<f64>(bodies(Profile::Cubic, 0.05).into(), space, Box::new(L2)).unwrap_err();
+    let Error::OverhangingMediator {
+        model,
+        outside,
+        total,
+        ..
+    } = &e
+    else {
+        panic!("{e}")
+    };
+    assert_eq!(model, "left");
+    assert!((outside - 0.25).abs() < 1e-9 && (total - 1.25).abs() < 1e-9);
+    let space = mediator(ElementKind::Hex8, [4.5, 5.0], [2, 2, 2]);
+    let e = couple::<f64>(bodies(Profile::Cubic, 0.05).into(), space, Box::new(L2)).unwrap_err();
+    assert!(matches!(e, Error::EmptyOverlap { .. }), "{e}");
+}
+
+/// Deviation from uniform tension of a bar fixed at the left and pulled at the right.
+fn patch(coarse: ElementKind, fine: ElementKind, profile: Profile<f64>, epsilon: f64) -> f64 {
+    let w = solid::weights(profile, epsilon);
+    let left = FemModel::new("left", solid::block(coarse, [0.0, 3.0], [7, 2, 2]), material()).unwrap();
+    let right = FemModel::new("right", solid::block(fine, [2.0, 4.0], [9, 3, 3]), material()).unwrap();
+    // u = ε (x, −ν y, −ν z): roller supports on three faces, displacement at the far end.
+    let support = |model: &FemModel<f64>, group: &str, axis: usize, amplitude: f64| {
+        let dofs = model
+            .mesh()
+            .group_nodes(group)
+            .unwrap()
+            .into_iter()
+            .map(|n| 3 * n + axis)
+            .collect();
+        PrescribedMotion {
+            dofs,
+            amplitude,
+            time: TimeFunction::Step,
+        }
+    };
+    let mut supports = [Vec::new(), Vec::new()];
+    for (m, model) in [&left, &right].into_iter().enumerate() {
+        supports[m].push(support(model, "y-min", 1, 0.0));
+        supports[m].push(support(model, "z-min", 2, 0.0));
+    }
+    supports[0].push(support(&left, "x-min", 0, 0.0));
+    supports[1].push(support(&right, "x-max", 0, 0.04));
+    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let [a, b] = supports;
+    let left = a
+        .into_iter()
+        .fold(Subdomain::coarse(left, w), Subdomain::with_support);
+    let right = b
+        .into_iter()
+        .fold(Subdomain::fine(right, rest), Subdomain::with_support);
+    let mut c = couple(
+        vec![left, right],
+        mediator(coarse, solid::OVERLAP, [2, 2, 2]),
+        Box::new(L2),
+    )
+    .unwrap();
+    let e = c.equilibrium(0.0).unwrap();
+    let mut worst: f64 = 0.0;
+    for (s, q) in c.subdomains().iter().zip(&e.displacements) {
+        for (x, u) in s.model().nodes().iter().zip(q.chunks(3)) {
+            let exact = 0.01 * Vector3::new(x.x, -0.25 * x.y, -0.25 * x.z);
+            worst = worst.max((Vector3::new(u[0], u[1], u[2]) - exact).norm());
+        }
+    }
+    worst / 0.04
+}
+
+#[test]
+fn patch_test_in_space() {
+    // Exact with a linear weight, its gradient in the mediator space, and element means: simplices and aligned boxes.
+    for (coarse, fine) in [
+        (ElementKind::Tet4, ElementKind::Tet4),
+        (ElementKind::Hex8, ElementKind::Hex8),
+        (ElementKind::Hex8, ElementKind::Tet4),
+    ] {
+        let defect = patch(coarse, fine, Profile::Linear, 0.0);
+        assert!(defect < 1e-11, "{coarse:?} | {fine:?}: {defect:e}");
+    }
+    let cubic = patch(ElementKind::Tet4, ElementKind::Tet4, Profile::Cubic, 0.05);
+    assert!(cubic > 1e-6 && cubic < 0.02, "{cubic:e}");
+}
+
+#[test]
+fn projection_sampling_conserves_momentum_and_energy_too() {
+    let options = InterfaceOptions {
+        sampling: Sampling::Projection,
+        ..InterfaceOptions::default()
+    };
+    for junction in junctions() {
+        let interface = InterfaceSpec {
+            options,
+            ..spec(mediator(ElementKind::Tet4, solid::OVERLAP, [2, 2, 2]), junction)
+        };
+        let bodies = shaken(bodies(Profile::Linear, 0.05), 3);
+        let mut c = Coupled::new(bodies, vec![interface], TimeStep::Fraction(0.9), None).unwrap();
+        let (before, scale) = (c.momentum(), momentum_scale(&c));
+        c.run(300, &mut Silent).unwrap();
+        let after = c.momentum();
+        assert!((0..2).all(|k| (after[k] - before[k]).norm() <= 1e-12 * scale[k]));
+        assert!(c.drift() < 1e-11);
+    }
+}
+
+/// Coarse | fine | coarse with two disjoint interfaces.
+fn sandwich(gap: f64) -> Result<Coupled<f64>, Error> {
+    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let ramp = |fine: f64, coarse: f64| -> Arc<dyn Weight<f64>> {
+        Arc::new(
+            Ramp::new(
+                Arc::new(Slab::between(at(fine), at(coarse)).unwrap()),
+                Profile::Cubic,
+                1e-3,
+            )
+            .unwrap(),
+        )
+    };
+    let (left, right) = (ramp(3.0, 2.0), ramp(3.0 + gap, 4.0 + gap));
+    let middle = Weights::same(Arc::new(Complement(vec![left.clone(), right.clone()])));
+    let model =
+        |name, kind, x, counts| FemModel::new(name, solid::block(kind, x, counts), material()).unwrap();
+    let subdomains = vec![
+        Subdomain::coarse(
+            model("left", ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]),
+            Weights::same(left),
+        ),
+        Subdomain::coarse(
+            model("right", ElementKind::Hex8, [3.0 + gap, 6.0 + gap], [6, 2, 2]),
+            Weights::same(right),
+        ),
+        Subdomain::fine(
+            model("middle", ElementKind::Hex8, [2.0, 4.0 + gap], [10, 4, 4]),
+            middle,
+        ),
+    ];
+    let interface = |name: &str, coarse, x| InterfaceSpec {
+        name: name.into(),
+        coarse,
+        fine: 2,
+        mediator: mediator(ElementKind::Hex8, x, [2, 2, 2]),
+        junction: Box::new(L2),
+        options: InterfaceOptions::default(),
+    };
+    let interfaces = vec![
+        interface("west", 0, [2.0, 3.0]),
+        interface("east", 1, [3.0 + gap, 4.0 + gap]),
+    ];
+    let subdomains = subdomains.into_iter().map(|s| {
+        let v = s
+            .model()
+            .nodes()
+            .iter()
+            .flat_map(|x| [(-(x.x - 1.0).powi(2) * 4.0).exp(), 0.0, 0.0])
+            .collect();
+        let n = s.model().layout().dofs();
+        s.with_initial(vec![0.0; n], v)
+    });
+    Coupled::new(
+        subdomains.collect::<Result<_, _>>()?,
+        interfaces,
+        TimeStep::Fraction(0.9),
+        None,
+    )
+}
+
+#[test]
+fn fine_zone_in_the_middle_with_two_interfaces() {
+    let mut c = sandwich(1.0).unwrap();
+    let mass: f64 = c
+        .subdomains()
+        .iter()
+        .map(|s| s.inertia().iter().step_by(3).sum::<f64>())
+        .sum();
+    assert!(
+        (mass - 7.0).abs() < 1e-12,
+        "weights of three models sum to one: {mass}"
+    );
+    let before = c.momentum();
+    c.run(600, &mut Silent).unwrap();
+    let change = (c.momentum()[0] - before[0]).norm() / before[0].norm();
+    // The body drifts by some metres; K u of that rigid motion leaves round-off behind in every step.
+    assert!(change < 1e-11, "momentum changes by {change:e}");
+    assert!(c.drift() < 1e-11 && c.constraint_residual() < 1e-11);
+    let arrived = c.subdomains()[1].kinetic_energy() + c.subdomains()[1].internal_energy();
+    assert!(arrived > 0.02 * c.energy(), "the pulse crosses both interfaces");
+}
+
+#[test]
+fn interfaces_that_share_a_node_are_refused() {
+    let e = sandwich(0.0).unwrap_err();
+    assert!(
+        matches!(&e, Error::SharedNode { first, second, model, .. } if first == "west" && second == "east" && model == "middle"),
+        "{e}"
+    );
+}
+
+#[test]
+fn every_effect_is_one_line_of_a_closed_ledger() {
+    let [left, right] = bodies(Profile::Cubic, 0.05);
+    let model = FemModel::<f64>::new(
+        "tip",
+        solid::block(ElementKind::Tet4, [2.0, 4.0], [7, 3, 3]),
+        material(),
+    )
+    .unwrap();
+    let pull = |_: &arlequin::core::effect::SurfaceFacet<f64>| Vector3::new(0.01, 0.0, 0.0);
+    let traction = Load::traction(
+        "pull",
+        model.mesh().surface("x-max").unwrap(),
+        &pull,
+        TimeFunction::Ramp { duration: 3.0 },
+    );
+    let driven = PrescribedMotion {
+        dofs: (0..9).map(|n| 3 * n).collect(),
+        amplitude: 0.02,
+        time: TimeFunction::SmoothPulse { duration: 4.0 },
+    };
+    let rate = Arc::new(|x: &Point3<f64>| 0.5 * (3.0 - x.x).clamp(0.0, 1.0));
+    let left = left
+        .with_support(driven)
+        .with_effect(Box::new(BodyForce::new(Vector3::new(0.0, -1e-3, 0.0)).unwrap()));
+    let right = right
+        .with_effect(Box::new(traction.unwrap()))
+        .with_effect(Box::new(MassDamping::new(0.05).unwrap()))
+        .with_effect(Box::new(Absorber::new(
+            mediator(ElementKind::Tet4, solid::OVERLAP, [1, 1, 1]),
+            rate,
+        )));
+    let junction = Box::new(H1Gradient::new(0.2).unwrap());
+    let mut c = couple(
+        vec![left, right],
+        mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2]),
+        junction,
+    )
+    .unwrap();
+    c.run(2000, &mut Silent).unwrap();
+    let works = c.works();
+    let names: Vec<&str> = works.iter().map(|w| w.name.as_str()).collect();
+    assert_eq!(
+        names,
+        [
+            "left/body-force",
+            "right/pull",
+            "right/mass-damping",
+            "right/absorber",
+            "supports",
+            "constraint"
+        ]
+    );
+
+    let of = |name: &str| works.iter().find(|w| w.name.ends_with(name)).unwrap().work;
+    assert!(
+        of("pull") > 0.0 && of("mass-damping") < 0.0 && of("absorber") < 0.0 && of("supports").abs() > 0.0
+    );
+    assert!(
+        of("constraint").abs() < 1e-12 * of("pull"),
+        "the constraint does no work: {:e}",
+        of("constraint")
+    );
+    assert!(c.drift() < 1e-11, "{:e}", c.drift());
+}
+
+#[test]
+fn effects_that_are_absent_leave_no_line() {
+    let c = couple::<f64>(
+        bodies(Profile::Cubic, 0.05).into(),
+        mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2]),
+        Box::new(L2),
+    );
+    let names: Vec<String> = c.unwrap().works().into_iter().map(|w| w.name).collect();
+    assert_eq!(names, ["constraint"]);
+}
+
+#[test]
+fn lumping_is_offered_for_l2_only() {
+    let options = InterfaceOptions {
+        lumped: true,
+        ..InterfaceOptions::default()
+    };
+    let space = || mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2]);
+    let interface = InterfaceSpec {
+        options,
+        ..spec(space(), Box::new(L2))
+    };
+    let bodies = || shaken::<f64>(bodies(Profile::Cubic, 0.05), 5);
+    let mut c = Coupled::new(bodies(), vec![interface], TimeStep::Fraction(0.8), None).unwrap();
+    c.run(500, &mut Silent).unwrap();
+    let last = c.last_energy().unwrap();
+    // The constraint holds in the mean only and takes energy out; the ledger says how much.
+    assert!(
+        c.works()[0].work < 0.0 && last.relative_drift.abs() < 1e-11,
+        "{last:?}"
+    );
+    let interface = InterfaceSpec {
+        options,
+        ..spec(space(), Box::new(H1Strain::new(0.1).unwrap()))
+    };
+    let e = Coupled::new(bodies(), vec![interface], TimeStep::Fraction(0.8), None).unwrap_err();
+    assert!(e.to_string().contains("lumping an H1 junction diverges"), "{e}");
+}
+
+#[test]
+fn single_precision_couples_as_well() {
+    let space = mediator::<f32>(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2]);
+    let mut c = couple::<f32>(shaken(bodies(Profile::Cubic, 0.05), 11), space, Box::new(L2)).unwrap();
+    c.run(400, &mut Silent).unwrap();
+    assert!(
+        c.drift() < 1e-4 && c.constraint_residual() < 1e-4,
+        "{:e} {:e}",
+        c.drift(),
+        c.constraint_residual()
+    );
+}

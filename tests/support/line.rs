@@ -1,0 +1,160 @@
+//! One-dimensional setting of the method's acceptance checks: E = ρ = S = c = 1, particle spacing 1, overlap
+//! [−L_O, 0], coarse bar nodes at −h j to the left, particles at −L_O + j to the right, P1 mediator of equal elements.
+
+#[path = "../../examples/chain/model.rs"]
+mod chain;
+
+use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
+use arlequin::core::junction::{Junction, L2};
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::overlap::Slab;
+use arlequin::core::weight::{Profile, Ramp, Weight};
+use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::fem_ref::{Elastic, FemMediator, FemModel, generate};
+use chain::Chain;
+use std::sync::Arc;
+
+/// Left subdomain: the coarse bar. Right subdomain: the fine chain.
+pub(crate) const COARSE: usize = 0;
+pub(crate) const FINE: usize = 1;
+
+/// The knobs of one case; [`Line::default`] is the setting most checks share.
+pub(crate) struct Line {
+    pub(crate) h: f64,
+    pub(crate) overlap: f64,
+    pub(crate) mediator: f64,
+    pub(crate) profile: Profile<f64>,
+    pub(crate) epsilon: f64,
+    pub(crate) coarse_elements: usize,
+    pub(crate) fine_bonds: usize,
+    pub(crate) weighting: Weighting,
+    pub(crate) step: TimeStep<f64>,
+    /// Overrides the overlap weights by a constant over the whole subdomains.
+    pub(crate) everywhere: Option<f64>,
+    pub(crate) junction: fn() -> Box<dyn Junction<f64>>,
+    pub(crate) options: InterfaceOptions<f64>,
+}
+
+impl Default for Line {
+    fn default() -> Self {
+        Self {
+            h: 10.0,
+            overlap: 20.0,
+            mediator: 10.0,
+            profile: Profile::Linear,
+            epsilon: 0.05,
+            coarse_elements: 150,
+            fine_bonds: 1500,
+            weighting: Weighting::Energy,
+            step: TimeStep::Seconds(0.5),
+            everywhere: None,
+            junction: || Box::new(L2),
+            options: InterfaceOptions::default(),
+        }
+    }
+}
+
+/// Displacement and velocity at every node of one subdomain.
+pub(crate) type Wave<'a> = &'a dyn Fn(f64) -> (f64, f64);
+
+impl Line {
+    fn coarse_weights(&self) -> Result<Weights<f64>> {
+        let weight: Arc<dyn Weight<f64>> = match self.everywhere {
+            Some(w) => Arc::new(arlequin::core::weight::Uniform(w)),
+            None => {
+                let slab = Slab::between(Point3::origin(), Point3::new(-self.overlap, 0.0, 0.0))?;
+                Arc::new(Ramp::new(Arc::new(slab), self.profile.clone(), self.epsilon)?)
+            }
+        };
+        Ok(Weights::same(weight).with_weighting(self.weighting))
+    }
+
+    pub(crate) fn mediator_space(&self) -> Result<Arc<FemMediator<f64>>> {
+        let n = (self.overlap / self.mediator).round() as usize;
+        Ok(Arc::new(FemMediator::new(generate::bar(
+            -self.overlap,
+            0.0,
+            n,
+            1.0,
+        )?)))
+    }
+
+    fn interface(&self) -> Result<InterfaceSpec<f64>> {
+        Ok(InterfaceSpec {
+            name: "overlap".into(),
+            coarse: COARSE,
+            fine: FINE,
+            mediator: self.mediator_space()?,
+            junction: (self.junction)(),
+            options: self.options,
+        })
+    }
+
+    pub(crate) fn subdomains(&self, coarse: Wave, fine: Wave) -> Result<[Subdomain<f64>; 2]> {
+        let weights = self.coarse_weights()?;
+        let x: Vec<f64> = (0..=self.coarse_elements)
+            .rev()
+            .map(|j| -self.h * j as f64)
+            .collect();
+        let bar = FemModel::new("bar", generate::bar_at(&x, 1.0)?, Elastic::new(1.0, 0.0, 1.0)?)?;
+        let chain = Chain::new("chain", -self.overlap, 1.0, self.fine_bonds, 1.0, 1.0)?;
+        let fill = |s: Subdomain<f64>, wave: Wave| {
+            let (q, v) = s.model().nodes().iter().map(|p| wave(p.x)).unzip();
+            s.with_initial(q, v)
+        };
+        let right = Weights::complement_of(std::slice::from_ref(&weights));
+        Ok([
+            fill(Subdomain::coarse(bar, weights), coarse)?,
+            fill(Subdomain::fine(chain, right), fine)?,
+        ])
+    }
+
+    pub(crate) fn build_with(&self, subdomains: Vec<Subdomain<f64>>) -> Result<Coupled<f64>> {
+        Coupled::new(subdomains, vec![self.interface()?], self.step, None)
+    }
+
+    pub(crate) fn build(&self, coarse: Wave, fine: Wave) -> Result<Coupled<f64>> {
+        self.build_with(self.subdomains(coarse, fine)?.into())
+    }
+}
+
+/// At rest.
+pub(crate) fn rest(_: f64) -> (f64, f64) {
+    (0.0, 0.0)
+}
+
+/// `cos⁴(πy/2) cos(k(x − x0))`, `y = (x − x0)/W`, travelling with the given signed speed.
+pub(crate) fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> (f64, f64) {
+    move |x| {
+        let y = (x - x0) / width;
+        if y.abs() >= 1.0 {
+            return (0.0, 0.0);
+        }
+        let half = std::f64::consts::FRAC_PI_2;
+        let (c, s) = ((half * y).cos(), (half * y).sin());
+        let (wave, slope) = ((k * (x - x0)).cos(), -k * (k * (x - x0)).sin());
+        let gradient = -4.0 * c.powi(3) * s * half / width * wave + c.powi(4) * slope;
+        (c.powi(4) * wave, -speed * gradient)
+    }
+}
+
+/// Runs without watching.
+pub(crate) fn run(coupled: &mut Coupled<f64>, steps: usize) -> Result<()> {
+    coupled
+        .run(steps, &mut arlequin::core::observer::Silent)
+        .map(|_| ())
+}
+
+/// Displacement of one subdomain that is largest in modulus, among nodes that satisfy a condition on x.
+pub(crate) fn peak(coupled: &Coupled<f64>, side: usize, keep: impl Fn(f64) -> bool) -> f64 {
+    let s = &coupled.subdomains()[side];
+    let inside = s
+        .model()
+        .nodes()
+        .iter()
+        .zip(&s.state().q)
+        .filter(|(p, _)| keep(p.x));
+    inside
+        .map(|(_, q)| *q)
+        .fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a })
+}
