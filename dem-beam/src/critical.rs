@@ -134,7 +134,7 @@ pub fn lanczos(body: &BondedParticles, steps: usize) -> Result<f64> {
 }
 
 /// Largest eigenvalue of a symmetric tridiagonal matrix and the last entry of its unit vector.
-fn top_ritz(diagonal: &[f64], off: &[f64]) -> (f64, f64) {
+pub(crate) fn top_ritz(diagonal: &[f64], off: &[f64]) -> (f64, f64) {
     let m = diagonal.len();
     let matrix = nalgebra::DMatrix::from_fn(m, m, |r, c| match r.abs_diff(c) {
         0 => diagonal[r],

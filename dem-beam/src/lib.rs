@@ -27,6 +27,7 @@
 //! | [`bond`], [`finite`] | the two laws of one bond, in plain form |
 //! | [`particles`] | flat arrays: bonds, stiffness, masses, weights |
 //! | [`kernel`] | the whole velocity-Verlet step, SIMD chosen at run time, any number of threads |
+//! | [`model`] | the body behind the coupling traits: weights, supports, loads |
 //! | [`critical`] | the critical time step |
 //! | [`statics`], [`calibrate`] | equilibrium, macroscopic E and nu, and the inverse |
 //!
@@ -40,6 +41,7 @@ pub mod critical;
 pub mod error;
 pub mod finite;
 pub mod kernel;
+pub mod model;
 pub mod packing;
 pub mod particles;
 pub mod statics;
@@ -47,5 +49,6 @@ pub mod statics;
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 pub use error::{DemError, Result};
 pub use kernel::{BeamDynamics, Held};
+pub use model::{DemModel, DemReport, LoadShare};
 pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};

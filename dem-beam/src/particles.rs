@@ -97,8 +97,6 @@ impl BondedParticles {
     /// negative weight.
     pub fn set_weights(&mut self, weights: &[f64]) -> Result<()> {
         expect_len("bond weights", weights.len(), self.pairs.len())?;
-        let mut sum = vec![0.0; self.positions.len()];
-        let mut degree = vec![0_u32; self.positions.len()];
         for (b, &w) in weights.iter().enumerate() {
             finite("weight", "bond", b, w)?;
             if w < 0.0 {
@@ -108,18 +106,26 @@ impl BondedParticles {
                     range: "values >= 0",
                 });
             }
-            for e in self.pairs[b] {
-                sum[e as usize] += w;
-                degree[e as usize] += 1;
-            }
         }
         for (bond, &w) in self.bonds.iter_mut().zip(weights) {
             bond.scale = w / bond.axis.norm();
         }
         self.weights.copy_from_slice(weights);
-        let factor: Vec<f64> = sum.iter().zip(&degree).map(|(s, &d)| s / f64::from(d)).collect();
-        self.apply_mass_factors(&factor);
+        self.apply_mass_factors(&self.mean_over_bonds(weights));
         Ok(())
+    }
+
+    /// Mean of bond values over the bonds of each particle.
+    pub(crate) fn mean_over_bonds(&self, values: &[f64]) -> Vec<f64> {
+        let mut sum = vec![0.0; self.positions.len()];
+        let mut degree = vec![0_u32; self.positions.len()];
+        for (pair, w) in self.pairs.iter().zip(values) {
+            for e in pair {
+                sum[*e as usize] += w;
+                degree[*e as usize] += 1;
+            }
+        }
+        sum.iter().zip(&degree).map(|(s, &d)| s / f64::from(d)).collect()
     }
 
     /// Multiplies the unweighted mass and inertia of each particle by `factor`, leaving the

@@ -149,6 +149,66 @@ impl<T: Dispatch, W: Law<T>> Pass<'_, T, W> {
     }
 }
 
+/// How the rotations of a law appear among the unknowns of a coupled model: as vectors `th`.
+pub(crate) trait RotationVector: Law<f64> {
+    /// The row of a particle displaced by `u` (m) and turned by the vector `th` (rad).
+    fn row(u: [f64; 3], th: [f64; 3]) -> Row<f64>;
+    /// `-dU/dth` from the torque `m` on the particle.
+    fn generalised(row: &Row<f64>, m: [f64; 3]) -> [f64; 3];
+}
+
+/// Where a model wants its forces: `x0 y0 z0 x1 ...` and torques in the same order.
+#[derive(Debug)]
+pub(crate) struct Sink<'a> {
+    pub(crate) linear: &'a mut [f64],
+    pub(crate) angular: &'a mut [f64],
+    /// One factor per particle (nodal weights).
+    pub(crate) factors: Option<&'a [f64]>,
+}
+
+impl<W: RotationVector> Pass<'_, f64, W> {
+    /// Adds forces and torques to flat arrays; places must be particle numbers.
+    pub(crate) fn add_forces(&self, rows: &[Row<f64>], sink: Sink<'_>, parallel: bool) {
+        if !parallel {
+            return self.add_from(0, rows, sink);
+        }
+        const SIZE: usize = CHUNK * LANES;
+        let factors = sink.factors;
+        sink.linear
+            .par_chunks_mut(3 * SIZE)
+            .zip(sink.angular.par_chunks_mut(3 * SIZE))
+            .enumerate()
+            .for_each(|(c, (linear, angular))| {
+                let factors = factors.map(|f| &f[c * SIZE..c * SIZE + linear.len() / 3]);
+                let part = Sink {
+                    linear,
+                    angular,
+                    factors,
+                };
+                self.add_from(c * CHUNK, rows, part);
+            });
+    }
+
+    fn add_from(&self, first: usize, rows: &[Row<f64>], sink: Sink<'_>) {
+        f64::dispatch(
+            self.isa,
+            AddForces {
+                pass: self,
+                first,
+                rows,
+                sink,
+            },
+        );
+    }
+}
+
+struct AddForces<'a, 'b, W: Law<f64>> {
+    pass: &'a Pass<'b, f64, W>,
+    first: usize,
+    rows: &'a [Row<f64>],
+    sink: Sink<'a>,
+}
+
 struct Step<'a, 'b, T: Scalar, W: Law<T>> {
     pass: &'a Pass<'b, T, W>,
     first: usize,
@@ -183,6 +243,17 @@ impl<T: Scalar, W: Law<T>> OnLanes<T> for Step<'_, '_, T, W> {
 impl<T: Scalar, W: Law<T>> OnLanes<T> for Forces<'_, '_, T, W> {
     #[inline(always)]
     fn on<L: Lanes<T = T>>(self, l: L) {
+        if self.rows.len() > FAR {
+            l.run(With::<L, Self, true>(l, self));
+        } else {
+            l.run(With::<L, Self, false>(l, self));
+        }
+    }
+}
+
+impl<W: RotationVector> OnLanes<f64> for AddForces<'_, '_, W> {
+    #[inline(always)]
+    fn on<L: Lanes<T = f64>>(self, l: L) {
         if self.rows.len() > FAR {
             l.run(With::<L, Self, true>(l, self));
         } else {
@@ -265,6 +336,39 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Forces<'_, '_, L
             let (_, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, j.first + b);
             for (out, f) in out.iter_mut().zip(f) {
                 out.0 = l.store(f);
+            }
+        }
+    }
+}
+
+impl<L: Lanes<T = f64>, W: RotationVector, const FETCH: bool> Job for With<L, AddForces<'_, '_, W>, FETCH> {
+    #[inline(always)]
+    fn call(self) {
+        let (l, j) = (self.0, self.1);
+        let k = Rigidity::new(l, &j.pass.rigidity);
+        let zero = l.splat(0.0);
+        let Sink {
+            linear,
+            angular,
+            factors,
+        } = j.sink;
+        let parts = linear.chunks_mut(3 * LANES).zip(angular.chunks_mut(3 * LANES));
+        for (b, (linear, angular)) in parts.enumerate() {
+            let block = j.first + b;
+            let (_, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
+            let out = l.untranspose([f[0], f[1], f[2], f[3], f[4], f[5], zero, zero]);
+            let place = linear.chunks_exact_mut(3).zip(angular.chunks_exact_mut(3));
+            for (lane, (force, torque)) in place.enumerate() {
+                let f = out[lane];
+                let m = W::generalised(&j.rows[block * LANES + lane], [f[3], f[4], f[5]]);
+                let w = match factors {
+                    Some(w) => w[b * LANES + lane],
+                    None => 1.0,
+                };
+                for c in 0..3 {
+                    force[c] += w * f[c];
+                    torque[c] += w * m[c];
+                }
             }
         }
     }

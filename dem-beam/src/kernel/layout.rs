@@ -28,7 +28,11 @@ pub(crate) struct Layout<T: Scalar, W: Law<T>> {
 
 impl<T: Scalar, W: Law<T>> Layout<T, W> {
     pub(crate) fn new(body: &BondedParticles) -> Self {
-        let order = block_order(body.positions(), body.pairs());
+        Self::ordered(body, block_order(body.positions(), body.pairs()))
+    }
+
+    /// With the particle of each place given.
+    pub(crate) fn ordered(body: &BondedParticles, order: Vec<u32>) -> Self {
         let n = order.len();
         let mut place = vec![0_u32; n];
         for (k, &i) in order.iter().enumerate() {
