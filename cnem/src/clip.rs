@@ -60,6 +60,12 @@ impl Polyhedron {
         self.points.iter().map(Vector3::norm_squared).fold(0.0, f64::max)
     }
 
+    /// Largest distance of a corner beyond a plane.
+    pub(crate) fn excess(&self, normal: &Vector3<f64>, offset: f64) -> f64 {
+        let beyond = self.points.iter().map(|p| normal.dot(p) - offset);
+        beyond.fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// Keeps the part with `normal . y <= offset`; the cut gets `tag`. True if anything was cut off.
     pub(crate) fn clip(&mut self, normal: &Vector3<f64>, offset: f64, tag: u64) -> bool {
         if !self.points.iter().any(|p| normal.dot(p) > offset) {

@@ -43,6 +43,7 @@ pub mod delaunay;
 pub mod domain;
 pub mod error;
 mod field;
+pub mod generate;
 mod hilbert;
 mod material;
 mod model;

@@ -136,5 +136,5 @@ fn mediator_cells_fill_the_overlap() {
         .with_voronoi_cells()
         .unwrap();
     let sum: f64 = voronoi.cells().iter().map(Cell::measure).sum();
-    assert!((sum / volume - 1.0).abs() < 1e-9);
+    assert!((sum / volume - 1.0).abs() < 1e-9, "{sum} {volume}");
 }

@@ -28,7 +28,7 @@ use gaps::Regions;
 
 /// Relative volume of the domain that may be left out before it is an error; round-off is below 1e-12.
 const VOLUME_TOLERANCE: f64 = 1e-9;
-/// Relative difference of volumes up to which a cell is the convex body its facets bound.
+/// Relative difference of volumes (areas, lengths) up to which a cell is the convex body its facets bound.
 const CONVEX: f64 = 1e-10;
 
 /// What is on the other side of a facet.
@@ -173,11 +173,18 @@ impl Domain {
         let body = &mut work.body;
         let [low, high] = around(self.nodes(), 0.0);
         body.set_cube((high - low).norm(), 0);
-        for f in cells.facets(node) {
-            body.clip(&f.area, f.area.dot(&(f.centroid - seed)), 0);
-        }
         let volume = cells.volumes()[node];
-        if (body.volume() - volume).abs() <= CONVEX * volume {
+        for f in cells.facets(node) {
+            let normal = f.area.normalize();
+            let offset = normal.dot(&(f.centroid - seed));
+            // Facets of one plane bound the body once.
+            if body.excess(&normal, offset) > CONVEX * volume.cbrt() {
+                body.clip(&normal, offset, 0);
+            }
+        }
+        let open: Vector3<f64> = body.faces().map(|f| f.1.area).sum();
+        let closed = open.norm() <= CONVEX * volume.cbrt().powi(2);
+        if closed && (body.volume() - volume).abs() <= CONVEX * volume {
             return vec![to_core(body)];
         }
         work.work.keep = Some(Vec::new());

@@ -133,3 +133,23 @@ fn cells_fill_the_surroundings_of_a_coarse_hole() {
     }
     assert!(handed_over > 0);
 }
+
+/// The bodies that weights are integrated over have the volume and the place of the cells.
+#[test]
+fn bodies_make_up_the_cells() {
+    use arlequin_core::geometry::Cell;
+    let (points, surface) = blocks(4, 0.3, |i, j, _| i < 2 || j < 2);
+    let mut work = CellBodies::default();
+    for (name, domain) in [
+        ("L", Domain::new(&points, &surface).expect("L-shaped block")),
+        ("grid", Domain::new(&grid(5, 0.3, 1), &Surface::convex_hull()).expect("grid")),
+    ] {
+        let cells = domain.voronoi().expect("cells");
+        for i in 0..cells.len() {
+            let bodies = domain.cell_bodies(&cells, i, &mut work);
+            let volume: f64 = bodies.iter().map(Cell::measure).sum();
+            let defect = (volume / cells.volumes()[i] - 1.0).abs();
+            assert!(defect < 1e-9, "{name} {i} {defect:e} {}", bodies.len());
+        }
+    }
+}
