@@ -191,7 +191,11 @@ fn weights_are_means_over_the_voronoi_cells() {
             total += v;
         }
         let sum: f64 = mass.iter().step_by(3).sum();
-        assert!((sum / expected - 1.0).abs() < 1e-12, "{name}: {:e}", sum / expected - 1.0);
+        assert!(
+            (sum / expected - 1.0).abs() < 1e-12,
+            "{name}: {:e}",
+            sum / expected - 1.0
+        );
         model.lumped_inertia(&Ramp, Weighting::Nodal, &mut mass).unwrap();
         let middle = nodes.len() / 2;
         let nodal = 2200.0 * model.cells().volumes()[middle] * (0.25 + 0.5 * nodes[middle].x);

@@ -104,10 +104,16 @@ fn support(path: &str, s: &Support, body: &Body) -> Result<PrescribedMotion<f64>
         let rule = "is empty; name at least one, or remove it for all";
         return Err(key(format!("{path}.components"), rule));
     }
-    let dofs = nodes
+    let mut dofs: Vec<usize> = nodes
         .iter()
         .flat_map(|n| components.iter().map(move |c| n * count + c))
         .collect();
+    let layout = body.model.layout();
+    if s.components.is_none() && s.motion.is_none() && layout.rotations == 3 * layout.nodes {
+        // A clamp holds rotations too.
+        let first = layout.translations();
+        dofs.extend(nodes.iter().flat_map(|n| (0..3).map(move |c| first + 3 * n + c)));
+    }
     Ok(match &s.motion {
         None => PrescribedMotion::fixed(dofs),
         Some(Motion { amplitude, time }) => PrescribedMotion {
@@ -169,6 +175,7 @@ fn torque(path: &str, moment: Vector3<f64>, facets: &[SurfaceFacet<f64>], area: 
     Ok(Box::new(move |f| axis.cross(&(f.centre - centre)) * factor))
 }
 
+/// Forces on the nodes of a model without a surface, shared by mass; a torque as forces `∝ m_i ω × (x_i − c)`.
 fn load_on_nodes(
     path: &str,
     name: &str,
@@ -176,17 +183,51 @@ fn load_on_nodes(
     body: &Body,
     time: TimeFunction<f64>,
 ) -> Result<effect::Load<f64>> {
-    let Some(force) = l.force else {
-        let rule = format!("model '{}' has no surface; give a force [N]", body.model.name());
-        return Err(key(path, rule));
-    };
     let nodes = select::nodes(&format!("{path}.where"), body, &l.at)?;
-    let count = body.model.layout().components;
-    let share = 1.0 / nodes.len() as f64;
-    let forces = nodes
-        .iter()
-        .flat_map(|n| (0..count).map(move |c| (n * count + c, force[c] * share)));
+    let layout = body.model.layout();
+    let count = layout.components;
+    let mut inertia = vec![0.0; layout.dofs()];
+    let one = arlequin::core::weight::Uniform(1.0);
+    let energy = arlequin::core::Weighting::Energy;
+    body.model
+        .lumped_inertia(&one, energy, &mut inertia)
+        .map_err(core(path))?;
+    let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
+    let share = |n: usize| inertia[n * count] / total;
+    let field: Box<dyn Fn(usize) -> Vector3<f64>> = match (l.force, l.torque) {
+        (Some(f), _) => Box::new(move |_| Vector3::from(f)),
+        (None, Some(m)) if count == 3 => nodal_torque(path, Vector3::from(m), body, &nodes, &share)?,
+        _ => {
+            let rule = format!("model '{}' has no surface; give a force [N]", body.model.name());
+            return Err(key(path, rule));
+        }
+    };
+    let forces = nodes.iter().flat_map(|&n| {
+        let f = field(n) * share(n);
+        (0..count).map(move |c| (n * count + c, f[c]))
+    });
     effect::Load::on_dofs(name, forces.collect(), time).map_err(core(path))
+}
+
+fn nodal_torque(
+    path: &str,
+    moment: Vector3<f64>,
+    body: &Body,
+    nodes: &[usize],
+    share: &dyn Fn(usize) -> f64,
+) -> Result<Box<dyn Fn(usize) -> Vector3<f64>>> {
+    let points: Vec<Point3<f64>> = body.model.nodes().to_vec();
+    let sum = |s: Vector3<f64>, n: &usize| s + points[*n].coords * share(*n);
+    let centre = Point3::from(nodes.iter().fold(Vector3::zeros(), sum));
+    let axis = moment.try_normalize(0.0).unwrap_or_default();
+    let lever = |n: usize| axis.cross(&(points[n] - centre));
+    let polar: f64 = nodes.iter().map(|&n| share(n) * lever(n).norm_squared()).sum();
+    if polar <= 0.0 {
+        let rule = "needs a moment other than zero and several nodes around its axis";
+        return Err(key(format!("{path}.torque"), rule));
+    }
+    let factor = moment.norm() / polar;
+    Ok(Box::new(move |n| axis.cross(&(points[n] - centre)) * factor))
 }
 
 fn body_effect(path: &str, e: &Effect) -> Result<Box<dyn effect::Effect<f64>>> {

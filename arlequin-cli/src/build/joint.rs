@@ -71,9 +71,11 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     let junction = junction(&path, table, mediator.spacing())?;
     let options = InterfaceOptions {
         sampling: match table.sampling {
-            SamplingKind::Intersection => Sampling::Intersection,
-            SamplingKind::Projection => Sampling::Projection,
-            SamplingKind::Particles => Sampling::Particles,
+            Some(SamplingKind::Intersection) => Sampling::Intersection,
+            Some(SamplingKind::Projection) => Sampling::Projection,
+            Some(SamplingKind::Particles) => Sampling::Particles,
+            None if sides[1].1.field.samples().is_some() => Sampling::Particles,
+            None => Sampling::Intersection,
         },
         lumped: table.lumped,
         pin: table.pin.map(Point3::from),

@@ -26,6 +26,8 @@ pub(crate) enum Kind {
     Fem,
     /// Constrained natural elements.
     Cnem,
+    /// Spheres joined by cohesive beams.
+    Dem,
     /// Harmonic spring chain along x.
     Chain,
 }
@@ -72,6 +74,7 @@ pub(crate) fn body(name: &str, table: &ModelTable, folder: &Path) -> Result<Body
     match table.kind {
         Kind::Fem => finite_elements(name, &key, table, folder),
         Kind::Cnem => super::natural::body(name, &key, table, folder),
+        Kind::Dem => super::particles::body(name, &key, table),
         Kind::Chain => chain(name, &key, table),
     }
 }

@@ -5,6 +5,7 @@ mod joint;
 mod kinds;
 mod mesh;
 mod natural;
+mod particles;
 mod probe;
 mod select;
 

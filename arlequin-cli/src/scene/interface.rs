@@ -22,9 +22,8 @@ pub(crate) struct Interface {
     /// The scalar product of the constraint.
     #[serde(default)]
     pub(crate) junction: JunctionTable,
-    /// How its integrals are sampled.
-    #[serde(default)]
-    pub(crate) sampling: SamplingKind,
+    /// How its integrals are sampled; at the particles for a particle field, on the intersection otherwise.
+    pub(crate) sampling: Option<SamplingKind>,
     /// Lumped multiplier operator.
     #[serde(default)]
     pub(crate) lumped: bool,
@@ -184,11 +183,10 @@ pub(crate) enum JunctionKind {
 }
 
 /// Sampling of the junction integrals.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum SamplingKind {
-    /// On the common refinement of all cells: exact, hence the default.
-    #[default]
+    /// On the common refinement of all cells: exact.
     Intersection,
     /// At the mediator nodes.
     Projection,

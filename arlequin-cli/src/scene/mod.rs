@@ -13,7 +13,10 @@ pub(crate) use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SamplingKind,
     WeightTable, WeightingKind,
 };
-pub(crate) use model::{CnemTable, Element, Functions, Material, ModelTable, RoleKind, Shape};
+pub(crate) use model::{
+    CnemTable, DemTable, Element, Functions, Material, ModelTable, ParticleFieldKind, Protocol, RoleKind,
+    Shape,
+};
 pub(crate) use source::Source;
 
 use serde::Deserialize;

@@ -25,7 +25,7 @@ pub enum Sampling {
 /// surface differ by that much.
 pub(super) const OVERHANG_LIMIT: f64 = 0.02;
 /// Particle volumes need not fill the mediator exactly.
-const PARTICLE_COVERAGE: f64 = 0.3;
+pub(super) const PARTICLE_COVERAGE: f64 = 0.3;
 
 pub(super) struct Built<T> {
     pub(super) coupling: [Coupling<T>; 2],

@@ -1,6 +1,6 @@
 //! Sums of junction products over sampling points.
 
-use super::assembly::OVERHANG_LIMIT;
+use super::assembly::{OVERHANG_LIMIT, PARTICLE_COVERAGE, Sampling};
 use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::Sample;
@@ -173,7 +173,12 @@ impl<'a, T: Real> Sums<'a, T> {
             lost,
             ..
         } = self;
-        if lost > (measure + lost) * T::of(OVERHANG_LIMIT) {
+        // Particles of one model near a free surface may lie outside the hull of the other; they are not tied.
+        let limit = match spec.options.sampling {
+            Sampling::Particles => PARTICLE_COVERAGE,
+            _ => OVERHANG_LIMIT,
+        };
+        if lost > (measure + lost) * T::of(limit) {
             let (outside, total) = (lost.as_f64(), (lost + measure).as_f64());
             let (interface, model) = (spec.name.clone(), sides[0].name.to_owned());
             return Err(Error::OverhangingMediator {
@@ -185,7 +190,7 @@ impl<'a, T: Real> Sums<'a, T> {
         }
         if lost > T::zero() {
             warnings.push(format!(
-                "{:.2e} of the overlap lies outside one of the models (faceted surface) and is left out on both sides",
+                "{:.2e} of the overlap lies outside one of the models (at the surface) and is left out on both sides",
                 (lost / (measure + lost)).as_f64()
             ));
         }

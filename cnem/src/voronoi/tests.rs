@@ -142,7 +142,10 @@ fn bodies_make_up_the_cells() {
     let mut work = CellBodies::default();
     for (name, domain) in [
         ("L", Domain::new(&points, &surface).expect("L-shaped block")),
-        ("grid", Domain::new(&grid(5, 0.3, 1), &Surface::convex_hull()).expect("grid")),
+        (
+            "grid",
+            Domain::new(&grid(5, 0.3, 1), &Surface::convex_hull()).expect("grid"),
+        ),
     ] {
         let cells = domain.voronoi().expect("cells");
         for i in 0..cells.len() {
