@@ -289,10 +289,11 @@ impl Domain {
 
     /// A tetrahedron of the domain that holds `x`, up to the tolerance; `near` is scratch.
     pub(crate) fn locate(&self, x: &Point3<f64>, near: &mut Vec<u32>) -> Result<u32> {
-        self.search(x, self.tolerance, near).ok_or_else(|| Error::OutsideDomain {
-            point: (*x).into(),
-            tolerance: self.tolerance,
-        })
+        self.search(x, self.tolerance, near)
+            .ok_or_else(|| Error::OutsideDomain {
+                point: (*x).into(),
+                tolerance: self.tolerance,
+            })
     }
 
     /// A tetrahedron of the domain within a distance of `x`, relative to the largest coordinate.
@@ -332,7 +333,9 @@ impl Domain {
 
     /// Tetrahedra in the order of [`Domain::elements`].
     pub(crate) fn element_ids(&self) -> Vec<u32> {
-        (0..self.inside.len() as u32).filter(|&t| self.inside[t as usize]).collect()
+        (0..self.inside.len() as u32)
+            .filter(|&t| self.inside[t as usize])
+            .collect()
     }
 
     /// Vertices of a tetrahedron.
@@ -344,7 +347,11 @@ impl Domain {
     pub(crate) fn linear_at_node(&self, node: usize, x: &Point3<f64>) -> Result<([usize; 4], [f64; 4])> {
         let mut star = Vec::new();
         self.delaunay.star(node as u32, &mut star);
-        let far = |t: u32| self.plane_distances(t, x).into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let far = |t: u32| {
+            self.plane_distances(t, x)
+                .into_iter()
+                .fold(f64::NEG_INFINITY, f64::max)
+        };
         let inside = star.into_iter().filter(|&t| self.inside[t as usize]);
         let nearest = inside.map(|t| (far(t), t)).min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, tet)) = nearest else {

@@ -114,7 +114,9 @@ impl NaturalField {
         let mut scratch = popped.unwrap_or_default();
         row.clear();
         let found = match tet {
-            Some(tet) => Ok(self.domain.shape_within(self.kind, x, tet, &mut scratch, gradient)),
+            Some(tet) => Ok(self
+                .domain
+                .shape_within(self.kind, x, tet, &mut scratch, gradient)),
             None if gradient => self.domain.shape_with_gradients(self.kind, x, &mut scratch),
             None => self.domain.shape(self.kind, x, &mut scratch),
         };
@@ -160,7 +162,12 @@ impl Interpolation<f64> for NaturalField {
         self.domain.nodes()
     }
 
-    fn shape_at(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> arlequin_core::Result<()> {
+    fn shape_at(
+        &self,
+        x: &Point3<f64>,
+        gradient: bool,
+        row: &mut ShapeRow<f64>,
+    ) -> arlequin_core::Result<()> {
         self.evaluate(None, x, gradient, row)
     }
 
@@ -226,7 +233,11 @@ impl CnemMediator {
     /// [`crate::Error::Parameter`] unless it is positive and finite.
     pub fn with_spacing(mut self, spacing: f64) -> Result<Self> {
         if !(spacing.is_finite() && spacing > 0.0) {
-            return Err(parameter("mediator spacing", spacing, "must be positive and finite [m]"));
+            return Err(parameter(
+                "mediator spacing",
+                spacing,
+                "must be positive and finite [m]",
+            ));
         }
         self.spacing = spacing;
         Ok(self)
@@ -254,7 +265,12 @@ impl Interpolation<f64> for CnemMediator {
     fn nodes(&self) -> &[Point3<f64>] {
         self.field.nodes()
     }
-    fn shape_at(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> arlequin_core::Result<()> {
+    fn shape_at(
+        &self,
+        x: &Point3<f64>,
+        gradient: bool,
+        row: &mut ShapeRow<f64>,
+    ) -> arlequin_core::Result<()> {
         self.field.shape_at(x, gradient, row)
     }
     fn shape_in(

@@ -105,7 +105,11 @@ impl Cylinder {
             return Err(parameter("layers", self.layers, "at least two are needed"));
         }
         if !(0.0..=0.45).contains(&self.jitter) {
-            return Err(parameter("jitter", self.jitter, "must be between 0 and 0.45 spacings"));
+            return Err(parameter(
+                "jitter",
+                self.jitter,
+                "must be between 0 and 0.45 spacings",
+            ));
         }
         Domain::new(&self.nodes(), &Surface::convex_hull())
     }
@@ -124,7 +128,11 @@ pub fn block(
 ) -> Result<Vec<Point3<f64>>> {
     let extent = high - low;
     if !extent.iter().all(|e| e.is_finite() && *e > 0.0) {
-        return Err(parameter("extent of the block", extent, "must be positive and finite [m]"));
+        return Err(parameter(
+            "extent of the block",
+            extent,
+            "must be positive and finite [m]",
+        ));
     }
     if steps.contains(&0) {
         return Err(parameter("steps", format_args!("{steps:?}"), "must be positive"));

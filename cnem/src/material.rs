@@ -34,7 +34,11 @@ impl Elastic {
             ));
         }
         if !positive(density) {
-            return Err(parameter("density", density, "must be positive and finite [kg/m3]"));
+            return Err(parameter(
+                "density",
+                density,
+                "must be positive and finite [kg/m3]",
+            ));
         }
         Ok(Self {
             young,

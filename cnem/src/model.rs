@@ -7,7 +7,8 @@
 //!
 //! The mass of a node is that of its own cell alone, but its stiffness comes from the cells around it as well: a weight
 //! that falls to zero within one spacing leaves light nodes on stiff neighbours. The critical step therefore depends
-//! on the smallest weight, unlike that of models whose mass is shared over elements; `ε` of a few per cent keeps it.
+//! on the smallest weight, unlike that of models whose mass is shared over elements. Measured with a weight that falls
+//! to `ε` over four spacings: 0.99 / 0.87 / 0.35 of the unweighted step for `ε` = 0.05 / 0.005 / 0.0005.
 
 use crate::domain::Domain;
 use crate::error::{Error, Result, parameter};
@@ -159,7 +160,12 @@ impl CnemModel {
                 normal: f.area / area,
             }
         };
-        let found: Vec<_> = self.boundary().iter().filter(|f| select(f)).map(to_core).collect();
+        let found: Vec<_> = self
+            .boundary()
+            .iter()
+            .filter(|f| select(f))
+            .map(to_core)
+            .collect();
         if found.is_empty() {
             return Err(self.nothing("boundary facet", self.boundary().len()));
         }

@@ -79,13 +79,22 @@ fn outside_is_an_error_but_round_off_is_not() {
         let found = field.shape_at(&x, true, &mut row);
         assert_eq!(found.is_ok(), good, "{off:e}");
         if good {
-            let at: f64 = row.nodes.iter().zip(&row.values).map(|(&k, v)| field.nodes()[k].x * v).sum();
+            let at: f64 = row
+                .nodes
+                .iter()
+                .zip(&row.values)
+                .map(|(&k, v)| field.nodes()[k].x * v)
+                .sum();
             assert!((at - x.x).abs() < 1e-13);
         } else {
             assert!(matches!(found, Err(Error::OutsideDomain { .. })));
         }
     }
-    assert!(field.shape_at(&Point3::new(f64::NAN, 0.0, 0.0), false, &mut row).is_err());
+    assert!(
+        field
+            .shape_at(&Point3::new(f64::NAN, 0.0, 0.0), false, &mut row)
+            .is_err()
+    );
 }
 
 #[test]
@@ -115,12 +124,17 @@ fn mediator_cells_fill_the_overlap() {
     assert!((other / volume - 1.0).abs() < 1e-9, "{other} {volume}");
     let mut row = ShapeRow::default();
     voronoi.shape_in(0, &points[0], false, &mut row).unwrap();
-    assert_eq!((row.nodes.as_slice(), row.values.as_slice()), (&[0][..], &[1.0][..]));
+    assert_eq!(
+        (row.nodes.as_slice(), row.values.as_slice()),
+        (&[0][..], &[1.0][..])
+    );
     assert!(mediator.clone().with_spacing(0.0).is_err());
     // Re-entrant bodies have cells that are not convex: they come in parts.
     let block = block([4, 4, 3], 0.3, 0.3, 2, |i, j, _| i < 2 || j < 2);
     let volume = block.volume();
-    let voronoi = CnemMediator::new(block, Kind::Laplace).with_voronoi_cells().unwrap();
+    let voronoi = CnemMediator::new(block, Kind::Laplace)
+        .with_voronoi_cells()
+        .unwrap();
     let sum: f64 = voronoi.cells().iter().map(Cell::measure).sum();
     assert!((sum / volume - 1.0).abs() < 1e-9, "{sum} {volume}");
 }

@@ -39,8 +39,14 @@ fn bodies() -> Vec<(&'static str, Domain)> {
     vec![
         ("jittered cube", block([4, 4, 4], 0.25, 0.3, 1, |_, _, _| true)),
         ("grid", block([4, 3, 3], 0.25, 0.0, 1, |_, _, _| true)),
-        ("L-block", block([4, 4, 3], 0.25, 0.3, 2, |i, j, _| i < 2 || j < 2)),
-        ("block with a hole", block([5, 5, 5], 0.2, 0.3, 3, |i, j, k| i != 2 || j != 2 || k != 2)),
+        (
+            "L-block",
+            block([4, 4, 3], 0.25, 0.3, 2, |i, j, _| i < 2 || j < 2),
+        ),
+        (
+            "block with a hole",
+            block([5, 5, 5], 0.2, 0.3, 3, |i, j, k| i != 2 || j != 2 || k != 2),
+        ),
         ("random points", random(150, 4)),
     ]
 }
@@ -60,16 +66,24 @@ fn patch_test() {
     for (name, domain) in bodies() {
         for options in all_options() {
             let mut border = vec![false; domain.nodes().len()];
-            domain.constrained_faces().for_each(|f| f.0.iter().for_each(|&v| border[v] = true));
+            domain
+                .constrained_faces()
+                .for_each(|f| f.0.iter().for_each(|&v| border[v] = true));
             let fixed: Vec<bool> = border.iter().flat_map(|b| [*b; 3]).collect();
             assert!(border.contains(&false));
             let model = CnemModel::new("patch", domain.clone(), silica(), options).unwrap();
             let exact = linear(&gradient(), model.nodes());
             let mut u = exact.clone();
-            u.iter_mut().zip(&fixed).for_each(|(u, f)| *u *= f64::from(u8::from(*f)));
+            u.iter_mut()
+                .zip(&fixed)
+                .for_each(|(u, f)| *u *= f64::from(u8::from(*f)));
             solve(&model.stiffness(), &fixed, &vec![0.0; u.len()], &mut u);
             let error: Vec<f64> = u.iter().zip(&exact).map(|(a, b)| a - b).collect();
-            assert!(largest(&error) <= 1e-11 * largest(&exact), "{name} {options:?}: {:e}", largest(&error));
+            assert!(
+                largest(&error) <= 1e-11 * largest(&exact),
+                "{name} {options:?}: {:e}",
+                largest(&error)
+            );
         }
     }
 }
@@ -93,7 +107,11 @@ fn tractions_balance_a_constant_stress() {
                     (0..3).for_each(|a| f[3 * node + a] += t[a] * share);
                 }
             }
-            assert!(largest(&f) <= 1e-11 * scale, "{name} {options:?}: {:e}", largest(&f) / scale);
+            assert!(
+                largest(&f) <= 1e-11 * scale,
+                "{name} {options:?}: {:e}",
+                largest(&f) / scale
+            );
         }
     }
 }
@@ -120,8 +138,14 @@ fn conforms_to_the_core() {
             model.set_internal_weight(&Wave, Weighting::Energy).unwrap();
             let rigid = conformance::rigid_forces(&mut model).unwrap();
             assert!(rigid < 1e-11, "{name} {options:?}: {rigid:e}");
-            assert!(conformance::forces_derive_from_energy(&mut model, 1e-3).unwrap() < 1e-8, "{name}");
-            assert!(conformance::symmetric_forces(&mut model, 1e-3).unwrap() < 1e-13, "{name}");
+            assert!(
+                conformance::forces_derive_from_energy(&mut model, 1e-3).unwrap() < 1e-8,
+                "{name}"
+            );
+            assert!(
+                conformance::symmetric_forces(&mut model, 1e-3).unwrap() < 1e-13,
+                "{name}"
+            );
             let k = model.stiffness();
             assert!(k.iter().all(|(v, (i, j))| k.get(j, i) == Some(v)));
         }
@@ -167,7 +191,11 @@ fn weights_are_means_over_the_voronoi_cells() {
             total += v;
         }
         let sum: f64 = mass.iter().step_by(3).sum();
-        assert!((sum / expected - 1.0).abs() < 1e-12, "{name}: {:e}", sum / expected - 1.0);
+        assert!(
+            (sum / expected - 1.0).abs() < 1e-12,
+            "{name}: {:e}",
+            sum / expected - 1.0
+        );
         model.lumped_inertia(&Ramp, Weighting::Nodal, &mut mass).unwrap();
         let middle = nodes.len() / 2;
         let nodal = 2200.0 * model.cells().volumes()[middle] * (0.25 + 0.5 * nodes[middle].x);
@@ -191,15 +219,24 @@ fn nodal_weighting_scales_forces() {
         let w = Ramp.at(&model.nodes()[i / 3]);
         assert!((g[i] - w * f[i]).abs() <= 1e-14 * largest(&f));
     }
-    model.set_internal_weight(&Uniform(0.5), Weighting::Energy).unwrap();
+    model
+        .set_internal_weight(&Uniform(0.5), Weighting::Energy)
+        .unwrap();
     g.fill(0.0);
     model.add_internal_forces(&u, &mut g).unwrap();
     let scale = largest(&f);
-    assert!(f.iter().zip(&g).all(|(f, g)| (0.5 * f - g).abs() <= 1e-14 * scale));
+    assert!(
+        f.iter()
+            .zip(&g)
+            .all(|(f, g)| (0.5 * f - g).abs() <= 1e-14 * scale)
+    );
 }
 
 fn forces_with(threads: usize) -> (Vec<u64>, u64) {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap();
     pool.install(|| {
         let domain = block([10, 10, 8], 0.1, 0.3, 1, |_, _, _| true);
         let mut model = CnemModel::new("block", domain, silica(), Options::default()).unwrap();
@@ -208,7 +245,10 @@ fn forces_with(threads: usize) -> (Vec<u64>, u64) {
         let u: Vec<f64> = (0..model.layout().dofs()).map(|_| next()).collect();
         let mut f = vec![0.0; u.len()];
         model.add_internal_forces(&u, &mut f).unwrap();
-        (f.into_iter().map(f64::to_bits).collect(), model.internal_energy(&u).to_bits())
+        (
+            f.into_iter().map(f64::to_bits).collect(),
+            model.internal_energy(&u).to_bits(),
+        )
     })
 }
 
@@ -222,12 +262,51 @@ fn thread_counts_give_the_same_bits() {
 #[test]
 fn wrong_input_is_named() {
     let domain = block([2, 2, 2], 0.5, 0.0, 1, |_, _, _| true);
-    let options = Options { stabilisation: Stabilisation::SubCells(-0.1), ..Options::default() };
+    let options = Options {
+        stabilisation: Stabilisation::SubCells(-0.1),
+        ..Options::default()
+    };
     let error = CnemModel::new("cube", domain.clone(), silica(), options).err();
-    assert!(matches!(error, Some(cnem::Error::Parameter { name: "stabilisation", .. })));
+    assert!(matches!(
+        error,
+        Some(cnem::Error::Parameter {
+            name: "stabilisation",
+            ..
+        })
+    ));
     let mut model = CnemModel::new("cube", domain, silica(), Options::default()).unwrap();
-    assert!(matches!(model.select_nodes(|p| p.x > 9.0), Err(cnem::Error::EmptySelection { candidates: 27, .. })));
-    assert!(matches!(model.surface(|_| false), Err(cnem::Error::EmptySelection { .. })));
+    assert!(matches!(
+        model.select_nodes(|p| p.x > 9.0),
+        Err(cnem::Error::EmptySelection { candidates: 27, .. })
+    ));
+    assert!(matches!(
+        model.surface(|_| false),
+        Err(cnem::Error::EmptySelection { .. })
+    ));
     assert!(model.add_internal_forces(&[0.0; 3], &mut [0.0; 81]).is_err());
     assert!(cnem::Elastic::new(1.0, 0.5, 1.0).is_err());
+}
+
+/// The critical step under a weight that falls from 1 to `ε` over half the body, against the unweighted one.
+#[test]
+fn small_weights_shorten_the_step() {
+    struct Fall(f64);
+    impl Weight<f64> for Fall {
+        fn at(&self, x: &Point3<f64>) -> f64 {
+            self.0 + (1.0 - self.0) * ((0.75 - x.x) / 0.5).clamp(0.0, 1.0)
+        }
+    }
+    let domain = block([8, 4, 4], 0.125, 0.2, 1, |_, _, _| true);
+    let mut model = CnemModel::new("bar", domain, silica(), Options::default()).unwrap();
+    let mut mass = vec![0.0; model.layout().dofs()];
+    let mut step = |weight: &dyn Weight<f64>, weighting| {
+        model.set_internal_weight(weight, weighting).unwrap();
+        model.lumped_inertia(weight, weighting, &mut mass).unwrap();
+        let inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
+        model.critical_step(&inverse).unwrap()
+    };
+    let free = step(&Uniform(1.0), Weighting::Energy);
+    let ratios = [0.05, 0.005, 0.0005].map(|e| step(&Fall(e), Weighting::Energy) / free);
+    println!("critical step with smallest weight 0.05, 0.005, 0.0005: {ratios:?}");
+    assert!(ratios[0] > 0.5);
 }

@@ -231,7 +231,11 @@ pub(crate) fn linear_gradients(p: &[Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64)
 }
 
 /// Linear functions of a tetrahedron at any point, from their gradients.
-pub(crate) fn linear_values(p: &[Point3<f64>; 4], gradients: &[Vector3<f64>; 4], x: &Point3<f64>) -> [f64; 4] {
+pub(crate) fn linear_values(
+    p: &[Point3<f64>; 4],
+    gradients: &[Vector3<f64>; 4],
+    x: &Point3<f64>,
+) -> [f64; 4] {
     let value = |k: usize| gradients[k].dot(&(x - p[0]));
     let [b, c, d] = [value(1), value(2), value(3)];
     [1.0 - b - c - d, b, c, d]

@@ -83,7 +83,12 @@ impl<'a> Parts<'a> {
             entries: Incidence::new(n, &smoothing.nodes),
             corners: Incidence::new(n, sub.tets.as_flattened()),
             alpha,
-            tet_weights: sub.tets.iter().zip(&sub.weights).map(|(t, w)| w * share(t)).collect(),
+            tet_weights: sub
+                .tets
+                .iter()
+                .zip(&sub.weights)
+                .map(|(t, w)| w * share(t))
+                .collect(),
         }
     }
 
@@ -99,7 +104,9 @@ impl<'a> Parts<'a> {
             }
         }
         out.sort_unstable();
-        out.iter().enumerate().for_each(|(at, &k)| slot[k as usize] = at as u32);
+        out.iter()
+            .enumerate()
+            .for_each(|(at, &k)| slot[k as usize] = at as u32);
         out
     }
 

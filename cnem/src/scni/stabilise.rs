@@ -25,7 +25,7 @@ pub enum Stabilisation {
 
 impl Default for Stabilisation {
     fn default() -> Self {
-        Self::SubCells(0.05)
+        Self::SubCells(0.1)
     }
 }
 

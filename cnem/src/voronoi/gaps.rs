@@ -102,7 +102,10 @@ impl Regions {
                 }
             }
             tets.sort_unstable();
-            self.regions.push(Region { tets, nodes: Vec::new() });
+            self.regions.push(Region {
+                tets,
+                nodes: Vec::new(),
+            });
         }
     }
 

@@ -189,7 +189,13 @@ impl Domain {
         }
         work.work.keep = Some(Vec::new());
         work.work.clipped(self, &cells.regions, node as u32);
-        work.work.keep.take().unwrap_or_default().iter().map(to_core).collect()
+        work.work
+            .keep
+            .take()
+            .unwrap_or_default()
+            .iter()
+            .map(to_core)
+            .collect()
     }
 }
 

@@ -95,7 +95,10 @@ fn a_node_close_to_a_coarse_crack() {
     let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
     let cells = assert_closed(&domain);
     let gaps = cells.gaps();
-    assert!(gaps.tetrahedra > 0 && gaps.regions > 0 && gaps.volume > 1e-9, "{gaps:?}");
+    assert!(
+        gaps.tetrahedra > 0 && gaps.regions > 0 && gaps.volume > 1e-9,
+        "{gaps:?}"
+    );
 }
 
 /// A coarse cubic hole among scattered nodes.
@@ -104,7 +107,14 @@ fn cells_fill_the_surroundings_of_a_coarse_hole() {
     let corners = |low: f64, high: f64| {
         (0..8).map(move |i| Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 1 { high } else { low })))
     };
-    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let quads = [
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+    ];
     let skin = |first: usize| {
         quads
             .iter()
@@ -132,7 +142,10 @@ fn bodies_make_up_the_cells() {
     let mut work = CellBodies::default();
     for (name, domain) in [
         ("L", Domain::new(&points, &surface).expect("L-shaped block")),
-        ("grid", Domain::new(&grid(5, 0.3, 1), &Surface::convex_hull()).expect("grid")),
+        (
+            "grid",
+            Domain::new(&grid(5, 0.3, 1), &Surface::convex_hull()).expect("grid"),
+        ),
     ] {
         let cells = domain.voronoi().expect("cells");
         for i in 0..cells.len() {
