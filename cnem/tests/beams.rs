@@ -31,7 +31,7 @@ fn slender_beam_in_tension() {
     }
 }
 
-/// Differences from the truth at the two sizes \[%\]: frequencies axial, bending, torsion, then the static U_x, U_y, rotation.
+/// Differences from the truth at the two sizes \[%\]: frequencies axial, bending, torsion, then the static deflections.
 fn thick(rings: usize, layers: usize, jitter: f64, options: Options) -> [f64; 6] {
     let b = study(options, &cylinder(false, rings, layers, jitter));
     let mut out = [0.0; 6];

@@ -23,42 +23,6 @@ fn cube(steps: usize, jitter: f64) -> Domain {
     Domain::new(&nodes, &Surface::convex_hull()).unwrap()
 }
 
-fn amounts() -> [Stabilisation; 5] {
-    [0.0, 0.05, 0.1, 0.2, 0.5].map(|a| {
-        if a > 0.0 {
-            Stabilisation::SubCells(a)
-        } else {
-            Stabilisation::None
-        }
-    })
-}
-
-#[test]
-#[ignore = "a study; run with --release --ignored --nocapture"]
-fn study_of_the_manufactured_solution() {
-    for kind in [Kind::Laplace, Kind::Sibson] {
-        for stabilisation in amounts() {
-            let options = Options { kind, stabilisation };
-            for jitter in [0.0, 0.2] {
-                let errors = [4, 6, 8, 12].map(|n| (n, mms(cube(n, jitter), options)));
-                print!("{kind:?} {stabilisation:?} jitter {jitter}:");
-                for pair in errors.windows(2) {
-                    let ((n, e), (m, f)) = (pair[0], pair[1]);
-                    let order = |k: usize| (e[k] / f[k]).ln() / (m as f64 / n as f64).ln();
-                    print!(
-                        "  {m}: {:.4} ({:.2}) H1 {:.3} ({:.2})",
-                        f[0],
-                        order(0),
-                        f[1],
-                        order(1)
-                    );
-                }
-                println!();
-            }
-        }
-    }
-}
-
 #[test]
 fn manufactured_solution_converges() {
     for (kind, jitter) in [(Kind::Laplace, 0.0), (Kind::Laplace, 0.2), (Kind::Sibson, 0.2)] {
