@@ -40,7 +40,7 @@ pub enum Side {
     Face(usize),
 }
 
-/// Facet of a cell: all of the common boundary with one neighbour or one constrained face.
+/// Facet of a cell: all of the common boundary with one neighbour or one side of a constrained face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
     /// What is on the other side.
