@@ -1,172 +1,52 @@
-//! Static deflections and frequencies of two silica beams against the three-dimensional solution and beam theory.
+//! Static deflections and frequencies of two silica beams against the three-dimensional solution.
 //!
 //! Beam A: 20 mm by 2 mm, axial; beam B: 100 mm by 20 mm, axial, bending and torsion. Clamped at x = 0.
-//! `beams [rings layers [jitter]]...` prints one line per node set, kind and amount of stabilisation.
+//! `beams [beam rings layers jitter]...` (beam 0 is A, 1 is B) prints a table for both kinds of shape functions and several
+//! amounts of stabilisation.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
     reason = "an example prints its results and stops at the first error"
 )]
 
+#[path = "../tests/common/beam.rs"]
+mod beam;
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::{Uniform, Weighting};
-use cnem::generate::Cylinder;
+use beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 use cnem::natural::Kind;
-use cnem::{CnemModel, Options, Stabilisation};
-use common::{lowest, silica, solve};
-use nalgebra::Vector3;
-use std::time::Instant;
+use cnem::{Options, Stabilisation};
 
-fn frequency(value: f64) -> f64 {
-    value.sqrt() / (2.0 * std::f64::consts::PI)
-}
-
-/// Mean of a motion at the free end under a traction.
-fn statics(model: &CnemModel, length: f64, load: &dyn Fn(Vector3<f64>) -> Vector3<f64>) -> Vec<f64> {
-    let n = model.layout().dofs();
-    let mut f = vec![0.0; n];
-    let tolerance = 1e-9 * length;
-    for facet in model
-        .surface(|f| (f.centroid.x - length).abs() < tolerance)
-        .unwrap()
-    {
-        let t = load(facet.centre.coords);
-        for (node, share) in facet.nodes.iter().zip(&facet.shares) {
-            (0..3).for_each(|a| f[3 * node + a] += t[a] * share);
-        }
-    }
-    let fixed: Vec<bool> = model
-        .nodes()
-        .iter()
-        .flat_map(|p| [p.x.abs() < tolerance; 3])
-        .collect();
-    let mut u = vec![0.0; n];
-    solve(&model.stiffness(), &fixed, &f, &mut u);
-    u
-}
-
-/// Area means over the end: displacement and rotation about x.
-fn end_motion(model: &CnemModel, length: f64, u: &[f64]) -> (Vector3<f64>, f64) {
-    let (mut mean, mut area, mut twist, mut polar) = (Vector3::zeros(), 0.0, 0.0, 0.0);
-    for facet in model
-        .surface(|f| (f.centroid.x - length).abs() < 1e-9 * length)
-        .unwrap()
-    {
-        let mut v = Vector3::zeros();
-        for (node, share) in facet.nodes.iter().zip(&facet.shares) {
-            v += Vector3::new(u[3 * node], u[3 * node + 1], u[3 * node + 2]) * *share;
-        }
-        mean += v;
-        area += facet.area();
-        let c = facet.centre;
-        twist += c.y * v.z - c.z * v.y;
-        polar += (c.y * c.y + c.z * c.z) * facet.area();
-    }
-    (mean / area, twist / polar)
-}
-
-fn study(kind: Kind, amount: f64, shape: &Cylinder) {
-    let length = shape.x[1];
-    let slender = length < 0.05;
-    let start = Instant::now();
-    let options = Options {
-        kind,
-        stabilisation: if amount > 0.0 {
-            Stabilisation::SubCells(amount)
-        } else {
-            Stabilisation::None
-        },
-    };
-    let mut model = CnemModel::new("beam", shape.domain().unwrap(), silica(), options).unwrap();
-    let setup = start.elapsed().as_secs_f64();
-    let r = shape.radius;
-    let area = std::f64::consts::PI * r * r;
-    let polar = 0.5 * area * r * r;
-    let mut mass = vec![0.0; model.layout().dofs()];
-    model
-        .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut mass)
-        .unwrap();
-    let inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
-    let step = model.critical_step(&inverse).unwrap();
-    let clamped: Vec<bool> = model
-        .nodes()
-        .iter()
-        .flat_map(|p| [p.x.abs() < 1e-9 * length; 3])
-        .collect();
-    let start = Instant::now();
-    let k = model.stiffness();
-    let modes = lowest(&k, &mass, &clamped, 14);
-    let solving = start.elapsed().as_secs_f64();
-    let mut f = [Vec::new(), Vec::new(), Vec::new()];
-    for (value, mode) in &modes {
-        let e = |a: usize| -> f64 {
-            (0..mode.len() / 3)
-                .map(|i| mass[3 * i] * mode[3 * i + a].powi(2))
-                .sum()
-        };
-        let [x, y, z] = [e(0), e(1), e(2)];
-        let (mean, _) = end_motion(&model, length, mode);
-        let slot = if x > y + z {
-            0
-        } else if mean.yz().norm() > 1e-3 * mode.iter().fold(0.0, |m: f64, v| m.max(v.abs())) {
-            1
-        } else {
-            2
-        };
-        f[slot].push(frequency(*value));
-    }
-    let ux = end_motion(
-        &model,
-        length,
-        &statics(&model, length, &|_| Vector3::x() * (1e3 / area)),
-    )
-    .0
-    .x * 1e3;
-    let uy = end_motion(
-        &model,
-        length,
-        &statics(&model, length, &|_| Vector3::y() * (1e3 / area)),
-    )
-    .0
-    .y * 1e3;
-    let theta = end_motion(
-        &model,
-        length,
-        &statics(&model, length, &|p| Vector3::new(0.0, -p.z, p.y) * (10.0 / polar)),
-    )
-    .1;
-    let percent = |value: Option<&f64>, truth: f64| value.map_or(f64::NAN, |v| 100.0 * (v / truth - 1.0));
-    println!(
-        "{} n {:5} {kind:?} a {amount:4.2}: step {step:.2e} s, set-up {setup:.2} s, blocks/row {:.0}, modes {solving:.1} s",
-        if slender { 'A' } else { 'B' },
-        model.nodes().len(),
-        model.stored_blocks() as f64 / model.nodes().len() as f64
+fn row(options: Options, sizes: [f64; 4]) {
+    let shape = cylinder(sizes[0] == 0.0, sizes[1] as usize, sizes[2] as usize, sizes[3]);
+    let b = study(options, &shape);
+    let row = b.blocks as f64 / b.nodes as f64;
+    print!(
+        "{:5} nodes, {row:.0} blocks a row, critical step {:.2e} s: ",
+        b.nodes, b.step
     );
-    if slender {
-        let truth = [71815.0, 215369.0, 358690.0];
-        let d: Vec<String> = (0..3)
-            .map(|i| format!("{:+.2}", percent(f[0].get(i), truth[i])))
-            .collect();
+    if sizes[0] == 0.0 {
+        let f = axial_frequencies(options, &shape, &SLENDER.0);
         println!(
-            "   U_x {ux:.5} mm ({:+.2} %), f {:?} ({} %)",
-            percent(Some(&ux), 0.08775),
-            &f[0],
-            d.join(" ")
+            "U_x {:.5} mm ({:+.2} %), axial f {:.0} {:.0} {:.0} Hz ({:+.2} {:+.2} {:+.2} %)",
+            b.deflections[0] * 1e3,
+            percent(b.deflections[0], SLENDER.1),
+            f[0],
+            f[1],
+            f[2],
+            percent(f[0], SLENDER.0[0]),
+            percent(f[1], SLENDER.0[1]),
+            percent(f[2], SLENDER.0[2])
         );
-    } else {
-        println!(
-            "   f axial {:+.2} bending {:+.2} torsion {:+.2} | U_x {:+.2} U_y {:+.2} theta {:+.2} %",
-            percent(f[0].first(), 14372.0),
-            percent(f[1].first(), 1577.0),
-            percent(f[2].first(), 9381.8),
-            percent(Some(&ux), 4.384e-3),
-            percent(Some(&uy), 0.5950),
-            percent(Some(&theta), 2.055e-3)
-        );
+        return;
     }
+    let f = [0, 1, 2].map(|k| percent(b.frequencies[k], THICK.0[k]));
+    let u = [0, 1, 2].map(|k| percent(b.deflections[k], THICK.1[k]));
+    println!(
+        "f axial {:+.2} bending {:+.2} torsion {:+.2}, U_x {:+.2} U_y {:+.2} theta {:+.2} %",
+        f[0], f[1], f[2], u[0], u[1], u[2]
+    );
 }
 
 fn main() {
@@ -174,25 +54,23 @@ fn main() {
     let sets: Vec<[f64; 4]> = if args.is_empty() {
         vec![
             [0.0, 2.0, 33.0, 0.0],
-            [1.0, 2.0, 33.0, 0.0],
-            [1.0, 3.0, 43.0, 0.0],
+            [1.0, 3.0, 17.0, 0.0],
+            [1.0, 4.0, 26.0, 0.0],
         ]
     } else {
-        args.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect()
+        args.as_chunks::<4>().0.to_vec()
     };
-    for [beam, rings, layers, jitter] in sets {
-        let (length, radius) = if beam > 0.0 { (0.1, 0.01) } else { (0.02, 0.001) };
-        let shape = Cylinder {
-            x: [0.0, length],
-            radius,
-            rings: rings as usize,
-            layers: layers as usize,
-            jitter,
-            seed: 1,
-        };
+    for sizes in sets {
+        println!("beam {}", if sizes[0] == 0.0 { 'A' } else { 'B' });
         for kind in [Kind::Laplace, Kind::Sibson] {
-            for amount in [0.0, 0.02, 0.05, 0.1, 0.2] {
-                study(kind, amount, &shape);
+            for amount in [0.0, 0.05, 0.1, 0.2] {
+                print!("{kind:8?} a {amount:.2} ");
+                let stabilisation = if amount > 0.0 {
+                    Stabilisation::SubCells(amount)
+                } else {
+                    Stabilisation::None
+                };
+                row(Options { kind, stabilisation }, sizes);
             }
         }
     }

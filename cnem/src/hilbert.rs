@@ -27,6 +27,28 @@ pub(crate) fn insertion_order(points: &[Point3<f64>]) -> Vec<u32> {
     keyed.into_iter().map(|(_, i)| i).collect()
 }
 
+/// Order of points along the curve: a permutation of their indices.
+///
+/// Nodes that are close in space should be close in memory: the internal forces of a model on nodes in a random order
+/// wait for it. Number nodes this way before the domain is made, and translate surfaces with
+/// [`crate::constraint::Surface::renumbered`]; the node sets of [`crate::generate`] are in a good order already.
+///
+/// ```
+/// use nalgebra::Point3;
+/// let points = [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [1.0, 0.0, 0.0]].map(Point3::from);
+/// assert_eq!(cnem::spatial_order(&points), [0, 2, 1]);
+/// ```
+pub fn spatial_order(points: &[Point3<f64>]) -> Vec<usize> {
+    let (low, scale) = frame(points);
+    let mut keyed: Vec<(u64, usize)> = points
+        .iter()
+        .enumerate()
+        .map(|(i, p)| (key([0, 1, 2].map(|k| ((p[k] - low[k]) * scale) as u32)), i))
+        .collect();
+    keyed.sort_unstable();
+    keyed.into_iter().map(|(_, i)| i).collect()
+}
+
 /// Lower corner of the bounding box and the factor from coordinates to key units.
 fn frame(points: &[Point3<f64>]) -> ([f64; 3], f64) {
     let mut low = [f64::INFINITY; 3];

@@ -33,6 +33,34 @@
 //! # Ok::<(), cnem::Error>(())
 //! ```
 //!
+//! A cantilever that is pulled at its end:
+//!
+//! ```
+//! use arlequin_core::{Real, model::{LinearModel, Model}};
+//! use cnem::{CnemModel, Elastic, Options, generate::Cylinder};
+//!
+//! let domain = Cylinder::with_spacing([0.0, 20e-3], 1e-3, 0.5e-3)?.domain()?;
+//! let beam = CnemModel::new("beam", domain, Elastic::new(72.5e9, 0.17, 2200.0)?, Options::default())?;
+//! let clamped = beam.select_nodes(|x| x.x == 0.0)?;
+//! let pulled = beam.surface(|f| f.centroid.x > 19.99e-3)?;
+//!
+//! let mut u = vec![0.0; beam.layout().dofs()];
+//! let area: f64 = pulled.iter().map(|f| f.area()).sum();
+//! for facet in &pulled {
+//!     for (node, share) in facet.nodes.iter().zip(&facet.shares) {
+//!         u[3 * node] += 1000.0 * share / area;
+//!     }
+//! }
+//! // A stiff spring on every clamped unknown stands for the support.
+//! let mut support = arlequin_core::sprs::TriMat::new((u.len(), u.len()));
+//! for dof in clamped.iter().flat_map(|n| 3 * n..3 * n + 3) {
+//!     support.add_triplet(dof, dof, 1e16);
+//! }
+//! f64::cholesky(&(&beam.stiffness() + &support.to_csr()))?.solve(&mut u);
+//! assert!((u[3 * pulled[0].nodes[0]] / 0.08775e-3 - 1.0).abs() < 0.01);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! Lengths in metres, coordinates in double precision, reference configuration.
 
 pub(crate) mod bins;
@@ -55,6 +83,7 @@ pub mod voronoi;
 
 pub use error::{Error, Result};
 pub use field::{CnemMediator, NaturalField};
+pub use hilbert::spatial_order;
 pub use material::Elastic;
 pub use model::{CnemModel, Options};
 pub use scni::Stabilisation;

@@ -7,7 +7,8 @@
 //!
 //! The mass of a node is that of its own cell alone, but its stiffness comes from the cells around it as well: a weight
 //! that falls to zero within one spacing leaves light nodes on stiff neighbours. The critical step therefore depends
-//! on the smallest weight, unlike that of models whose mass is shared over elements; `ε` of a few per cent keeps it.
+//! on the smallest weight, unlike that of models whose mass is shared over elements. Measured with a weight that falls
+//! to `ε` over four spacings: 0.99 / 0.87 / 0.35 of the unweighted step for `ε` = 0.05 / 0.005 / 0.0005.
 
 use crate::domain::Domain;
 use crate::error::{Error, Result, parameter};
@@ -18,7 +19,6 @@ use crate::scni::{BlockMatrix, BoundaryFacet, Smoothing, Stabilisation, SubCells
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::field::Interpolation;
-use arlequin_core::geometry::Cell;
 use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
@@ -199,9 +199,12 @@ impl CnemModel {
             if let [body] = bodies.as_slice() {
                 return weight.mean(body);
             }
-            let sizes: Vec<f64> = bodies.iter().map(Cell::measure).collect();
-            let sum: f64 = bodies.iter().zip(&sizes).map(|(b, v)| weight.mean(b) * v).sum();
-            sum / sizes.iter().sum::<f64>()
+            let (mut sum, mut total) = (0.0, 0.0);
+            for (body, size) in bodies.iter().map(|b| (b, b.measure())).filter(|b| b.1 > 0.0) {
+                sum += weight.mean(body) * size;
+                total += size;
+            }
+            sum / total
         };
         (0..self.cells.len())
             .into_par_iter()

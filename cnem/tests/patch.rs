@@ -2,7 +2,8 @@
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,
-    reason = "a test fails by panicking and may compare exact values"
+    clippy::print_stdout,
+    reason = "a test fails by panicking, may compare exact values and shows what it measured"
 )]
 
 mod common;
@@ -14,7 +15,7 @@ use arlequin_core::weight::{Uniform, Weight, Weighting};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Kind;
-use cnem::{CnemModel, Options, Stabilisation};
+use cnem::{CnemModel, Options, Stabilisation, generate};
 use common::{block, largest, noise, silica, solve};
 use nalgebra::{Matrix3, Point3, Vector3, center};
 
@@ -48,7 +49,23 @@ fn bodies() -> Vec<(&'static str, Domain)> {
             block([5, 5, 5], 0.2, 0.3, 3, |i, j, k| i != 2 || j != 2 || k != 2),
         ),
         ("random points", random(150, 4)),
+        ("coarse crack", coarse_crack()),
     ]
+}
+
+/// A crack that is coarse beside the nodes at it: parts of the cells had to be handed over.
+fn coarse_crack() -> Domain {
+    let mut points: Vec<_> = (0..64)
+        .map(|i| Point3::new(f64::from(i % 4), f64::from(i / 4 % 4), f64::from(i / 16)) / 3.0)
+        .collect();
+    let first = points.len();
+    points.extend([[0.2, 0.2], [0.8, 0.2], [0.8, 0.8], [0.2, 0.8]].map(|[x, y]| Point3::new(x, y, 0.45)));
+    points.push(Point3::new(0.45, 0.4, 0.46));
+    points.push(Point3::new(0.55, 0.6, 0.44));
+    let crack = vec![[first, first + 1, first + 2], [first, first + 2, first + 3]];
+    let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).unwrap();
+    assert!(domain.voronoi().unwrap().gaps().tetrahedra > 0);
+    domain
 }
 
 fn all_options() -> Vec<Options> {
@@ -285,4 +302,64 @@ fn wrong_input_is_named() {
     ));
     assert!(model.add_internal_forces(&[0.0; 3], &mut [0.0; 81]).is_err());
     assert!(cnem::Elastic::new(1.0, 0.5, 1.0).is_err());
+}
+
+/// The critical step under a weight that falls from 1 to `ε` over half the body, against the unweighted one.
+#[test]
+fn small_weights_shorten_the_step() {
+    struct Fall(f64);
+    impl Weight<f64> for Fall {
+        fn at(&self, x: &Point3<f64>) -> f64 {
+            self.0 + (1.0 - self.0) * ((0.75 - x.x) / 0.5).clamp(0.0, 1.0)
+        }
+    }
+    let domain = block([8, 4, 4], 0.125, 0.2, 1, |_, _, _| true);
+    let mut model = CnemModel::new("bar", domain, silica(), Options::default()).unwrap();
+    let mut mass = vec![0.0; model.layout().dofs()];
+    let mut step = |weight: &dyn Weight<f64>, weighting| {
+        model.set_internal_weight(weight, weighting).unwrap();
+        model.lumped_inertia(weight, weighting, &mut mass).unwrap();
+        let inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
+        model.critical_step(&inverse).unwrap()
+    };
+    let free = step(&Uniform(1.0), Weighting::Energy);
+    let ratios = [0.05, 0.005, 0.0005].map(|e| step(&Fall(e), Weighting::Energy) / free);
+    println!("critical step with smallest weight 0.05, 0.005, 0.0005: {ratios:?}");
+    assert!(ratios[0] > 0.5);
+}
+
+/// Numbering changes nothing but the numbers.
+#[test]
+fn spatial_order_keeps_the_body() {
+    let grid = generate::block(Point3::origin(), Point3::new(1.0, 1.0, 1.0), [4, 4, 4], 0.2, 1).unwrap();
+    let hull: Vec<[usize; 3]> = Domain::new(&grid, &Surface::convex_hull())
+        .unwrap()
+        .delaunay()
+        .hull()
+        .collect();
+    let surface = Surface::boundary(hull);
+    let order = cnem::spatial_order(&grid);
+    let sorted: Vec<_> = order.iter().map(|&k| grid[k]).collect();
+    let make = |points: &[Point3<f64>], surface: &Surface| {
+        let domain = Domain::new(points, surface).unwrap();
+        CnemModel::new("cube", domain, silica(), Options::default()).unwrap()
+    };
+    let renumbered = surface.renumbered(&order).unwrap();
+    let energy = |model: &CnemModel| {
+        let u: Vec<f64> = model
+            .nodes()
+            .iter()
+            .flat_map(|p| [p.x * p.y, p.z.sin(), p.x - p.z * p.y])
+            .collect();
+        model.internal_energy(&u)
+    };
+    let (a, b) = (
+        energy(&make(&grid, &surface)),
+        energy(&make(&sorted, &renumbered)),
+    );
+    assert!((a / b - 1.0).abs() < 1e-12);
+    assert!(matches!(
+        surface.renumbered(&order[1..]),
+        Err(cnem::Error::UnknownNode { .. })
+    ));
 }

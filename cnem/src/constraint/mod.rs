@@ -90,6 +90,32 @@ impl Surface {
         self
     }
 
+    /// The same faces on nodes in a new order, `order[new] = old`; see [`crate::spatial_order`].
+    ///
+    /// # Errors
+    /// `UnknownNode` for faces on nodes that are not in the order.
+    pub fn renumbered(&self, order: &[usize]) -> Result<Self> {
+        let mut place = vec![usize::MAX; order.len()];
+        for (new, &old) in order.iter().enumerate() {
+            if let Some(p) = place.get_mut(old) {
+                *p = new;
+            }
+        }
+        let nodes = order.len();
+        let mut out = self.clone();
+        for (face, v) in out.boundary.iter_mut().chain(&mut out.cracks).enumerate() {
+            for v in v {
+                let new = place.get(*v).copied().filter(|&p| p != usize::MAX);
+                *v = new.ok_or(Error::UnknownNode {
+                    face,
+                    node: *v,
+                    nodes,
+                })?;
+            }
+        }
+        Ok(out)
+    }
+
     /// Boundary faces; empty for the convex hull.
     pub fn boundary_faces(&self) -> &[[usize; 3]] {
         &self.boundary

@@ -61,7 +61,7 @@ fn jittered(points: &[Point3<f64>], size: f64, seed: u64) -> Vec<Point3<f64>> {
     let mut r = noise(seed);
     points
         .iter()
-        .map(|p| p + nalgebra::Vector3::new(r() - 0.5, r() - 0.5, r() - 0.5) * size)
+        .map(|p| p + Vector3::new(r() - 0.5, r() - 0.5, r() - 0.5) * size)
         .collect()
 }
 

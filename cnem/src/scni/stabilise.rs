@@ -24,8 +24,12 @@ pub enum Stabilisation {
 }
 
 impl Default for Stabilisation {
+    /// `SubCells(0.1)`. Measured with Laplace functions: of the 40 lowest elastic modes of a free cube with 7³ nodes 38 are
+    /// saw-teeth without, 9 with it, and none of the lowest 20 (0.2: 3). On a manufactured solution with jittered nodes the
+    /// `L2` error falls by 1.6 and the order of the gradients rises from 0.8 to 1.1. A thick cantilever of 1586 nodes
+    /// is 2.0 % too soft in bending without, 0.1 % with 0.1, and 1.6 % too stiff with 0.2. The critical step falls by 2 %.
     fn default() -> Self {
-        Self::SubCells(0.05)
+        Self::SubCells(0.1)
     }
 }
 

@@ -15,6 +15,8 @@ const NODE: u64 = 1 << 40;
 const WALL: u64 = 2 << 40;
 const FREE: u64 = 3 << 40;
 const KIND: u64 = 3 << 40;
+/// Marks the side of a constrained face its normal points to: a cell at a crack may have facets on both.
+const LIP: u64 = 1 << 39;
 
 /// Sum over the pieces of one facet: area vector, and centroid times area, relative to the node.
 #[derive(Debug, Clone, Copy)]
@@ -84,7 +86,7 @@ impl Work {
             self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
             for &tet in &region.tets {
                 self.clip_one(domain, tet, &seed);
-                self.take_piece(tet);
+                self.take_piece(domain, tet);
             }
         }
         self.finish(&domain.delaunay.points[node as usize]);
@@ -170,17 +172,22 @@ impl Work {
                 }
             }
             if !regions.holds(tet) {
-                self.take_piece(tet);
+                self.take_piece(domain, tet);
             }
         }
     }
 
     /// Adds the piece of a tetrahedron to the cell.
-    fn take_piece(&mut self, tet: u32) {
+    fn take_piece(&mut self, domain: &Domain, tet: u32) {
         let piece = std::mem::take(&mut self.piece);
         for (tag, face) in piece.faces() {
             if tag & KIND != FREE {
                 let weight = face.area.norm();
+                let tag = if tag & KIND == WALL && along(domain, tag & !KIND, &face.area) {
+                    tag | LIP
+                } else {
+                    tag
+                };
                 self.add(tag, face.area, face.centroid * weight, weight);
             }
         }
@@ -229,7 +236,7 @@ impl Work {
         let size = self.pieces.iter().map(|p| p.weight).fold(0.0, f64::max);
         for p in &self.pieces {
             if p.weight > TINY_FACET * size {
-                let id = (p.tag & !KIND) as usize;
+                let id = (p.tag & !(KIND | LIP)) as usize;
                 let side = if p.tag & KIND == NODE {
                     Side::Node(id)
                 } else {
@@ -243,4 +250,11 @@ impl Work {
             }
         }
     }
+}
+
+/// True if an area vector points along the normal of a constrained face.
+fn along(domain: &Domain, face: u64, area: &Vector3<f64>) -> bool {
+    let v = domain.mesh.faces[face as usize].v;
+    let [a, b, c] = v.map(|v| &domain.delaunay.points[v as usize]);
+    (b - a).cross(&(c - a)).dot(area) > 0.0
 }

@@ -40,7 +40,7 @@ pub enum Side {
     Face(usize),
 }
 
-/// Facet of a cell: all of the common boundary with one neighbour or one constrained face.
+/// Facet of a cell: all of the common boundary with one neighbour or one side of a constrained face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
     /// What is on the other side.
@@ -189,13 +189,10 @@ impl Domain {
         }
         work.work.keep = Some(Vec::new());
         work.work.clipped(self, &cells.regions, node as u32);
-        work.work
-            .keep
-            .take()
-            .unwrap_or_default()
-            .iter()
-            .map(to_core)
-            .collect()
+        let parts = work.work.keep.take().unwrap_or_default();
+        // Parts of round-off size have no volume left to average over.
+        let solid = parts.iter().filter(|p| p.volume() > CONVEX * volume);
+        solid.map(to_core).collect()
     }
 }
 

@@ -178,6 +178,70 @@ pub(crate) fn lowest(k: &CsMat<f64>, mass: &[f64], fixed: &[bool], count: usize)
         .collect()
 }
 
+/// `u_a(x) = sin(k_a·x + φ_a)`, and its gradient.
+fn manufactured(x: &Point3<f64>) -> (Vector3<f64>, nalgebra::Matrix3<f64>, [f64; 3]) {
+    let (k, phase) = waves();
+    let at = [0, 1, 2].map(|a: usize| (k[a].dot(&x.coords) + phase[a]).sin_cos());
+    let u = Vector3::new(at[0].0, at[1].0, at[2].0);
+    let g = nalgebra::Matrix3::from_fn(|a, b| at[a].1 * k[a][b]);
+    (u, g, at.map(|s| s.0))
+}
+
+fn waves() -> ([Vector3<f64>; 3], [f64; 3]) {
+    let k = [[3.0, 1.0, -2.0], [1.0, 2.5, 2.0], [-2.0, 1.0, 3.0]].map(Vector3::from);
+    (k, [0.3, 1.1, 2.0])
+}
+
+/// Relative errors of a manufactured solution in `L2` and in the gradient, displacements given on the whole border.
+pub(crate) fn mms(domain: Domain, options: cnem::Options) -> [f64; 2] {
+    use arlequin_core::field::{Interpolation, ShapeRow};
+    use arlequin_core::model::{LinearModel, Model};
+    let mut fixed = vec![false; 3 * domain.nodes().len()];
+    for v in domain.constrained_faces().flat_map(|f| f.0) {
+        fixed[3 * v..3 * v + 3].fill(true);
+    }
+    let material = Elastic::new(1.0, 0.25, 1.0).unwrap();
+    let [lambda, mu] = material.lame();
+    let model = cnem::CnemModel::new("mms", domain, material, options).unwrap();
+    let (k, _) = waves();
+    let (mut u, mut f) = (Vec::new(), Vec::new());
+    for (x, v) in model.nodes().iter().zip(model.cells().volumes()) {
+        let (exact, _, s) = manufactured(x);
+        u.extend(exact.iter());
+        // b = −(λ + μ) grad div u − μ Δu, with second derivatives −k k sin.
+        for a in 0..3 {
+            let grad_div: f64 = (0..3).map(|c| k[c][a] * k[c][c] * s[c]).sum();
+            f.push(v * ((lambda + mu) * grad_div + mu * k[a].norm_squared() * s[a]));
+        }
+    }
+    solve(&model.stiffness(), &fixed, &f, &mut u);
+    let field = model.field();
+    let (mut sums, mut samples, mut row) = ([0.0; 4], Vec::new(), ShapeRow::default());
+    for (c, cell) in field.cells().iter().enumerate() {
+        samples.clear();
+        cell.quadrature(2, &mut samples);
+        for s in &samples {
+            field.shape_in(c, &s.point, true, &mut row).unwrap();
+            let (exact, gradient, _) = manufactured(&s.point);
+            let (mut e, mut g) = (-exact, -gradient);
+            for ((&n, &w), d) in row.nodes.iter().zip(&row.values).zip(&row.gradients) {
+                let q = Vector3::new(u[3 * n], u[3 * n + 1], u[3 * n + 2]);
+                e += q * w;
+                g += q * d.transpose();
+            }
+            for (sum, v) in sums.iter_mut().zip([
+                e.norm_squared(),
+                exact.norm_squared(),
+                g.norm_squared(),
+                gradient.norm_squared(),
+            ]) {
+                *sum += v * s.measure;
+            }
+        }
+    }
+    [(sums[0] / sums[1]).sqrt(), (sums[2] / sums[3]).sqrt()]
+}
+
 pub(crate) fn largest(v: &[f64]) -> f64 {
     v.iter().fold(0.0, |m, x| f64::max(m, x.abs()))
 }
