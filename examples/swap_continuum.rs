@@ -18,7 +18,7 @@ use arlequin::core::overlap::Slab;
 use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{CoarseModel, Coupled, Model, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{CoarseModel, Coupled, Result, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{self, ElementKind, FemMediator, FemModel, Mesh, generate};
 use std::sync::Arc;
 
