@@ -125,12 +125,13 @@ impl Lanes for Wide512 {
     fn interleave(self, [x, y, z]: [__m512d; 3]) -> [__m512d; 3] {
         let f = self.0.avx512f;
         // Places of x and y (8 and above) in each part, then of z (8 and above) among them.
-        let pair = |i: [u64; 8]| f._mm512_permutex2var_pd(x, cast(i), y);
-        let with_z = |t, i: [u64; 8]| f._mm512_permutex2var_pd(t, cast(i), z);
+        let a = f._mm512_permutex2var_pd(x, cast([0_u64, 8, 0, 1, 9, 0, 2, 10]), y);
+        let b = f._mm512_permutex2var_pd(x, cast([0_u64, 3, 11, 0, 4, 12, 0, 5]), y);
+        let c = f._mm512_permutex2var_pd(x, cast([13_u64, 0, 6, 14, 0, 7, 15, 0]), y);
         [
-            with_z(pair([0, 8, 0, 1, 9, 0, 2, 10]), [0, 1, 8, 3, 4, 9, 6, 7]),
-            with_z(pair([0, 3, 11, 0, 4, 12, 0, 5]), [10, 1, 2, 11, 4, 5, 12, 7]),
-            with_z(pair([13, 0, 6, 14, 0, 7, 15, 0]), [0, 13, 2, 3, 14, 5, 6, 15]),
+            f._mm512_permutex2var_pd(a, cast([0_u64, 1, 8, 3, 4, 9, 6, 7]), z),
+            f._mm512_permutex2var_pd(b, cast([10_u64, 1, 2, 11, 4, 5, 12, 7]), z),
+            f._mm512_permutex2var_pd(c, cast([0_u64, 13, 2, 3, 14, 5, 6, 15]), z),
         ]
     }
     #[inline(always)]
