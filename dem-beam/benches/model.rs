@@ -22,8 +22,11 @@ impl Weight<f64> for Along {
     }
 }
 
+/// A name and what it does a number of times.
+type NamedJob<'a> = (&'static str, Box<dyn FnMut(usize) + Send + 'a>);
+
 /// Best time per call (ns per bond) of several jobs, taken in turns so that all see the same machine.
-fn best(jobs: &mut [(&str, Box<dyn FnMut(usize) + Send + '_>)], calls: usize, bonds: usize) -> Vec<f64> {
+fn best(jobs: &mut [NamedJob<'_>], calls: usize, bonds: usize) -> Vec<f64> {
     let mut out = vec![f64::INFINITY; jobs.len()];
     for _ in 0..120 {
         for ((_, job), best) in jobs.iter_mut().zip(&mut out) {
@@ -68,7 +71,7 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
     };
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard))?;
     let calls = (200_000 / body.len()).clamp(2, 100);
-    let mut jobs: Vec<(&str, Box<dyn FnMut(usize) + Send>)> = vec![
+    let mut jobs: Vec<NamedJob<'_>> = vec![
         ("bare kernel, whole step", Box::new(|k| bare.run(k - 1))),
         (
             "model, weighted forces",

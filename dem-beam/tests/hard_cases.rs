@@ -158,6 +158,5 @@ fn million_steps() {
     };
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.9), Some(guard)).unwrap();
     assert_eq!(run.run(1_000_000, &mut Silent).unwrap(), 1_000_000);
-    println!("drift {:e}", run.drift());
     assert!(run.drift() < 1e-8, "{:e}", run.drift());
 }

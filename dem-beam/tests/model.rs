@@ -231,7 +231,6 @@ fn steep_weights_leave_the_critical_step() {
         (1e-4, 0.87),
     ] {
         let steep = step(&mut m, &Steep { low }, Weighting::Energy);
-        println!("low {low}: {} of the unweighted critical step", steep / alone);
         assert!(steep > least * alone, "low {low}: {}", steep / alone);
     }
     let nodal = step(&mut m, &Steep { low: 0.01 }, Weighting::Nodal);
@@ -279,7 +278,6 @@ fn invariant_does_not_drift_over_1e5_steps() {
     };
     let mut run = Coupled::new(vec![s], Vec::new(), TimeStep::Fraction(0.9), Some(guard)).unwrap();
     run.run(100_000, &mut Silent).unwrap();
-    println!("drift {:e}", run.drift());
     assert!(run.drift() <= 1e-9, "{:e}", run.drift());
 }
 
@@ -305,7 +303,6 @@ fn finite_rotations_conserve_energy_in_the_core() {
     let begin = run.momentum();
     let steps = (4.0 / 2e4 / run.dt()) as usize;
     run.run(steps, &mut Silent).unwrap();
-    println!("{steps} steps, drift {:e}", run.drift());
     assert!(run.drift() < 1e-3, "{:e}", run.drift());
     let end = run.momentum();
     assert!((end[0] - begin[0]).norm() < 1e-10 * begin[0].norm());
