@@ -205,7 +205,10 @@ fn stiffness_matrix_is_minus_the_forces() {
     assert!(m.as_linear().is_none());
 }
 
-/// The critical step of the weighted body against that of the unweighted one.
+/// The critical step of the weighted body against that of the unweighted one: the same for weights
+/// down to 0.1 across two particles. Below that a particle held by one heavy bond among light ones
+/// loses the averaging over its bonds, and up to 11 % of the step; the core measures the step of the
+/// weighted model anyway.
 #[test]
 fn steep_weights_leave_the_critical_step() {
     let mut m = model();
@@ -220,10 +223,15 @@ fn steep_weights_leave_the_critical_step() {
     let body = packing().bonded(BeamMaterial::SILICA, 2200.0).unwrap();
     let lanczos = critical::lanczos(&body, 80).unwrap();
     assert!((alone / lanczos - 1.0).abs() < 1e-4, "{alone} {lanczos}");
-    for low in [0.5, 0.1, 0.01, 1e-4] {
+    for (low, least) in [
+        (0.5, 0.9999),
+        (0.1, 0.999),
+        (0.05, 0.98),
+        (0.01, 0.9),
+        (1e-4, 0.87),
+    ] {
         let steep = step(&mut m, &Steep { low }, Weighting::Energy);
-        println!("low {low}: {} of the unweighted critical step", steep / alone);
-        assert!(steep > 0.8 * alone, "low {low}: {}", steep / alone);
+        assert!(steep > least * alone, "low {low}: {}", steep / alone);
     }
     let nodal = step(&mut m, &Steep { low: 0.01 }, Weighting::Nodal);
     assert!((nodal / alone - 1.0).abs() < 1e-3, "{}", nodal / alone);
@@ -270,7 +278,6 @@ fn invariant_does_not_drift_over_1e5_steps() {
     };
     let mut run = Coupled::new(vec![s], Vec::new(), TimeStep::Fraction(0.9), Some(guard)).unwrap();
     run.run(100_000, &mut Silent).unwrap();
-    println!("drift {:e}", run.drift());
     assert!(run.drift() <= 1e-9, "{:e}", run.drift());
 }
 
@@ -296,7 +303,6 @@ fn finite_rotations_conserve_energy_in_the_core() {
     let begin = run.momentum();
     let steps = (4.0 / 2e4 / run.dt()) as usize;
     run.run(steps, &mut Silent).unwrap();
-    println!("{steps} steps, drift {:e}", run.drift());
     assert!(run.drift() < 1e-3, "{:e}", run.drift());
     let end = run.momentum();
     assert!((end[0] - begin[0]).norm() < 1e-10 * begin[0].norm());

@@ -180,7 +180,7 @@ impl<T: Dispatch> BeamDynamics<T> {
     pub fn set_displacements(&mut self, state: &[Twist]) -> Result<()> {
         check_twists("displacement", state, self.body.len())?;
         match &mut self.inner {
-            Inner::Linear(s) => s.write_rows(state, |a| [a.x, a.y, a.z, 0.0, 0.0]),
+            Inner::Linear(s) => s.write_rows(state, |a| [0.0, a.x, a.y, a.z, 0.0]),
             Inner::Finite(s) => s.write_rows(state, |a| {
                 let q = UnitQuaternion::from_scaled_axis(*a);
                 [q.w, q.i, q.j, q.k, 0.0]
@@ -211,7 +211,7 @@ impl<T: Dispatch> BeamDynamics<T> {
         match &self.inner {
             Inner::Linear(s) => s.read_rows(|r| Twist {
                 linear: linear(r),
-                angular: Vector3::new(at(r, 3), at(r, 4), at(r, 5)),
+                angular: Vector3::new(at(r, 4), at(r, 5), at(r, 6)),
             }),
             Inner::Finite(s) => s.read_rows(|r| {
                 let q = Quaternion::new(at(r, 3), at(r, 4), at(r, 5), at(r, 6));

@@ -1,6 +1,6 @@
 //! One pass over all blocks: forces, velocities, new rows.
 
-use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar, eight};
+use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar, Vec3, eight, scale};
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
 use crate::bond::BeamRigidity;
@@ -151,10 +151,10 @@ impl<T: Dispatch, W: Law<T>> Pass<'_, T, W> {
 
 /// How the rotations of a law appear among the unknowns of a coupled model: as vectors `th`.
 pub(crate) trait RotationVector: Law<f64> {
-    /// The row of a particle displaced by `u` (m) and turned by the vector `th` (rad).
-    fn row(u: [f64; 3], th: [f64; 3]) -> Row<f64>;
-    /// `-dU/dth` from the torque `m` on the particle.
-    fn generalised(row: &Row<f64>, m: [f64; 3]) -> [f64; 3];
+    /// Rows of particles from their displacements (m) and rotation vectors (rad).
+    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64]);
+    /// `-dU/dth` from the torques `m` on the eight particles with rows `own`.
+    fn generalised<L: Lanes<T = f64>>(l: L, own: &[L::V; 8], m: Vec3<L>) -> Vec3<L>;
 }
 
 /// Where a model wants its forces: `x0 y0 z0 x1 ...` and torques in the same order.
@@ -346,7 +346,6 @@ impl<L: Lanes<T = f64>, W: RotationVector, const FETCH: bool> Job for With<L, Ad
     fn call(self) {
         let (l, j) = (self.0, self.1);
         let k = Rigidity::new(l, &j.pass.rigidity);
-        let zero = l.splat(0.0);
         let Sink {
             linear,
             angular,
@@ -355,21 +354,34 @@ impl<L: Lanes<T = f64>, W: RotationVector, const FETCH: bool> Job for With<L, Ad
         let parts = linear.chunks_mut(3 * LANES).zip(angular.chunks_mut(3 * LANES));
         for (b, (linear, angular)) in parts.enumerate() {
             let block = j.first + b;
-            let (_, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
-            let out = l.untranspose([f[0], f[1], f[2], f[3], f[4], f[5], zero, zero]);
-            let place = linear.chunks_exact_mut(3).zip(angular.chunks_exact_mut(3));
-            for (lane, (force, torque)) in place.enumerate() {
-                let f = out[lane];
-                let m = W::generalised(&j.rows[block * LANES + lane], [f[3], f[4], f[5]]);
-                let w = match factors {
-                    Some(w) => w[b * LANES + lane],
-                    None => 1.0,
-                };
-                for c in 0..3 {
-                    force[c] += w * f[c];
-                    torque[c] += w * m[c];
-                }
+            let (own, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
+            let mut force = [f[0], f[1], f[2]];
+            let mut torque = W::generalised(l, &own, [f[3], f[4], f[5]]);
+            if let Some(factors) = factors {
+                let part = &factors[b * LANES..factors.len().min((b + 1) * LANES)];
+                let mut w = [0.0; LANES];
+                w[..part.len()].copy_from_slice(part);
+                let w = l.load(&w);
+                force = scale(l, force, w);
+                torque = scale(l, torque, w);
             }
+            add_interleaved(l, force, linear);
+            add_interleaved(l, torque, angular);
         }
+    }
+}
+
+/// Adds three vectors to `x0 y0 z0 x1 ...` of up to eight particles.
+#[inline(always)]
+fn add_interleaved<L: Lanes<T = f64>>(l: L, v: Vec3<L>, to: &mut [f64]) {
+    let parts = l.interleave(v);
+    let (whole, rest) = to.as_chunks_mut::<LANES>();
+    let done = whole.len();
+    for (to, part) in whole.iter_mut().zip(parts) {
+        *to = l.store(l.add(l.load(to), part));
+    }
+    if !rest.is_empty() {
+        let tail = l.store(parts[done.min(2)]);
+        rest.iter_mut().zip(tail).for_each(|(to, x)| *to += x);
     }
 }

@@ -88,6 +88,16 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn transpose(self, rows: [[Self::T; LANES]; LANES]) -> [Self::V; LANES];
     /// Row k holds lane k of the eight vectors.
     fn untranspose(self, v: [Self::V; LANES]) -> [[Self::T; LANES]; LANES];
+    /// `x0 y0 z0 x1 y1 ...` of three vectors.
+    #[inline(always)]
+    fn interleave(self, v: Vec3<Self>) -> [Self::V; 3] {
+        let [x, y, z] = [self.store(v[0]), self.store(v[1]), self.store(v[2])];
+        [
+            self.load(&[x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2]]),
+            self.load(&[z[2], x[3], y[3], z[3], x[4], y[4], z[4], x[5]]),
+            self.load(&[y[5], z[5], x[6], y[6], z[6], x[7], y[7], z[7]]),
+        ]
+    }
     /// Starts fetching a row; any address will do.
     fn prefetch(self, row: *const Row<Self::T>);
 }

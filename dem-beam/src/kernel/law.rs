@@ -86,7 +86,7 @@ impl<L: Lanes> Rigidity<L> {
     }
 }
 
-/// Small rotations: rows are `u (3), th (3), -, -`.
+/// Small rotations: rows are `u (3), -, th (3), -`; the free places may hold anything.
 ///
 /// With `b = 2 EI s q`, `s = w l`, `p = n/l`, `q = p.p`, a half-bond adds
 ///
@@ -171,7 +171,7 @@ impl<T: Scalar> Law<T> for Linear {
         let b = l.mul(l.mul(k.bending2, s), q);
         let b3 = l.mul(b, k.three);
         let du = diff(l, [other[0], other[1], other[2]], *own);
-        let tj: Vec3<L> = [other[3], other[4], other[5]];
+        let tj: Vec3<L> = [other[4], other[5], other[6]];
         let lever = axpy(l, du, l.mul(k.two, q), cross(l, p, tj));
         let stretch = l.mul(l.mul(l.madd(k.minus_bending12, q, k.axial), s), dot(l, p, du));
         let f = axpy(l, p, stretch, axpy(l, lever, b3, [acc[0], acc[1], acc[2]]));
@@ -188,7 +188,7 @@ impl<T: Scalar> Law<T> for Linear {
 
     #[inline(always)]
     fn finish<L: Lanes<T = T>>(l: L, data: &LinearOwn<T>, own: &[L::V; 8], acc: &mut [L::V; 6]) {
-        let t: Vec3<L> = [own[3], own[4], own[5]];
+        let t: Vec3<L> = [own[4], own[5], own[6]];
         let a: Vec3<L> = [
             l.load(&data.lever[0]),
             l.load(&data.lever[1]),
@@ -210,8 +210,9 @@ impl<T: Scalar> Law<T> for Linear {
     #[inline(always)]
     fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8] {
         let mut out = *own;
-        for k in 0..6 {
+        for k in 0..3 {
             out[k] = l.madd(dt, v[k], own[k]);
+            out[k + 4] = l.madd(dt, v[k + 3], own[k + 4]);
         }
         out
     }

@@ -3,7 +3,7 @@
 use crate::bond::BeamRigidity;
 use crate::error::{DemError, Result};
 use crate::kernel::engine::{Isa, Pass, RotationVector, Sink};
-use crate::kernel::lanes::{LANES, Row};
+use crate::kernel::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, scale};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
 use crate::particles::BondedParticles;
@@ -21,12 +21,22 @@ const CHUNK: usize = 1_024;
 pub(crate) const MAX_ROTATION: f64 = 6.0;
 
 impl RotationVector for Linear {
-    #[inline(always)]
-    fn row(u: [f64; 3], th: [f64; 3]) -> Row<f64> {
-        Row([u[0], u[1], u[2], th[0], th[1], th[2], 0.0, 0.0])
+    #[inline]
+    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64]) {
+        let Some((last, rows)) = rows.split_last_mut() else {
+            return;
+        };
+        // Four numbers at a time: the fourth lands in a free place of the row.
+        let sources = u.windows(4).step_by(3).zip(th.windows(4).step_by(3));
+        for (row, (u, th)) in rows.iter_mut().zip(sources) {
+            row.0[..4].copy_from_slice(u);
+            row.0[4..].copy_from_slice(th);
+        }
+        last.0[..3].copy_from_slice(&u[u.len() - 3..]);
+        last.0[4..7].copy_from_slice(&th[th.len() - 3..]);
     }
     #[inline(always)]
-    fn generalised(_row: &Row<f64>, m: [f64; 3]) -> [f64; 3] {
+    fn generalised<L: Lanes<T = f64>>(_l: L, _own: &[L::V; 8], m: Vec3<L>) -> Vec3<L> {
         m
     }
 }
@@ -52,38 +62,26 @@ fn half_angle(x: f64) -> (f64, f64) {
 /// T^T m = m - B th x m + C th x (th x m)    B = (1 - cos a)/a^2    C = (a - sin a)/a^3    a = |th|
 /// ```
 impl RotationVector for Finite {
-    #[inline(always)]
-    fn row(u: [f64; 3], th: [f64; 3]) -> Row<f64> {
-        let (c, s) = half_angle(th[0] * th[0] + th[1] * th[1] + th[2] * th[2]);
-        Row([u[0], u[1], u[2], c, s * th[0], s * th[1], s * th[2], s])
+    #[inline]
+    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64]) {
+        let sources = u.as_chunks::<3>().0.iter().zip(th.as_chunks::<3>().0);
+        for (row, (u, th)) in rows.iter_mut().zip(sources) {
+            let (c, s) = half_angle(th[0] * th[0] + th[1] * th[1] + th[2] * th[2]);
+            *row = Row([u[0], u[1], u[2], c, s * th[0], s * th[1], s * th[2], s]);
+        }
     }
     #[inline(always)]
-    fn generalised(row: &Row<f64>, m: [f64; 3]) -> [f64; 3] {
-        let (c, s) = (row.0[3], row.0[7]);
-        let th = [row.0[4] / s, row.0[5] / s, row.0[6] / s];
-        let x = th[0] * th[0] + th[1] * th[1] + th[2] * th[2];
-        // 1 - cos a = 2 sin^2(a/2), sin a = 2 sin(a/2) cos(a/2). C multiplies th twice, so its
-        // cancellation for small angles is harmless.
-        let b = 2.0 * s * s;
-        let e = if x > 1e-12 {
-            (1.0 - 2.0 * s * c) / x
-        } else {
-            1.0 / 6.0
-        };
-        let cross = |a: [f64; 3], b: [f64; 3]| {
-            [
-                a[1] * b[2] - a[2] * b[1],
-                a[2] * b[0] - a[0] * b[2],
-                a[0] * b[1] - a[1] * b[0],
-            ]
-        };
-        let once = cross(th, m);
-        let twice = cross(th, once);
-        [
-            m[0] - b * once[0] + e * twice[0],
-            m[1] - b * once[1] + e * twice[1],
-            m[2] - b * once[2] + e * twice[2],
-        ]
+    fn generalised<L: Lanes<T = f64>>(l: L, own: &[L::V; 8], m: Vec3<L>) -> Vec3<L> {
+        let (c, s) = (own[3], own[7]);
+        let th = scale(l, [own[4], own[5], own[6]], l.recip(s));
+        // 1 - cos a = 2 sin^2(a/2), sin a = 2 sin(a/2) cos(a/2). C multiplies th twice: neither
+        // its cancellation for small angles nor the shift of the divisor away from zero matters.
+        let twice = l.add(s, s);
+        let minus_b = l.nmadd(twice, s, l.splat(0.0));
+        let x = l.add(dot(l, th, th), l.splat(1e-30));
+        let e = l.mul(l.nmadd(twice, c, l.splat(1.0)), l.recip(x));
+        let once = cross(l, th, m);
+        axpy(l, cross(l, th, once), e, axpy(l, once, minus_b, m))
     }
 }
 
@@ -100,7 +98,9 @@ impl<W: RotationVector> Gather<W> {
     /// `body` must be numbered for locality already.
     pub(crate) fn new(body: &BondedParticles) -> Self {
         let layout = Layout::ordered(body, (0..body.len() as u32).collect());
-        let rows = vec![W::row([0.0; 3], [0.0; 3]); layout.inverse_mass.len() * LANES];
+        let mut rows = vec![Row::default(); layout.inverse_mass.len() * LANES];
+        let rest = vec![0.0; 3 * rows.len()];
+        W::write_rows(&mut rows, &rest, &rest);
         Self {
             layout,
             rows,
@@ -128,9 +128,9 @@ impl<W: RotationVector> Gather<W> {
             let sources = u.par_chunks(3 * CHUNK).zip(th.par_chunks(3 * CHUNK));
             let rows = self.rows[..n].par_chunks_mut(CHUNK);
             rows.zip(sources)
-                .for_each(|(rows, (u, th))| write_rows::<W>(rows, u, th));
+                .for_each(|(rows, (u, th))| W::write_rows(rows, u, th));
         } else {
-            write_rows::<W>(&mut self.rows[..n], u, th);
+            W::write_rows(&mut self.rows[..n], u, th);
         }
         let pass = Pass {
             layout: &self.layout,
@@ -154,14 +154,6 @@ impl<W: RotationVector> Gather<W> {
 
     pub(crate) fn bond_bytes(&self) -> usize {
         self.layout.bond_bytes()
-    }
-}
-
-#[inline]
-fn write_rows<W: RotationVector>(rows: &mut [Row<f64>], u: &[f64], th: &[f64]) {
-    let sources = u.as_chunks::<3>().0.iter().zip(th.as_chunks::<3>().0);
-    for (row, (u, th)) in rows.iter_mut().zip(sources) {
-        *row = W::row(*u, *th);
     }
 }
 
