@@ -94,7 +94,7 @@ pub trait Model<T: Real>: Send {
     fn internal_energy(&self, q: &[T]) -> T;
 
     /// Largest stable step of velocity Verlet \[s\] for the given inverse inertia (0 = prescribed).
-    /// The default computes `2/ω_max` by Lanczos iterations on the forces about the reference configuration.
+    /// The default computes `2/ω_max` by Lanczos iterations on the forces of a linear law; a nonlinear model overrides it.
     ///
     /// # Errors
     /// Those of the internal forces.

@@ -7,7 +7,8 @@ pub type AddForces<'a, T> = dyn FnMut(&[T], &mut [T]) -> Result<()> + 'a;
 
 const STEPS: usize = 80;
 
-/// Critical step `2/ω_max` \[s\] of `M q̈ = f(q)` linearised about `q = 0`; infinite if nothing moves.
+/// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; infinite if nothing moves. A nonlinear model gives its own in
+/// [`crate::Model::critical_step`].
 ///
 /// Lanczos on the symmetric operator `M^{-1/2} K M^{-1/2}` with a fixed start vector (so that the result is
 /// reproducible) and full reorthogonalisation. `inverse_inertia = 0` marks prescribed unknowns.
@@ -55,7 +56,6 @@ pub fn largest_eigenvalue<T: Real>(
     let mut top = T::zero();
     for step in 0..STEPS.min(dofs) {
         (0..dofs).for_each(|i| q[i] = root[i] * v[i]);
-        // Nonlinear laws are linearised by a displacement far below any length of the model.
         f.fill(T::zero());
         add_forces(&q, &mut f)?;
         let mut w: Vec<T> = (0..dofs).map(|i| -root[i] * f[i]).collect();

@@ -261,8 +261,16 @@ impl<T: Real> Weight<T> for Ramp<T> {
             Some((gradient, offset)) => self.exact_mean(cell, gradient, offset),
             None => {
                 let places: Vec<_> = cell.corners().iter().map(|x| self.overlap.place(x)).collect();
-                let inside = places.iter().all(|p| matches!(p, Place::Overlap(_)));
-                geometry::mean(cell, if inside { 1 } else { 3 }, &|x| self.at(x))
+                let all = |p: &dyn Fn(&Place<T>) -> bool| places.iter().all(p);
+                // Away from the borders one rule will do; a border inside the cell needs a fine subdivision.
+                let levels = if all(&|p| matches!(p, Place::Coarse)) || all(&|p| matches!(p, Place::Fine)) {
+                    0
+                } else if all(&|p| matches!(p, Place::Overlap(_))) {
+                    1
+                } else {
+                    3
+                };
+                geometry::mean(cell, levels, &|x| self.at(x))
             }
         }
     }

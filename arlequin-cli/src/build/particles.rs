@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per particle:
-/// 265 GPa gave 74.4 ± 0.3 GPa with 20 000 spheres.
+/// beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
 /// Volume fraction at which polydisperse spheres jam.
 const JAMMED: f64 = 0.615;

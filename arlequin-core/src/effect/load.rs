@@ -109,6 +109,9 @@ impl<T: Real> Effect<T> for Load<T> {
         let gamma = &*site.weights.external;
         let weigh = |dof: usize| match dof {
             d if d < layout.translations() => gamma.at(&site.model.nodes()[d / layout.components]),
+            d if layout.rotations == 3 * layout.nodes => {
+                gamma.at(&site.model.nodes()[(d - layout.translations()) / 3])
+            }
             _ => T::one(),
         };
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
