@@ -3,7 +3,7 @@
 //! Everything here works in the reference configuration and only at set-up.
 
 use crate::Real;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 pub use crate::tree::BoxTree;
 
@@ -178,6 +178,48 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
+    /// Four samples that integrate quadratic polynomials over the whole body, `c + √3 L v_k` with the centroid `c`, the
+    /// covariance `L Lᵀ` and the corners `v_k` of a regular tetrahedron. `false` where one of them falls outside.
+    fn quadratic_rule(&self, out: &mut Vec<Sample<T>>) -> bool {
+        let (mut volume, mut first) = (T::zero(), Vector3::zeros());
+        self.for_each_tetrahedron(|t| {
+            let v = tetrahedron_volume(&t).abs();
+            volume += v;
+            first += t.iter().fold(Vector3::zeros(), |s, p| s + p.coords) * (v * T::of(0.25));
+        });
+        if volume <= T::zero() {
+            return true;
+        }
+        let centre = Point3::from(first / volume);
+        let mut covariance = Matrix3::zeros();
+        self.for_each_tetrahedron(|t| {
+            let v = tetrahedron_volume(&t).abs();
+            let d = t.map(|p| p - centre);
+            let sum = d.iter().fold(Vector3::zeros(), |s, x| s + x);
+            let squares = d.iter().fold(Matrix3::zeros(), |s, x| s + x * x.transpose());
+            covariance += (squares + sum * sum.transpose()) * (v / T::of(20.0));
+        });
+        let Some(factor) = (covariance / volume).cholesky() else {
+            return false;
+        };
+        let corners = [
+            [1.0, 1.0, 1.0],
+            [1.0, -1.0, -1.0],
+            [-1.0, 1.0, -1.0],
+            [-1.0, -1.0, 1.0],
+        ];
+        let points = corners.map(|v| centre + factor.l() * Vector3::from(v.map(T::of)));
+        let inside = |h: &HalfSpace<T>| points.iter().all(|x| h.excess(x) <= T::zero());
+        let all = self.half_spaces().iter().all(inside);
+        if all {
+            out.extend(points.map(|point| Sample {
+                point,
+                measure: volume * T::of(0.25),
+            }));
+        }
+        all
+    }
+
     /// Volume \[m³\].
     pub fn volume(&self) -> T {
         let mut v = T::zero();
@@ -341,7 +383,11 @@ impl<T: Real> Cell<T> {
                     });
                 }
             }
-            Self::Polyhedron(p) => p.for_each_tetrahedron(|t| tetrahedron_quadrature(&t, degree, out)),
+            Self::Polyhedron(p) => {
+                if degree > 2 || !p.quadratic_rule(out) {
+                    p.for_each_tetrahedron(|t| tetrahedron_quadrature(&t, degree, out));
+                }
+            }
         }
     }
 
@@ -516,6 +562,36 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn four_samples_integrate_quadratics_over_a_polyhedron() {
+        let plane = HalfSpace {
+            normal: Vector3::new(1.0, 0.7, 0.4),
+            offset: 0.9,
+        };
+        let body = cube(0.0, 1.0).clip(&plane);
+        let mut whole: Vec<Sample<f64>> = Vec::new();
+        Cell::Polyhedron(body.clone()).quadrature(2, &mut whole);
+        assert_eq!(whole.len(), 4);
+        let mut parts: Vec<Sample<f64>> = Vec::new();
+        body.for_each_tetrahedron(|t| tetrahedron_quadrature(&t, 2, &mut parts));
+        for (a, b, c) in [
+            (0, 0, 0),
+            (1, 0, 0),
+            (0, 0, 1),
+            (2, 0, 0),
+            (0, 2, 0),
+            (1, 1, 0),
+            (0, 1, 1),
+        ] {
+            let sum = |q: &[Sample<f64>]| {
+                q.iter()
+                    .map(|s| s.measure * s.point.x.powi(a) * s.point.y.powi(b) * s.point.z.powi(c))
+                    .sum::<f64>()
+            };
+            assert!((sum(&whole) - sum(&parts)).abs() < 1e-14, "{a} {b} {c}");
         }
     }
 

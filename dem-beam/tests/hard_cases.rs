@@ -132,7 +132,7 @@ fn particle_without_weighted_mass() {
         "{message}"
     );
     assert!(
-        message.contains("trim the model to its subdomain or choose epsilon > 0"),
+        message.contains("trim the model to its subdomain, choose epsilon > 0"),
         "{message}"
     );
 }

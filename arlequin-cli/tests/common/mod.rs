@@ -23,6 +23,11 @@ pub(crate) fn scratch(name: &str) -> PathBuf {
 pub(crate) fn command(arguments: &[&str]) -> Command {
     let mut c = Command::new(env!("CARGO_BIN_EXE_arlequin"));
     c.args(arguments);
+    // Packings are kept with the build, not in the home of whoever runs the tests.
+    c.env(
+        "ARLEQUIN_CACHE",
+        Path::new(env!("CARGO_TARGET_TMPDIR")).join("packings"),
+    );
     c
 }
 
