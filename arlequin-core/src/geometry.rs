@@ -569,7 +569,7 @@ mod tests {
     fn four_samples_integrate_quadratics_over_a_polyhedron() {
         let plane = HalfSpace {
             normal: Vector3::new(1.0, 0.7, 0.4),
-            offset: 0.9,
+            offset: 1.8,
         };
         let body = cube(0.0, 1.0).clip(&plane);
         let mut whole: Vec<Sample<f64>> = Vec::new();
