@@ -1,11 +1,16 @@
-//! A step in the steady state allocates nothing, on any thread. One test only: the counter sees the whole process.
+//! A step in the steady state allocates nothing, on any thread, nor does the evaluation of natural-neighbour functions.
+//! One test only: the counter sees the whole process.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
+use arlequin::cnem::constraint::Surface;
+use arlequin::cnem::domain::Domain;
+use arlequin::cnem::natural::{Kind, Scratch};
 use arlequin::core::junction::{H1Gradient, H1Strain, Junction};
+use arlequin::core::nalgebra::Point3;
 use arlequin::core::observer::Silent;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
@@ -15,7 +20,40 @@ use support::solid::busy;
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
-fn a_step_allocates_nothing() {
+fn steady_state_allocates_nothing() {
+    steps();
+    natural_neighbours();
+}
+
+fn natural_neighbours() {
+    let mut next = support::noise(5);
+    let mut cloud = |n: usize, s: f64| -> Vec<_> {
+        (0..n)
+            .map(|_| Point3::new(s * next(), s * next(), s * next()))
+            .collect()
+    };
+    let domain = Domain::new(&cloud(2000, 1.0), &Surface::convex_hull()).unwrap();
+    let points = cloud(500, 0.7);
+    for kind in [Kind::Sibson, Kind::Laplace] {
+        let mut scratch = Scratch::new();
+        let mut evaluate = || {
+            points.iter().for_each(|x| {
+                let row = domain.shape_with_gradients(kind, x, &mut scratch).unwrap();
+                assert!((row.values.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            });
+        };
+        evaluate();
+        let region = Region::new(ALLOCATOR);
+        evaluate();
+        assert_eq!(
+            region.change().allocations,
+            0,
+            "{kind:?}: allocations in 500 evaluations"
+        );
+    }
+}
+
+fn steps() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     let junctions: [Box<dyn Junction<f64>>; 2] = [
         Box::new(H1Gradient::new(0.1).unwrap()),
