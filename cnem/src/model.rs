@@ -19,7 +19,6 @@ use crate::scni::{BlockMatrix, BoundaryFacet, Smoothing, Stabilisation, SubCells
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::field::Interpolation;
-use arlequin_core::geometry::Cell;
 use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
@@ -200,9 +199,12 @@ impl CnemModel {
             if let [body] = bodies.as_slice() {
                 return weight.mean(body);
             }
-            let sizes: Vec<f64> = bodies.iter().map(Cell::measure).collect();
-            let sum: f64 = bodies.iter().zip(&sizes).map(|(b, v)| weight.mean(b) * v).sum();
-            sum / sizes.iter().sum::<f64>()
+            let (mut sum, mut total) = (0.0, 0.0);
+            for (body, size) in bodies.iter().map(|b| (b, b.measure())).filter(|b| b.1 > 0.0) {
+                sum += weight.mean(body) * size;
+                total += size;
+            }
+            sum / total
         };
         (0..self.cells.len())
             .into_par_iter()

@@ -189,13 +189,10 @@ impl Domain {
         }
         work.work.keep = Some(Vec::new());
         work.work.clipped(self, &cells.regions, node as u32);
-        work.work
-            .keep
-            .take()
-            .unwrap_or_default()
-            .iter()
-            .map(to_core)
-            .collect()
+        let parts = work.work.keep.take().unwrap_or_default();
+        // Parts of round-off size have no volume left to average over.
+        let solid = parts.iter().filter(|p| p.volume() > CONVEX * volume);
+        solid.map(to_core).collect()
     }
 }
 
