@@ -1,5 +1,7 @@
 //! A step in the steady state allocates nothing, on any thread. One test only: the counter sees the whole process.
 
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 

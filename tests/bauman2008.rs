@@ -5,6 +5,8 @@
 //!        alpha = 1/2 or linear; junctions L2, H1 seminorm (pinned), H1 with l = 1
 //! RESULT u(3)
 
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
 #[allow(dead_code, reason = "the chain has more than this case needs")]
 #[path = "../examples/chain/model.rs"]
 mod chain;

@@ -1,5 +1,7 @@
 //! One cell of the cantilever table; `cargo bench --bench cantilever` runs all fifteen.
 
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
 #[path = "support/cantilever.rs"]
 mod cantilever;
 

@@ -1,5 +1,7 @@
 //! Invariants on random meshes, weights, overlaps and states.
 
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 

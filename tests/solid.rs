@@ -1,6 +1,8 @@
 //! Couplings of solids in space: momenta, patch test, sampling choices, several interfaces, prescribed motion, effects
 //! in the ledger, single precision.
 
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 

@@ -1,6 +1,8 @@
 //! The acceptance checks of the method in one dimension: transmission, invariants, critical step, absorber, patch
 //! test, reflection, rank. Each test names the claim it proves.
 
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 #[path = "support/line.rs"]
 mod line;

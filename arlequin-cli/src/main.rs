@@ -1,2 +1,121 @@
-//! Command line.
-fn main() {}
+//! Command line of the Arlequin workspace: a scene file in, results out.
+
+mod build;
+#[allow(dead_code, reason = "the example offers more than a scene asks for")]
+#[path = "../../examples/chain/model.rs"]
+mod chain;
+mod check;
+mod error;
+mod output;
+mod recorder;
+mod report;
+mod run;
+mod scene;
+mod spectrum;
+
+use clap::{Args, Parser, Subcommand};
+use error::{Error, Result};
+use scene::{Scene, Source};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Couples dissimilar mechanics models by the Arlequin method.
+#[derive(Debug, Parser)]
+#[command(name = "arlequin", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run a scene and write its results.
+    Run {
+        #[command(flatten)]
+        common: Common,
+        /// Output folder [default: results/ and the name of the scene]
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Replace an existing output folder.
+        #[arg(long)]
+        force: bool,
+    },
+    /// Read and build a scene, print the plan, run nothing.
+    Check {
+        #[command(flatten)]
+        common: Common,
+    },
+}
+
+#[derive(Debug, Args)]
+struct Common {
+    /// Scene file.
+    scene: PathBuf,
+    /// Change a value of the scene, such as time.end=1e-3; may be repeated.
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    set: Vec<String>,
+    /// Worker threads [default: one per core]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Print the summary or plan as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What both commands start from.
+struct Input<'a> {
+    source: &'a Source,
+    scene: Scene,
+    set: &'a [String],
+    threads: usize,
+    json: bool,
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let common = match &cli.command {
+        Command::Run { common, .. } | Command::Check { common } => common,
+    };
+    let source = match Source::read(&common.scene) {
+        Ok(s) => s,
+        Err(e) => return fail(&e, None),
+    };
+    match dispatch(&cli.command, common, &source) {
+        Ok(code) => code,
+        Err(e) => fail(&e, Some(&source)),
+    }
+}
+
+fn dispatch(command: &Command, common: &Common, source: &Source) -> Result<ExitCode> {
+    let threads = threads(common.threads)?;
+    let input = Input {
+        source,
+        scene: source.scene(&common.set)?,
+        set: &common.set,
+        threads,
+        json: common.json,
+    };
+    match command {
+        Command::Run { out, force, .. } => run::run(&input, out.as_deref(), *force),
+        Command::Check { .. } => check::check(&input).map(|()| ExitCode::SUCCESS),
+    }
+}
+
+fn threads(wanted: Option<usize>) -> Result<usize> {
+    if wanted == Some(0) {
+        return Err(error::value("--threads", 0, "must be at least 1"));
+    }
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(wanted.unwrap_or(0))
+        .build_global()
+        .map_err(|e| Error::System {
+            what: "starting the threads",
+            message: e.to_string(),
+        })?;
+    Ok(rayon::current_num_threads())
+}
+
+fn fail(error: &Error, source: Option<&Source>) -> ExitCode {
+    report::error(&error::render(error, source));
+    ExitCode::from(if error.is_input() { 2 } else { 1 })
+}

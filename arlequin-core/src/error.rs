@@ -131,7 +131,7 @@ pub enum Error {
         node: usize,
     },
     /// A node has no weighted mass.
-    #[error("model '{model}': node {node} at ({:.6e}, {:.6e}, {:.6e}) m has weighted mass {mass:e} kg; trim the model to its subdomain or choose epsilon > 0", point[0], point[1], point[2])]
+    #[error("model '{model}': node {node} at ({:.6e}, {:.6e}, {:.6e}) m has weighted mass {mass:e} kg; the weights leave it nothing: trim the model to its subdomain, choose epsilon > 0, or remove an overlap that is listed twice", point[0], point[1], point[2])]
     ZeroMass {
         /// Name of the model.
         model: String,

@@ -5,6 +5,8 @@
 use crate::Real;
 use nalgebra::{Point3, Vector3};
 
+pub use crate::tree::BoxTree;
+
 /// A sampling point of an integral: position \[m\] and measure \[m³\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<T: Real> {
@@ -456,93 +458,6 @@ fn halves<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
     parts
 }
 
-/// A box tree over cells, to find those that meet a given box in logarithmic time.
-#[derive(Debug, Clone)]
-pub struct BoxTree<T: Real> {
-    boxes: Vec<[Point3<T>; 2]>,
-    nodes: Vec<TreeNode<T>>,
-    order: Vec<u32>,
-}
-
-#[derive(Debug, Clone)]
-struct TreeNode<T: Real> {
-    bounds: [Point3<T>; 2],
-    first: u32,
-    count: u32,
-    right: u32,
-}
-
-impl<T: Real> BoxTree<T> {
-    const LEAF: usize = 8;
-
-    /// Builds the tree over boxes given by their low and high corners.
-    pub fn new(boxes: Vec<[Point3<T>; 2]>) -> Self {
-        let mut tree = Self {
-            order: (0..boxes.len() as u32).collect(),
-            nodes: Vec::new(),
-            boxes,
-        };
-        if !tree.boxes.is_empty() {
-            tree.split(0, tree.boxes.len());
-        }
-        tree
-    }
-
-    fn split(&mut self, first: usize, count: usize) {
-        let range = first..first + count;
-        let bounds = bounds_of(
-            self.order[range.clone()]
-                .iter()
-                .flat_map(|&k| self.boxes[k as usize].iter()),
-        );
-        let node = self.nodes.len();
-        self.nodes.push(TreeNode {
-            bounds,
-            first: first as u32,
-            count: count as u32,
-            right: 0,
-        });
-        if count <= Self::LEAF {
-            return;
-        }
-        let axis = (bounds[1] - bounds[0]).imax();
-        let half = count / 2;
-        let boxes = &self.boxes;
-        let key = |k: &u32| (boxes[*k as usize][0][axis] + boxes[*k as usize][1][axis]).as_f64();
-        self.order[range].select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
-        self.split(first, half);
-        self.nodes[node].right = self.nodes.len() as u32;
-        self.split(first + half, count - half);
-    }
-
-    /// Calls `visit` with the index of every box that meets `query`, until it returns `true`.
-    pub fn any(&self, query: &[Point3<T>; 2], visit: &mut dyn FnMut(usize) -> bool) -> bool {
-        let meets = |b: &[Point3<T>; 2]| (0..3).all(|k| b[0][k] <= query[1][k] && query[0][k] <= b[1][k]);
-        let mut stack = [0u32; 64];
-        let mut depth = usize::from(!self.nodes.is_empty());
-        while depth > 0 {
-            depth -= 1;
-            let id = stack[depth];
-            let node = &self.nodes[id as usize];
-            if !meets(&node.bounds) {
-                continue;
-            }
-            if node.right == 0 {
-                for &k in &self.order[node.first as usize..(node.first + node.count) as usize] {
-                    if meets(&self.boxes[k as usize]) && visit(k as usize) {
-                        return true;
-                    }
-                }
-            } else {
-                stack[depth] = node.right;
-                stack[depth + 1] = id + 1;
-                depth += 2;
-            }
-        }
-        false
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -586,7 +501,7 @@ mod tests {
         ]));
         let fact = |n: u32| (1..=n).map(f64::from).product::<f64>();
         for (degree, max) in [(1, 1), (2, 2), (5, 5)] {
-            let mut q = Vec::new();
+            let mut q: Vec<Sample<f64>> = Vec::new();
             t.quadrature(degree, &mut q);
             for a in 0..=max {
                 for b in 0..=max - a {
@@ -629,23 +544,6 @@ mod tests {
             let body = cube(-0.5, 1.0);
             let sum = body.clip(&plane).volume() + body.clip(&plane.flipped()).volume();
             prop_assert!((sum - 1.0).abs() < 1e-12);
-        }
-
-        #[test]
-        fn the_tree_finds_what_a_scan_finds(seed in prop::collection::vec(prop::array::uniform3(0.0..1.0f64), 1..200)) {
-            let boxes: Vec<_> = seed.iter().map(|s| {
-                let p = Point3::from(*s);
-                [p, p + Vector3::repeat(0.1)]
-            }).collect();
-            let tree = BoxTree::new(boxes.clone());
-            let query = [Point3::new(0.3, 0.3, 0.3), Point3::new(0.5, 0.5, 0.5)];
-            let mut found = Vec::new();
-            tree.any(&query, &mut |k| { found.push(k); false });
-            found.sort_unstable();
-            let scan: Vec<usize> = (0..boxes.len())
-                .filter(|&k| (0..3).all(|a| boxes[k][0][a] <= query[1][a] && query[0][a] <= boxes[k][1][a]))
-                .collect();
-            prop_assert_eq!(found, scan);
         }
     }
 }

@@ -22,6 +22,7 @@ pub mod scalar;
 pub mod spectrum;
 pub mod subdomain;
 pub mod time;
+mod tree;
 pub mod weight;
 
 pub use coupled::{Coupled, Guard, TimeStep};

@@ -431,10 +431,11 @@ impl<T: Real> Subdomain<T> {
         self.field.shape_at(x, false, &mut row)?;
         let d = self.model.layout().components;
         let mut out = [nalgebra::Vector3::zeros(); 2];
-        for (&k, &n) in row.nodes.iter().zip(&row.values) {
-            for c in 0..d {
-                out[0][c] += n * self.state.q[k * d + c];
-                out[1][c] += n * self.state.v[k * d + c];
+        for (sum, values) in out.iter_mut().zip([&self.state.q, &self.state.v]) {
+            for (&k, &n) in row.nodes.iter().zip(&row.values) {
+                sum.iter_mut()
+                    .zip(&values[k * d..(k + 1) * d])
+                    .for_each(|(s, v)| *s += n * *v);
             }
         }
         Ok(out)

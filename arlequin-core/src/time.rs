@@ -97,6 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
+    #[allow(clippy::float_cmp, reason = "these values are exact")]
     fn values() {
         let r = TimeFunction::Ramp { duration: 2.0 };
         assert_eq!([r.at(-1.0), r.at(1.0), r.at(9.0)], [0.0, 0.5, 1.0]);

@@ -2,6 +2,7 @@
 //!
 //! `cargo run --release --example chain`
 
+#[allow(dead_code, reason = "other users of the model vary its springs")]
 mod model;
 
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
@@ -14,6 +15,7 @@ use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{Elastic, FemMediator, FemModel, generate};
 use std::sync::Arc;
 
+#[allow(clippy::print_stdout, reason = "an example shows its results")]
 fn main() -> Result<()> {
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     // The bar fills (-800, 0), the chain (-40, 600); they share (-40, 0), where the chain's share grows from 0 to 1.

@@ -123,7 +123,7 @@ impl<T: Real> Coupled<T> {
         lines
     }
 
-    /// Largest velocity jump of one interface, relative to the largest velocity seen, and displacement jump \[m\].
+    /// Largest jump of velocity \[m/s\] and of displacement \[m\] across one interface.
     pub fn jumps(&mut self, interface: usize) -> [T; 2] {
         let i = &self.interfaces[interface];
         let [c, d] = i.sides;

@@ -13,6 +13,7 @@
 
 mod assembly;
 mod operator;
+mod sums;
 
 pub use assembly::Sampling;
 pub use operator::NullMode;

@@ -1,0 +1,311 @@
+//! Interfaces: overlap, weights, mediator, junction, absorber.
+
+use super::kinds::Body;
+use super::mesh::{Request, View};
+use crate::error::{Result, core, key, value};
+use crate::scene::{
+    Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, ProfileKind, RegionShape, SamplingKind,
+    Shape, WeightTable, WeightingKind,
+};
+use arlequin::core::effect::Absorber;
+use arlequin::core::field::Interpolation;
+use arlequin::core::junction::{H1Gradient, H1Seminorm, H1Strain, Junction, L2};
+use arlequin::core::mediator::Mediator;
+use arlequin::core::nalgebra::{Point3, Unit, Vector3};
+use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
+use arlequin::core::weight::{Profile, Ramp, Weight, Weighting};
+use arlequin::core::{InterfaceOptions, InterfaceSpec, Sampling, Weights};
+use arlequin::fem_ref::generate::Rim;
+use arlequin::fem_ref::{FemField, FemMediator};
+use std::path::Path;
+use std::sync::Arc;
+
+/// An interface before it is handed to the core.
+pub(crate) struct Joint {
+    /// For the core.
+    pub(crate) spec: InterfaceSpec<f64>,
+    /// Weights of the coarse model in this overlap.
+    pub(crate) weights: Weights<f64>,
+    /// Picture of the mediator.
+    pub(crate) view: View,
+    /// Damping of what the coarse model cannot carry, on the fine model.
+    pub(crate) absorber: Option<Absorber<f64>>,
+}
+
+/// The models of an interface: index and body, coarse first.
+pub(crate) type Sides<'a> = [(usize, &'a Body); 2];
+
+/// Builds `[interface.NAME]`.
+pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Path) -> Result<Joint> {
+    let path = format!("interface.{name}");
+    let overlap = overlap(&format!("{path}.overlap"), &table.overlap)?;
+    let mediator_path = format!("{path}.mediator");
+    let shape = match &table.mediator.shape {
+        Some(s) => s.clone(),
+        None => derived_shape(&mediator_path, &table.overlap, sides)?,
+    };
+    let is_file = matches!(shape, Shape::File(_));
+    let coarse_spacing = sides[0].1.spacing;
+    let given = table.mediator.spacing.is_some() || table.mediator.divisions.is_some();
+    let request = Request {
+        key: &mediator_path,
+        shape: &shape,
+        spacing: table
+            .mediator
+            .spacing
+            .or((!given && !is_file).then_some(coarse_spacing)),
+        divisions: table.mediator.divisions.as_deref(),
+        element: table.mediator.element,
+        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
+        rim: Rim::Inscribed,
+        folder,
+    };
+    let mesh = request.mesh()?;
+    let view = View::of_mesh(&mesh);
+    let mediator = Arc::new(FemMediator::new(mesh));
+    let weights = weights(&path, &table.weight, &overlap, mediator.nodes())?;
+    let absorber = match &table.absorber {
+        None => None,
+        Some(a) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
+    };
+    let junction = junction(&path, table, mediator.spacing())?;
+    let options = InterfaceOptions {
+        sampling: match table.sampling {
+            Some(SamplingKind::Intersection) => Sampling::Intersection,
+            Some(SamplingKind::Projection) => Sampling::Projection,
+            Some(SamplingKind::Particles) => Sampling::Particles,
+            None if sides[1].1.field.samples().is_some() => Sampling::Particles,
+            None => Sampling::Intersection,
+        },
+        lumped: table.lumped,
+        pin: table.pin.map(Point3::from),
+        ..InterfaceOptions::default()
+    };
+    Ok(Joint {
+        spec: InterfaceSpec {
+            name: name.to_owned(),
+            coarse: sides[0].0,
+            fine: sides[1].0,
+            mediator,
+            junction,
+            options,
+        },
+        weights,
+        view,
+        absorber,
+    })
+}
+
+fn overlap(path: &str, shape: &OverlapShape) -> Result<Arc<dyn Overlap<f64>>> {
+    Ok(match shape {
+        OverlapShape::Slab { fine, coarse } => Arc::new(
+            Slab::between(Point3::from(*fine), Point3::from(*coarse))
+                .map_err(core(format!("{path}.slab")))?,
+        ),
+        OverlapShape::Shell { core, domain } => Arc::new(Shell {
+            fine_core: region(&format!("{path}.shell.core"), core)?,
+            fine_domain: region(&format!("{path}.shell.domain"), domain)?,
+        }),
+    })
+}
+
+fn region(path: &str, shape: &RegionShape) -> Result<Primitive<f64>> {
+    let positive = |key: &str, r: f64| {
+        if r > 0.0 {
+            return Ok(r);
+        }
+        Err(value(format!("{path}.{key}.radius"), r, "must be positive [m]"))
+    };
+    Ok(match shape {
+        RegionShape::Ball { centre, radius } => Primitive::Ball {
+            centre: Point3::from(*centre),
+            radius: positive("ball", *radius)?,
+        },
+        RegionShape::Box { low, high } => Primitive::Block {
+            low: Point3::from(*low),
+            high: Point3::from(*high),
+        },
+        RegionShape::Cylinder { point, axis, radius } => Primitive::Cylinder {
+            point: Point3::from(*point),
+            axis: Unit::try_new(Vector3::from(*axis), 0.0)
+                .ok_or_else(|| key(format!("{path}.cylinder.axis"), "has no length; take [1, 0, 0]"))?,
+            radius: positive("cylinder", *radius)?,
+        },
+    })
+}
+
+fn weights(
+    path: &str,
+    table: &WeightTable,
+    overlap: &Arc<dyn Overlap<f64>>,
+    mediator: &[Point3<f64>],
+) -> Result<Weights<f64>> {
+    let weighting = match table.weighting {
+        WeightingKind::Energy => Weighting::Energy,
+        WeightingKind::Nodal => Weighting::Nodal,
+    };
+    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal law loses
+    // its critical step with a small floor; 0.05 is the literature's.
+    let floor = match weighting {
+        Weighting::Energy => 1e-6,
+        Weighting::Nodal => 0.05,
+    };
+    let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
+        let path = format!("{path}.weight{key}");
+        let profile = match (kind, constant) {
+            (ProfileKind::Constant, Some(v)) => Profile::Constant(v),
+            (ProfileKind::Constant, None) => {
+                return Err(crate::error::key(
+                    path,
+                    "the constant profile needs value [-], such as value = 0.5",
+                ));
+            }
+            (_, Some(v)) => {
+                let rule = "belongs to the constant profile; remove it or choose profile = \"constant\"";
+                return Err(value(format!("{path}.value"), v, rule));
+            }
+            (ProfileKind::Linear, None) => Profile::Linear,
+            (ProfileKind::Cubic, None) => Profile::Cubic,
+            (ProfileKind::Quintic, None) => Profile::Quintic,
+            (ProfileKind::MediatorCompatible, None) => {
+                Profile::mediator_compatible(&stations(&**overlap, mediator))
+                    .map_err(core(format!("{path}.profile")))?
+            }
+        };
+        let epsilon = epsilon.or(table.epsilon).unwrap_or(floor);
+        let ramp = Ramp::new(overlap.clone(), profile, epsilon).map_err(core(format!("{path}.epsilon")))?;
+        Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
+    };
+    let all = one("", table.profile, table.value, table.epsilon)?;
+    let own = |key: &str, t: &Option<crate::scene::ProfileTable>| match t {
+        None => Ok(all.clone()),
+        Some(t) => one(key, t.profile, t.value, t.epsilon),
+    };
+    Ok(Weights {
+        internal: own(".alpha", &table.alpha)?,
+        kinetic: own(".beta", &table.beta)?,
+        external: own(".gamma", &table.gamma)?,
+        weighting,
+    })
+}
+
+/// Positions `s` of the mediator layers across the overlap.
+fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
+    let position = |x: &Point3<f64>| match overlap.place(x) {
+        Place::Fine => 0.0,
+        Place::Coarse => 1.0,
+        Place::Overlap(s) => s,
+    };
+    let mut s: Vec<f64> = mediator.iter().map(position).collect();
+    s.sort_by(f64::total_cmp);
+    s.dedup_by(|next, kept| *next - *kept < 1e-6);
+    s
+}
+
+fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
+    let at = format!("{path}.junction.length");
+    let length = table.junction.length.unwrap_or(spacing);
+    Ok(match table.junction.kind {
+        JunctionKind::L2 => match table.junction.length {
+            None => Box::new(L2),
+            Some(l) => {
+                return Err(value(
+                    at,
+                    l,
+                    "the l2 junction has no length; remove it or choose an h1 kind",
+                ));
+            }
+        },
+        JunctionKind::H1Strain => Box::new(H1Strain::new(length).map_err(core(at))?),
+        JunctionKind::H1Gradient => Box::new(H1Gradient::new(length).map_err(core(at))?),
+        JunctionKind::H1Seminorm => Box::new(H1Seminorm::new(length).map_err(core(at))?),
+    })
+}
+
+fn absorber(
+    path: &str,
+    table: &AbsorberTable,
+    mediator_request: Request<'_>,
+    mediator: &Arc<FemMediator<f64>>,
+    overlap: &Arc<dyn Overlap<f64>>,
+    fine: &Body,
+) -> Result<Absorber<f64>> {
+    let path = format!("{path}.absorber");
+    let rate = match (table.rate, table.rate_factor) {
+        (Some(r), None) => r,
+        (None, Some(f)) => f * fine.bar_speed() / fine.spacing,
+        _ => return Err(key(path, "needs exactly one of rate [1/s], rate_factor [-]")),
+    };
+    let resolved: Arc<dyn Interpolation<f64>> = match table.spacing {
+        None => mediator.clone(),
+        Some(h) => {
+            let request = Request {
+                key: &path,
+                spacing: Some(h),
+                divisions: None,
+                ..mediator_request
+            };
+            Arc::new(FemField::new(request.mesh()?))
+        }
+    };
+    let overlap = overlap.clone();
+    // Smooth from zero at the border to the fine model's own region, so that the absorber itself does not reflect.
+    let field = move |x: &Point3<f64>| match overlap.place(x) {
+        Place::Fine => 0.0,
+        Place::Coarse => rate,
+        Place::Overlap(s) => rate * s * s,
+    };
+    Ok(Absorber::new(resolved, Arc::new(field)))
+}
+
+/// The slab's part of the space both models share.
+fn derived_shape(path: &str, overlap: &OverlapShape, sides: Sides<'_>) -> Result<Shape> {
+    let give = || {
+        key(
+            path,
+            "the mediator cannot be derived from this overlap and these shapes; give mediator.shape",
+        )
+    };
+    let OverlapShape::Slab { fine, coarse } = overlap else {
+        return Err(give());
+    };
+    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
+    let &[axis] = apart.as_slice() else {
+        return Err(give());
+    };
+    let (low, high) = (fine[axis].min(coarse[axis]), fine[axis].max(coarse[axis]));
+    let shapes = [&sides[0].1.shape, &sides[1].1.shape];
+    match shapes {
+        [Shape::Bar { section, .. }, Shape::Bar { .. }] if axis == 0 => Ok(Shape::Bar {
+            from: low,
+            to: high,
+            section: *section,
+        }),
+        [
+            Shape::Cylinder {
+                from: a, radius: r, ..
+            },
+            Shape::Cylinder {
+                from: b, radius: s, ..
+            },
+        ] if axis == 0 && a[1..] == b[1..] && (r - s).abs() <= 1e-9 * r => Ok(Shape::Cylinder {
+            from: [low, a[1], a[2]],
+            length: high - low,
+            radius: *r,
+        }),
+        [Shape::Box { low: a, high: b }, Shape::Box { low: c, high: d }] => {
+            let mut corners = [[0.0; 3]; 2];
+            for k in 0..3 {
+                corners[0][k] = a[k].max(c[k]);
+                corners[1][k] = b[k].min(d[k]);
+            }
+            corners[0][axis] = low;
+            corners[1][axis] = high;
+            Ok(Shape::Box {
+                low: corners[0],
+                high: corners[1],
+            })
+        }
+        _ => Err(give()),
+    }
+}

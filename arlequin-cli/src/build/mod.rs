@@ -1,0 +1,295 @@
+//! From the scene to a run that is ready to step.
+
+mod drive;
+mod joint;
+mod kinds;
+mod mesh;
+mod natural;
+mod particles;
+mod probe;
+mod select;
+
+pub(crate) use kinds::{Body, Kind};
+pub(crate) use mesh::View;
+pub(crate) use probe::Reader;
+
+use crate::error::{Error, Result, key, value};
+use crate::scene::{Interface, Material, RoleKind, Scene, StepChoice};
+use arlequin::core::field::Interpolation;
+use arlequin::core::subdomain::Role;
+use arlequin::core::{Coupled, Guard, Subdomain, TimeStep, Weighting, Weights};
+use drive::Attachments;
+use joint::Joint;
+use std::path::Path;
+use std::sync::Arc;
+
+/// What output needs of a model besides its state.
+pub(crate) struct Drawn {
+    /// Picture.
+    pub(crate) view: View,
+    /// Field.
+    pub(crate) field: Arc<dyn Interpolation<f64>>,
+    /// Material.
+    pub(crate) material: Material,
+}
+
+/// A run that is ready to step.
+pub(crate) struct Built {
+    /// The run.
+    pub(crate) run: Coupled<f64>,
+    /// Pictures of the models.
+    pub(crate) drawn: Vec<Drawn>,
+    /// Pictures of the mediators.
+    pub(crate) mediators: Vec<View>,
+    /// Probes.
+    pub(crate) probes: Vec<Reader>,
+    /// Steps to make.
+    pub(crate) steps: usize,
+    /// Steps between two frames.
+    pub(crate) frame_every: usize,
+}
+
+/// Builds everything a scene asks for.
+pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
+    check_numbers(scene)?;
+    check_names(scene)?;
+    let bodies: Vec<Body> = scene
+        .model
+        .iter()
+        .map(|(name, table)| kinds::body(name, table, folder))
+        .collect::<Result<_>>()?;
+    if bodies.is_empty() {
+        return Err(key("model", "a scene needs at least one model"));
+    }
+    let mut joints = Vec::new();
+    for (name, table) in &scene.interface {
+        let [c, f] = sides_of(name, table, scene)?;
+        joints.push(joint::joint(
+            name,
+            table,
+            [(c, &bodies[c]), (f, &bodies[f])],
+            folder,
+        )?);
+    }
+    let probes = scene
+        .probe
+        .iter()
+        .map(|(n, p)| Reader::new(n, p, scene, &bodies))
+        .collect::<Result<_>>()?;
+    let mut attachments = Attachments::of(scene, &bodies)?;
+    for j in &mut joints {
+        if let Some(a) = j.absorber.take() {
+            attachments.add(j.spec.fine, Box::new(a));
+        }
+    }
+    let mut drawn = Vec::new();
+    let mut subdomains = Vec::new();
+    for (m, body) in bodies.into_iter().enumerate() {
+        drawn.push(Drawn {
+            view: body.view.clone(),
+            field: body.field.clone(),
+            material: body.material,
+        });
+        subdomains.push(subdomain(scene, m, body, &joints, &mut attachments)?);
+    }
+    let mediators = joints.iter().map(|j| j.view.clone()).collect();
+    let specs = joints.into_iter().map(|j| j.spec).collect();
+    let run = Coupled::new(subdomains, specs, step_of(scene), Some(guard(scene))).map_err(located)?;
+    let steps = steps_of(scene, run.dt());
+    let frame_every = frames(scene, steps, run.dt());
+    Ok(Built {
+        run,
+        drawn,
+        mediators,
+        probes,
+        steps,
+        frame_every,
+    })
+}
+
+fn step_of(scene: &Scene) -> TimeStep<f64> {
+    match scene.time.step {
+        StepChoice::Fraction(f) => TimeStep::Fraction(f),
+        StepChoice::Seconds(s) => TimeStep::Seconds(s),
+    }
+}
+
+/// Whole steps up to the end; a step that ends there up to round-off is the last one.
+fn steps_of(scene: &Scene, dt: f64) -> usize {
+    match (scene.time.steps, scene.time.end) {
+        (Some(n), _) => n,
+        (None, end) => ((end.unwrap_or_default() / dt * (1.0 - 1e-12)).ceil() as usize).max(1),
+    }
+}
+
+/// Steps between two frames: as asked for, or about twenty frames in all.
+fn frames(scene: &Scene, steps: usize, dt: f64) -> usize {
+    let every = match (scene.output.every, scene.output.interval) {
+        (Some(n), _) => n,
+        (None, Some(seconds)) => (seconds / dt).round() as usize,
+        (None, None) => steps.div_ceil(20),
+    };
+    every.max(1)
+}
+
+fn guard(scene: &Scene) -> Guard<f64> {
+    let nodal = scene
+        .interface
+        .values()
+        .any(|i| i.weight.weighting == crate::scene::WeightingKind::Nodal);
+    let weighting = if nodal {
+        Weighting::Nodal
+    } else {
+        Weighting::Energy
+    };
+    Guard {
+        interval: scene.output.energy_every,
+        ..Guard::for_weighting(weighting)
+    }
+}
+
+fn check_numbers(scene: &Scene) -> Result<()> {
+    match (scene.time.end, scene.time.steps) {
+        (Some(t), None) if t <= 0.0 => return Err(value("time.end", t, "must be positive [s]")),
+        (None, Some(0)) => return Err(value("time.steps", 0, "must be at least 1")),
+        (Some(_), None) | (None, Some(_)) => {}
+        _ => return Err(key("time", "needs exactly one of end [s], steps")),
+    }
+    match scene.time.step {
+        StepChoice::Fraction(f) if !(f > 0.0 && f < 1.0) => {
+            let rule = "must lie above 0 and below 1, in units of the critical step; take 0.9";
+            return Err(value("time.step.fraction", f, rule));
+        }
+        StepChoice::Seconds(s) if s <= 0.0 => {
+            return Err(value("time.step.seconds", s, "must be positive [s]"));
+        }
+        _ => {}
+    }
+    let output = &scene.output;
+    let counts = [
+        ("every", output.every.unwrap_or(1)),
+        ("probe_every", output.probe_every),
+        ("energy_every", output.energy_every),
+    ];
+    if let Some((name, _)) = counts.iter().find(|(_, n)| *n == 0) {
+        return Err(value(format!("output.{name}"), 0, "must be at least 1 step"));
+    }
+    match (output.interval, output.every) {
+        (Some(_), Some(_)) => Err(key("output", "every and interval exclude each other; remove one")),
+        (Some(t), _) if t <= 0.0 => Err(value("output.interval", t, "must be positive [s]")),
+        _ => Ok(()),
+    }
+}
+
+/// Names become file names and columns.
+fn check_names(scene: &Scene) -> Result<()> {
+    let tables = [
+        ("model", scene.model.keys().collect::<Vec<_>>()),
+        ("interface", scene.interface.keys().collect()),
+        ("probe", scene.probe.keys().collect()),
+    ];
+    for (table, names) in tables {
+        for name in names {
+            let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+            if name.is_empty() || !name.chars().all(good) {
+                let rule = "has a name with other signs than a-z, A-Z, 0-9, - and _; it also names files";
+                return Err(key(format!("{table}.{name}"), rule));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Indices of the coarse and the fine model of an interface.
+fn sides_of(name: &str, table: &Interface, scene: &Scene) -> Result<[usize; 2]> {
+    let path = format!("interface.{name}");
+    let mut out = [0; 2];
+    let wanted = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
+    for (slot, (model, role)) in out.iter_mut().zip(wanted) {
+        *slot = drive::model_index(&format!("{path}.{}", role.name()), model, scene)?;
+    }
+    if out[0] == out[1] {
+        let rule = format!(
+            "is coarse and fine side at once ('{}'); name two models",
+            table.fine
+        );
+        return Err(key(format!("{path}.fine"), rule));
+    }
+    for (model, role) in wanted {
+        if scene.model[model].role != Some(role) {
+            let rule = format!("interface '{name}' needs role = \"{}\" here", role.name());
+            return Err(key(format!("model.{model}.role"), rule));
+        }
+    }
+    Ok(out)
+}
+
+fn subdomain(
+    scene: &Scene,
+    m: usize,
+    body: Body,
+    joints: &[Joint],
+    attachments: &mut Attachments,
+) -> Result<Subdomain<f64>> {
+    let partners = |side: fn(&Joint) -> usize| -> Vec<Weights<f64>> {
+        let mine = joints.iter().filter(|j| side(j) == m);
+        mine.map(|j| j.weights.clone()).collect()
+    };
+    let fine = partners(|j| j.spec.fine);
+    let coarse = partners(|j| j.spec.coarse);
+    let weights = match (coarse.as_slice(), fine.as_slice()) {
+        ([], []) => Weights::uncoupled(),
+        ([one], []) => one.clone(),
+        ([], all) => Weights::complement_of(all),
+        // Beside several fine partners: 1 − Σ (1 − f_i), one where none of them is.
+        (all, _) => {
+            let shares: Vec<_> = all
+                .iter()
+                .map(|w| Weights::complement_of(std::slice::from_ref(w)))
+                .collect();
+            Weights::complement_of(&shares)
+        }
+    };
+    let role = if coarse.is_empty() {
+        Role::Fine
+    } else {
+        Role::Coarse
+    };
+    let (q, v) = drive::initial(scene, m, &body)?;
+    let subdomain = Subdomain::new(body.model, role, body.field, weights);
+    let subdomain = attachments.attach(m, subdomain);
+    subdomain
+        .with_initial(q, v)
+        .map_err(crate::error::core(format!("initial[{m}]")))
+}
+
+/// Finds the key an error of the core comes from.
+fn located(source: arlequin::core::Error) -> Error {
+    use arlequin::core::Error as Core;
+    let interface = |name: &str, key: &str| format!("interface.{name}.{key}");
+    let key = match &source {
+        Core::UnstableStep { .. } => "time.step.seconds".to_owned(),
+        Core::EmptyOverlap { interface: i, .. } | Core::OverhangingMediator { interface: i, .. } => {
+            interface(i, "mediator")
+        }
+        Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
+        Core::SingularInterface { interface: i, .. } | Core::RankTooLarge { interface: i, .. } => {
+            interface(i, "mediator")
+        }
+        Core::SharedNode { second, .. } => interface(second, "mediator"),
+        Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
+            format!("model.{model}")
+        }
+        // Messages that begin with "interface 'NAME': key".
+        Core::InvalidParameter { name, .. } => match name.strip_prefix("interface '") {
+            Some(rest) => rest.replacen("': ", ".", 1),
+            None => "model".to_owned(),
+        },
+        _ => "interface".to_owned(),
+    };
+    let key = match &source {
+        Core::InvalidParameter { name, .. } if name.starts_with("interface '") => format!("interface.{key}"),
+        _ => key,
+    };
+    Error::Core { key, source }
+}

@@ -1,0 +1,129 @@
+//! `kind = "cnem"`: the nodes of a mesh carry natural-neighbour functions instead of elements.
+
+use super::kinds::{Body, solid_poisson};
+use super::mesh::{Request, View};
+use crate::error::{Result, fem, value};
+use crate::scene::{CnemTable, Element, Functions, Material, ModelTable, Shape};
+use arlequin::cnem::constraint::Surface;
+use arlequin::cnem::domain::Domain;
+use arlequin::cnem::natural::Kind as Neighbours;
+use arlequin::cnem::{CnemModel, Elastic, Options, Stabilisation};
+use arlequin::core::model::CoarseModel;
+use arlequin::fem_ref::Mesh;
+use arlequin::fem_ref::generate::Rim;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Turns errors of the crate into those of the command, at a key of the scene.
+fn natural(key: &str) -> impl Fn(arlequin::cnem::Error) -> crate::error::Error + '_ {
+    move |e| crate::error::core(key)(e.into())
+}
+
+/// Builds a natural-element body on the nodes of the mesh that the same table would give finite elements.
+pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+    if let Shape::Bar { .. } = table.shape {
+        let rule =
+            "natural elements fill solids; use a box, a cylinder or a file, or kind = \"fem\" for a bar";
+        return Err(value(format!("{key}.shape"), table.shape.name(), rule));
+    }
+    let request = Request {
+        key,
+        shape: &table.shape,
+        spacing: table.spacing,
+        divisions: table.divisions.as_deref(),
+        element: Element::Tet4,
+        rim: Rim::EqualArea,
+        folder,
+    };
+    let mesh = request.mesh()?.into_tetrahedra().map_err(fem(key))?;
+    let poisson = solid_poisson(key, table)?;
+    let at = format!("{key}.material");
+    let material =
+        Elastic::new(table.material.young, poisson, table.material.density).map_err(natural(&at))?;
+    let corners: Vec<[usize; 4]> = (0..mesh.element_count())
+        .map(|e| [0, 1, 2, 3].map(|k: usize| mesh.element(e)[k] as usize))
+        .collect();
+    let domain = Domain::new(mesh.nodes(), &Surface::of_elements(&corners)).map_err(natural(key))?;
+    let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
+    let groups = groups(&mesh, &model);
+    let surfaces = surfaces(&mesh, &model);
+    let boundary = model.surface(|_| true).map_err(natural(key))?;
+    let view = View {
+        points: model.domain().nodes().to_vec(),
+        connectivity: model.domain().elements().flatten().map(|v| v as u32).collect(),
+        corners: 4,
+        cell_type: 10,
+    };
+    Ok(Body {
+        field: model.coarse_field(),
+        model: Box::new(model),
+        view,
+        groups,
+        surfaces,
+        boundary,
+        spacing: mesh.spacing(),
+        material: Material {
+            poisson: Some(poisson),
+            ..table.material
+        },
+        shape: table.shape.clone(),
+    })
+}
+
+fn options(table: &CnemTable) -> Options {
+    let default = Options::default();
+    Options {
+        kind: match table.functions {
+            None => default.kind,
+            Some(Functions::Sibson) => Neighbours::Sibson,
+            Some(Functions::Laplace) => Neighbours::Laplace,
+        },
+        stabilisation: match table.stabilisation {
+            None => default.stabilisation,
+            Some(0.0) => Stabilisation::None,
+            Some(a) => Stabilisation::SubCells(a),
+        },
+    }
+}
+
+/// Corners of every boundary triangle.
+fn faces(model: &CnemModel) -> Vec<[usize; 3]> {
+    model.domain().constrained_faces().map(|f| f.0).collect()
+}
+
+/// Named sets of nodes: those of the mesh, and the points inserted on faces within a set.
+fn groups(mesh: &Mesh<f64>, model: &CnemModel) -> BTreeMap<String, Vec<usize>> {
+    let faces = faces(model);
+    let named = mesh.groups().iter().map(|(name, group)| {
+        let mut nodes: BTreeSet<usize> = group.nodes.iter().map(|&k| k as usize).collect();
+        let own: Vec<usize> = (mesh.nodes().len()..model.domain().nodes().len())
+            .filter(|n| {
+                let around = faces.iter().filter(|f| f.contains(n)).flatten();
+                around.clone().any(|k| nodes.contains(k))
+                    && faces.iter().any(|f| {
+                        f.contains(n) && f.iter().all(|k| k >= &mesh.nodes().len() || nodes.contains(k))
+                    })
+            })
+            .collect();
+        nodes.extend(own);
+        (name.clone(), nodes.into_iter().collect())
+    });
+    named.collect()
+}
+
+/// Named surfaces: the boundary facets on triangles whose corners all belong to the group.
+fn surfaces(
+    mesh: &Mesh<f64>,
+    model: &CnemModel,
+) -> BTreeMap<String, Vec<arlequin::core::effect::SurfaceFacet<f64>>> {
+    let faces = faces(model);
+    let groups = groups(mesh, model);
+    let named = mesh.groups().iter().filter(|(_, g)| !g.facets.is_empty());
+    named
+        .filter_map(|(name, _)| {
+            let nodes: BTreeSet<usize> = groups[name].iter().copied().collect();
+            let whole = model.surface(|f| faces[f.face].iter().all(|k| nodes.contains(k)));
+            whole.ok().map(|s| (name.clone(), s))
+        })
+        .collect()
+}

@@ -1,0 +1,125 @@
+//! `arlequin check`: builds everything, prints the plan, runs nothing.
+
+use crate::Input;
+use crate::build::{self, Built};
+use crate::error::{Error, Result};
+use crate::output::Frames;
+use crate::output::summary::{self, InterfaceLine, ModelLine};
+use crate::recorder::PhaseClock;
+use crate::report;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Seconds that trial steps may take to estimate the time of a run.
+const TRIAL: f64 = 0.3;
+
+/// What a run will be.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Plan {
+    /// Path of the scene as given.
+    pub(crate) scene: String,
+    /// Its title.
+    pub(crate) title: Option<String>,
+    /// Models.
+    pub(crate) models: Vec<ModelLine>,
+    /// Interfaces.
+    pub(crate) interface: Vec<InterfaceLine>,
+    /// Effects that are on.
+    pub(crate) effects: Vec<String>,
+    /// Step \[s\].
+    pub(crate) dt: f64,
+    /// Largest stable step \[s\].
+    pub(crate) critical_dt: f64,
+    /// Steps to make.
+    pub(crate) steps: usize,
+    /// End \[s\].
+    pub(crate) end: f64,
+    /// Frames to write.
+    pub(crate) frames: usize,
+    /// Bytes of all frames.
+    pub(crate) output_bytes: usize,
+    /// Bytes of memory: those in use now that everything is built, or where the system does not tell, an estimate.
+    pub(crate) memory_bytes: usize,
+    /// Seconds the set-up took.
+    pub(crate) setup_seconds: f64,
+    /// Seconds the steps will take, from trial steps that are thrown away; none if these fail.
+    pub(crate) stepping_seconds: Option<f64>,
+    /// What a user should know.
+    pub(crate) warnings: Vec<String>,
+}
+
+/// Checks a scene.
+pub(crate) fn check(input: &Input<'_>) -> Result<()> {
+    let begin = Instant::now();
+    let Built {
+        mut run,
+        drawn,
+        mediators,
+        steps,
+        frame_every,
+        ..
+    } = build::build(&input.scene, input.source.folder())?;
+    let setup_seconds = begin.elapsed().as_secs_f64();
+    // Nothing is written: the folder is only a name.
+    let frames = Frames::new(PathBuf::new(), &input.scene.output.fields, &run, drawn, mediators);
+    let plan = run.plan();
+    let count = 1 + steps.div_ceil(frame_every);
+    let mut out = Plan {
+        scene: input.source.path.display().to_string(),
+        title: input.scene.title.clone(),
+        models: summary::models(&run),
+        interface: summary::interfaces(&run, &[]),
+        effects: plan.effects.clone(),
+        dt: plan.dt,
+        critical_dt: plan.critical_dt,
+        steps,
+        end: steps as f64 * plan.dt,
+        frames: count,
+        output_bytes: count * frames.bytes_per_frame(),
+        memory_bytes: resident_bytes().unwrap_or_else(|| estimated_bytes(&plan)),
+        setup_seconds,
+        stepping_seconds: None,
+        warnings: summary::warnings(&run),
+    };
+    out.stepping_seconds = trial(&mut run, steps);
+    if input.json {
+        let text = serde_json::to_string_pretty(&out).map_err(|e| Error::System {
+            what: "writing the plan",
+            message: e.to_string(),
+        })?;
+        report::json(&text);
+    } else {
+        report::plan(&out);
+    }
+    Ok(())
+}
+
+/// Seconds for all steps, extrapolated from a few.
+fn trial(run: &mut arlequin::core::Coupled<f64>, steps: usize) -> Option<f64> {
+    let mut clock = PhaseClock::new();
+    // The first step warms the caches.
+    run.advance(&mut clock).ok()?;
+    let begin = Instant::now();
+    let mut made = 0usize;
+    while made < 100 && begin.elapsed().as_secs_f64() < TRIAL {
+        run.advance(&mut clock).ok()?;
+        made += 1;
+    }
+    Some(begin.elapsed().as_secs_f64() / made as f64 * steps as f64)
+}
+
+/// Resident memory of this process, where the system tells.
+fn resident_bytes() -> Option<usize> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmRSS:"))?;
+    let kilobytes: usize = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+/// Twelve vectors and a stiffness row of 81 entries per unknown, and the interface matrices.
+fn estimated_bytes(plan: &arlequin::core::coupled::Plan) -> usize {
+    let unknowns: usize = plan.models.iter().map(|m| m.3).sum();
+    let interface: usize = plan.interfaces.iter().map(|i| i.nonzeros).sum();
+    unknowns * (12 * 8 + 81 * 12) + interface * 16
+}

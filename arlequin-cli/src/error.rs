@@ -1,0 +1,234 @@
+//! Errors of the command line: each names a key of the scene, its value, the limit and a way out.
+
+use std::path::{Path, PathBuf};
+
+/// What can go wrong between the command line and the results.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Error {
+    /// A file cannot be read.
+    #[error("cannot read '{}': {source}; check the path", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file or folder cannot be written.
+    #[error("cannot write '{}': {source}; check permissions and space, or choose another --out", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The text is not TOML, or not a scene.
+    #[error("{message}")]
+    Syntax {
+        /// The parser's words.
+        message: String,
+        /// Bytes of the scene file it speaks of; none for values given by `--set`.
+        span: Option<std::ops::Range<usize>>,
+    },
+    /// A `--set` that does not fit the scene.
+    #[error("--set {assignment}: {message}")]
+    Set {
+        /// As given.
+        assignment: String,
+        /// What is wrong, and the way out.
+        message: String,
+    },
+    /// A value that makes no sense.
+    #[error("{key} = {value}: {rule}")]
+    Value {
+        /// Path of the key.
+        key: String,
+        /// Its value.
+        value: String,
+        /// Limit and remedy.
+        rule: String,
+    },
+    /// A key that is needed and not there, or there and not wanted.
+    #[error("{key}: {rule}")]
+    Key {
+        /// Path of the key.
+        key: String,
+        /// What is needed.
+        rule: String,
+    },
+    /// A name that nothing bears.
+    #[error("{key} = '{name}': there is no {what} of this name; known: {known}")]
+    UnknownName {
+        /// Path of the key.
+        key: String,
+        /// The name.
+        name: String,
+        /// What should bear it.
+        what: &'static str,
+        /// What there is.
+        known: String,
+    },
+    /// The core refuses.
+    #[error("{source}")]
+    Core {
+        /// Path of the key it comes from.
+        key: String,
+        /// Its error.
+        source: arlequin::core::Error,
+    },
+    /// The finite elements refuse.
+    #[error("{key}: {source}")]
+    Fem {
+        /// Path of the key it comes from.
+        key: String,
+        /// Their error.
+        source: arlequin::fem_ref::Error,
+    },
+    /// Results would be overwritten.
+    #[error("output folder '{}' exists; choose another with --out, or replace it with --force", path.display())]
+    Exists {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A result is not a finite number.
+    #[error("{what} is not a finite number at t = {time:e} s; reduce the step or check loads and supports")]
+    NotFinite {
+        /// Which result.
+        what: String,
+        /// Time \[s\].
+        time: f64,
+    },
+    /// Anything of the system: threads, signal handler.
+    #[error("{what}: {message}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// The system's words.
+        message: String,
+    },
+    /// A plot cannot be drawn.
+    #[error("cannot draw '{name}': {message}")]
+    Plot {
+        /// File name.
+        name: String,
+        /// The library's words.
+        message: String,
+    },
+}
+
+/// Result of the command line's operations.
+pub(crate) type Result<V, E = Error> = std::result::Result<V, E>;
+
+impl Error {
+    /// Path of the key the error speaks of, and bytes of the scene file where the parser knows them.
+    pub(crate) fn place(&self) -> (Option<&str>, Option<std::ops::Range<usize>>) {
+        match self {
+            Self::Syntax { span, .. } => (None, span.clone()),
+            Self::Value { key, .. }
+            | Self::Key { key, .. }
+            | Self::UnknownName { key, .. }
+            | Self::Core { key, .. }
+            | Self::Fem { key, .. } => (Some(key), None),
+            _ => (None, None),
+        }
+    }
+
+    /// Whether the input is to blame (exit code 2) rather than the run (1).
+    pub(crate) fn is_input(&self) -> bool {
+        use arlequin::core::Error as Core;
+        let run = matches!(
+            self,
+            Self::Write { .. }
+                | Self::NotFinite { .. }
+                | Self::System { .. }
+                | Self::Plot { .. }
+                | Self::Core {
+                    source: Core::Diverged { .. } | Core::EnergyGrowth { .. },
+                    ..
+                }
+        );
+        !run
+    }
+}
+
+/// Shorthand for [`Error::Value`].
+pub(crate) fn value(key: impl Into<String>, value: impl std::fmt::Display, rule: &str) -> Error {
+    Error::Value {
+        key: key.into(),
+        value: value.to_string(),
+        rule: rule.to_owned(),
+    }
+}
+
+/// Shorthand for [`Error::Key`].
+pub(crate) fn key(key: impl Into<String>, rule: impl Into<String>) -> Error {
+    Error::Key {
+        key: key.into(),
+        rule: rule.into(),
+    }
+}
+
+/// Shorthand for [`Error::UnknownName`].
+pub(crate) fn unknown<'a>(
+    key: impl Into<String>,
+    name: &str,
+    what: &'static str,
+    known: impl Iterator<Item = &'a String>,
+) -> Error {
+    let known: Vec<&str> = known.map(String::as_str).collect();
+    Error::UnknownName {
+        key: key.into(),
+        name: name.to_owned(),
+        what,
+        known: if known.is_empty() {
+            "none".into()
+        } else {
+            known.join(", ")
+        },
+    }
+}
+
+/// Puts the key in front of an error of the core.
+pub(crate) fn core(key: impl Into<String>) -> impl FnOnce(arlequin::core::Error) -> Error {
+    let key = key.into();
+    move |source| Error::Core { key, source }
+}
+
+/// Puts the key in front of an error of the finite elements.
+pub(crate) fn fem(key: impl Into<String>) -> impl FnOnce(arlequin::fem_ref::Error) -> Error {
+    let key = key.into();
+    move |source| Error::Fem { key, source }
+}
+
+/// Names the file in an input or output error.
+pub(crate) fn write(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
+    move |source| Error::Write {
+        path: path.to_owned(),
+        source,
+    }
+}
+
+/// Shows an error with the place in the scene it comes from.
+pub(crate) fn render(error: &Error, source: Option<&crate::scene::Source>) -> String {
+    let (key, span) = error.place();
+    let span = span.or_else(|| source.and_then(|s| s.span_of(key?)));
+    let mut report = miette::MietteDiagnostic::new(error.to_string());
+    if let Some(span) = &span {
+        let label = miette::LabeledSpan::at(span.clone(), key.unwrap_or("here"));
+        report = report.with_label(label);
+    }
+    let mut out = String::new();
+    let theme = miette::GraphicalTheme::unicode_nocolor();
+    let handler = miette::GraphicalReportHandler::new_themed(theme)
+        .with_context_lines(1)
+        .with_wrap_lines(false)
+        .without_cause_chain();
+    let shown = match (source, span) {
+        (Some(s), Some(_)) => {
+            let text = miette::NamedSource::new(s.path.display().to_string(), s.text.clone());
+            let report = miette::Report::new(report).with_source_code(text);
+            handler.render_report(&mut out, report.as_ref())
+        }
+        _ => handler.render_report(&mut out, &report),
+    };
+    if shown.is_ok() { out } else { format!("{error}\n") }
+}

@@ -1,0 +1,247 @@
+//! Frames: the state of all models and mediators at one instant.
+
+use super::vtu::{self, Array, Entry};
+use crate::build::{Drawn, View};
+use crate::error::{Error, Result, core};
+use crate::scene::{Material, OutputField};
+use arlequin::core::field::ShapeRow;
+use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin::core::{Coupled, Subdomain};
+use std::path::{Path, PathBuf};
+
+/// Shape gradients at the centre of one cell.
+type CentreRow = Vec<(usize, Vector3<f64>)>;
+
+/// Writes frames and, at the end, their index.
+pub(crate) struct Frames {
+    folder: PathBuf,
+    fields: Vec<OutputField>,
+    models: Vec<Painter>,
+    mediators: Vec<View>,
+    entries: Vec<Entry>,
+}
+
+/// What a model's files repeat.
+struct Painter {
+    view: View,
+    material: Material,
+    /// Empty if the energy density is not wanted or the field has no gradient.
+    centres: Vec<CentreRow>,
+    weights: Vec<Array>,
+}
+
+impl Frames {
+    /// Prepares frames in a folder.
+    pub(crate) fn new(
+        folder: PathBuf,
+        fields: &[OutputField],
+        run: &Coupled<f64>,
+        drawn: Vec<Drawn>,
+        mediators: Vec<View>,
+    ) -> Self {
+        let density = fields.contains(&OutputField::EnergyDensity);
+        let models = drawn
+            .into_iter()
+            .zip(run.subdomains())
+            .map(|(d, s)| Painter {
+                centres: if density {
+                    centres(&d).unwrap_or_default()
+                } else {
+                    Vec::new()
+                },
+                weights: weights(s),
+                view: d.view,
+                material: d.material,
+            })
+            .collect();
+        Self {
+            folder,
+            fields: fields.to_vec(),
+            models,
+            mediators,
+            entries: Vec::new(),
+        }
+    }
+
+    /// Number of instants written.
+    pub(crate) fn count(&self) -> usize {
+        self.entries.iter().filter(|e| e.part == 0).count()
+    }
+
+    /// Bytes of one frame, without headers.
+    pub(crate) fn bytes_per_frame(&self) -> usize {
+        let model = |m: &Painter| {
+            let fixed = 24 * m.view.points.len() + 4 * m.view.connectivity.len() + 9 * m.view.cells();
+            let weights = if self.fields.contains(&OutputField::Weights) {
+                24
+            } else {
+                0
+            };
+            fixed + (48 + weights) * m.view.points.len() + 8 * m.centres.len()
+        };
+        let mediator = |v: &View| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
+        self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
+    }
+
+    /// Writes the current state.
+    pub(crate) fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
+        for (part, (painter, s)) in self.models.iter().zip(run.subdomains()).enumerate() {
+            let name = s.model().name();
+            check_finite(run, name, &s.state().q)?;
+            check_finite(run, name, &s.state().v)?;
+            let (points, cells) = painter.arrays(&self.fields, s);
+            let file = format!("{name}_{:08}.vtu", run.steps());
+            vtu::write_grid(&self.folder.join(&file), &painter.view, &points, &cells)?;
+            self.entries.push(entry(run, part, name, file));
+        }
+        if !self.fields.contains(&OutputField::Multipliers) {
+            return Ok(());
+        }
+        for (k, (view, i)) in self.mediators.iter().zip(run.interfaces()).enumerate() {
+            let name = &i.report().name;
+            check_finite(run, name, i.multipliers())?;
+            let lambda = Array {
+                name: "multiplier".into(),
+                components: 3,
+                values: vectors(i.multipliers(), i.components(), view.points.len()),
+            };
+            let file = format!("mediator-{name}_{:08}.vtu", run.steps());
+            vtu::write_grid(&self.folder.join(&file), view, &[lambda], &[])?;
+            self.entries.push(entry(
+                run,
+                self.models.len() + k,
+                &format!("mediator-{name}"),
+                file,
+            ));
+        }
+        Ok(())
+    }
+
+    /// Writes the index.
+    pub(crate) fn finish(&self, path: &Path) -> Result<()> {
+        vtu::write_index(path, &self.entries)
+    }
+}
+
+impl Painter {
+    fn arrays(&self, fields: &[OutputField], s: &Subdomain<f64>) -> (Vec<Array>, Vec<Array>) {
+        let (mut points, mut cells) = (Vec::new(), Vec::new());
+        let count = s.model().layout().components;
+        let vector = |name: &str, values: &[f64]| Array {
+            name: name.into(),
+            components: 3,
+            values: vectors(values, count, self.view.points.len()),
+        };
+        for field in fields {
+            match field {
+                OutputField::Displacement => points.push(vector("displacement [m]", &s.state().q)),
+                OutputField::Velocity => points.push(vector("velocity [m/s]", &s.state().v)),
+                OutputField::Weights => points.extend(self.weights.iter().cloned()),
+                OutputField::EnergyDensity if !self.centres.is_empty() => cells.push(Array {
+                    name: "energy density [J/m3]".into(),
+                    components: 1,
+                    values: self
+                        .centres
+                        .iter()
+                        .map(|row| self.density(row, &s.state().q, count))
+                        .collect(),
+                }),
+                OutputField::EnergyDensity | OutputField::Multipliers => {}
+            }
+        }
+        (points, cells)
+    }
+
+    /// Unweighted strain energy density `½ σ:ε` at a cell centre.
+    fn density(&self, row: &CentreRow, q: &[f64], count: usize) -> f64 {
+        let Material { young, poisson, .. } = self.material;
+        let mut h = Matrix3::zeros();
+        for (node, g) in row {
+            for c in 0..count {
+                for k in 0..3 {
+                    h[(c, k)] += q[node * count + c] * g[k];
+                }
+            }
+        }
+        if count == 1 {
+            return 0.5 * young * h[(0, 0)] * h[(0, 0)];
+        }
+        let nu = poisson.unwrap_or(0.0);
+        let strain = (h + h.transpose()) * 0.5;
+        let mu = young / (2.0 * (1.0 + nu));
+        let lambda = young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu));
+        0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
+    }
+}
+
+fn centres(d: &Drawn) -> Result<Vec<CentreRow>> {
+    let mut row = ShapeRow::default();
+    let one = |cell: &[u32]| {
+        let sum = cell
+            .iter()
+            .fold(Vector3::zeros(), |s, &k| s + d.view.points[k as usize].coords);
+        let centre = Point3::from(sum / cell.len() as f64);
+        d.field
+            .shape_at(&centre, true, &mut row)
+            .map_err(core("output.fields"))?;
+        Ok(row
+            .nodes
+            .iter()
+            .copied()
+            .zip(row.gradients.iter().copied())
+            .collect())
+    };
+    d.view
+        .connectivity
+        .chunks_exact(d.view.corners)
+        .map(one)
+        .collect()
+}
+
+fn weights(s: &Subdomain<f64>) -> Vec<Array> {
+    let w = s.weights();
+    let all = [
+        ("alpha", &w.internal),
+        ("beta", &w.kinetic),
+        ("gamma", &w.external),
+    ];
+    all.map(|(name, w)| Array {
+        name: name.into(),
+        components: 1,
+        values: s.model().nodes().iter().map(|x| w.at(x)).collect(),
+    })
+    .into()
+}
+
+/// Three components per point, whatever the model has.
+fn vectors(values: &[f64], components: usize, points: usize) -> Vec<f64> {
+    (0..points)
+        .flat_map(|k| (0..3).map(move |c| (k, c)))
+        .map(|(k, c)| {
+            if c < components {
+                values[k * components + c]
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}
+
+fn entry(run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
+    Entry {
+        time: run.time(),
+        part,
+        name: name.to_owned(),
+        file: format!("vtu/{file}"),
+    }
+}
+
+fn check_finite(run: &Coupled<f64>, name: &str, values: &[f64]) -> Result<()> {
+    if values.iter().all(|v| v.is_finite()) {
+        return Ok(());
+    }
+    Err(Error::NotFinite {
+        what: format!("a value of '{name}'"),
+        time: run.time(),
+    })
+}

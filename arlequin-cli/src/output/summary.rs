@@ -1,0 +1,169 @@
+//! `summary.json`, and the plan of `check` in the same words.
+
+use arlequin::core::Coupled;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// `summary.json`.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Summary {
+    /// Path of the scene as given.
+    pub(crate) scene: String,
+    /// Its title.
+    pub(crate) title: Option<String>,
+    /// "complete" or "interrupted".
+    pub(crate) status: &'static str,
+    /// Version of this program.
+    pub(crate) version: &'static str,
+    /// Assignments of `--set`.
+    pub(crate) set: Vec<String>,
+    /// Worker threads.
+    pub(crate) threads: usize,
+    /// Models.
+    pub(crate) models: Vec<ModelLine>,
+    /// Step \[s\].
+    pub(crate) dt: f64,
+    /// Largest stable step \[s\].
+    pub(crate) critical_dt: f64,
+    /// Steps made.
+    pub(crate) steps: usize,
+    /// Time reached \[s\].
+    pub(crate) time: f64,
+    /// Frames written.
+    pub(crate) frames: usize,
+    /// Wall time \[s\].
+    pub(crate) wall_seconds: WallSeconds,
+    /// Energy \[J\].
+    pub(crate) energy: Energy,
+    /// Interfaces.
+    pub(crate) interface: Vec<InterfaceLine>,
+    /// Effects that were on.
+    pub(crate) effects: Vec<String>,
+    /// Probes.
+    pub(crate) probes: BTreeMap<String, ProbeLine>,
+    /// What a user should know.
+    pub(crate) warnings: Vec<String>,
+}
+
+/// A model.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct ModelLine {
+    /// Name.
+    pub(crate) name: String,
+    /// Kind.
+    pub(crate) kind: String,
+    /// Nodes or particles.
+    pub(crate) nodes: usize,
+    /// Unknowns.
+    pub(crate) unknowns: usize,
+    /// Its own critical step \[s\].
+    pub(crate) critical_dt: f64,
+}
+
+/// Where wall time went \[s\].
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct WallSeconds {
+    /// Reading, meshing, factoring.
+    pub(crate) setup: f64,
+    /// Steps without output.
+    pub(crate) stepping: f64,
+    /// Probes, frames, plots.
+    pub(crate) output: f64,
+    /// Parts of `stepping` and `output` by phase.
+    pub(crate) phases: BTreeMap<String, f64>,
+}
+
+/// The energy balance \[J\].
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Energy {
+    /// Kinetic plus internal at the start.
+    pub(crate) initial: f64,
+    /// Kinetic plus internal at the end.
+    #[serde(rename = "final")]
+    pub(crate) last: f64,
+    /// Largest drift of the discrete invariant, relative to the energy in play \[–\].
+    pub(crate) h_drift_max: f64,
+    /// Kinetic energy removed from initial velocities that broke the constraint.
+    pub(crate) start_loss: f64,
+    /// Works since the start.
+    pub(crate) ledger: BTreeMap<String, f64>,
+}
+
+/// An interface.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct InterfaceLine {
+    /// Name.
+    pub(crate) name: String,
+    /// Junction.
+    pub(crate) junction: &'static str,
+    /// Multiplier unknowns.
+    pub(crate) multipliers: usize,
+    /// Independent ones.
+    pub(crate) rank: usize,
+    /// Condition number of the operator.
+    pub(crate) condition: f64,
+    /// Volume of the overlap \[m³\].
+    pub(crate) measure: f64,
+    /// Nodes of the coarse and the fine model under the constraint.
+    pub(crate) coupled_nodes: [usize; 2],
+    /// Largest velocity jump relative to the largest velocity \[–\]; none before a step was made.
+    pub(crate) max_constraint_residual: Option<f64>,
+}
+
+/// A probe.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct ProbeLine {
+    /// Quantity and unit.
+    pub(crate) quantity: &'static str,
+    /// Last value.
+    pub(crate) last: f64,
+    /// Mean over time.
+    pub(crate) mean: f64,
+    /// Smallest value.
+    pub(crate) min: f64,
+    /// Largest value.
+    pub(crate) max: f64,
+    /// Frequencies of the peaks of its spectrum \[Hz\], ascending.
+    pub(crate) frequencies: Vec<f64>,
+}
+
+/// Models of a run.
+pub(crate) fn models(run: &Coupled<f64>) -> Vec<ModelLine> {
+    let plan = run.plan();
+    let line = |(name, kind, nodes, unknowns, critical_dt)| ModelLine {
+        name,
+        kind,
+        nodes,
+        unknowns,
+        critical_dt,
+    };
+    plan.models.into_iter().map(line).collect()
+}
+
+/// Interfaces of a run with their largest residuals, as far as there are any.
+pub(crate) fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
+    let line = |(k, i): (usize, &arlequin::core::interface::Interface<f64>)| {
+        let r = i.report();
+        InterfaceLine {
+            name: r.name.clone(),
+            junction: r.junction,
+            multipliers: r.multipliers,
+            rank: r.rank,
+            condition: r.condition,
+            measure: r.measure,
+            coupled_nodes: r.coupled_nodes,
+            max_constraint_residual: residuals.get(k).copied(),
+        }
+    };
+    run.interfaces().iter().enumerate().map(line).collect()
+}
+
+/// Warnings of all interfaces.
+pub(crate) fn warnings(run: &Coupled<f64>) -> Vec<String> {
+    let of = |i: &arlequin::core::interface::Interface<f64>| {
+        let r = i.report();
+        let with_name = |w: &String| format!("interface '{}': {w}", r.name);
+        r.warnings.iter().map(with_name).collect::<Vec<_>>()
+    };
+    run.interfaces().iter().flat_map(of).collect()
+}

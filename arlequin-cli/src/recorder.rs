@@ -1,0 +1,223 @@
+//! Watches a run: probes, energy, frames, and where wall time goes.
+
+use crate::build::Reader;
+use crate::error::{Error, Result, core};
+use crate::output::Frames;
+use arlequin::core::Coupled;
+use arlequin::core::ledger::EnergySample;
+use arlequin::core::observer::{Observer, Phase, StepReport};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// A clock that knows the phases of a step.
+#[derive(Debug)]
+pub(crate) struct PhaseClock {
+    since: Instant,
+    current: Option<Phase>,
+    seconds: Vec<(Phase, f64)>,
+}
+
+impl PhaseClock {
+    /// Starts now.
+    pub(crate) fn new() -> Self {
+        Self {
+            since: Instant::now(),
+            current: None,
+            seconds: Vec::new(),
+        }
+    }
+
+    /// Begins a phase, ending the one before.
+    pub(crate) fn enter(&mut self, phase: Option<Phase>) {
+        let now = Instant::now();
+        if let Some(p) = self.current {
+            let passed = (now - self.since).as_secs_f64();
+            match self.seconds.iter_mut().find(|s| s.0 == p) {
+                Some(s) => s.1 += passed,
+                None => self.seconds.push((p, passed)),
+            }
+        }
+        self.since = now;
+        self.current = phase;
+    }
+
+    /// Seconds by phase; models by name.
+    pub(crate) fn phases(&self, run: &Coupled<f64>) -> BTreeMap<String, f64> {
+        let name = |p: Phase| match p {
+            Phase::Predict(k) => format!("predict/{}", run.subdomains()[k].model().name()),
+            Phase::Interface => "interface".to_owned(),
+            Phase::Ledger => "ledger".to_owned(),
+            Phase::Observe => "observe".to_owned(),
+            _ => "other".to_owned(),
+        };
+        self.seconds.iter().map(|(p, s)| (name(*p), *s)).collect()
+    }
+
+    /// Seconds of steps and of observation.
+    pub(crate) fn split(&self) -> [f64; 2] {
+        self.seconds.iter().fold([0.0; 2], |mut sum, (p, s)| {
+            sum[usize::from(*p == Phase::Observe)] += s;
+            sum
+        })
+    }
+}
+
+impl Observer<f64> for PhaseClock {
+    fn phase(&mut self, phase: Phase) {
+        self.enter(Some(phase));
+    }
+
+    fn observe(&mut self, _: &Coupled<f64>, _: &StepReport<f64>) -> arlequin::core::Result<ControlFlow<()>> {
+        Ok(ControlFlow::Continue(()))
+    }
+}
+
+/// Columns over time.
+#[derive(Debug, Default)]
+pub(crate) struct Table {
+    /// Times \[s\].
+    pub(crate) times: Vec<f64>,
+    /// Columns.
+    pub(crate) columns: Vec<Vec<f64>>,
+}
+
+impl Table {
+    fn push(&mut self, time: f64, row: impl Iterator<Item = f64>) {
+        self.times.push(time);
+        for (k, x) in row.enumerate() {
+            if self.columns.len() <= k {
+                self.columns.push(Vec::new());
+            }
+            self.columns[k].push(x);
+        }
+    }
+}
+
+/// Names of the columns of [`Recorder::energy`] before the works.
+pub(crate) const ENERGY_COLUMNS: [&str; 8] = [
+    "kinetic [J]",
+    "internal [J]",
+    "total [J]",
+    "invariant [J]",
+    "work [J]",
+    "drift [J]",
+    "relative drift [-]",
+    "constraint residual [-]",
+];
+
+/// What is kept of a run.
+pub(crate) struct Recorder {
+    /// Probes.
+    pub(crate) readers: Vec<Reader>,
+    /// Their values.
+    pub(crate) probes: Table,
+    /// Energy: [`ENERGY_COLUMNS`], then one column per work.
+    pub(crate) energy: Table,
+    /// Names of the works.
+    pub(crate) works: Vec<String>,
+    /// Frames.
+    pub(crate) frames: Frames,
+    /// Largest relative velocity jump per interface.
+    pub(crate) residuals: Vec<f64>,
+    top_speed: f64,
+    probe_every: usize,
+    frame_every: usize,
+}
+
+impl Recorder {
+    /// Records the state before the first step.
+    pub(crate) fn new(
+        run: &Coupled<f64>,
+        readers: Vec<Reader>,
+        mut frames: Frames,
+        probe_every: usize,
+        frame_every: usize,
+    ) -> Result<Self> {
+        frames.write(run)?;
+        let mut out = Self {
+            readers,
+            probes: Table::default(),
+            energy: Table::default(),
+            works: run.works().into_iter().map(|w| w.name).collect(),
+            frames,
+            residuals: Vec::new(),
+            top_speed: 0.0,
+            probe_every,
+            frame_every,
+        };
+        out.read_probes(run)?;
+        Ok(out)
+    }
+
+    /// Records the step just made.
+    pub(crate) fn observe(
+        &mut self,
+        run: &mut Coupled<f64>,
+        energy: Option<EnergySample<f64>>,
+    ) -> Result<()> {
+        if run.steps().is_multiple_of(self.probe_every) {
+            self.read_probes(run)?;
+        }
+        if let Some(sample) = energy {
+            self.draw_energy(run, &sample);
+        }
+        if run.steps().is_multiple_of(self.frame_every) {
+            self.frames.write(run)?;
+        }
+        Ok(())
+    }
+
+    /// Records the last state, if it was not yet.
+    pub(crate) fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
+        if run.steps().is_multiple_of(self.frame_every) {
+            return Ok(());
+        }
+        self.frames.write(run)
+    }
+
+    fn read_probes(&mut self, run: &Coupled<f64>) -> Result<()> {
+        let values: Vec<f64> = self.readers.iter().map(|r| r.read(run.subdomains())).collect();
+        if let Some(k) = values.iter().position(|v| !v.is_finite()) {
+            return Err(Error::NotFinite {
+                what: format!("probe '{}'", self.readers[k].name),
+                time: run.time(),
+            });
+        }
+        self.probes.push(run.time(), values.into_iter());
+        Ok(())
+    }
+
+    fn draw_energy(&mut self, run: &mut Coupled<f64>, s: &EnergySample<f64>) {
+        let fixed = [
+            s.kinetic,
+            s.internal,
+            s.total(),
+            s.invariant,
+            s.work,
+            s.drift,
+            s.relative_drift,
+            s.constraint_residual,
+        ];
+        let works = run.works().into_iter().map(|w| w.work);
+        self.energy.push(s.time, fixed.into_iter().chain(works));
+        for d in run.subdomains() {
+            let moving = &d.state().v[..d.model().layout().translations()];
+            self.top_speed = moving.iter().fold(self.top_speed, |m, v| m.max(v.abs()));
+        }
+        self.residuals.resize(run.interfaces().len(), 0.0);
+        for k in 0..run.interfaces().len() {
+            let [jump, _] = run.jumps(k);
+            if self.top_speed > 0.0 {
+                self.residuals[k] = self.residuals[k].max(jump / self.top_speed);
+            }
+        }
+    }
+}
+
+/// Makes one step under the clock.
+pub(crate) fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
+    let report = run.advance(clock).map_err(core("time"))?;
+    clock.enter(Some(Phase::Observe));
+    Ok(report.energy)
+}

@@ -1,0 +1,172 @@
+//! All printing of the program.
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a command line talks to its user, and does so here only"
+)]
+
+use crate::check::Plan;
+use crate::output::summary::{InterfaceLine, ModelLine, Summary};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+use std::path::Path;
+use std::time::Duration;
+
+/// A bar with the time to go on a terminal; nothing elsewhere.
+#[derive(Debug)]
+pub(crate) struct Progress(ProgressBar);
+
+impl Progress {
+    /// Bar over a number of steps.
+    pub(crate) fn new(steps: usize) -> Self {
+        let bar = ProgressBar::new(steps as u64);
+        if std::io::stderr().is_terminal() {
+            let style =
+                ProgressStyle::with_template("{bar:40} {pos}/{len} steps, {elapsed} gone, {eta} to go");
+            if let Ok(style) = style {
+                bar.set_style(style);
+            }
+            bar.enable_steady_tick(Duration::from_millis(200));
+        } else {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+        }
+        Self(bar)
+    }
+
+    /// Steps made so far.
+    pub(crate) fn set(&self, made: usize) {
+        self.0.set_position(made as u64);
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
+
+/// Shows an error.
+pub(crate) fn error(text: &str) {
+    eprint!("{text}");
+}
+
+/// Prints JSON.
+pub(crate) fn json(text: &str) {
+    println!("{text}");
+}
+
+/// Reports a finished or interrupted run.
+pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
+    models(&s.models);
+    interfaces(&s.interface);
+    println!(
+        "steps      {} of {planned} with {:.4e} s (critical {:.4e} s), up to t = {:.4e} s",
+        s.steps, s.dt, s.critical_dt, s.time
+    );
+    println!(
+        "energy     {:.6e} J at the start, {:.6e} J at the end, unexplained drift of H at most {:.2e} of the energy in play",
+        s.energy.initial, s.energy.last, s.energy.h_drift_max
+    );
+    for (name, work) in &s.energy.ledger {
+        println!("work       {name:<24} {work:>14.6e} J");
+    }
+    for (name, p) in &s.probes {
+        let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
+        let frequencies = if shown.is_empty() {
+            String::new()
+        } else {
+            format!(", frequencies {} Hz", shown.join(", "))
+        };
+        println!(
+            "probe      {name:<16} {:<18} mean {:>12.4e}, last {:>12.4e}{frequencies}",
+            p.quantity, p.mean, p.last
+        );
+    }
+    warnings(&s.warnings);
+    let w = &s.wall_seconds;
+    println!(
+        "time       set-up {:.2} s, steps {:.2} s, output {:.2} s, {} threads",
+        w.setup, w.stepping, w.output, s.threads
+    );
+    if s.status == "interrupted" {
+        println!(
+            "interrupted by Ctrl-C after step {}: results up to t = {:.4e} s are in {}",
+            s.steps,
+            s.time,
+            place.display()
+        );
+    } else {
+        println!("results    {}", place.display());
+    }
+}
+
+/// Prints the plan of a run.
+pub(crate) fn plan(p: &Plan) {
+    println!("scene      {}", p.scene);
+    if let Some(title) = &p.title {
+        println!("title      {title}");
+    }
+    models(&p.models);
+    interfaces(&p.interface);
+    if p.effects.is_empty() {
+        println!("effects    none");
+    }
+    for e in &p.effects {
+        println!("effect     {e}");
+    }
+    println!(
+        "steps      {} of {:.4e} s up to {:.4e} s; critical step {:.4e} s",
+        p.steps, p.dt, p.end, p.critical_dt
+    );
+    println!("output     {} frames, about {}", p.frames, bytes(p.output_bytes));
+    println!("memory     about {}", bytes(p.memory_bytes));
+    match p.stepping_seconds {
+        Some(s) => println!("time       set-up {:.2} s, steps about {s:.1} s", p.setup_seconds),
+        None => println!(
+            "time       set-up {:.2} s, steps unknown: the first ones fail",
+            p.setup_seconds
+        ),
+    }
+    warnings(&p.warnings);
+}
+
+fn models(all: &[ModelLine]) {
+    for m in all {
+        println!(
+            "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s",
+            m.name, m.kind, m.nodes, m.unknowns, m.critical_dt
+        );
+    }
+}
+
+fn interfaces(all: &[InterfaceLine]) {
+    for i in all {
+        println!(
+            "interface  {:<16} {}, overlap {:.4e} m³ with {} coarse and {} fine nodes, {} multipliers of rank {}, \
+             condition {:.2e}",
+            i.name,
+            i.junction,
+            i.measure,
+            i.coupled_nodes[0],
+            i.coupled_nodes[1],
+            i.multipliers,
+            i.rank,
+            i.condition
+        );
+    }
+}
+
+fn warnings(all: &[String]) {
+    for w in all {
+        println!("warning    {w}");
+    }
+}
+
+fn bytes(n: usize) -> String {
+    let n = n as f64;
+    match n {
+        n if n >= 1e9 => format!("{:.1} GB", n / 1e9),
+        n if n >= 1e6 => format!("{:.1} MB", n / 1e6),
+        n => format!("{:.0} kB", n / 1e3),
+    }
+}

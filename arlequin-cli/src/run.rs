@@ -1,0 +1,256 @@
+//! `arlequin run`.
+
+use crate::Input;
+use crate::build::{self, Built};
+use crate::error::{Error, Result, write};
+use crate::output::plots::{self, Curve, Plot};
+use crate::output::summary::{self, Energy, ProbeLine, Summary, WallSeconds};
+use crate::output::{Folder, Frames, check_free, csv};
+use crate::recorder::{self, ENERGY_COLUMNS, PhaseClock, Recorder};
+use crate::report::{self, Progress};
+use crate::scene::Quantity;
+use crate::spectrum;
+use arlequin::core::Coupled;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Exit code of a run that the user ended (128 + SIGINT).
+const INTERRUPTED: u8 = 130;
+
+/// Runs a scene and writes its results.
+pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<ExitCode> {
+    let begin = Instant::now();
+    let target = out.map_or_else(|| default_folder(input), Path::to_owned);
+    check_free(&target, force)?;
+    let Built {
+        mut run,
+        drawn,
+        mediators,
+        probes,
+        steps,
+        frame_every,
+    } = build::build(&input.scene, input.source.folder())?;
+    // Made only now: Ctrl-C during the set-up leaves nothing behind.
+    let stop = watch_interrupt()?;
+    let folder = Folder::begin(&target, force)?;
+    let settings = &input.scene.output;
+    let initial_energy = run.energy();
+    let frames = Frames::new(folder.subfolder("vtu")?, &settings.fields, &run, drawn, mediators);
+    let setup = begin.elapsed().as_secs_f64();
+    let mut recorder = Recorder::new(&run, probes, frames, settings.probe_every, frame_every)?;
+    let mut clock = PhaseClock::new();
+    let interrupted = advance(&mut run, steps, &mut recorder, &mut clock, &stop)?;
+    let after = Instant::now();
+    recorder.finish(&run)?;
+    write_tables(folder.path(), &recorder)?;
+    recorder.frames.finish(&folder.path().join("results.pvd"))?;
+    if settings.plots {
+        draw_plots(&folder, &recorder, title(input))?;
+    }
+    let [stepping, observing] = clock.split();
+    let wall = WallSeconds {
+        setup,
+        stepping,
+        output: observing + after.elapsed().as_secs_f64(),
+        phases: clock.phases(&run),
+    };
+    let summary = summarise(input, &run, &recorder, wall, initial_energy, interrupted);
+    let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
+        what: "writing summary.json",
+        message: e.to_string(),
+    })?;
+    let path = folder.path().join("summary.json");
+    std::fs::write(&path, &text).map_err(write(&path))?;
+    let place = folder.finish()?;
+    if input.json {
+        report::json(&text);
+    } else {
+        report::finished(&summary, &place, steps);
+    }
+    Ok(if interrupted {
+        ExitCode::from(INTERRUPTED)
+    } else {
+        ExitCode::SUCCESS
+    })
+}
+
+fn default_folder(input: &Input<'_>) -> PathBuf {
+    let stem = input.source.path.file_stem().unwrap_or_default();
+    Path::new("results").join(stem)
+}
+
+fn title<'a>(input: &'a Input<'_>) -> &'a str {
+    input.scene.title.as_deref().unwrap_or_default()
+}
+
+/// A flag that Ctrl-C raises.
+fn watch_interrupt() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = stop.clone();
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(|e| Error::System {
+        what: "watching for Ctrl-C",
+        message: e.to_string(),
+    })?;
+    Ok(stop)
+}
+
+/// Makes the steps; whether the user ended them early.
+fn advance(
+    run: &mut Coupled<f64>,
+    steps: usize,
+    recorder: &mut Recorder,
+    clock: &mut PhaseClock,
+    stop: &AtomicBool,
+) -> Result<bool> {
+    let progress = Progress::new(steps);
+    for made in 1..=steps {
+        let energy = recorder::step(run, clock)?;
+        recorder.observe(run, energy)?;
+        progress.set(made);
+        if stop.load(Ordering::Relaxed) {
+            clock.enter(None);
+            return Ok(made < steps);
+        }
+    }
+    clock.enter(None);
+    Ok(false)
+}
+
+fn write_tables(folder: &Path, r: &Recorder) -> Result<()> {
+    let mut names = vec!["time [s]".to_owned()];
+    names.extend(
+        r.readers
+            .iter()
+            .map(|p| format!("{} {}", p.name, p.quantity.label())),
+    );
+    csv(&folder.join("probes.csv"), &names, &columns(&r.probes))?;
+    let mut names = vec!["time [s]".to_owned()];
+    names.extend(ENERGY_COLUMNS.map(str::to_owned));
+    names.extend(r.works.iter().map(|w| format!("work {w} [J]")));
+    csv(&folder.join("energy.csv"), &names, &columns(&r.energy))
+}
+
+fn columns(table: &recorder::Table) -> Vec<&[f64]> {
+    let times = std::iter::once(table.times.as_slice());
+    times.chain(table.columns.iter().map(Vec::as_slice)).collect()
+}
+
+fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
+    let path = folder.subfolder("plots")?;
+    for (quantity, file, name, unit) in [
+        (Quantity::Displacement, "displacement.svg", "displacement", "m"),
+        (Quantity::Velocity, "velocity.svg", "velocity", "m/s"),
+    ] {
+        let mine = r.readers.iter().zip(&r.probes.columns);
+        let curves = mine
+            .filter(|(p, _)| p.quantity == quantity)
+            .map(|(p, c)| Curve {
+                name: p.name.clone(),
+                times: &r.probes.times,
+                values: c.clone(),
+            })
+            .collect();
+        let title = headline(title, name);
+        let plot = Plot {
+            title,
+            quantity: name,
+            unit,
+            curves,
+        };
+        plots::draw(&path.join(file), &plot)?;
+    }
+    let curve = |name: &str, k: usize| Curve {
+        name: name.to_owned(),
+        times: &r.energy.times,
+        values: r.energy.columns.get(k).cloned().unwrap_or_default(),
+    };
+    let plot = Plot {
+        title: headline(title, "energy"),
+        quantity: "energy",
+        unit: "J",
+        curves: vec![curve("kinetic", 0), curve("internal", 1), curve("invariant H", 3)],
+    };
+    plots::draw(&path.join("energy.svg"), &plot)?;
+    let mut curves: Vec<_> = r
+        .works
+        .iter()
+        .enumerate()
+        .map(|(k, w)| curve(w, ENERGY_COLUMNS.len() + k))
+        .collect();
+    curves.push(curve("unexplained drift of H", 5));
+    let plot = Plot {
+        title: headline(title, "energy ledger"),
+        quantity: "work since the start",
+        unit: "J",
+        curves,
+    };
+    plots::draw(&path.join("ledger.svg"), &plot)
+}
+
+fn headline(title: &str, what: &str) -> String {
+    if title.is_empty() {
+        what.to_owned()
+    } else {
+        format!("{title}: {what}")
+    }
+}
+
+fn summarise(
+    input: &Input<'_>,
+    run: &Coupled<f64>,
+    r: &Recorder,
+    wall_seconds: WallSeconds,
+    initial: f64,
+    interrupted: bool,
+) -> Summary {
+    let plan = run.plan();
+    Summary {
+        scene: input.source.path.display().to_string(),
+        title: input.scene.title.clone(),
+        status: if interrupted { "interrupted" } else { "complete" },
+        version: env!("CARGO_PKG_VERSION"),
+        set: input.set.to_vec(),
+        threads: input.threads,
+        models: summary::models(run),
+        dt: plan.dt,
+        critical_dt: plan.critical_dt,
+        steps: run.steps(),
+        time: run.time(),
+        frames: r.frames.count(),
+        wall_seconds,
+        energy: Energy {
+            initial,
+            last: run.energy(),
+            h_drift_max: run.drift(),
+            start_loss: run.start_loss(),
+            ledger: run.works().into_iter().map(|w| (w.name, w.work)).collect(),
+        },
+        interface: summary::interfaces(run, &r.residuals),
+        effects: plan.effects,
+        probes: probe_lines(r),
+        warnings: summary::warnings(run),
+    }
+}
+
+fn probe_lines(r: &Recorder) -> std::collections::BTreeMap<String, ProbeLine> {
+    let times = &r.probes.times;
+    let step = match times.as_slice() {
+        [first, .., last] => (last - first) / (times.len() - 1) as f64,
+        _ => 0.0,
+    };
+    let line = |(p, values): (&build::Reader, &Vec<f64>)| {
+        let line = ProbeLine {
+            quantity: p.quantity.label(),
+            last: values.last().copied().unwrap_or_default(),
+            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
+            min: values.iter().copied().fold(f64::INFINITY, f64::min),
+            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            frequencies: spectrum::frequencies(values, step),
+        };
+        (p.name.clone(), line)
+    };
+    r.readers.iter().zip(&r.probes.columns).map(line).collect()
+}

@@ -1,0 +1,272 @@
+//! What acts on the models and what is watched: supports, loads, effects, initial states, probes.
+
+use serde::Deserialize;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, MapAccess, Visitor};
+
+/// A part of a model: a group by name, or what lies in a box.
+#[derive(Debug, Clone)]
+pub(crate) enum Selection {
+    /// Named group.
+    Group(String),
+    /// Nodes in a closed box: lowest and highest corner \[m\].
+    Box([f64; 3], [f64; 3]),
+}
+
+impl<'de> Deserialize<'de> for Selection {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields, rename_all = "snake_case")]
+        enum Table {
+            Box { low: [f64; 3], high: [f64; 3] },
+        }
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = Selection;
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("the name of a group or { box = { low = [x, y, z], high = [x, y, z] } }")
+            }
+            fn visit_str<E>(self, name: &str) -> Result<Selection, E> {
+                Ok(Selection::Group(name.to_owned()))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Selection, A::Error> {
+                let Table::Box { low, high } = Table::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(Selection::Box(low, high))
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+impl std::fmt::Display for Selection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Group(name) => write!(f, "'{name}'"),
+            Self::Box(low, high) => write!(f, "box {low:?} to {high:?}"),
+        }
+    }
+}
+
+/// Directions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Axis {
+    /// First.
+    X,
+    /// Second.
+    Y,
+    /// Third.
+    Z,
+}
+
+impl Axis {
+    /// 0, 1, 2.
+    pub(crate) fn index(self) -> usize {
+        self as usize
+    }
+}
+
+/// A dimensionless function of time.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum TimeShape {
+    /// One from time zero on.
+    Step,
+    /// From 0 to 1 within a duration \[s\].
+    Ramp {
+        /// Rise time \[s\].
+        duration: f64,
+    },
+    /// `sin²` within a duration \[s\], then zero.
+    Pulse {
+        /// Length \[s\].
+        duration: f64,
+    },
+    /// Linear between `[time, value]` rows.
+    Table(Vec<(f64, f64)>),
+}
+
+/// `[[support]]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Support {
+    /// Model.
+    pub(crate) model: String,
+    /// Which nodes.
+    #[serde(rename = "where")]
+    pub(crate) at: Selection,
+    /// Which components; all by default.
+    pub(crate) components: Option<Vec<Axis>>,
+    /// Prescribed motion; fixed without one.
+    pub(crate) motion: Option<Motion>,
+}
+
+/// A prescribed motion.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Motion {
+    /// Amplitude \[m\].
+    pub(crate) amplitude: f64,
+    /// Time function.
+    pub(crate) time: TimeShape,
+}
+
+/// `[[load]]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Load {
+    /// Name in the ledger.
+    pub(crate) name: Option<String>,
+    /// Model.
+    pub(crate) model: String,
+    /// Which surface.
+    #[serde(rename = "where")]
+    pub(crate) at: Selection,
+    /// Traction \[Pa\].
+    pub(crate) traction: Option<[f64; 3]>,
+    /// Total force \[N\].
+    pub(crate) force: Option<[f64; 3]>,
+    /// Pressure against the outward normal \[Pa\].
+    pub(crate) pressure: Option<f64>,
+    /// Total torque about the surface's centre \[N m\].
+    pub(crate) torque: Option<[f64; 3]>,
+    /// Time function.
+    pub(crate) time: TimeShape,
+}
+
+/// `[[effect]]`: exactly one of the effects.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Effect {
+    /// On which models; all by default.
+    pub(crate) models: Option<Vec<String>>,
+    /// Body force.
+    pub(crate) body_force: Option<BodyForce>,
+    /// Mass-proportional damping.
+    pub(crate) mass_damping: Option<MassDamping>,
+}
+
+/// A constant acceleration field.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BodyForce {
+    /// Acceleration \[m/s²\].
+    pub(crate) acceleration: [f64; 3],
+}
+
+/// Mass-proportional damping.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MassDamping {
+    /// Rate \[1/s\].
+    pub(crate) rate: f64,
+}
+
+/// `[[initial]]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Initial {
+    /// Of which models; all by default.
+    pub(crate) models: Option<Vec<String>>,
+    /// Displacement \[m\].
+    pub(crate) displacement: Option<Field>,
+    /// Velocity \[m/s\].
+    pub(crate) velocity: Option<Field>,
+    /// A travelling pulse: displacement and the velocity that goes with it.
+    pub(crate) wave: Option<Wave>,
+}
+
+/// A vector field.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum Field {
+    /// The same everywhere.
+    Uniform([f64; 3]),
+    /// One component, a polynomial of one coordinate.
+    Polynomial(Polynomial),
+}
+
+/// `Σ c_k x^k`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Polynomial {
+    /// Component of the field.
+    pub(crate) component: Axis,
+    /// Coordinate.
+    pub(crate) along: Axis,
+    /// `c_0, c_1, …` in SI units.
+    pub(crate) coefficients: Vec<f64>,
+}
+
+/// `A cos²(π (x − centre)/width)` within its width, travelling.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Wave {
+    /// Component of the displacement.
+    pub(crate) component: Axis,
+    /// Direction of travel.
+    pub(crate) along: Axis,
+    /// Centre at time zero \[m\].
+    pub(crate) centre: f64,
+    /// Width \[m\].
+    pub(crate) width: f64,
+    /// Amplitude \[m\].
+    pub(crate) amplitude: f64,
+    /// Speed \[m/s\], negative towards smaller coordinates; `√(E/ρ)` of each model by default.
+    pub(crate) speed: Option<f64>,
+}
+
+/// `[probe.NAME]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Probe {
+    /// Model.
+    pub(crate) model: String,
+    /// Point \[m\].
+    pub(crate) at: Option<[f64; 3]>,
+    /// Nodes whose mean is taken, in place of a point.
+    #[serde(rename = "where")]
+    pub(crate) over: Option<Selection>,
+    /// What.
+    #[serde(default)]
+    pub(crate) quantity: Quantity,
+    /// Which component.
+    pub(crate) component: Axis,
+}
+
+/// What a probe reads.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Quantity {
+    /// \[m\].
+    #[default]
+    Displacement,
+    /// \[m/s\].
+    Velocity,
+}
+
+impl Quantity {
+    /// Name and unit.
+    pub(crate) fn label(self) -> &'static str {
+        match self {
+            Self::Displacement => "displacement [m]",
+            Self::Velocity => "velocity [m/s]",
+        }
+    }
+}
+
+/// Fields of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum OutputField {
+    /// Displacement \[m\].
+    Displacement,
+    /// Velocity \[m/s\].
+    Velocity,
+    /// `alpha`, `beta`, `gamma` at the nodes \[–\].
+    Weights,
+    /// Unweighted strain energy density at the element centres \[J/m³\].
+    EnergyDensity,
+    /// Multipliers on the mediators.
+    Multipliers,
+}

@@ -1,0 +1,209 @@
+//! Model tables.
+
+use crate::build::Kind;
+use serde::Deserialize;
+use std::path::PathBuf;
+
+/// `[model.NAME]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ModelTable {
+    /// Which model.
+    pub(crate) kind: Kind,
+    /// Its part in the coupling; without one it stands alone.
+    pub(crate) role: Option<RoleKind>,
+    /// Its body.
+    pub(crate) shape: Shape,
+    /// Target distance of nodes or particles \[m\].
+    pub(crate) spacing: Option<f64>,
+    /// Number of elements along x (y, z), in place of `spacing`.
+    pub(crate) divisions: Option<Vec<usize>>,
+    /// What it is made of.
+    pub(crate) material: Material,
+    /// Choices of finite elements; read by `kind = "fem"` only.
+    #[serde(default)]
+    pub(crate) fem: FemTable,
+    /// Choices of natural elements; read by `kind = "cnem"` only.
+    #[serde(default)]
+    pub(crate) cnem: CnemTable,
+    /// Choices of particles; read by `kind = "dem"` only.
+    #[serde(default)]
+    pub(crate) dem: DemTable,
+}
+
+/// The part of a model in its interfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum RoleKind {
+    /// Receives the weight.
+    Coarse,
+    /// Receives its complement.
+    Fine,
+}
+
+impl RoleKind {
+    /// Name as in the scene.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Coarse => "coarse",
+            Self::Fine => "fine",
+        }
+    }
+}
+
+/// A body.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum Shape {
+    /// A box along the axes.
+    Box {
+        /// Lowest corner \[m\].
+        low: [f64; 3],
+        /// Highest corner \[m\].
+        high: [f64; 3],
+    },
+    /// A circular cylinder along x.
+    Cylinder {
+        /// Centre of the face with the smaller x \[m\].
+        from: [f64; 3],
+        /// Length along x \[m\].
+        length: f64,
+        /// Radius \[m\].
+        radius: f64,
+    },
+    /// A line along x with a cross-section.
+    Bar {
+        /// First end \[m\].
+        from: f64,
+        /// Other end \[m\].
+        to: f64,
+        /// Cross-section \[m²\].
+        section: f64,
+    },
+    /// A Gmsh mesh, relative to the scene file.
+    File(PathBuf),
+}
+
+impl Shape {
+    /// Key of the variant.
+    pub(crate) fn name(&self) -> &'static str {
+        match self {
+            Self::Box { .. } => "box",
+            Self::Cylinder { .. } => "cylinder",
+            Self::Bar { .. } => "bar",
+            Self::File(_) => "file",
+        }
+    }
+}
+
+/// Isotropic linear elasticity.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Material {
+    /// Young's modulus \[Pa\].
+    pub(crate) young: f64,
+    /// Poisson's ratio \[–\]; solids need it.
+    pub(crate) poisson: Option<f64>,
+    /// Density \[kg/m³\].
+    pub(crate) density: f64,
+}
+
+/// Choices of finite elements.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FemTable {
+    /// Element of boxes and cylinders.
+    #[serde(default)]
+    pub(crate) element: Element,
+}
+
+/// Elements of solids.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Element {
+    /// Eight-node hexahedra: far less stiff in bending than tetrahedra of the same size, hence the default.
+    #[default]
+    Hex8,
+    /// Four-node tetrahedra.
+    Tet4,
+}
+
+/// Choices of natural elements.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CnemTable {
+    /// Shape functions.
+    pub(crate) functions: Option<Functions>,
+    /// Share of the stabilisation, 0 for none.
+    pub(crate) stabilisation: Option<f64>,
+}
+
+/// Natural-neighbour functions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Functions {
+    /// Volumes stolen from the neighbours.
+    Sibson,
+    /// Areas over distances.
+    Laplace,
+}
+
+/// Choices of particles.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct DemTable {
+    /// Number of spheres, in place of `spacing`.
+    pub(crate) count: Option<usize>,
+    /// Seed of the random start.
+    pub(crate) seed: u64,
+    /// How the packing is compacted.
+    pub(crate) protocol: Protocol,
+    /// Bonds per particle times two.
+    pub(crate) coordination: Option<f64>,
+    /// Young's modulus of the beams \[Pa\].
+    pub(crate) young: Option<f64>,
+    /// Poisson's ratio of the beams \[–\].
+    pub(crate) poisson: Option<f64>,
+    /// Beam radius over mean particle radius \[–\].
+    pub(crate) radius_ratio: Option<f64>,
+    /// Field that interfaces see.
+    pub(crate) field: ParticleFieldKind,
+    /// Whether rotations may be large.
+    pub(crate) finite_rotations: bool,
+}
+
+impl Default for DemTable {
+    fn default() -> Self {
+        Self {
+            count: None,
+            seed: 1,
+            protocol: Protocol::Onset,
+            coordination: None,
+            young: None,
+            poisson: None,
+            radius_ratio: None,
+            field: ParticleFieldKind::Particles,
+            finite_rotations: false,
+        }
+    }
+}
+
+/// How spheres are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Protocol {
+    /// Grown to the onset of jamming: the elasticity comes out by itself.
+    Onset,
+    /// One quench at a fixed volume fraction: some seconds faster, a few per cent stiffer.
+    Quench,
+}
+
+/// Displacement field of particles in an overlap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ParticleFieldKind {
+    /// The particles themselves are the integration points.
+    Particles,
+    /// Natural neighbours between the centres.
+    Natural,
+}

@@ -1,0 +1,99 @@
+//! Running the binary and reading what it wrote.
+#![allow(dead_code, reason = "each test file uses a part of these")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The shipped scene of the given name.
+pub(crate) fn scene(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../examples/scenes")
+        .join(name)
+}
+
+/// A fresh folder for one test.
+pub(crate) fn scratch(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&path);
+    std::fs::create_dir_all(&path).expect("scratch folder");
+    path
+}
+
+/// The binary with arguments.
+pub(crate) fn command(arguments: &[&str]) -> Command {
+    let mut c = Command::new(env!("CARGO_BIN_EXE_arlequin"));
+    c.args(arguments);
+    c
+}
+
+/// Runs the binary.
+pub(crate) fn arlequin(arguments: &[&str]) -> Output {
+    command(arguments).output().expect("the binary runs")
+}
+
+/// Runs the binary and asserts success.
+pub(crate) fn succeed(arguments: &[&str]) -> String {
+    let out = arlequin(arguments);
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{arguments:?}: {error}");
+    String::from_utf8_lossy(&out.stdout).into_owned()
+}
+
+/// The summary in an output folder.
+pub(crate) fn summary(folder: &Path) -> serde_json::Value {
+    let text = std::fs::read_to_string(folder.join("summary.json")).expect("summary.json");
+    serde_json::from_str(&text).expect("valid JSON")
+}
+
+/// A number in a JSON value by pointer.
+pub(crate) fn number(value: &serde_json::Value, pointer: &str) -> f64 {
+    let found = value.pointer(pointer).and_then(serde_json::Value::as_f64);
+    found.unwrap_or_else(|| panic!("no number at {pointer}"))
+}
+
+/// Path as text.
+pub(crate) fn text(path: &Path) -> &str {
+    path.to_str().expect("UTF-8 path")
+}
+
+/// A small scene: two boxes of hexahedra that overlap, pulled at one end; builds in milliseconds.
+pub(crate) const SMALL: &str = r#"
+[model.left]
+kind = "fem"
+role = "coarse"
+shape.box = { low = [0.0, 0.0, 0.0], high = [6.0, 1.0, 1.0] }
+spacing = 1.0
+material = { young = 1.0, poisson = 0.25, density = 1.0 }
+
+[model.right]
+kind = "fem"
+role = "fine"
+shape.box = { low = [4.0, 0.0, 0.0], high = [10.0, 1.0, 1.0] }
+spacing = 0.5
+material = { young = 1.0, poisson = 0.25, density = 1.0 }
+
+[interface.joint]
+coarse = "left"
+fine = "right"
+overlap.slab = { coarse = [4.0, 0.0, 0.0], fine = [6.0, 0.0, 0.0] }
+weight = { profile = "cubic" }
+
+[[support]]
+model = "left"
+where = "x-min"
+
+[[load]]
+name = "pull"
+model = "right"
+where = "x-max"
+force = [1e-3, 0.0, 0.0]
+time.pulse = { duration = 2.0 }
+
+[time]
+steps = 50
+
+[probe.tip]
+model = "right"
+where = "x-max"
+component = "x"
+"#;

@@ -1,0 +1,110 @@
+//! Every pair of model kinds from one scene, by one word: the interface algorithm is the same.
+
+mod common;
+
+use common::{arlequin, number, scene, scratch, succeed, summary, text};
+
+/// Velocity at the two probes: peak before the overlap, largest value there after the pulse has passed, peak behind.
+fn pulse(kinds: [&str; 2]) -> [f64; 3] {
+    let folder = scratch(&format!("pair-{}-{}", kinds[0], kinds[1]));
+    let out = folder.join("out");
+    let path = scene("dem-fem-beam.toml");
+    let left = format!("model.left.kind={}", kinds[0]);
+    let right = format!("model.right.kind={}", kinds[1]);
+    let arguments = [
+        "run",
+        text(&path),
+        "--out",
+        text(&out),
+        "--set",
+        &left,
+        "--set",
+        &right,
+        "--set",
+        "model.right.dem.protocol=quench",
+        "--set",
+        "model.left.dem.protocol=quench",
+    ];
+    succeed(&arguments);
+    let s = summary(&out);
+    assert_eq!(
+        (s["models"][0]["kind"].as_str(), s["models"][1]["kind"].as_str()),
+        (Some(kinds[0]), Some(kinds[1]))
+    );
+    assert!(
+        number(&s, "/energy/h_drift_max") < 1e-11,
+        "{kinds:?}: the ledger closes"
+    );
+    assert!(number(&s, "/energy/ledger/constraint").abs() < 1e-12 * number(&s, "/energy/final"));
+    assert!(number(&s, "/interface/0/max_constraint_residual") < 1e-11);
+    let table = std::fs::read_to_string(out.join("probes.csv")).expect("probes");
+    let mut lines = table.lines();
+    let header: Vec<&str> = lines.next().expect("header").split(',').collect();
+    let column = |name: &str| header.iter().position(|h| h.starts_with(name)).expect("probe");
+    let (before, behind) = (column("before-overlap"), column("behind-overlap"));
+    let mut found = [0.0f64; 3];
+    for line in lines {
+        let row: Vec<f64> = line.split(',').map(|c| c.parse().expect("number")).collect();
+        found[0] = found[0].max(row[before]);
+        found[2] = found[2].max(row[behind]);
+        if row[0] > 4.6e-6 {
+            found[1] = found[1].max(row[before].abs());
+        }
+    }
+    found
+}
+
+#[test]
+fn any_pair_by_one_word() {
+    for (kinds, reflected) in [
+        (["fem", "dem"], 0.02),
+        (["fem", "fem"], 0.02),
+        (["cnem", "fem"], 0.03),
+        (["cnem", "dem"], 0.04),
+        (["cnem", "cnem"], 0.04),
+    ] {
+        let [incident, back, through] = pulse(kinds);
+        // A radial oscillation of 1.3 % follows the pulse in one undivided body, too.
+        assert!(
+            back < reflected * incident,
+            "{kinds:?}: {:.4} of the amplitude comes back",
+            back / incident
+        );
+        assert!(
+            (through / incident - 1.0).abs() < 0.05,
+            "{kinds:?}: {:.4} goes through",
+            through / incident
+        );
+    }
+}
+
+#[test]
+fn particles_as_the_coarse_model() {
+    // Five particles across: their packing is stiffer than the fine one, an impedance jump of its own.
+    let [incident, back, through] = pulse(["dem", "dem"]);
+    assert!(
+        back < 0.1 * incident && (through / incident - 1.0).abs() < 0.1,
+        "{back} {through} of {incident}"
+    );
+}
+
+#[test]
+fn a_gradient_junction_needs_a_field_with_gradients() {
+    let path = scene("dem-fem-beam.toml");
+    let check = |more: &[&str]| {
+        let mut arguments = vec!["check", text(&path), "--set", "model.right.dem.protocol=quench"];
+        more.iter().for_each(|m| arguments.extend(["--set", m]));
+        let out = arlequin(&arguments);
+        (
+            out.status.success(),
+            String::from_utf8_lossy(&out.stderr).into_owned(),
+        )
+    };
+    let (ok, message) = check(&["interface.middle.junction.kind=h1-gradient"]);
+    assert!(
+        !ok && message.contains("no gradients") && message.contains("use the L2 junction"),
+        "{message}"
+    );
+    let (ok, message) = check(&["interface.middle.sampling=intersection"]);
+    assert!(!ok && message.contains("use 'particles' sampling"), "{message}");
+}

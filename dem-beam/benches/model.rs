@@ -1,0 +1,120 @@
+//! The model behind its trait, with weights, against the bare kernel, measured alternately.
+//!
+//! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000.
+#![allow(clippy::print_stdout, reason = "a bench talks to a person")]
+
+use arlequin_core::observer::Silent;
+use arlequin_core::weight::Weight;
+use arlequin_core::{Coupled, Guard, Model, Subdomain, TimeStep, Weighting, Weights};
+use dem_beam::{BeamDynamics, BeamMaterial, Container, DemModel, Packing, PackingSpec, Twist};
+use nalgebra::{Point3, Vector3};
+use std::error::Error;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Linear from 1 to 0.05 along the bar.
+#[derive(Debug)]
+struct Along;
+
+impl Weight<f64> for Along {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        1.0 - 0.95 * (x.x / 20e-3).clamp(0.0, 1.0)
+    }
+}
+
+/// A name and what it does a number of times.
+type NamedJob<'a> = (&'static str, Box<dyn FnMut(usize) + Send + 'a>);
+
+/// Best time per call (ns per bond) of several jobs, taken in turns so that all see the same machine.
+fn best(jobs: &mut [NamedJob<'_>], calls: usize, bonds: usize) -> Vec<f64> {
+    let mut out = vec![f64::INFINITY; jobs.len()];
+    for _ in 0..120 {
+        for ((_, job), best) in jobs.iter_mut().zip(&mut out) {
+            let start = Instant::now();
+            job(calls);
+            let ns = start.elapsed().as_secs_f64() * 1e9 / (calls * bonds) as f64;
+            *best = best.min(ns);
+        }
+    }
+    out
+}
+
+fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn Error>> {
+    let body = packing.bonded(BeamMaterial::SILICA, 2200.0)?;
+    let kick: Vec<Twist> = (0..body.len())
+        .map(|i| Twist {
+            linear: Vector3::new((i as f64).sin(), (i as f64).cos(), 0.3) * 1e-3,
+            angular: Vector3::zeros(),
+        })
+        .collect();
+    let make = || -> Result<DemModel, dem_beam::DemError> {
+        let m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
+        Ok(if finite { m.with_finite_rotations() } else { m })
+    };
+    let mut bare = if finite {
+        BeamDynamics::<f64>::finite(&body, 1e-9)?
+    } else {
+        BeamDynamics::<f64>::linear(&body, 1e-9)?
+    };
+    bare.set_velocities(&kick)?;
+    let mut model = make()?;
+    model.set_internal_weight(&Along, Weighting::Energy)?;
+    let n = model.layout().dofs();
+    let q: Vec<f64> = (0..n)
+        .map(|i| (i as f64).sin() * if i < n / 2 { 1e-9 } else { 1e-4 })
+        .collect();
+    let mut f = vec![0.0; n];
+    let side = Subdomain::fine(make()?, Weights::same(Arc::new(Along)));
+    let guard = Guard {
+        interval: 1_000_000,
+        growth: 0.05,
+    };
+    let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard))?;
+    let calls = (200_000 / body.len()).clamp(2, 100);
+    let mut jobs: Vec<NamedJob<'_>> = vec![
+        ("bare kernel, whole step", Box::new(|k| bare.run(k - 1))),
+        (
+            "model, weighted forces",
+            Box::new(|k| {
+                for _ in 0..k {
+                    let _ = std::hint::black_box(model.add_internal_forces(&q, &mut f));
+                }
+            }),
+        ),
+    ];
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let times = pool.install(|| best(&mut jobs, calls, body.pairs().len()));
+    let law = if finite { "finite" } else { "linear" };
+    for ((name, _), t) in jobs.iter().zip(&times) {
+        println!(
+            "{law} threads {threads}  {name:<26} {t:6.2} ns/bond  {:.3} of bare",
+            t / times[0]
+        );
+    }
+    drop(jobs);
+    if threads == 1 && !finite {
+        let mut least = f64::INFINITY;
+        for _ in 0..60 {
+            let start = Instant::now();
+            run.run(calls, &mut Silent)?;
+            least = least.min(start.elapsed().as_secs_f64() * 1e9 / (calls * body.pairs().len()) as f64);
+        }
+        println!("{law} default pool  core's step               {least:6.2} ns/bond");
+    }
+    Ok(())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let counts: Vec<usize> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
+    let counts = if counts.is_empty() { vec![20_000] } else { counts };
+    for count in counts {
+        let packing = PackingSpec::quench(Container::cylinder(20e-3, 1e-3)?, count, 1).build()?;
+        println!("{} particles, {} bonds", packing.radii.len(), packing.pairs.len());
+        for finite in [false, true] {
+            for threads in [1, 2] {
+                measure(&packing, finite, threads)?;
+            }
+        }
+    }
+    Ok(())
+}

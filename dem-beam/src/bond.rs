@@ -1,0 +1,230 @@
+//! The linear law of one cohesive beam: Euler-Bernoulli, circular section, small rotations.
+//!
+//! With `n` the unit vector from particle i to j, `l` the distance of the centres,
+//! `Du = u_j - u_i`, `Dth = th_j - th_i`, `x_p = x - (n.x) n`:
+//!
+//! ```text
+//! k_n = E S/l   k_t = 12 E I/l^3   k_s = 6 E I/l^2   k_phi = G I_O/l   k_b = 2 E I/l
+//! f_i =  k_n (n.Du) n + k_t Du_p + k_s n x (th_i + th_j)              f_j = -f_i
+//! c_i =  k_phi (n.Dth) n + k_s n x Du - k_b (2 th_i + th_j)_p
+//! c_j = -k_phi (n.Dth) n + k_s n x Du - k_b (2 th_j + th_i)_p
+//! ```
+//!
+//! Four numbers per bond hold everything, a weight `w` included: `axis = n/l` and `scale = w l`.
+//! Then every coefficient is a polynomial, `q = axis.axis = 1/l^2`, and no division is left:
+//!
+//! ```text
+//! f_i = scale [12 EI q^2 Du + 6 EI q axis x (th_i+th_j) + (ES - 12 EI q)(axis.Du) axis]
+//! ```
+//!
+//! Forces are those *on* the particle. Units: N, m, rad.
+
+use crate::error::{DemError, Result, positive};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
+
+/// Elastic constants of the beams and the ratio of beam to mean particle radius.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BeamMaterial {
+    /// Young's modulus `E_mu` of a beam (Pa).
+    pub young: f64,
+    /// Poisson's ratio `nu_mu` of a beam; enters through `G = E/2(1+nu)`.
+    pub poisson: f64,
+    /// Beam radius over mean particle radius.
+    pub radius_ratio: f64,
+}
+
+impl BeamMaterial {
+    /// Silica as in Jebahi et al. 2013: 265e9 Pa, 0.3, 0.71.
+    pub const SILICA: Self = Self {
+        young: 265e9,
+        poisson: 0.3,
+        radius_ratio: 0.71,
+    };
+
+    /// Rigidities of all beams of a packing with mean particle radius `mean_radius` (m).
+    ///
+    /// # Errors
+    /// [`DemError::OutOfRange`] for a modulus, ratio or radius that is not positive, or a
+    /// Poisson ratio outside (-1, 0.5].
+    ///
+    /// ```
+    /// let r = dem_beam::BeamMaterial::SILICA.rigidity(0.05e-3)?;
+    /// assert!((r.axial - 1.0492e3).abs() < 0.1); // E pi (0.71 * 0.05 mm)^2, N
+    /// # Ok::<(), dem_beam::DemError>(())
+    /// ```
+    pub fn rigidity(&self, mean_radius: f64) -> Result<BeamRigidity> {
+        positive("beam Young's modulus", self.young)?;
+        positive("beam radius ratio", self.radius_ratio)?;
+        positive("mean particle radius", mean_radius)?;
+        if !(self.poisson > -1.0 && self.poisson <= 0.5) {
+            return Err(DemError::OutOfRange {
+                name: "beam Poisson's ratio",
+                value: self.poisson,
+                range: "(-1, 0.5]",
+            });
+        }
+        let radius = self.radius_ratio * mean_radius;
+        let area = std::f64::consts::PI * radius * radius;
+        let inertia = 0.25 * area * radius * radius;
+        Ok(BeamRigidity {
+            axial: self.young * area,
+            bending: self.young * inertia,
+            torsion: self.young / (1.0 + self.poisson) * inertia,
+        })
+    }
+}
+
+/// What a beam section resists with; the same for all bonds of a packing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BeamRigidity {
+    /// `E S` (N).
+    pub axial: f64,
+    /// `E I` (N m^2).
+    pub bending: f64,
+    /// `G I_O`, `I_O = 2 I` (N m^2).
+    pub torsion: f64,
+}
+
+/// One bond, ready for use: `axis = n/l` (1/m) and `scale = w l` (m), `w` the weight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinearBond {
+    /// `n/l`, from the first particle to the second.
+    pub axis: Vector3<f64>,
+    /// `w l`.
+    pub scale: f64,
+}
+
+/// Displacement (m) and rotation (rad) of a particle, or force (N) and torque (N m) on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Twist {
+    /// Translation or force.
+    pub linear: Vector3<f64>,
+    /// Rotation or torque.
+    pub angular: Vector3<f64>,
+}
+
+impl Twist {
+    /// Nothing moves, nothing pushes.
+    #[must_use]
+    pub fn zero() -> Self {
+        Self {
+            linear: Vector3::zeros(),
+            angular: Vector3::zeros(),
+        }
+    }
+}
+
+impl LinearBond {
+    /// The bond between two centres (m) with weight `weight` (1 for a bond on its own).
+    ///
+    /// # Errors
+    /// [`DemError::ZeroLengthBond`] (as bond 0) if the centres coincide or are not finite.
+    pub fn new(first: Vector3<f64>, second: Vector3<f64>, weight: f64) -> Result<Self> {
+        let d = second - first;
+        let length = d.norm();
+        if !(length > f64::MIN_POSITIVE.sqrt() && length.is_finite()) {
+            return Err(DemError::ZeroLengthBond {
+                bond: 0,
+                first: 0,
+                second: 1,
+                length,
+                limit: f64::MIN_POSITIVE.sqrt(),
+            });
+        }
+        Ok(Self {
+            axis: d / (length * length),
+            scale: weight * length,
+        })
+    }
+
+    /// Forces and torques the beam puts on its two particles.
+    #[must_use]
+    pub fn wrenches(&self, k: &BeamRigidity, i: &Twist, j: &Twist) -> (Twist, Twist) {
+        let (p, s) = (self.axis, self.scale);
+        let q = p.dot(&p);
+        let du = j.linear - i.linear;
+        let sum = i.angular + j.angular;
+        let diff = j.angular - i.angular;
+        let b = 2.0 * k.bending * s * q;
+        let force = (du * (6.0 * q) + p.cross(&sum) * 3.0) * b
+            + p * ((k.axial - 12.0 * k.bending * q) * s * p.dot(&du));
+        let shear = p.cross(&du) * (3.0 * b);
+        let twist = p * (k.torsion * s * p.dot(&diff));
+        let bend = |x: Vector3<f64>| x * b - p * (2.0 * k.bending * s * p.dot(&x));
+        (
+            Twist {
+                linear: force,
+                angular: twist + shear - bend(i.angular + sum),
+            },
+            Twist {
+                linear: -force,
+                angular: -twist + shear - bend(j.angular + sum),
+            },
+        )
+    }
+
+    /// Elastic energy (J), never negative for a weight >= 0.
+    #[must_use]
+    pub fn energy(&self, k: &BeamRigidity, i: &Twist, j: &Twist) -> f64 {
+        let (p, s) = (self.axis, self.scale);
+        let q = p.dot(&p);
+        let du = j.linear - i.linear;
+        let stretch = p.dot(&du);
+        let twist = p.dot(&(j.angular - i.angular));
+        // End rotations against the chord, perpendicular part: phi = th_p - n x Du / l.
+        let chord = p.cross(&du);
+        let across = |t: Vector3<f64>| t - p * (p.dot(&t) / q) - chord;
+        let (a, b) = (across(i.angular), across(j.angular));
+        0.5 * k.axial * s * stretch * stretch
+            + 0.5 * k.torsion * s * twist * twist
+            + 2.0 * k.bending * s * q * (a.dot(&a) + a.dot(&b) + b.dot(&b))
+    }
+
+    /// The 12 x 12 stiffness, order `(u_i, th_i, u_j, th_j)`: `f = -K x`.
+    #[must_use]
+    pub fn stiffness(&self, k: &BeamRigidity) -> SMatrix<f64, 12, 12> {
+        let mut out = SMatrix::<f64, 12, 12>::zeros();
+        for c in 0..12 {
+            let mut x = SVector::<f64, 12>::zeros();
+            x[c] = 1.0;
+            let at = |o: usize| Twist {
+                linear: Vector3::new(x[o], x[o + 1], x[o + 2]),
+                angular: Vector3::new(x[o + 3], x[o + 4], x[o + 5]),
+            };
+            let (fi, fj) = self.wrenches(k, &at(0), &at(6));
+            for (o, v) in [fi.linear, fi.angular, fj.linear, fj.angular].iter().enumerate() {
+                out.fixed_view_mut::<3, 1>(3 * o, c).copy_from(&-v);
+            }
+        }
+        out
+    }
+
+    /// The 6 x 6 block `K_ii` of the first particle with itself; that of the second is the
+    /// block of [`Self::reversed`].
+    #[must_use]
+    pub fn own_block(&self, k: &BeamRigidity) -> Matrix6<f64> {
+        let (p, s) = (self.axis, self.scale);
+        let q = p.dot(&p);
+        let ppt = p * p.transpose();
+        let one = Matrix3::identity();
+        let shear = p.cross_matrix() * (6.0 * k.bending * s * q);
+        let mut out = Matrix6::zeros();
+        out.fixed_view_mut::<3, 3>(0, 0).copy_from(
+            &(one * (12.0 * k.bending * s * q * q) + ppt * ((k.axial - 12.0 * k.bending * q) * s)),
+        );
+        out.fixed_view_mut::<3, 3>(0, 3).copy_from(&-shear);
+        out.fixed_view_mut::<3, 3>(3, 0).copy_from(&shear);
+        out.fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&(one * (4.0 * k.bending * s * q) + ppt * ((k.torsion - 4.0 * k.bending) * s)));
+        out
+    }
+
+    /// Same bond seen from its second particle.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        Self {
+            axis: -self.axis,
+            scale: self.scale,
+        }
+    }
+}

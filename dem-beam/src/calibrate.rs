@@ -1,0 +1,281 @@
+//! Macroscopic elasticity of a packing by a tension test, and the inverse.
+//!
+//! The bar lies along x. The particles that touch the two end faces are moved by `u_x = strain x`
+//! and are free otherwise; `E = F/(S strain)`, with F the mean of the two reactions. The gauge
+//! section is the middle half of the bar: there strains are fitted by least squares, which gives
+//! Poisson's ratio and a second modulus free of end effects. The two moduli of a good packing
+//! agree within 3 %.
+
+use crate::bond::BeamMaterial;
+use crate::error::{DemError, Result, positive};
+use crate::kernel::Held;
+use crate::packing::Packing;
+use crate::particles::BondedParticles;
+use crate::statics::StaticProblem;
+use nalgebra::{Matrix3, Vector3};
+
+/// A bar along x from `start` to `start + length`, m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bar {
+    /// Position of the first end face.
+    pub start: f64,
+    /// Length.
+    pub length: f64,
+    /// Area of the section (m^2).
+    pub area: f64,
+}
+
+/// What a tension test shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Elasticity {
+    /// Young's modulus over the whole bar (Pa).
+    pub young: f64,
+    /// Young's modulus from the strain of the gauge section (Pa).
+    pub young_gauge: f64,
+    /// Poisson's ratio from the gauge section.
+    pub poisson: f64,
+    /// Iterations of the static solve.
+    pub iterations: usize,
+}
+
+/// Strain of the test; the law is linear, so any value does.
+const STRAIN: f64 = 1e-3;
+
+/// Relative residual of the solve: three digits beyond the spread over seeds.
+const TOLERANCE: f64 = 1e-6;
+
+/// Most iterations: twenty times what a bar of 200 000 particles takes.
+const ITERATIONS: usize = 50_000;
+
+/// Measures E and nu of a bar.
+///
+/// # Errors
+/// [`DemError::OutOfRange`] for the bar, or if no particle touches an end;
+/// [`DemError::NoConvergence`] of the solve.
+pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
+    positive("bar length", bar.length)?;
+    positive("bar section", bar.area)?;
+    let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
+    let mut problem = StaticProblem::free(body.len());
+    let mut side: Vec<f64> = vec![0.0; body.len()];
+    for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
+        let along = x.x - bar.start;
+        // Touching: within a twentieth of a radius, the gap that bonds bridge as well.
+        let near = r + 0.05 * mean;
+        if along < near {
+            side[i] = -1.0;
+        } else if bar.length - along < near {
+            side[i] = 1.0;
+        }
+        problem.held[i].linear[0] = side[i] != 0.0;
+        // An affine start: nearly the solution.
+        problem.start[i].linear.x = STRAIN * along;
+    }
+    for (name, s) in [
+        ("particles at the first end", -1.0_f64),
+        ("particles at the second end", 1.0),
+    ] {
+        if !side.iter().any(|x| x.total_cmp(&s).is_eq()) {
+            return Err(DemError::OutOfRange {
+                name,
+                value: 0.0,
+                range: "values >= 1",
+            });
+        }
+    }
+    let done = problem.solve(body, TOLERANCE, ITERATIONS)?;
+    let pull: f64 = done
+        .reactions
+        .iter()
+        .zip(&side)
+        .map(|(r, s)| 0.5 * s * r.linear.x)
+        .sum();
+    let gauge = |i: &usize| {
+        let t = (body.positions()[*i].x - bar.start) / bar.length;
+        (0.25..0.75).contains(&t)
+    };
+    let chosen: Vec<usize> = (0..body.len()).filter(gauge).collect();
+    let slope = |axis: usize| {
+        let points = chosen
+            .iter()
+            .map(|&i| (body.positions()[i], done.displacements[i].linear[axis]));
+        gradient(points).map(|g| g[axis])
+    };
+    let (ex, ey, ez) = (slope(0)?, slope(1)?, slope(2)?);
+    Ok(Elasticity {
+        young: pull / (bar.area * STRAIN),
+        young_gauge: pull / (bar.area * ex),
+        poisson: -0.5 * (ey + ez) / ex,
+        iterations: done.iterations,
+    })
+}
+
+/// Least-squares gradient of a scalar over points.
+fn gradient(points: impl Iterator<Item = (Vector3<f64>, f64)> + Clone) -> Result<Vector3<f64>> {
+    let count = points.clone().count() as f64;
+    let centre = points.clone().map(|p| p.0).sum::<Vector3<f64>>() / count;
+    let mean = points.clone().map(|p| p.1).sum::<f64>() / count;
+    let (mut a, mut b) = (Matrix3::zeros(), Vector3::zeros());
+    for (x, u) in points {
+        let d = x - centre;
+        a += d * d.transpose();
+        b += d * (u - mean);
+    }
+    a.try_inverse().map(|a| a * b).ok_or(DemError::OutOfRange {
+        name: "particles in the gauge section",
+        value: count,
+        range: "at least four that are not coplanar",
+    })
+}
+
+/// Mean and standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Sample standard deviation; 0 for one sample.
+    pub deviation: f64,
+}
+
+impl Spread {
+    /// Of a few numbers.
+    #[must_use]
+    pub fn of(x: &[f64]) -> Self {
+        let n = x.len().max(1) as f64;
+        let mean = x.iter().sum::<f64>() / n;
+        let square: f64 = x.iter().map(|x| (x - mean) * (x - mean)).sum();
+        Self {
+            mean,
+            deviation: (square / (n - 1.0).max(1.0)).sqrt(),
+        }
+    }
+}
+
+/// Elasticity over several packings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Statistics {
+    /// Young's modulus over the whole bar (Pa).
+    pub young: Spread,
+    /// Young's modulus of the gauge section (Pa).
+    pub young_gauge: Spread,
+    /// Poisson's ratio.
+    pub poisson: Spread,
+}
+
+/// Tension tests on packings that differ by their seed.
+///
+/// # Errors
+/// Those of [`Packing::bonded`] and [`tension_test`].
+pub fn measure(packings: &[Packing], beam: BeamMaterial, bar: &Bar) -> Result<Statistics> {
+    let mut all = Vec::with_capacity(packings.len());
+    for p in packings {
+        // Statics does not ask for a density.
+        all.push(tension_test(&p.bonded(beam, 1.0)?, bar)?);
+    }
+    let spread = |f: fn(&Elasticity) -> f64| Spread::of(&all.iter().map(f).collect::<Vec<_>>());
+    Ok(Statistics {
+        young: spread(|e| e.young),
+        young_gauge: spread(|e| e.young_gauge),
+        poisson: spread(|e| e.poisson),
+    })
+}
+
+/// The inverse: beams that give the packings the wanted elasticity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Calibration {
+    /// Beams found.
+    pub beam: BeamMaterial,
+    /// What they give.
+    pub reached: Statistics,
+    /// Tension tests done, all seeds together.
+    pub tests: usize,
+}
+
+/// Finds `E_mu` and the beam radius ratio for a wanted E (Pa) and nu. nu depends on the radius
+/// ratio alone and falls with it; E is proportional to `E_mu`.
+///
+/// # Errors
+/// [`DemError::OutOfRange`] if nu is not between what ratios 0.2 and 1.5 give; those of
+/// [`measure`].
+pub fn inverse(
+    packings: &[Packing],
+    bar: &Bar,
+    young: f64,
+    poisson: f64,
+    beam_poisson: f64,
+) -> Result<Calibration> {
+    positive("wanted Young's modulus", young)?;
+    let beam = |ratio: f64, young: f64| BeamMaterial {
+        young,
+        poisson: beam_poisson,
+        radius_ratio: ratio,
+    };
+    let test = |ratio: f64| measure(packings, beam(ratio, 1e9), bar);
+    let (mut low, mut high) = (0.2, 1.5);
+    let (mut f_low, mut f_high) = (
+        test(low)?.poisson.mean - poisson,
+        test(high)?.poisson.mean - poisson,
+    );
+    let mut tests = 2 * packings.len();
+    let bracketed = f_low * f_high <= 0.0;
+    if !bracketed {
+        return Err(DemError::OutOfRange {
+            name: "wanted Poisson's ratio",
+            value: poisson,
+            range: "between those of beam radius ratios 0.2 and 1.5 on this packing",
+        });
+    }
+    // Regula falsi, Illinois variant: 1e-4 in nu is below any seed spread.
+    let mut last_side = 0;
+    for _ in 0..40 {
+        let ratio = (low * f_high - high * f_low) / (f_high - f_low);
+        let now = test(ratio)?;
+        tests += packings.len();
+        let f = now.poisson.mean - poisson;
+        if f.abs() < 1e-4 {
+            let found = beam(ratio, 1e9 * young / now.young.mean);
+            let reached = measure(packings, found, bar)?;
+            return Ok(Calibration {
+                beam: found,
+                reached,
+                tests: tests + packings.len(),
+            });
+        }
+        if f * f_high > 0.0 {
+            (high, f_high) = (ratio, f);
+            if last_side == 1 {
+                f_low *= 0.5;
+            }
+            last_side = 1;
+        } else {
+            (low, f_low) = (ratio, f);
+            if last_side == -1 {
+                f_high *= 0.5;
+            }
+            last_side = -1;
+        }
+    }
+    Err(DemError::NoConvergence {
+        what: "inverse calibration",
+        iterations: tests,
+        residual: f_low.abs().min(f_high.abs()),
+        tolerance: 1e-4,
+    })
+}
+
+/// Clamp of the particles that touch the plane `x = at` from above, all components.
+#[must_use]
+pub fn clamp_layer(body: &BondedParticles, at: f64) -> Vec<Held> {
+    let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
+    let spheres = body.positions().iter().zip(body.radii());
+    let touches = |x: &Vector3<f64>, r: f64| x.x - at < r + 0.05 * mean;
+    spheres
+        .map(|(x, r)| {
+            if touches(x, *r) {
+                Held::ALL
+            } else {
+                Held::default()
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,280 @@
+//! What can go wrong, with the object, its value, the limit and the way out.
+
+use thiserror::Error;
+
+/// Every failure of this crate.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum DemError {
+    /// Two particles sit on the same point: the bond between them has no direction.
+    #[error(
+        "particles {first} and {second} are {distance:e} m apart, below {limit:e} m: \
+         merge them or move one"
+    )]
+    CoincidentParticles {
+        /// Smaller particle number.
+        first: usize,
+        /// Larger particle number.
+        second: usize,
+        /// Distance of the centres (m).
+        distance: f64,
+        /// Smallest accepted distance (m).
+        limit: f64,
+    },
+    /// A particle without size has neither mass nor rotational inertia.
+    #[error("particle {particle} has radius {radius:e} m: give every particle a finite radius > 0")]
+    BadRadius {
+        /// Particle number.
+        particle: usize,
+        /// The radius found (m).
+        radius: f64,
+    },
+    /// A coordinate, weight or load is NaN or infinite.
+    #[error("{what} of {object} {index} is {value}: it must be finite")]
+    NotFinite {
+        /// The quantity.
+        what: &'static str,
+        /// Kind of object, "particle" or "bond".
+        object: &'static str,
+        /// Its number.
+        index: usize,
+        /// The value found.
+        value: f64,
+    },
+    /// A bond whose two ends coincide, or that joins a particle with itself.
+    #[error(
+        "bond {bond} between particles {first} and {second} has length {length:e} m, below \
+         {limit:e} m: remove the bond"
+    )]
+    ZeroLengthBond {
+        /// Bond number.
+        bond: usize,
+        /// First particle.
+        first: usize,
+        /// Second particle.
+        second: usize,
+        /// Length found (m).
+        length: f64,
+        /// Smallest accepted length (m).
+        limit: f64,
+    },
+    /// A particle no bond holds: it would fly away at the first push.
+    #[error(
+        "particle {particle} has no bond ({isolated} such particles): raise the coordination \
+         number, or keep the largest connected component only"
+    )]
+    IsolatedParticle {
+        /// First such particle.
+        particle: usize,
+        /// How many there are.
+        isolated: usize,
+    },
+    /// A bond names a particle that does not exist.
+    #[error("bond {bond} names particle {particle}, but there are only {count} particles")]
+    NoSuchParticle {
+        /// Bond number.
+        bond: usize,
+        /// Particle number it names.
+        particle: usize,
+        /// Number of particles.
+        count: usize,
+    },
+    /// Two arrays that must run in parallel do not.
+    #[error("{what} has {found} entries where {expected} are needed")]
+    LengthMismatch {
+        /// The array.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length needed.
+        expected: usize,
+    },
+    /// A parameter outside its range.
+    #[error("{name} = {value} is outside {range}")]
+    OutOfRange {
+        /// Parameter.
+        name: &'static str,
+        /// Value found.
+        value: f64,
+        /// Accepted range, in words.
+        range: &'static str,
+    },
+    /// The radii span a range the neighbour search and the contact law are not made for.
+    #[error(
+        "largest radius {largest:e} m is {ratio:.1} times the smallest {smallest:e} m, above \
+         {limit}: narrow the radius distribution"
+    )]
+    RadiusRatio {
+        /// Smallest radius (m).
+        smallest: f64,
+        /// Largest radius (m).
+        largest: f64,
+        /// Their ratio.
+        ratio: f64,
+        /// Largest accepted ratio.
+        limit: f64,
+    },
+    /// Even one particle of the wanted size does not fit.
+    #[error(
+        "a packing of {count} particles needs a largest diameter of {diameter:e} m but the \
+         container is only {width:e} m wide: ask for more particles or a wider container"
+    )]
+    ContainerTooSmall {
+        /// Number of particles asked for.
+        count: usize,
+        /// Largest diameter they would have (m).
+        diameter: f64,
+        /// Smallest width of the container (m).
+        width: f64,
+    },
+    /// A particle lies outside the container it should fill.
+    #[error(
+        "particle {particle} sticks out of the container by {excess:e} m, above {limit:e} m: \
+         the packing is larger than its container"
+    )]
+    OutsideContainer {
+        /// Particle number.
+        particle: usize,
+        /// Depth by which the sphere passes the wall (m).
+        excess: f64,
+        /// Largest accepted depth (m).
+        limit: f64,
+    },
+    /// A triangle surface that does not enclose a volume.
+    #[error("the surface is not closed: edge {first}-{second} belongs to {count} triangles")]
+    OpenSurface {
+        /// First vertex of the edge.
+        first: usize,
+        /// Second vertex of the edge.
+        second: usize,
+        /// How many triangles share it (2 expected, once in each direction).
+        count: usize,
+    },
+    /// A closed surface with (almost) nothing inside, or turned inside out.
+    #[error("the surface encloses {volume:e} m3: orient its triangles outwards")]
+    NoVolume {
+        /// Signed volume (m3).
+        volume: f64,
+    },
+    /// The packing did not jam at the wanted overlap.
+    #[error(
+        "packing not at the wanted overlap after {steps} relaxation steps: mean overlap \
+         {overlap:e} of the diameter, wanted {wanted:e}; raise `max_steps` or the overlap"
+    )]
+    NotJammed {
+        /// Relaxation steps done.
+        steps: usize,
+        /// Mean overlap reached (fraction of the mean diameter).
+        overlap: f64,
+        /// Mean overlap wanted.
+        wanted: f64,
+    },
+    /// There are not as many neighbouring pairs as bonds wanted.
+    #[error(
+        "coordination number {wanted} asks for {bonds} bonds, only {pairs} pairs are within \
+         {reach} of touching: lower the coordination number"
+    )]
+    TooFewPairs {
+        /// Coordination number wanted.
+        wanted: f64,
+        /// Bonds it asks for.
+        bonds: usize,
+        /// Pairs found.
+        pairs: usize,
+        /// Search reach, relative gap.
+        reach: f64,
+    },
+    /// An iterative solver stopped short.
+    #[error(
+        "{what} stopped after {iterations} iterations at residual {residual:e}, wanted \
+         {tolerance:e}: allow more iterations, or check that the supports hold every rigid motion"
+    )]
+    NoConvergence {
+        /// Solver.
+        what: &'static str,
+        /// Iterations done.
+        iterations: usize,
+        /// Residual reached, relative.
+        residual: f64,
+        /// Residual wanted.
+        tolerance: f64,
+    },
+    /// The time step is above what the fastest mode allows.
+    #[error("time step {step:e} s is above the critical step {critical:e} s: use at most 0.9 of it")]
+    StepTooLarge {
+        /// Step asked for (s).
+        step: f64,
+        /// Critical step (s).
+        critical: f64,
+    },
+    /// A particle turned so far that its rotation vector no longer describes its motion.
+    #[error(
+        "particle {particle} has turned by {angle:.3} rad, above {limit} rad: rotation vectors end \
+         below a full turn; run spinning bodies with `BeamDynamics`"
+    )]
+    RotationTooLarge {
+        /// Particle number.
+        particle: usize,
+        /// Rotation angle found (rad).
+        angle: f64,
+        /// Largest accepted angle (rad).
+        limit: f64,
+    },
+    /// Selected particles cannot carry a load.
+    #[error("load on {count} particles: {reason}")]
+    BadSelection {
+        /// How many particles were selected.
+        count: usize,
+        /// Why they do not do, and what would.
+        reason: &'static str,
+    },
+    /// A refusal of the coupling core.
+    #[error(transparent)]
+    Core(#[from] arlequin_core::Error),
+    /// A text file that does not read.
+    #[error("line {line}: {reason}")]
+    Parse {
+        /// Line number, from 1.
+        line: usize,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The file system refused.
+    #[error("{path}: {reason}")]
+    Io {
+        /// File or directory.
+        path: String,
+        /// Message of the operating system.
+        reason: String,
+    },
+}
+
+/// Shorthand of this crate.
+pub type Result<T> = std::result::Result<T, DemError>;
+
+/// Refuses NaN and infinities.
+pub(crate) fn finite(what: &'static str, object: &'static str, index: usize, value: f64) -> Result<()> {
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(DemError::NotFinite {
+            what,
+            object,
+            index,
+            value,
+        })
+    }
+}
+
+/// Refuses a parameter that is not finite and positive.
+pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(DemError::OutOfRange {
+            name,
+            value,
+            range: "finite values > 0",
+        })
+    }
+}

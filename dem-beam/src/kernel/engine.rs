@@ -1,0 +1,387 @@
+//! One pass over all blocks: forces, velocities, new rows.
+
+use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar, Vec3, eight, scale};
+use super::law::{Law, Rigidity};
+use super::layout::Layout;
+use crate::bond::BeamRigidity;
+use rayon::prelude::*;
+use std::marker::PhantomData;
+
+/// Blocks per unit of parallel work: 256 particles, about 30 microseconds.
+const CHUNK: usize = 32;
+
+/// Half-bonds ahead of the current slot whose rows are fetched: DRAM latency over slot time.
+const AHEAD: usize = 6;
+
+/// Particles above which rows no longer stay in the second-level cache and fetching ahead pays.
+const FAR: usize = 8_000;
+
+/// Six numbers of eight particles.
+pub(crate) type Six<T> = [Row<T>; 6];
+
+/// The instruction set found at run time.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Isa {
+    #[cfg(target_arch = "x86_64")]
+    V4(pulp::x86::V4),
+    #[cfg(target_arch = "x86_64")]
+    V3(pulp::x86::V3),
+    Portable,
+}
+
+impl Isa {
+    pub(crate) fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if let Some(s) = pulp::x86::V4::try_new() {
+                return Self::V4(s);
+            }
+            if let Some(s) = pulp::x86::V3::try_new() {
+                return Self::V3(s);
+            }
+        }
+        Self::Portable
+    }
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::V4(_) => "AVX-512",
+            #[cfg(target_arch = "x86_64")]
+            Self::V3(_) => "AVX2 + FMA",
+            Self::Portable => "portable",
+        }
+    }
+}
+
+/// What runs on a set of lanes.
+pub(crate) trait OnLanes<T: Scalar> {
+    fn on<L: Lanes<T = T>>(self, l: L);
+}
+
+/// Chooses the lanes of a scalar type.
+pub(crate) trait Dispatch: Scalar {
+    fn dispatch<J: OnLanes<Self>>(isa: Isa, job: J);
+}
+
+impl Dispatch for f64 {
+    #[inline]
+    fn dispatch<J: OnLanes<Self>>(isa: Isa, job: J) {
+        match isa {
+            #[cfg(target_arch = "x86_64")]
+            Isa::V4(s) => job.on(super::lanes::Wide512(s)),
+            #[cfg(target_arch = "x86_64")]
+            Isa::V3(s) => job.on(super::lanes::Wide256::<Self>(s, PhantomData)),
+            Isa::Portable => job.on(Portable::<Self>(PhantomData)),
+        }
+    }
+}
+
+impl Dispatch for f32 {
+    #[inline]
+    fn dispatch<J: OnLanes<Self>>(isa: Isa, job: J) {
+        match isa {
+            // Eight lanes of f32 fill a 256-bit register: AVX-512 has nothing to add.
+            #[cfg(target_arch = "x86_64")]
+            Isa::V4(s) => job.on(super::lanes::Wide256::<Self>(*s, PhantomData)),
+            #[cfg(target_arch = "x86_64")]
+            Isa::V3(s) => job.on(super::lanes::Wide256::<Self>(s, PhantomData)),
+            Isa::Portable => job.on(Portable::<Self>(PhantomData)),
+        }
+    }
+}
+
+/// What a pass reads besides the particles.
+#[derive(Debug)]
+pub(crate) struct Pass<'a, T: Scalar, W: Law<T>> {
+    pub(crate) layout: &'a Layout<T, W>,
+    pub(crate) rigidity: BeamRigidity,
+    pub(crate) isa: Isa,
+    /// External forces and torques, if any.
+    pub(crate) loads: Option<&'a [Six<T>]>,
+    /// 1 for free, 0 for held components, if any is held.
+    pub(crate) free: Option<&'a [Six<T>]>,
+}
+
+impl<T: Dispatch, W: Law<T>> Pass<'_, T, W> {
+    /// `v += kick a(rows)`, `out = rows moved by drift v`.
+    pub(crate) fn step(
+        &self,
+        rows: &[Row<T>],
+        out: &mut [Row<T>],
+        velocity: &mut [Six<T>],
+        [kick, drift]: [f64; 2],
+    ) {
+        out.par_chunks_mut(CHUNK * LANES)
+            .zip(velocity.par_chunks_mut(CHUNK))
+            .enumerate()
+            .for_each(|(c, (out, velocity))| {
+                let (kick, drift) = (T::of(kick), T::of(drift));
+                let first = c * CHUNK;
+                T::dispatch(
+                    self.isa,
+                    Step {
+                        pass: self,
+                        first,
+                        rows,
+                        out,
+                        velocity,
+                        kick,
+                        drift,
+                    },
+                );
+            });
+    }
+
+    /// Internal forces and torques on the particles.
+    pub(crate) fn forces(&self, rows: &[Row<T>], out: &mut [Six<T>]) {
+        out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, out)| {
+            T::dispatch(
+                self.isa,
+                Forces {
+                    pass: self,
+                    first: c * CHUNK,
+                    rows,
+                    out,
+                },
+            );
+        });
+    }
+}
+
+/// How the rotations of a law appear among the unknowns of a coupled model: as vectors `th`.
+pub(crate) trait RotationVector: Law<f64> {
+    /// Rows of particles from their displacements (m) and rotation vectors (rad).
+    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64]);
+    /// `-dU/dth` from the torques `m` on the eight particles with rows `own`.
+    fn generalised<L: Lanes<T = f64>>(l: L, own: &[L::V; 8], m: Vec3<L>) -> Vec3<L>;
+}
+
+/// Where a model wants its forces: `x0 y0 z0 x1 ...` and torques in the same order.
+#[derive(Debug)]
+pub(crate) struct Sink<'a> {
+    pub(crate) linear: &'a mut [f64],
+    pub(crate) angular: &'a mut [f64],
+    /// One factor per particle (nodal weights).
+    pub(crate) factors: Option<&'a [f64]>,
+}
+
+impl<W: RotationVector> Pass<'_, f64, W> {
+    /// Adds forces and torques to flat arrays; places must be particle numbers.
+    pub(crate) fn add_forces(&self, rows: &[Row<f64>], sink: Sink<'_>, parallel: bool) {
+        if !parallel {
+            return self.add_from(0, rows, sink);
+        }
+        const SIZE: usize = CHUNK * LANES;
+        let factors = sink.factors;
+        sink.linear
+            .par_chunks_mut(3 * SIZE)
+            .zip(sink.angular.par_chunks_mut(3 * SIZE))
+            .enumerate()
+            .for_each(|(c, (linear, angular))| {
+                let factors = factors.map(|f| &f[c * SIZE..c * SIZE + linear.len() / 3]);
+                let part = Sink {
+                    linear,
+                    angular,
+                    factors,
+                };
+                self.add_from(c * CHUNK, rows, part);
+            });
+    }
+
+    fn add_from(&self, first: usize, rows: &[Row<f64>], sink: Sink<'_>) {
+        f64::dispatch(
+            self.isa,
+            AddForces {
+                pass: self,
+                first,
+                rows,
+                sink,
+            },
+        );
+    }
+}
+
+struct AddForces<'a, 'b, W: Law<f64>> {
+    pass: &'a Pass<'b, f64, W>,
+    first: usize,
+    rows: &'a [Row<f64>],
+    sink: Sink<'a>,
+}
+
+struct Step<'a, 'b, T: Scalar, W: Law<T>> {
+    pass: &'a Pass<'b, T, W>,
+    first: usize,
+    rows: &'a [Row<T>],
+    out: &'a mut [Row<T>],
+    velocity: &'a mut [Six<T>],
+    kick: T,
+    drift: T,
+}
+
+struct Forces<'a, 'b, T: Scalar, W: Law<T>> {
+    pass: &'a Pass<'b, T, W>,
+    first: usize,
+    rows: &'a [Row<T>],
+    out: &'a mut [Six<T>],
+}
+
+/// A job with its lanes; `FETCH` switches fetching ahead on.
+struct With<L, J, const FETCH: bool>(L, J);
+
+impl<T: Scalar, W: Law<T>> OnLanes<T> for Step<'_, '_, T, W> {
+    #[inline(always)]
+    fn on<L: Lanes<T = T>>(self, l: L) {
+        if self.rows.len() > FAR {
+            l.run(With::<L, Self, true>(l, self));
+        } else {
+            l.run(With::<L, Self, false>(l, self));
+        }
+    }
+}
+
+impl<T: Scalar, W: Law<T>> OnLanes<T> for Forces<'_, '_, T, W> {
+    #[inline(always)]
+    fn on<L: Lanes<T = T>>(self, l: L) {
+        if self.rows.len() > FAR {
+            l.run(With::<L, Self, true>(l, self));
+        } else {
+            l.run(With::<L, Self, false>(l, self));
+        }
+    }
+}
+
+impl<W: RotationVector> OnLanes<f64> for AddForces<'_, '_, W> {
+    #[inline(always)]
+    fn on<L: Lanes<T = f64>>(self, l: L) {
+        if self.rows.len() > FAR {
+            l.run(With::<L, Self, true>(l, self));
+        } else {
+            l.run(With::<L, Self, false>(l, self));
+        }
+    }
+}
+
+/// Forces on the eight particles of a block; also returns their rows.
+#[inline(always)]
+fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
+    l: L,
+    pass: &Pass<'_, L::T, W>,
+    k: &Rigidity<L>,
+    rows: &[Row<L::T>],
+    block: usize,
+) -> ([L::V; 8], [L::V; 6]) {
+    let layout = pass.layout;
+    let mine = &rows[block * LANES..(block + 1) * LANES];
+    let own = l.transpose(eight!(r => mine[r].0));
+    let ready = W::ready(l, &own);
+    let mut acc = [l.splat(L::T::default()); 6];
+    let range = layout.start[block] as usize..layout.start[block + 1] as usize;
+    for s in range {
+        if FETCH && s + AHEAD < layout.neighbours.len() {
+            for &p in &layout.neighbours[s + AHEAD] {
+                l.prefetch(rows.as_ptr().wrapping_add(p as usize));
+            }
+        }
+        let near = &layout.neighbours[s];
+        let other = l.transpose(eight!(r => rows[near[r] as usize].0));
+        W::add(l, k, &layout.slots[s], &ready, &other, &mut acc);
+    }
+    W::finish(l, &layout.own[block], &own, &mut acc);
+    (own, acc)
+}
+
+impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Step<'_, '_, L::T, W>, FETCH> {
+    #[inline(always)]
+    fn call(self) {
+        let (l, j) = (self.0, self.1);
+        let k = Rigidity::new(l, &j.pass.rigidity);
+        let (kick, drift) = (l.splat(j.kick), l.splat(j.drift));
+        for (b, (out, velocity)) in j.out.chunks_exact_mut(LANES).zip(j.velocity).enumerate() {
+            let block = j.first + b;
+            let (own, mut f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
+            if let Some(loads) = j.pass.loads {
+                for (f, load) in f.iter_mut().zip(&loads[block]) {
+                    *f = l.add(*f, l.load(&load.0));
+                }
+            }
+            if let Some(free) = j.pass.free {
+                for (f, free) in f.iter_mut().zip(&free[block]) {
+                    *f = l.mul(*f, l.load(&free.0));
+                }
+            }
+            let m = &j.pass.layout.inverse_mass[block];
+            let (m, i) = (l.mul(kick, l.load(&m[0].0)), l.mul(kick, l.load(&m[1].0)));
+            let mut v = f;
+            for c in 0..6 {
+                v[c] = l.madd(if c < 3 { m } else { i }, f[c], l.load(&velocity[c].0));
+            }
+            for (store, v) in velocity.iter_mut().zip(v) {
+                store.0 = l.store(v);
+            }
+            let moved = l.untranspose(W::advance(l, drift, &own, &v));
+            for (out, row) in out.iter_mut().zip(moved) {
+                out.0 = row;
+            }
+        }
+    }
+}
+
+impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Forces<'_, '_, L::T, W>, FETCH> {
+    #[inline(always)]
+    fn call(self) {
+        let (l, j) = (self.0, self.1);
+        let k = Rigidity::new(l, &j.pass.rigidity);
+        for (b, out) in j.out.iter_mut().enumerate() {
+            let (_, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, j.first + b);
+            for (out, f) in out.iter_mut().zip(f) {
+                out.0 = l.store(f);
+            }
+        }
+    }
+}
+
+impl<L: Lanes<T = f64>, W: RotationVector, const FETCH: bool> Job for With<L, AddForces<'_, '_, W>, FETCH> {
+    #[inline(always)]
+    fn call(self) {
+        let (l, j) = (self.0, self.1);
+        let k = Rigidity::new(l, &j.pass.rigidity);
+        let Sink {
+            linear,
+            angular,
+            factors,
+        } = j.sink;
+        let parts = linear.chunks_mut(3 * LANES).zip(angular.chunks_mut(3 * LANES));
+        for (b, (linear, angular)) in parts.enumerate() {
+            let block = j.first + b;
+            let (own, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
+            let mut force = [f[0], f[1], f[2]];
+            let mut torque = W::generalised(l, &own, [f[3], f[4], f[5]]);
+            if let Some(factors) = factors {
+                let part = &factors[b * LANES..factors.len().min((b + 1) * LANES)];
+                let mut w = [0.0; LANES];
+                w[..part.len()].copy_from_slice(part);
+                let w = l.load(&w);
+                force = scale(l, force, w);
+                torque = scale(l, torque, w);
+            }
+            add_interleaved(l, force, linear);
+            add_interleaved(l, torque, angular);
+        }
+    }
+}
+
+/// Adds three vectors to `x0 y0 z0 x1 ...` of up to eight particles.
+#[inline(always)]
+fn add_interleaved<L: Lanes<T = f64>>(l: L, v: Vec3<L>, to: &mut [f64]) {
+    let parts = l.interleave(v);
+    let (whole, rest) = to.as_chunks_mut::<LANES>();
+    let done = whole.len();
+    for (to, part) in whole.iter_mut().zip(parts) {
+        *to = l.store(l.add(l.load(to), part));
+    }
+    if !rest.is_empty() {
+        let tail = l.store(parts[done.min(2)]);
+        rest.iter_mut().zip(tail).for_each(|(to, x)| *to += x);
+    }
+}

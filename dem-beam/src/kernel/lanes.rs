@@ -1,0 +1,226 @@
+//! Eight lanes of arithmetic, for the instruction set found at run time.
+//!
+//! `Lanes` is the little of SIMD the kernels need: element-wise arithmetic, and rows of eight
+//! numbers of eight particles turned into eight vectors (a transposition in registers, faster
+//! than gather instructions). One particle row is one cache line.
+//!
+//! Fused multiply-add is used where the processor has it: results may differ in the last bit
+//! between instruction sets, never between thread counts.
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) use super::lanes_x86::{Wide256, Wide512};
+
+/// Array of `$e` for `$k` = 0 to 7, written out: closures and `map` are compiled on their own,
+/// without the instruction set of the caller, and cost a factor of three.
+macro_rules! eight {
+    ($k:ident => $e:expr) => {
+        eight!(@ $k $e, 0 1 2 3 4 5 6 7)
+    };
+    (@ $k:ident $e:expr, $($n:literal)*) => {
+        [$({
+            let $k: usize = $n;
+            $e
+        }),*]
+    };
+}
+pub(crate) use eight;
+
+/// Lanes per vector, particles per block.
+pub(crate) const LANES: usize = 8;
+
+/// A scalar the kernels run in.
+pub(crate) trait Scalar: Copy + Default + Send + Sync + std::fmt::Debug + 'static {
+    /// Nearest value.
+    fn of(x: f64) -> Self;
+    /// Exact value.
+    fn to_f64(self) -> f64;
+}
+
+impl Scalar for f64 {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn to_f64(self) -> f64 {
+        self
+    }
+}
+
+impl Scalar for f32 {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        x as Self
+    }
+    #[inline(always)]
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+/// Eight numbers, aligned to a cache line.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[repr(C, align(64))]
+pub(crate) struct Row<T>(pub(crate) [T; LANES]);
+
+/// Element-wise arithmetic on eight lanes. Values are tokens of a detected instruction set.
+pub(crate) trait Lanes: Copy + Send + Sync {
+    type T: Scalar;
+    type V: Copy;
+
+    /// Runs `job` compiled for this instruction set.
+    fn run<J: Job>(self, job: J);
+    fn splat(self, x: Self::T) -> Self::V;
+    fn load(self, x: &[Self::T; LANES]) -> Self::V;
+    fn store(self, x: Self::V) -> [Self::T; LANES];
+    fn add(self, a: Self::V, b: Self::V) -> Self::V;
+    fn sub(self, a: Self::V, b: Self::V) -> Self::V;
+    fn mul(self, a: Self::V, b: Self::V) -> Self::V;
+    /// `1/a` to a few units in the last place.
+    fn recip(self, a: Self::V) -> Self::V;
+    /// `1/sqrt(a)` to a few units in the last place.
+    fn recip_sqrt(self, a: Self::V) -> Self::V;
+    /// `a b + c`.
+    fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
+    /// `c - a b`.
+    fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
+    /// Vector k holds entry k of the eight rows.
+    fn transpose(self, rows: [[Self::T; LANES]; LANES]) -> [Self::V; LANES];
+    /// Row k holds lane k of the eight vectors.
+    fn untranspose(self, v: [Self::V; LANES]) -> [[Self::T; LANES]; LANES];
+    /// `x0 y0 z0 x1 y1 ...` of three vectors.
+    #[inline(always)]
+    fn interleave(self, v: Vec3<Self>) -> [Self::V; 3] {
+        let [x, y, z] = [self.store(v[0]), self.store(v[1]), self.store(v[2])];
+        [
+            self.load(&[x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2]]),
+            self.load(&[z[2], x[3], y[3], z[3], x[4], y[4], z[4], x[5]]),
+            self.load(&[y[5], z[5], x[6], y[6], z[6], x[7], y[7], z[7]]),
+        ]
+    }
+    /// Starts fetching a row; any address will do.
+    fn prefetch(self, row: *const Row<Self::T>);
+}
+
+/// Work for [`Lanes::run`]; implementations must be `#[inline(always)]` to be compiled for it.
+pub(crate) trait Job {
+    fn call(self);
+}
+
+/// Plain arrays: every target, and the reference for the others.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Portable<T>(pub(crate) std::marker::PhantomData<T>);
+
+macro_rules! portable {
+    ($t:ty) => {
+        impl Lanes for Portable<$t> {
+            type T = $t;
+            type V = [$t; LANES];
+            #[inline(always)]
+            fn run<J: Job>(self, job: J) {
+                job.call();
+            }
+            #[inline(always)]
+            fn splat(self, x: $t) -> Self::V {
+                [x; LANES]
+            }
+            #[inline(always)]
+            fn load(self, x: &[$t; LANES]) -> Self::V {
+                *x
+            }
+            #[inline(always)]
+            fn store(self, x: Self::V) -> [$t; LANES] {
+                x
+            }
+            #[inline(always)]
+            fn add(self, a: Self::V, b: Self::V) -> Self::V {
+                eight!(k => a[k] + b[k])
+            }
+            #[inline(always)]
+            fn sub(self, a: Self::V, b: Self::V) -> Self::V {
+                eight!(k => a[k] - b[k])
+            }
+            #[inline(always)]
+            fn mul(self, a: Self::V, b: Self::V) -> Self::V {
+                eight!(k => a[k] * b[k])
+            }
+            #[inline(always)]
+            fn recip(self, a: Self::V) -> Self::V {
+                eight!(k => a[k].recip())
+            }
+            #[inline(always)]
+            fn recip_sqrt(self, a: Self::V) -> Self::V {
+                eight!(k => a[k].sqrt().recip())
+            }
+            // Not `mul_add`: without the instruction it is a library call, ten times slower.
+            #[inline(always)]
+            fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
+                eight!(k => a[k] * b[k] + c[k])
+            }
+            #[inline(always)]
+            fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
+                eight!(k => c[k] - a[k] * b[k])
+            }
+            #[inline(always)]
+            fn transpose(self, rows: [[$t; LANES]; LANES]) -> [Self::V; LANES] {
+                eight!(c => eight!(r => rows[r][c]))
+            }
+            #[inline(always)]
+            fn untranspose(self, v: [Self::V; LANES]) -> [[$t; LANES]; LANES] {
+                eight!(r => eight!(c => v[c][r]))
+            }
+            #[inline(always)]
+            fn prefetch(self, _row: *const Row<$t>) {}
+        }
+    };
+}
+
+portable!(f64);
+portable!(f32);
+
+/// Three lanes-wide coordinates.
+pub(crate) type Vec3<L> = [<L as Lanes>::V; 3];
+
+/// Dot product.
+#[inline(always)]
+pub(crate) fn dot<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> L::V {
+    l.madd(a[2], b[2], l.madd(a[1], b[1], l.mul(a[0], b[0])))
+}
+
+/// Cross product.
+#[inline(always)]
+pub(crate) fn cross<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
+    [
+        l.nmadd(a[2], b[1], l.mul(a[1], b[2])),
+        l.nmadd(a[0], b[2], l.mul(a[2], b[0])),
+        l.nmadd(a[1], b[0], l.mul(a[0], b[1])),
+    ]
+}
+
+/// `a s + c`.
+#[inline(always)]
+pub(crate) fn axpy<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
+    [
+        l.madd(a[0], s, c[0]),
+        l.madd(a[1], s, c[1]),
+        l.madd(a[2], s, c[2]),
+    ]
+}
+
+/// `a s`.
+#[inline(always)]
+pub(crate) fn scale<L: Lanes>(l: L, a: Vec3<L>, s: L::V) -> Vec3<L> {
+    [l.mul(a[0], s), l.mul(a[1], s), l.mul(a[2], s)]
+}
+
+/// `a - b`.
+#[inline(always)]
+pub(crate) fn diff<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
+    [l.sub(a[0], b[0]), l.sub(a[1], b[1]), l.sub(a[2], b[2])]
+}
+
+/// `a + b`.
+#[inline(always)]
+pub(crate) fn sum<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
+    [l.add(a[0], b[0]), l.add(a[1], b[1]), l.add(a[2], b[2])]
+}

@@ -1,0 +1,391 @@
+//! The two force laws, eight half-bonds at a time.
+//!
+//! Linear: as in [`crate::bond`]. Finite rotations: the exact gradient of
+//!
+//! ```text
+//! U = w [ k_n (l-l0)^2/2 + k_t s^2/2 + 2 k_b ((1-c_i^2) + (t_i.t_j - c_i c_j) + (1-c_j^2)) ]
+//! k_n = ES/l0   k_t = G I_O/l0   k_b = EI/l0   d = x_j - x_i   l = |d|   n = d/l
+//! t_i = R_i n_0   t_j = R_j n_0   c_i = n.t_i   c_j = n.t_j   s = 2 n.vec(q_j q_i*)
+//! ```
+//!
+//! with `q` the unit quaternions of the particles (identity at the start) and `n_0` the axis at
+//! rest. `s = 2 sin(phi/2)` for a twist `phi`. U depends on relative quantities only, so forces
+//! and torques balance and a rigid motion of any size costs nothing. With `r = vec(q_j q_i*)` and
+//! `r_0` its scalar part:
+//!
+//! ```text
+//! f_i = k_n (l-l0) n + [k_t s (2 r - s n) + g - (g.n) n] / l
+//! g   = -2 k_b [(2 c_i + c_j) t_i + (c_i + 2 c_j) t_j]
+//! m_i = k_t s (r_0 n + n x r) - 2 k_b t_i x (t_j - (2 c_i + c_j) n)
+//! ```
+
+use super::lanes::{Lanes, Scalar, Vec3, axpy, cross, diff, dot, scale, sum};
+use crate::bond::{BeamRigidity, LinearBond};
+
+/// A force law on rows of eight numbers per particle.
+pub(crate) trait Law<T: Scalar>: Copy + Send + Sync {
+    /// Constants of one bond in the eight lanes.
+    type Slot: Copy + Send + Sync + Default + std::fmt::Debug;
+    /// Constants of the eight particles of a block.
+    type Own: Copy + Send + Sync + Default + std::fmt::Debug;
+    /// What the loop over bonds needs of the eight particles.
+    type Ready<L: Lanes<T = T>>: Copy;
+
+    /// Writes a half-bond, seen from its own particle, into lane `lane`.
+    fn fill(slot: &mut Self::Slot, own: &mut Self::Own, lane: usize, bond: &LinearBond, k: &BeamRigidity);
+
+    /// From the rows of the eight particles.
+    fn ready<L: Lanes<T = T>>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
+
+    /// Adds forces and torques on the eight own particles.
+    fn add<L: Lanes<T = T>>(
+        l: L,
+        k: &Rigidity<L>,
+        slot: &Self::Slot,
+        own: &Self::Ready<L>,
+        other: &[L::V; 8],
+        acc: &mut [L::V; 6],
+    );
+
+    /// Adds what depends on the own particle alone, once per block.
+    fn finish<L: Lanes<T = T>>(l: L, data: &Self::Own, own: &[L::V; 8], acc: &mut [L::V; 6]);
+
+    /// New rows after moving for a step `dt` at velocities `v`.
+    fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8];
+}
+
+/// Section rigidities in all lanes, with the multiples the laws use.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rigidity<L: Lanes> {
+    axial: L::V,
+    torsion: L::V,
+    bending2: L::V,
+    minus_bending12: L::V,
+    along: L::V,
+    two: L::V,
+    three: L::V,
+}
+
+impl<L: Lanes> Rigidity<L> {
+    #[inline(always)]
+    pub(crate) fn new(l: L, k: &BeamRigidity) -> Self {
+        macro_rules! s {
+            ($x:expr) => {
+                l.splat(L::T::of($x))
+            };
+        }
+        Self {
+            axial: s!(k.axial),
+            torsion: s!(k.torsion),
+            bending2: s!(2.0 * k.bending),
+            minus_bending12: s!(-12.0 * k.bending),
+            along: s!(k.torsion + 2.0 * k.bending),
+            two: s!(2.0),
+            three: s!(3.0),
+        }
+    }
+}
+
+/// Small rotations: rows are `u (3), -, th (3), -`; the free places may hold anything.
+///
+/// With `b = 2 EI s q`, `s = w l`, `p = n/l`, `q = p.p`, a half-bond adds
+///
+/// ```text
+/// f += 3 b (2 q Du + p x th_j) + (ES - 12 EI q) s (p.Du) p
+/// c += 3 b p x Du - b th_j + (GI_O + 2 EI) s (p.th_j) p
+/// ```
+///
+/// and what multiplies the own rotation is summed over the bonds at set-up, once per particle:
+/// `f += A x th_i`, `c -= S th_i`, `A = sum 3 b p`, `S = sum 2 b 1 + (GI_O - 4 EI) s p p^T`.
+/// Translations stay differences, so a moved body feels no force at all.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Linear;
+
+/// `n/l` and `w l` of eight half-bonds; zero in empty lanes.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(C, align(64))]
+pub(crate) struct LinearSlot<T> {
+    axis: [[T; 8]; 3],
+    scale: [T; 8],
+}
+
+/// `A` and the upper triangle of `S` (xx, xy, xz, yy, yz, zz) of eight particles.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(C, align(64))]
+pub(crate) struct LinearOwn<T> {
+    lever: [[T; 8]; 3],
+    block: [[T; 8]; 6],
+}
+
+impl<T: Scalar> Law<T> for Linear {
+    type Slot = LinearSlot<T>;
+    type Own = LinearOwn<T>;
+    type Ready<L: Lanes<T = T>> = Vec3<L>;
+
+    fn fill(
+        slot: &mut LinearSlot<T>,
+        own: &mut LinearOwn<T>,
+        lane: usize,
+        bond: &LinearBond,
+        k: &BeamRigidity,
+    ) {
+        let (p, s) = (bond.axis, bond.scale);
+        let b = 2.0 * k.bending * s * p.dot(&p);
+        let across = (k.torsion - 4.0 * k.bending) * s;
+        let add = |at: &mut [T; 8], x: f64| at[lane] = T::of(at[lane].to_f64() + x);
+        for a in 0..3 {
+            slot.axis[a][lane] = T::of(p[a]);
+            add(&mut own.lever[a], 3.0 * b * p[a]);
+        }
+        slot.scale[lane] = T::of(s);
+        for (c, (i, j)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+            .into_iter()
+            .enumerate()
+        {
+            let diagonal = if i == j { 2.0 * b } else { 0.0 };
+            add(&mut own.block[c], diagonal + across * p[i] * p[j]);
+        }
+    }
+
+    #[inline(always)]
+    fn ready<L: Lanes<T = T>>(_l: L, own: &[L::V; 8]) -> Vec3<L> {
+        [own[0], own[1], own[2]]
+    }
+
+    #[inline(always)]
+    fn add<L: Lanes<T = T>>(
+        l: L,
+        k: &Rigidity<L>,
+        slot: &LinearSlot<T>,
+        own: &Vec3<L>,
+        other: &[L::V; 8],
+        acc: &mut [L::V; 6],
+    ) {
+        let p: Vec3<L> = [
+            l.load(&slot.axis[0]),
+            l.load(&slot.axis[1]),
+            l.load(&slot.axis[2]),
+        ];
+        let s = l.load(&slot.scale);
+        let q = dot(l, p, p);
+        let b = l.mul(l.mul(k.bending2, s), q);
+        let b3 = l.mul(b, k.three);
+        let du = diff(l, [other[0], other[1], other[2]], *own);
+        let tj: Vec3<L> = [other[4], other[5], other[6]];
+        let lever = axpy(l, du, l.mul(k.two, q), cross(l, p, tj));
+        let stretch = l.mul(l.mul(l.madd(k.minus_bending12, q, k.axial), s), dot(l, p, du));
+        let f = axpy(l, p, stretch, axpy(l, lever, b3, [acc[0], acc[1], acc[2]]));
+        let along = l.mul(l.mul(k.along, s), dot(l, p, tj));
+        let c = axpy(l, cross(l, p, du), b3, [acc[3], acc[4], acc[5]]);
+        let c = [
+            l.nmadd(b, tj[0], c[0]),
+            l.nmadd(b, tj[1], c[1]),
+            l.nmadd(b, tj[2], c[2]),
+        ];
+        let c = axpy(l, p, along, c);
+        *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
+    }
+
+    #[inline(always)]
+    fn finish<L: Lanes<T = T>>(l: L, data: &LinearOwn<T>, own: &[L::V; 8], acc: &mut [L::V; 6]) {
+        let t: Vec3<L> = [own[4], own[5], own[6]];
+        let a: Vec3<L> = [
+            l.load(&data.lever[0]),
+            l.load(&data.lever[1]),
+            l.load(&data.lever[2]),
+        ];
+        let f = sum(l, [acc[0], acc[1], acc[2]], cross(l, a, t));
+        let s = &data.block;
+        let (xx, xy, xz) = (l.load(&s[0]), l.load(&s[1]), l.load(&s[2]));
+        let (yy, yz, zz) = (l.load(&s[3]), l.load(&s[4]), l.load(&s[5]));
+        let c = [
+            dot(l, [xx, xy, xz], t),
+            dot(l, [xy, yy, yz], t),
+            dot(l, [xz, yz, zz], t),
+        ];
+        let c = diff(l, [acc[3], acc[4], acc[5]], c);
+        *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
+    }
+
+    #[inline(always)]
+    fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8] {
+        let mut out = *own;
+        for k in 0..3 {
+            out[k] = l.madd(dt, v[k], own[k]);
+            out[k + 4] = l.madd(dt, v[k + 3], own[k + 4]);
+        }
+        out
+    }
+}
+
+/// Finite rotations: rows are `u (3), q (scalar, vector), -`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Finite;
+
+/// `n0`, `l0` and `w/l0` of eight half-bonds; in empty lanes a unit axis without stiffness.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct FiniteSlot<T> {
+    axis: [[T; 8]; 3],
+    rest: [T; 8],
+    scale: [T; 8],
+}
+
+impl<T: Scalar> Default for FiniteSlot<T> {
+    fn default() -> Self {
+        let zero = [T::default(); 8];
+        let one = [T::of(1.0); 8];
+        Self {
+            axis: [one, zero, zero],
+            rest: one,
+            scale: zero,
+        }
+    }
+}
+
+/// Displacement, quaternion and rotation matrix (rows) of the own particles.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FiniteReady<L: Lanes> {
+    u: Vec3<L>,
+    s: L::V,
+    q: Vec3<L>,
+    turn: [Vec3<L>; 3],
+}
+
+impl<T: Scalar> Law<T> for Finite {
+    type Slot = FiniteSlot<T>;
+    type Own = ();
+    type Ready<L: Lanes<T = T>> = FiniteReady<L>;
+
+    fn fill(slot: &mut FiniteSlot<T>, _own: &mut (), lane: usize, bond: &LinearBond, _k: &BeamRigidity) {
+        let inverse = bond.axis.norm();
+        for a in 0..3 {
+            slot.axis[a][lane] = T::of(bond.axis[a] / inverse);
+        }
+        slot.rest[lane] = T::of(1.0 / inverse);
+        slot.scale[lane] = T::of(bond.scale * inverse * inverse);
+    }
+
+    #[inline(always)]
+    fn ready<L: Lanes<T = T>>(l: L, own: &[L::V; 8]) -> FiniteReady<L> {
+        let (s, q): (L::V, Vec3<L>) = (own[3], [own[4], own[5], own[6]]);
+        let (one, zero) = (l.splat(T::of(1.0)), l.splat(T::default()));
+        let two = l.splat(T::of(2.0));
+        let (x, y, z) = ([one, zero, zero], [zero, one, zero], [zero, zero, one]);
+        let (a, b, c) = (
+            turned(l, two, s, q, x),
+            turned(l, two, s, q, y),
+            turned(l, two, s, q, z),
+        );
+        let turn = [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]];
+        FiniteReady {
+            u: [own[0], own[1], own[2]],
+            s,
+            q,
+            turn,
+        }
+    }
+
+    #[inline(always)]
+    fn add<L: Lanes<T = T>>(
+        l: L,
+        k: &Rigidity<L>,
+        slot: &FiniteSlot<T>,
+        own: &FiniteReady<L>,
+        other: &[L::V; 8],
+        acc: &mut [L::V; 6],
+    ) {
+        let n0: Vec3<L> = [
+            l.load(&slot.axis[0]),
+            l.load(&slot.axis[1]),
+            l.load(&slot.axis[2]),
+        ];
+        let rest = l.load(&slot.rest);
+        let s = l.load(&slot.scale);
+        let du = diff(l, [other[0], other[1], other[2]], own.u);
+        let d = axpy(l, n0, rest, du);
+        let dd = dot(l, d, d);
+        let shrink = l.recip_sqrt(dd);
+        let n = scale(l, d, shrink);
+        // l - l0 = (d + d0).du/(l + l0), without cancellation for small strains.
+        let gain = dot(l, axpy(l, n0, rest, d), du);
+        let stretch = l.mul(gain, l.recip(l.madd(dd, shrink, rest)));
+        let (qi, qj): (Vec3<L>, Vec3<L>) = (own.q, [other[4], other[5], other[6]]);
+        let ti: Vec3<L> = [
+            dot(l, own.turn[0], n0),
+            dot(l, own.turn[1], n0),
+            dot(l, own.turn[2], n0),
+        ];
+        let tj = turned(l, k.two, other[3], qj, n0);
+        // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j, and its scalar part.
+        let r = axpy(l, qj, own.s, cross(l, qi, qj));
+        let r = [
+            l.nmadd(other[3], qi[0], r[0]),
+            l.nmadd(other[3], qi[1], r[1]),
+            l.nmadd(other[3], qi[2], r[2]),
+        ];
+        let r0 = l.madd(own.s, other[3], dot(l, qi, qj));
+        let twist = l.mul(k.two, dot(l, n, r));
+        let kt = l.mul(l.mul(k.torsion, s), twist);
+        let kb = l.mul(k.bending2, s);
+        let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
+        let (a, b) = (l.madd(k.two, ci, cj), l.madd(k.two, cj, ci));
+        // Transverse part: k_t s (2 r - s n) + kb [(a c_i + b c_j) n - a t_i - b t_j], over l.
+        let kbs = l.mul(kb, shrink);
+        let (ka, kbb) = (l.mul(kbs, a), l.mul(kbs, b));
+        let kts = l.mul(kt, shrink);
+        let along = l.madd(ka, ci, l.nmadd(kts, twist, l.mul(kbb, cj)));
+        let pull = l.madd(l.mul(k.axial, s), stretch, along);
+        let twice = l.mul(kts, k.two);
+        let f = axpy(l, n, pull, axpy(l, r, twice, [acc[0], acc[1], acc[2]]));
+        let m = axpy(
+            l,
+            n,
+            l.mul(kt, r0),
+            axpy(l, cross(l, n, r), kt, [acc[3], acc[4], acc[5]]),
+        );
+        let arm = [
+            l.nmadd(a, n[0], tj[0]),
+            l.nmadd(a, n[1], tj[1]),
+            l.nmadd(a, n[2], tj[2]),
+        ];
+        let bend = cross(l, ti, arm);
+        *acc = [
+            l.nmadd(ka, ti[0], l.nmadd(kbb, tj[0], f[0])),
+            l.nmadd(ka, ti[1], l.nmadd(kbb, tj[1], f[1])),
+            l.nmadd(ka, ti[2], l.nmadd(kbb, tj[2], f[2])),
+            l.nmadd(kb, bend[0], m[0]),
+            l.nmadd(kb, bend[1], m[1]),
+            l.nmadd(kb, bend[2], m[2]),
+        ];
+    }
+
+    #[inline(always)]
+    fn finish<L: Lanes<T = T>>(_l: L, _data: &(), _own: &[L::V; 8], _acc: &mut [L::V; 6]) {}
+
+    /// Rotation by the Cayley map of `dt w/2`: second order, reversible, keeps the norm.
+    #[inline(always)]
+    fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8] {
+        let half = l.mul(dt, l.splat(T::of(0.5)));
+        let h = scale(l, [v[3], v[4], v[5]], half);
+        let norm = l.recip_sqrt(l.add(l.splat(T::of(1.0)), dot(l, h, h)));
+        let (s, q): (L::V, Vec3<L>) = (own[3], [own[4], own[5], own[6]]);
+        // (1, h) (s, q) = (s - h.q, q + s h + h x q)
+        let s_new = l.mul(norm, l.sub(s, dot(l, h, q)));
+        let q_new = scale(l, axpy(l, h, s, sum(l, q, cross(l, h, q))), norm);
+        let u = axpy(l, [v[0], v[1], v[2]], dt, [own[0], own[1], own[2]]);
+        [u[0], u[1], u[2], s_new, q_new[0], q_new[1], q_new[2], own[7]]
+    }
+}
+
+/// `R n`, by `n + 2 s (q x n) + 2 q x (q x n)`.
+#[inline(always)]
+fn turned<L: Lanes>(l: L, two: L::V, s: L::V, q: Vec3<L>, n: Vec3<L>) -> Vec3<L> {
+    let c = scale(l, cross(l, q, n), two);
+    let t = axpy(l, c, s, n);
+    [
+        l.nmadd(q[2], c[1], l.madd(q[1], c[2], t[0])),
+        l.nmadd(q[0], c[2], l.madd(q[2], c[0], t[1])),
+        l.nmadd(q[1], c[0], l.madd(q[0], c[1], t[2])),
+    ]
+}

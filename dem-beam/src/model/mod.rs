@@ -1,0 +1,447 @@
+//! The cohesive-beam packing as a model that can be coupled.
+//!
+//! Unknowns: three displacements per particle (`x0 y0 z0 x1 ...`), then three rotations per
+//! particle in the same order, which the coupling never touches. Particles are renumbered for
+//! locality at construction, so that no call permutes anything; [`DemModel::places`] maps the
+//! packing's numbers to the model's.
+//!
+//! Weights. Energy-consistent: bond `b` carries the mean `w_b` of the weight over the segment
+//! between its two centres, in stiffness; the mass and inertia of a particle are multiplied by the
+//! mean of `w_b` over its bonds. Nodal, for comparison with the literature: force and torque of
+//! particle i are multiplied by `alpha(x_i)`, mass and inertia by `beta(x_i)`; such a model has no
+//! symmetric stiffness and is not offered as a linear one.
+//!
+//! Finite rotations ([`DemModel::with_finite_rotations`]): the unknowns are rotation vectors `th`
+//! and the forces the exact gradient `-dU/dth` of the frame-indifferent energy, so energy is
+//! conserved for any deformation. The kinetic energy is `1/2 I |dth/dt|^2`, which is that of the
+//! spin for rotations about a fixed axis and differs from it by terms of the order of
+//! `|th x dth/dt|^2` otherwise. A particle may turn by 6 rad at most.
+
+pub(crate) mod forces;
+mod report;
+mod select;
+mod spectrum;
+mod stiffness;
+
+pub use report::DemReport;
+pub use select::LoadShare;
+
+use crate::bond::{BeamMaterial, Twist};
+use crate::error::{DemError, Result};
+use crate::finite::{self, Pose};
+use crate::kernel::law::{Finite, Linear};
+use crate::kernel::order::block_order;
+use crate::packing::{Packing, PackingReport};
+use crate::particles::{BondedParticles, Matter};
+use arlequin_core::field::{Interpolation, ParticleField};
+use arlequin_core::geometry::Cell;
+use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model};
+use arlequin_core::sprs::CsMat;
+use arlequin_core::weight::{Weight, Weighting};
+use forces::{Gather, check_rotations};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Bonds per partial sum of the energy: the order of summation does not depend on the threads.
+const CHUNK: usize = 4_096;
+
+/// Round-off below zero that a weight `1 - sum` may have.
+const ROUND_OFF: f64 = 1e-9;
+
+#[derive(Debug)]
+enum Kernel {
+    Linear(Gather<Linear>),
+    Finite(Gather<Finite>),
+}
+
+/// Spheres joined by cohesive beams, ready to be coupled.
+#[derive(Debug)]
+pub struct DemModel {
+    name: String,
+    body: BondedParticles,
+    nodes: Vec<Point3<f64>>,
+    /// Unweighted mass (kg) and rotational inertia (kg m^2).
+    mass: Vec<f64>,
+    inertia: Vec<f64>,
+    /// Packing number of each particle, and the inverse.
+    order: Vec<u32>,
+    places: Vec<u32>,
+    volume: f64,
+    field: Arc<ParticleField<f64>>,
+    kernel: Kernel,
+    /// `alpha(x_i)` with nodal weighting.
+    factors: Option<Vec<f64>>,
+    packing: Option<PackingReport>,
+}
+
+impl DemModel {
+    /// A packing of beams `beam` and density `density` (kg/m^3): total mass `density * volume`.
+    ///
+    /// ```
+    /// use arlequin_core::Model;
+    /// use dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
+    /// let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3)?, 500, 1).build()?;
+    /// let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0)?;
+    /// assert_eq!(model.layout().dofs(), 6 * model.nodes().len());
+    /// # Ok::<(), dem_beam::DemError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`BondedParticles::new`], with the packing's particle numbers.
+    pub fn new(name: &str, packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
+        let matter = Matter {
+            beam,
+            density,
+            volume: packing.volume,
+        };
+        let mut model =
+            Self::from_spheres(name, &packing.positions, &packing.radii, &packing.pairs, &matter)?;
+        model.packing = Some(packing.report.clone());
+        Ok(model)
+    }
+
+    /// Any spheres (m) with given bonds.
+    ///
+    /// # Errors
+    /// As [`BondedParticles::new`], with the numbers given.
+    pub fn from_spheres(
+        name: &str,
+        positions: &[Vector3<f64>],
+        radii: &[f64],
+        pairs: &[[u32; 2]],
+        matter: &Matter,
+    ) -> Result<Self> {
+        // In the caller's numbers first, so that errors name what the caller knows.
+        BondedParticles::new(positions.to_vec(), radii.to_vec(), pairs.to_vec(), matter)?;
+        let order = block_order(positions, pairs);
+        let mut places = vec![0_u32; order.len()];
+        for (k, &i) in order.iter().enumerate() {
+            places[i as usize] = k as u32;
+        }
+        let mut pairs: Vec<[u32; 2]> = pairs
+            .iter()
+            .map(|p| {
+                let [i, j] = p.map(|i| places[i as usize]);
+                [i.min(j), i.max(j)]
+            })
+            .collect();
+        pairs.sort_unstable();
+        let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
+        let radii = order.iter().map(|&i| radii[i as usize]).collect();
+        let nodes: Vec<Point3<f64>> = centres.iter().map(|x| Point3::from(*x)).collect();
+        let body = BondedParticles::new(centres, radii, pairs, matter)?;
+        let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
+        Ok(Self {
+            name: name.to_owned(),
+            field: Arc::new(ParticleField::new(nodes.clone(), &volumes)?),
+            nodes,
+            mass: body.mass().to_vec(),
+            inertia: body.inertia().to_vec(),
+            order,
+            places,
+            volume: matter.volume,
+            kernel: Kernel::Linear(Gather::new(&body)),
+            factors: None,
+            packing: None,
+            body,
+        })
+    }
+
+    /// The same body under the finite-rotation law; see the module text for what it conserves.
+    #[must_use]
+    pub fn with_finite_rotations(mut self) -> Self {
+        self.kernel = Kernel::Finite(Gather::new(&self.body));
+        self
+    }
+
+    /// Multiplies every rotational inertia by `factor` (> 0): lengthens the critical step and moves
+    /// the low modes little. 1 is exact, and the default.
+    ///
+    /// # Errors
+    /// [`DemError::OutOfRange`] if `factor` is not finite and positive.
+    pub fn with_scaled_inertia(mut self, factor: f64) -> Result<Self> {
+        crate::error::positive("inertia factor", factor)?;
+        self.inertia.iter_mut().for_each(|i| *i *= factor);
+        Ok(self)
+    }
+
+    /// Whether rotations may be large.
+    #[must_use]
+    pub fn has_finite_rotations(&self) -> bool {
+        matches!(self.kernel, Kernel::Finite(_))
+    }
+
+    /// Particles and bonds in the model's numbers; bond weights as last set.
+    #[must_use]
+    pub fn body(&self) -> &BondedParticles {
+        &self.body
+    }
+
+    /// Packing number of each of the model's particles (new to old).
+    #[must_use]
+    pub fn order(&self) -> &[u32] {
+        &self.order
+    }
+
+    /// Model number of each of the packing's particles (old to new).
+    #[must_use]
+    pub fn places(&self) -> &[u32] {
+        &self.places
+    }
+
+    /// Unweighted masses (kg).
+    #[must_use]
+    pub fn masses(&self) -> &[f64] {
+        &self.mass
+    }
+
+    /// Unweighted rotational inertias (kg m^2).
+    #[must_use]
+    pub fn inertias(&self) -> &[f64] {
+        &self.inertia
+    }
+
+    /// The particle field: `V_i = V r_i^3 / sum r^3` at the centres.
+    #[must_use]
+    pub fn particle_field(&self) -> Arc<ParticleField<f64>> {
+        self.field.clone()
+    }
+
+    fn kernel_facts(&self) -> (&'static str, usize) {
+        match &self.kernel {
+            Kernel::Linear(k) => (k.isa_name(), k.bond_bytes()),
+            Kernel::Finite(k) => (k.isa_name(), k.bond_bytes()),
+        }
+    }
+
+    /// Mean of a weight over every bond.
+    fn bond_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
+        let mean = |&[i, j]: &[u32; 2]| {
+            let w = weight.mean(&Cell::Segment {
+                ends: [self.nodes[i as usize], self.nodes[j as usize]],
+                section: 1.0,
+            });
+            if w < 0.0 && w > -ROUND_OFF { 0.0 } else { w }
+        };
+        let means: Vec<f64> = self.body.pairs().par_iter().map(mean).collect();
+        arlequin_core::scalar::check_finite("bond weights", &means)?;
+        Ok(means)
+    }
+
+    fn nodal(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
+        let values: Vec<f64> = self.nodes.iter().map(|x| weight.at(x)).collect();
+        arlequin_core::scalar::check_finite("nodal weights", &values)?;
+        Ok(values)
+    }
+
+    fn check_size(&self, what: &str, found: usize) -> arlequin_core::Result<()> {
+        let expected = 6 * self.nodes.len();
+        if found == expected {
+            return Ok(());
+        }
+        Err(arlequin_core::Error::SizeMismatch {
+            what: format!("{what} of model '{}'", self.name),
+            expected,
+            found,
+        })
+    }
+
+    fn named(&self, error: &DemError) -> arlequin_core::Error {
+        match error {
+            DemError::Core(e) => e.clone(),
+            e => arlequin_core::Error::Model {
+                model: self.name.clone(),
+                message: e.to_string(),
+            },
+        }
+    }
+
+    fn bond_energy(&self, b: usize, q: &[f64]) -> f64 {
+        let [i, j] = self.body.pairs()[b].map(|i| i as usize);
+        let (bond, k) = (&self.body.bonds()[b], self.body.rigidity());
+        let turn = 3 * self.nodes.len();
+        let three = |at: usize| Vector3::new(q[at], q[at + 1], q[at + 2]);
+        let energy = match self.kernel {
+            Kernel::Linear(_) => {
+                let twist = |i: usize| Twist {
+                    linear: three(3 * i),
+                    angular: three(turn + 3 * i),
+                };
+                bond.energy(k, &twist(i), &twist(j))
+            }
+            Kernel::Finite(_) => {
+                let pose = |i: usize| Pose {
+                    displacement: three(3 * i),
+                    rotation: UnitQuaternion::from_scaled_axis(three(turn + 3 * i)),
+                };
+                finite::energy(bond, k, &pose(i), &pose(j))
+            }
+        };
+        match &self.factors {
+            Some(w) => 0.5 * (w[i] + w[j]) * energy,
+            None => energy,
+        }
+    }
+}
+
+impl From<DemError> for arlequin_core::Error {
+    fn from(error: DemError) -> Self {
+        match error {
+            DemError::Core(e) => e,
+            e => Self::Model {
+                model: "dem".into(),
+                message: e.to_string(),
+            },
+        }
+    }
+}
+
+impl Model<f64> for DemModel {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn kind(&self) -> &str {
+        "dem"
+    }
+
+    fn layout(&self) -> DofLayout {
+        DofLayout {
+            nodes: self.nodes.len(),
+            components: 3,
+            rotations: 3 * self.nodes.len(),
+        }
+    }
+
+    fn nodes(&self) -> &[Point3<f64>] {
+        &self.nodes
+    }
+
+    fn lumped_inertia(
+        &self,
+        weight: &dyn Weight<f64>,
+        weighting: Weighting,
+        out: &mut [f64],
+    ) -> arlequin_core::Result<()> {
+        self.check_size("inertia", out.len())?;
+        let factors = match weighting {
+            Weighting::Energy => self.body.mean_over_bonds(&self.bond_means(weight)?),
+            Weighting::Nodal => self.nodal(weight)?,
+        };
+        let (linear, angular) = out.split_at_mut(3 * self.nodes.len());
+        for (i, w) in factors.iter().enumerate() {
+            linear[3 * i..3 * i + 3].fill(w * self.mass[i]);
+            angular[3 * i..3 * i + 3].fill(w * self.inertia[i]);
+        }
+        Ok(())
+    }
+
+    fn set_internal_weight(
+        &mut self,
+        alpha: &dyn Weight<f64>,
+        weighting: Weighting,
+    ) -> arlequin_core::Result<()> {
+        let (bonds, factors) = match weighting {
+            Weighting::Energy => (self.bond_means(alpha)?, None),
+            Weighting::Nodal => (vec![1.0; self.body.pairs().len()], Some(self.nodal(alpha)?)),
+        };
+        self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
+        self.factors = factors;
+        self.kernel = match self.kernel {
+            Kernel::Linear(_) => Kernel::Linear(Gather::new(&self.body)),
+            Kernel::Finite(_) => Kernel::Finite(Gather::new(&self.body)),
+        };
+        Ok(())
+    }
+
+    fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.check_size("displacements", q.len())?;
+        self.check_size("forces", f.len())?;
+        let factors = self.factors.as_deref();
+        match &mut self.kernel {
+            Kernel::Linear(k) => k.add(q, f, factors),
+            Kernel::Finite(k) => {
+                if let Err(e) = check_rotations(&q[q.len() / 2..]) {
+                    return Err(self.named(&e));
+                }
+                k.add(q, f, factors);
+            }
+        }
+        Ok(())
+    }
+
+    /// Sum of the weighted bond energies \[J\]; with nodal weighting bonds carry the mean of `alpha`
+    /// at their ends, and no force derives from the sum. `q` must have the length of the layout.
+    fn internal_energy(&self, q: &[f64]) -> f64 {
+        let bonds = self.body.pairs().len();
+        let part = |c: usize| -> f64 {
+            (c * CHUNK..((c + 1) * CHUNK).min(bonds))
+                .map(|b| self.bond_energy(b, q))
+                .sum()
+        };
+        let chunks = bonds.div_ceil(CHUNK);
+        if chunks > 2 && rayon::current_num_threads() > 1 {
+            let parts: Vec<f64> = (0..chunks).into_par_iter().map(part).collect();
+            return parts.iter().sum();
+        }
+        (0..chunks).map(part).sum()
+    }
+
+    /// `2/omega_max` \[s\] by Lanczos about the reference configuration, from the largest Ritz value
+    /// plus its residual: never above the critical step by more than 5e-5 of it, in memory of a few
+    /// vectors. Under the finite-rotation law this is the step of the undeformed body.
+    fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
+        self.check_size("inverse inertia", inverse_inertia.len())?;
+        let n = self.nodes.len();
+        // D K with diagonal D has the eigenvalues of D^1/2 K D^1/2: nodal factors join the masses.
+        let factor = |dof: usize| {
+            self.factors
+                .as_ref()
+                .map_or(1.0, |w| w[dof % (3 * n) / 3].max(0.0))
+        };
+        let root: Vec<f64> = inverse_inertia
+            .iter()
+            .enumerate()
+            .map(|(dof, m)| (m * factor(dof)).sqrt())
+            .collect();
+        let mut tangent = None;
+        let kernel = match &mut self.kernel {
+            Kernel::Linear(k) => k,
+            Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
+        };
+        let top = spectrum::largest(&root, &mut |q, f| kernel.add(q, f, None));
+        match top {
+            Ok(top) if top > 0.0 => Ok(2.0 / top.sqrt()),
+            Ok(_) => Ok(f64::from(f32::MAX)),
+            Err(e) => Err(self.named(&e)),
+        }
+    }
+
+    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
+        match (&self.kernel, &self.factors) {
+            (Kernel::Linear(_), None) => Some(self),
+            _ => None,
+        }
+    }
+}
+
+impl LinearModel<f64> for DemModel {
+    /// The weighted stiffness of the small-rotation law, displacements and rotations; with nodal
+    /// weighting the unweighted one.
+    fn stiffness(&self) -> CsMat<f64> {
+        stiffness::assemble(&self.body)
+    }
+}
+
+impl FineModel<f64> for DemModel {
+    fn fine_field(&self) -> Arc<dyn Interpolation<f64>> {
+        self.field.clone()
+    }
+}
+
+impl CoarseModel<f64> for DemModel {
+    fn coarse_field(&self) -> Arc<dyn Interpolation<f64>> {
+        self.field.clone()
+    }
+}

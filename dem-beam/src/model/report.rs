@@ -1,0 +1,86 @@
+//! What a model is, for people.
+
+use super::DemModel;
+use crate::packing::PackingReport;
+use std::fmt;
+
+/// Facts about a model; [`fmt::Display`] prints them on a few lines.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DemReport {
+    /// Name of the model.
+    pub name: String,
+    /// Particles.
+    pub particles: usize,
+    /// Bonds.
+    pub bonds: usize,
+    /// Twice the bonds over the particles.
+    pub coordination: f64,
+    /// Unweighted mass (kg).
+    pub mass: f64,
+    /// Volume of the body (m^3).
+    pub volume: f64,
+    /// Mean particle radius (m).
+    pub mean_radius: f64,
+    /// Whether rotations may be large.
+    pub finite_rotations: bool,
+    /// Instruction set of the kernel.
+    pub instruction_set: &'static str,
+    /// Bytes of bond data per bond.
+    pub bytes_per_bond: f64,
+    /// How the packing came out, where it came from one.
+    pub packing: Option<PackingReport>,
+}
+
+impl DemModel {
+    /// Facts about the model.
+    #[must_use]
+    pub fn report(&self) -> DemReport {
+        let (n, bonds) = (self.nodes.len(), self.body.pairs().len());
+        let (instruction_set, bytes) = self.kernel_facts();
+        DemReport {
+            name: self.name.clone(),
+            particles: n,
+            bonds,
+            coordination: 2.0 * bonds as f64 / n as f64,
+            mass: self.mass.iter().sum(),
+            volume: self.volume,
+            mean_radius: self.body.radii().iter().sum::<f64>() / n as f64,
+            finite_rotations: self.has_finite_rotations(),
+            instruction_set,
+            bytes_per_bond: bytes as f64 / bonds.max(1) as f64,
+            packing: self.packing.clone(),
+        }
+    }
+}
+
+impl fmt::Display for DemReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let law = if self.finite_rotations { "finite" } else { "small" };
+        writeln!(
+            f,
+            "{}: {} particles of mean radius {:.4e} m, {} bonds ({:.3} per particle), {law} rotations",
+            self.name, self.particles, self.mean_radius, self.bonds, self.coordination
+        )?;
+        write!(
+            f,
+            "mass {:.6e} kg, volume {:.6e} m3, {} kernel, {:.0} B per bond",
+            self.mass, self.volume, self.instruction_set, self.bytes_per_bond
+        )?;
+        if let Some(p) = &self.packing {
+            write!(
+                f,
+                "\npacking: coordination {:.3} all, {:.3} retained, {:.3} interior; volume fraction {:.4}, \
+                 mean overlap {:.2e}, bond tolerance {:.2e}, fabric anisotropy {:.3}, {} dropped",
+                p.coordination_all,
+                p.coordination_retained,
+                p.coordination_interior,
+                p.volume_fraction,
+                p.mean_overlap,
+                p.bond_tolerance,
+                p.fabric_anisotropy,
+                p.dropped
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,164 @@
+//! Which particles carry supports and loads, and how a load is shared among them.
+
+use super::DemModel;
+use crate::error::{DemError, Result, finite};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+/// By what a load is shared among particles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LoadShare {
+    /// In proportion to unweighted mass, like a body force.
+    #[default]
+    Mass,
+    /// In proportion to `r_i^2`, like a pressure on the particles' sections.
+    Area,
+}
+
+/// A gap of this part of the mean radius counts as touching: bonds bridge such gaps as well.
+const TOUCH: f64 = 0.05;
+
+impl DemModel {
+    /// Particles whose centres fulfil a condition, ascending.
+    #[must_use]
+    pub fn select(&self, condition: impl Fn(&Point3<f64>) -> bool) -> Vec<usize> {
+        (0..self.nodes.len())
+            .filter(|&i| condition(&self.nodes[i]))
+            .collect()
+    }
+
+    /// Particles that touch the plane through `wall` (m) with the given normal (any length, either
+    /// side): the layer to clamp. A thicker layer would shorten the body.
+    #[must_use]
+    pub fn clamp_layer(&self, wall: &Point3<f64>, normal: &Vector3<f64>) -> Vec<usize> {
+        let n = normal.normalize();
+        let radii = self.body.radii();
+        let gap = TOUCH * radii.iter().sum::<f64>() / radii.len() as f64;
+        let near = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
+        (0..self.nodes.len()).filter(near).collect()
+    }
+
+    /// Displacement unknowns of particles along the axes marked.
+    #[must_use]
+    pub fn translations(&self, particles: &[usize], axes: [bool; 3]) -> Vec<usize> {
+        self.unknowns(0, particles, axes)
+    }
+
+    /// Rotation unknowns of particles about the axes marked.
+    #[must_use]
+    pub fn rotations(&self, particles: &[usize], axes: [bool; 3]) -> Vec<usize> {
+        self.unknowns(3 * self.nodes.len(), particles, axes)
+    }
+
+    /// All six unknowns of particles: a clamp.
+    #[must_use]
+    pub fn clamped(&self, particles: &[usize]) -> Vec<usize> {
+        let mut all = self.translations(particles, [true; 3]);
+        all.extend(self.rotations(particles, [true; 3]));
+        all
+    }
+
+    fn unknowns(&self, first: usize, particles: &[usize], axes: [bool; 3]) -> Vec<usize> {
+        let of = |i: &usize| {
+            let at = first + 3 * i;
+            (0..3).filter(move |&c| axes[c]).map(move |c| at + c)
+        };
+        particles.iter().flat_map(of).collect()
+    }
+
+    /// A force (N) shared among particles, as `(unknown, force)`.
+    ///
+    /// ```
+    /// use dem_beam::packing::{Lattice, lattice};
+    /// use dem_beam::{BeamMaterial, DemModel, LoadShare};
+    /// use nalgebra::Vector3;
+    /// let cube = lattice(Lattice::Cubic, [3, 3, 3], 1e-3)?;
+    /// let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0)?;
+    /// let face = model.select(|x| x.x > 3e-3);
+    /// let load = model.force(&face, Vector3::new(9.0, 0.0, 0.0), LoadShare::Mass)?;
+    /// assert!(load.len() == 9 && load.iter().all(|(_, f)| (f - 1.0).abs() < 1e-12));
+    /// # Ok::<(), dem_beam::DemError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`DemError::BadSelection`] for no particles or unknown ones, [`DemError::NotFinite`].
+    pub fn force(
+        &self,
+        particles: &[usize],
+        force: Vector3<f64>,
+        share: LoadShare,
+    ) -> Result<Vec<(usize, f64)>> {
+        for (axis, f) in force.iter().enumerate() {
+            finite("load", "component", axis, *f)?;
+        }
+        let shares = self.shares(particles, share)?;
+        let mut out = Vec::new();
+        for (&i, s) in particles.iter().zip(shares) {
+            for c in (0..3).filter(|&c| force[c] != 0.0) {
+                out.push((3 * i + c, s * force[c]));
+            }
+        }
+        Ok(out)
+    }
+
+    /// A torque (N m) as forces without resultant, `f_i = s_i w x (x_i - x_s)` about the centroid
+    /// `x_s` of the shares, with `w` such that the moment of all is `torque`.
+    ///
+    /// # Errors
+    /// [`DemError::BadSelection`] for no particles, unknown ones, or ones on a line;
+    /// [`DemError::NotFinite`].
+    pub fn torque(
+        &self,
+        particles: &[usize],
+        torque: Vector3<f64>,
+        share: LoadShare,
+    ) -> Result<Vec<(usize, f64)>> {
+        for (axis, m) in torque.iter().enumerate() {
+            finite("torque", "component", axis, *m)?;
+        }
+        let shares = self.shares(particles, share)?;
+        let at = |i: usize| self.nodes[i].coords;
+        let centre: Vector3<f64> = particles.iter().zip(&shares).map(|(&i, s)| at(i) * *s).sum();
+        let mut spread = Matrix3::zeros();
+        for (&i, s) in particles.iter().zip(&shares) {
+            let d = at(i) - centre;
+            spread += (Matrix3::identity() * d.norm_squared() - d * d.transpose()) * *s;
+        }
+        let flat = spread.symmetric_eigenvalues();
+        let inverse = spread.try_inverse().filter(|_| flat.min() > 1e-9 * flat.max());
+        let Some(inverse) = inverse else {
+            return Err(DemError::BadSelection {
+                count: particles.len(),
+                reason: "they lie on a line and cannot carry a torque by forces; select a face",
+            });
+        };
+        let w = inverse * torque;
+        let mut out = Vec::with_capacity(3 * particles.len());
+        for (&i, s) in particles.iter().zip(&shares) {
+            let f = w.cross(&(at(i) - centre)) * *s;
+            out.extend((0..3).map(|c| (3 * i + c, f[c])));
+        }
+        Ok(out)
+    }
+
+    /// Shares that sum to one.
+    fn shares(&self, particles: &[usize], share: LoadShare) -> Result<Vec<f64>> {
+        let refuse = |reason| {
+            Err(DemError::BadSelection {
+                count: particles.len(),
+                reason,
+            })
+        };
+        if particles.is_empty() {
+            return refuse("select at least one; check the condition against the extent of the body");
+        }
+        if particles.iter().any(|&i| i >= self.nodes.len()) {
+            return refuse("one of them does not exist in this model");
+        }
+        let part = |&i: &usize| match share {
+            LoadShare::Mass => self.mass[i],
+            LoadShare::Area => self.body.radii()[i].powi(2),
+        };
+        let total: f64 = particles.iter().map(part).sum();
+        Ok(particles.iter().map(|i| part(i) / total).collect())
+    }
+}

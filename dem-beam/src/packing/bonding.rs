@@ -1,0 +1,113 @@
+//! Which pairs become bonds, and which particles stay.
+
+use super::cells::{CHUNK, CellList, Sphere, verlet_list};
+use crate::error::{DemError, Result};
+
+/// Widest relative gap searched for bonds.
+const REACH: f64 = 0.25;
+
+/// Bonds among the kept particles.
+#[derive(Debug)]
+pub(crate) struct Bonding {
+    /// Old numbers of the kept particles, ascending.
+    pub(crate) kept: Vec<u32>,
+    /// Bonds in new numbers, ascending.
+    pub(crate) pairs: Vec<[u32; 2]>,
+    /// Largest relative gap `d/(r_i+r_j) - 1` that was bonded.
+    pub(crate) tolerance: f64,
+    /// Coordination number over all particles.
+    pub(crate) coordination_all: f64,
+}
+
+/// Bonds the pairs nearest to touching until the coordination number is reached, then keeps the
+/// largest connected component (the one with the smallest particle number, if two are equal).
+pub(crate) fn bond_and_trim(spheres: &[Sphere], coordination: f64) -> Result<Bonding> {
+    let wanted = (0.5 * coordination * spheres.len() as f64).round() as usize;
+    let mut near = near_pairs(spheres, 0.08);
+    if near.len() < wanted {
+        near = near_pairs(spheres, REACH);
+    }
+    if near.len() < wanted || wanted == 0 {
+        return Err(DemError::TooFewPairs {
+            wanted: coordination,
+            bonds: wanted,
+            pairs: near.len(),
+            reach: REACH,
+        });
+    }
+    let by_gap = |a: &(f64, [u32; 2]), b: &(f64, [u32; 2])| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+    let (_, last, _) = near.select_nth_unstable_by(wanted - 1, by_gap);
+    let tolerance = last.0;
+    near.truncate(wanted);
+    let mut pairs: Vec<[u32; 2]> = near.into_iter().map(|p| p.1).collect();
+    pairs.sort_unstable();
+    let kept = largest_component(spheres.len(), &pairs);
+    let mut new = vec![u32::MAX; spheres.len()];
+    for (k, &i) in kept.iter().enumerate() {
+        new[i as usize] = k as u32;
+    }
+    pairs.retain(|p| new[p[0] as usize] != u32::MAX);
+    pairs.iter_mut().for_each(|p| *p = p.map(|i| new[i as usize]));
+    Ok(Bonding {
+        kept,
+        pairs,
+        tolerance,
+        coordination_all: 2.0 * wanted as f64 / spheres.len() as f64,
+    })
+}
+
+/// All pairs with relative gap below `reach`.
+pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64) -> Vec<(f64, [u32; 2])> {
+    let largest = spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
+    let mut list = Vec::new();
+    verlet_list(
+        &mut CellList::default(),
+        spheres,
+        2.0 * largest * reach,
+        &mut list,
+    );
+    let mut out = Vec::new();
+    for (c, chunk) in list.iter().enumerate() {
+        for k in 0..chunk.start.len() - 1 {
+            let i = c * CHUNK + k;
+            let s = spheres[i];
+            for &j in &chunk.neighbours[chunk.start[k] as usize..chunk.start[k + 1] as usize] {
+                let t = spheres[j as usize];
+                let d = [t[0] - s[0], t[1] - s[1], t[2] - s[2]];
+                let gap = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() / (s[3] + t[3]) - 1.0;
+                if (j as usize) > i && gap < reach {
+                    out.push((gap, [i as u32, j]));
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Particles of the largest set connected by `pairs`, ascending.
+pub(crate) fn largest_component(count: usize, pairs: &[[u32; 2]]) -> Vec<u32> {
+    let mut parent: Vec<u32> = (0..count as u32).collect();
+    fn root(parent: &mut [u32], mut i: u32) -> u32 {
+        while parent[i as usize] != i {
+            parent[i as usize] = parent[parent[i as usize] as usize];
+            i = parent[i as usize];
+        }
+        i
+    }
+    for &[i, j] in pairs {
+        let (a, b) = (root(&mut parent, i), root(&mut parent, j));
+        parent[a.max(b) as usize] = a.min(b);
+    }
+    let roots: Vec<u32> = (0..count as u32).map(|i| root(&mut parent, i)).collect();
+    let mut size = vec![0_u32; count];
+    roots.iter().for_each(|&r| size[r as usize] += 1);
+    let mut best = 0;
+    for (r, s) in size.iter().enumerate() {
+        if *s > size[best] {
+            best = r;
+        }
+    }
+    (0..count as u32)
+        .filter(|&i| roots[i as usize] as usize == best)
+        .collect()
+}

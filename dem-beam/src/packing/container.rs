@@ -1,0 +1,152 @@
+//! What a packing fills: a box, a cylinder or any closed triangle surface.
+
+use super::surface::Surface;
+use crate::error::{Result, positive};
+use nalgebra::Vector3;
+
+/// A volume to fill. Lengths in m.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub enum Container {
+    /// Box between two corners.
+    Box {
+        /// Corner with the smallest coordinates.
+        min: Vector3<f64>,
+        /// Corner with the largest coordinates.
+        max: Vector3<f64>,
+    },
+    /// Round bar along +x from the origin: `0 <= x <= length`, `y^2 + z^2 <= radius^2`.
+    Cylinder {
+        /// Length.
+        length: f64,
+        /// Radius of the section.
+        radius: f64,
+    },
+    /// Inside of a closed surface.
+    Surface(Surface),
+}
+
+impl Container {
+    /// A cylinder of length `length` and radius `radius` along x.
+    ///
+    /// # Errors
+    /// [`crate::DemError::OutOfRange`] unless both are positive.
+    pub fn cylinder(length: f64, radius: f64) -> Result<Self> {
+        positive("cylinder length", length)?;
+        positive("cylinder radius", radius)?;
+        Ok(Self::Cylinder { length, radius })
+    }
+
+    /// A box from `min` to `max`.
+    ///
+    /// # Errors
+    /// [`crate::DemError::OutOfRange`] unless every edge is positive.
+    pub fn cuboid(min: Vector3<f64>, max: Vector3<f64>) -> Result<Self> {
+        for e in (max - min).iter() {
+            positive("box edge", *e)?;
+        }
+        Ok(Self::Box { min, max })
+    }
+
+    /// Enclosed volume (m^3).
+    #[must_use]
+    pub fn volume(&self) -> f64 {
+        match self {
+            Self::Box { min, max } => (max - min).product(),
+            Self::Cylinder { length, radius } => std::f64::consts::PI * radius * radius * length,
+            Self::Surface(s) => s.volume(),
+        }
+    }
+
+    /// Axis-parallel bounding box, smallest and largest corner.
+    #[must_use]
+    pub fn bounds(&self) -> (Vector3<f64>, Vector3<f64>) {
+        match self {
+            Self::Box { min, max } => (*min, *max),
+            Self::Cylinder { length, radius } => (
+                Vector3::new(0.0, -radius, -radius),
+                Vector3::new(*length, *radius, *radius),
+            ),
+            Self::Surface(s) => s.bounds(),
+        }
+    }
+
+    /// Calls `wall(gap, inward normal)` for each wall nearer than `reach` to `x`; a negative gap
+    /// means outside. A surface reports its nearest point only.
+    #[inline]
+    pub fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
+        match self {
+            Self::Box { min, max } => {
+                for a in 0..3 {
+                    let mut n = Vector3::zeros();
+                    if x[a] - min[a] < reach {
+                        n[a] = 1.0;
+                        wall(x[a] - min[a], n);
+                    }
+                    if max[a] - x[a] < reach {
+                        n[a] = -1.0;
+                        wall(max[a] - x[a], n);
+                    }
+                }
+            }
+            Self::Cylinder { length, radius } => {
+                if x.x < reach {
+                    wall(x.x, Vector3::x());
+                }
+                if length - x.x < reach {
+                    wall(length - x.x, -Vector3::x());
+                }
+                let rr = x.y * x.y + x.z * x.z;
+                let safe = (radius - reach).max(0.0);
+                if rr > safe * safe {
+                    let r = rr.sqrt();
+                    wall(radius - r, Vector3::new(0.0, -x.y / r, -x.z / r));
+                }
+            }
+            Self::Surface(s) => {
+                if let Some((gap, n)) = s.nearest(x, reach) {
+                    wall(gap, n);
+                }
+            }
+        }
+    }
+
+    /// Distance to the nearest wall within `reach`, else `reach`; negative outside.
+    #[must_use]
+    pub fn gap(&self, x: &Vector3<f64>, reach: f64) -> f64 {
+        let mut g = reach;
+        self.walls(x, reach, |d, _| g = g.min(d));
+        g
+    }
+
+    /// Whether `x` is inside.
+    #[must_use]
+    pub fn contains(&self, x: &Vector3<f64>) -> bool {
+        match self {
+            Self::Surface(s) => s.contains(x),
+            _ => self.gap(x, 0.0) >= 0.0,
+        }
+    }
+
+    /// Prepares wall queries up to `reach` (m); only surfaces need it.
+    pub(crate) fn prepare(&mut self, reach: f64) {
+        if let Self::Surface(s) = self {
+            s.prepare(reach);
+        }
+    }
+
+    /// Bytes that identify the container, for the cache.
+    pub(crate) fn identity(&self, out: &mut Vec<f64>) {
+        match self {
+            Self::Box { min, max } => {
+                out.push(1.0);
+                out.extend(min.iter().chain(max.iter()));
+            }
+            Self::Cylinder { length, radius } => out.extend([2.0, *length, *radius]),
+            Self::Surface(s) => {
+                out.push(3.0);
+                s.identity(out);
+            }
+        }
+    }
+}

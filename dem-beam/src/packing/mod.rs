@@ -1,0 +1,19 @@
+//! Packings: random and jammed, regular, or read from a file.
+
+pub(crate) mod bonding;
+pub(crate) mod cache;
+pub(crate) mod cells;
+pub mod container;
+pub(crate) mod csv;
+pub(crate) mod lattice;
+pub mod protocol;
+pub(crate) mod relax;
+pub mod report;
+pub mod surface;
+
+pub use container::Container;
+pub use csv::{read_csv, write_csv};
+pub use lattice::{Lattice, lattice};
+pub use protocol::{Compaction, Packing, PackingSpec};
+pub use report::PackingReport;
+pub use surface::Surface;

@@ -1,0 +1,280 @@
+//! Relaxation of soft spheres: linear repulsion, walls as springs, FIRE (Bitzek et al. 2006).
+//!
+//! Unit stiffness and mass: `F = overlap`, in m. Every particle gathers its own forces from a
+//! two-sided Verlet list and sums are taken in chunks of fixed size and order, so the path is
+//! bit-identical for any number of threads.
+
+use super::cells::{CHUNK, CellList, ListChunk, Sphere, verlet_list};
+use super::container::Container;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Largest FIRE step: half the stability limit of a sphere with a dozen contacts.
+const STEP_MAX: f64 = 0.55;
+/// First FIRE step.
+const STEP_FIRST: f64 = 0.1;
+/// Mixing factor at the start and after each restart (Bitzek et al.).
+const MIX: f64 = 0.1;
+
+/// What one force evaluation tells.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Sums {
+    power: f64,
+    speed2: f64,
+    force2: f64,
+    overlap: f64,
+    contacts: f64,
+    moved2: f64,
+}
+
+impl Sums {
+    fn add(self, o: Self) -> Self {
+        Self {
+            power: self.power + o.power,
+            speed2: self.speed2 + o.speed2,
+            force2: self.force2 + o.force2,
+            overlap: self.overlap + o.overlap,
+            contacts: self.contacts + o.contacts,
+            moved2: self.moved2.max(o.moved2),
+        }
+    }
+}
+
+/// Outcome of a relaxation.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Relaxed {
+    /// Mean overlap of the touching pairs over the mean diameter.
+    pub(crate) overlap: f64,
+    /// Steps done.
+    pub(crate) steps: usize,
+}
+
+/// Soft spheres in a container.
+#[derive(Debug)]
+pub(crate) struct SoftSpheres<'a> {
+    container: &'a Container,
+    pub(crate) spheres: Vec<Sphere>,
+    listed: Vec<Sphere>,
+    velocity: Vec<[f64; 4]>,
+    force: Vec<[f64; 4]>,
+    list: Vec<ListChunk>,
+    cells: CellList,
+    sums: Vec<Sums>,
+    mean_radius: f64,
+    skin: f64,
+    slack: f64,
+}
+
+impl<'a> SoftSpheres<'a> {
+    pub(crate) fn new(container: &'a Container, spheres: Vec<Sphere>) -> Self {
+        let n = spheres.len();
+        let mean_radius = spheres.iter().map(|s| s[3]).sum::<f64>() / n as f64;
+        Self {
+            container,
+            listed: Vec::new(),
+            velocity: vec![[0.0; 4]; n],
+            force: vec![[0.0; 4]; n],
+            list: Vec::new(),
+            cells: CellList::default(),
+            sums: vec![Sums::default(); n.div_ceil(CHUNK)],
+            mean_radius,
+            skin: 0.0,
+            slack: 0.0,
+            spheres,
+        }
+    }
+
+    /// Multiplies all radii.
+    pub(crate) fn scale_radii(&mut self, factor: f64) {
+        self.spheres.iter_mut().for_each(|s| s[3] *= factor);
+        self.mean_radius *= factor;
+        // The list may miss new neighbours: its slack shrinks by the growth of two radii.
+        let largest = self.spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
+        self.slack -= 2.0 * largest * (1.0 - 1.0 / factor).max(0.0);
+    }
+
+    fn renew_list(&mut self, skin: f64) {
+        self.skin = skin;
+        self.slack = skin;
+        verlet_list(&mut self.cells, &self.spheres, skin, &mut self.list);
+        self.listed.clone_from(&self.spheres);
+    }
+
+    /// Relaxes from rest until forces balance to `balance` of the mean contact force, overlaps
+    /// stay below `loose` of the diameter (not jammed), or `max_steps` is reached.
+    pub(crate) fn relax(&mut self, max_steps: usize, loose: f64, balance: f64) -> Relaxed {
+        let (mut dt, mut mix, mut downhill) = (STEP_FIRST, MIX, 0);
+        self.velocity.iter_mut().for_each(|v| *v = [0.0; 4]);
+        let mut skin = 0.4 * self.mean_radius;
+        self.renew_list(skin);
+        let mut since_list = 0;
+        let mut overlap = 0.0;
+        for step in 0..max_steps {
+            let s = self.forces();
+            overlap = s.overlap / s.contacts.max(1.0) / (2.0 * self.mean_radius);
+            let rms = (s.force2 / self.spheres.len() as f64).sqrt();
+            let contact = s.overlap / s.contacts.max(1.0);
+            if overlap < loose && rms < loose * self.mean_radius || rms <= balance * contact {
+                return Relaxed { overlap, steps: step };
+            }
+            let steer = if s.power > 0.0 {
+                downhill += 1;
+                if downhill > 5 {
+                    dt = (dt * 1.1).min(STEP_MAX);
+                    mix *= 0.99;
+                }
+                [
+                    1.0 - mix,
+                    mix * (s.speed2 / s.force2.max(f64::MIN_POSITIVE)).sqrt(),
+                ]
+            } else {
+                downhill = 0;
+                dt *= 0.5;
+                mix = MIX;
+                [0.0, 0.0]
+            };
+            let moved = self.advance(dt, steer);
+            since_list += 1;
+            if 2.0 * moved > self.slack {
+                // A calm packing moves little between lists: then a thin skin is cheaper.
+                if since_list > 40 {
+                    skin = (0.7 * skin).max(0.05 * self.mean_radius);
+                } else if since_list < 16 {
+                    skin = (1.4 * skin).min(1.2 * self.mean_radius);
+                }
+                since_list = 0;
+                self.renew_list(skin);
+            }
+        }
+        Relaxed {
+            overlap,
+            steps: max_steps,
+        }
+    }
+
+    /// Forces on all particles and their sums.
+    fn forces(&mut self) -> Sums {
+        let (spheres, container) = (&self.spheres, self.container);
+        let work = self
+            .force
+            .par_chunks_mut(CHUNK)
+            .zip(&self.list)
+            .zip(&mut self.sums);
+        let velocity = &self.velocity;
+        work.enumerate().for_each(|(c, ((force, list), sums))| {
+            let mut total = Sums::default();
+            for (k, f) in force.iter_mut().enumerate() {
+                let i = c * CHUNK + k;
+                let row = list.start[k] as usize..list.start[k + 1] as usize;
+                let pull = contact_force(spheres, i, &list.neighbours[row], &mut total);
+                *f = wall_force(container, &spheres[i], pull);
+                let v = &velocity[i];
+                total.power += f[0] * v[0] + f[1] * v[1] + f[2] * v[2];
+                total.speed2 += v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+                total.force2 += f[0] * f[0] + f[1] * f[1] + f[2] * f[2];
+            }
+            *sums = total;
+        });
+        self.sums.iter().fold(Sums::default(), |a, b| a.add(*b))
+    }
+
+    /// `v <- steer0 v + steer1 F + dt F`, `x <- x + dt v`; returns the largest distance moved
+    /// since the list was made.
+    fn advance(&mut self, dt: f64, steer: [f64; 2]) -> f64 {
+        let push = steer[1] + dt;
+        let cap = 0.1 * self.mean_radius;
+        let work = self
+            .spheres
+            .par_chunks_mut(CHUNK)
+            .zip(self.velocity.par_chunks_mut(CHUNK))
+            .zip(self.force.par_chunks(CHUNK))
+            .zip(self.listed.par_chunks(CHUNK))
+            .zip(&mut self.sums);
+        let arch = pulp::Arch::new();
+        work.for_each(|((((x, v), f), old), sums)| {
+            let (coefficients, mut far) = ([dt, steer[0], push, cap], 0.0);
+            arch.dispatch(Advance {
+                coefficients,
+                x,
+                v,
+                f,
+                old,
+                far: &mut far,
+            });
+            sums.moved2 = far;
+        });
+        self.sums.iter().fold(0.0_f64, |m, s| m.max(s.moved2)).sqrt()
+    }
+}
+
+/// Moves the spheres of a chunk; entry 3 of velocity and force is zero, so that the radius stays
+/// and four lanes are used.
+struct Advance<'a> {
+    /// `dt`, `steer0`, `steer1 + dt`, and the cap on one displacement.
+    coefficients: [f64; 4],
+    x: &'a mut [Sphere],
+    v: &'a mut [[f64; 4]],
+    f: &'a [[f64; 4]],
+    old: &'a [Sphere],
+    far: &'a mut f64,
+}
+
+impl pulp::NullaryFnOnce for Advance<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let [dt, keep, push, cap] = self.coefficients;
+        let mut far = 0.0;
+        let spheres = self.x.iter_mut().zip(self.v).zip(self.f).zip(self.old);
+        for (((x, v), f), old) in spheres {
+            let mut d = [0.0; 4];
+            for a in 0..4 {
+                v[a] = keep * v[a] + push * f[a];
+                let step = dt * v[a];
+                // Far-overlapped starts would shoot particles through each other.
+                let step = if step < cap { step } else { cap };
+                let step = if step > -cap { step } else { -cap };
+                x[a] += step;
+                d[a] = x[a] - old[a];
+            }
+            let moved = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            far = if moved > far { moved } else { far };
+        }
+        *self.far = far;
+    }
+}
+
+#[inline]
+fn contact_force(spheres: &[Sphere], i: usize, near: &[u32], total: &mut Sums) -> [f64; 4] {
+    let s = spheres[i];
+    let mut f = [0.0; 4];
+    for &j in near {
+        let t = spheres[j as usize];
+        let d = [s[0] - t[0], s[1] - t[1], s[2] - t[2]];
+        let dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+        let touch = s[3] + t[3];
+        if dd < touch * touch {
+            let distance = dd.sqrt();
+            let overlap = touch - distance;
+            let c = overlap / distance.max(1e-9 * touch);
+            f[0] += c * d[0];
+            f[1] += c * d[1];
+            f[2] += c * d[2];
+            total.overlap += overlap;
+            total.contacts += 1.0;
+        }
+    }
+    f
+}
+
+#[inline]
+fn wall_force(container: &Container, s: &Sphere, mut f: [f64; 4]) -> [f64; 4] {
+    container.walls(&Vector3::new(s[0], s[1], s[2]), s[3], |gap, n| {
+        let push = s[3] - gap;
+        for a in 0..3 {
+            f[a] += push * n[a];
+        }
+    });
+    f
+}

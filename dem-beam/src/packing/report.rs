@@ -1,0 +1,99 @@
+//! What a packing came out as.
+
+use super::bonding::Bonding;
+use super::cells::Sphere;
+use super::container::Container;
+use nalgebra::{Matrix3, Vector3};
+
+/// Bins of the radius histogram.
+pub const HISTOGRAM_BINS: usize = 10;
+
+/// Facts about a packing; nothing here is an input of the mechanics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PackingReport {
+    /// Bonds per particle times two, over all spheres made, dropped ones included.
+    pub coordination_all: f64,
+    /// The same over the retained spheres.
+    pub coordination_retained: f64,
+    /// Mean number of bonds of the spheres farther than two mean diameters from any wall; 0 if
+    /// there are none.
+    pub coordination_interior: f64,
+    /// Sphere volume (all spheres) over container volume.
+    pub volume_fraction: f64,
+    /// Mean radius of the retained spheres (m).
+    pub mean_radius: f64,
+    /// Smallest and largest radius of the retained spheres (m).
+    pub radius_range: [f64; 2],
+    /// Retained spheres per equal bin of the radius range.
+    pub radius_histogram: [usize; HISTOGRAM_BINS],
+    /// Mean overlap of touching pairs over the mean diameter.
+    pub mean_overlap: f64,
+    /// Largest relative gap `d/(r_i+r_j) - 1` among the bonds.
+    pub bond_tolerance: f64,
+    /// Fabric tensor `mean(n n^T)`, trace 1.
+    pub fabric: Matrix3<f64>,
+    /// Largest deviation of a fabric eigenvalue from 1/3, times 3: 0 when isotropic.
+    pub fabric_anisotropy: f64,
+    /// Spheres made but not connected to the body.
+    pub dropped: usize,
+    /// Relaxation steps.
+    pub steps: usize,
+}
+
+impl PackingReport {
+    pub(crate) fn new(
+        container: &Container,
+        spheres: &[Sphere],
+        bonding: &Bonding,
+        mean_overlap: f64,
+        steps: usize,
+    ) -> Self {
+        let kept: Vec<Sphere> = bonding.kept.iter().map(|&i| spheres[i as usize]).collect();
+        let count = kept.len() as f64;
+        let mean_radius = kept.iter().map(|s| s[3]).sum::<f64>() / count;
+        let low = kept.iter().fold(f64::INFINITY, |m, s| m.min(s[3]));
+        let high = kept.iter().fold(0.0_f64, |m, s| m.max(s[3]));
+        let mut radius_histogram = [0; HISTOGRAM_BINS];
+        for s in &kept {
+            let t = (s[3] - low) / (high - low).max(f64::MIN_POSITIVE);
+            radius_histogram[((t * HISTOGRAM_BINS as f64) as usize).min(HISTOGRAM_BINS - 1)] += 1;
+        }
+        let mut degree = vec![0_u32; kept.len()];
+        let mut fabric = Matrix3::zeros();
+        let at = |i: u32| {
+            let s = kept[i as usize];
+            Vector3::new(s[0], s[1], s[2])
+        };
+        for &[i, j] in &bonding.pairs {
+            degree[i as usize] += 1;
+            degree[j as usize] += 1;
+            let n = (at(j) - at(i)).normalize();
+            fabric += n * n.transpose() / bonding.pairs.len() as f64;
+        }
+        let reach = 4.0 * mean_radius;
+        let interior: Vec<f64> = (0..kept.len())
+            .filter(|&i| container.gap(&at(i as u32), reach) >= reach)
+            .map(|i| f64::from(degree[i]))
+            .collect();
+        let spread = fabric
+            .symmetric_eigenvalues()
+            .map(|e| (3.0 * e - 1.0).abs())
+            .max();
+        let cubes: f64 = spheres.iter().map(|s| s[3] * s[3] * s[3]).sum();
+        Self {
+            coordination_all: bonding.coordination_all,
+            coordination_retained: 2.0 * bonding.pairs.len() as f64 / count,
+            coordination_interior: interior.iter().sum::<f64>() / interior.len().max(1) as f64,
+            volume_fraction: 4.0 / 3.0 * std::f64::consts::PI * cubes / container.volume(),
+            mean_radius,
+            radius_range: [low, high],
+            radius_histogram,
+            mean_overlap,
+            bond_tolerance: bonding.tolerance,
+            fabric,
+            fabric_anisotropy: spread,
+            dropped: spheres.len() - kept.len(),
+            steps,
+        }
+    }
+}

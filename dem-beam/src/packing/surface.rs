@@ -1,0 +1,284 @@
+//! A closed triangle surface: volume, inside test, nearest point through a uniform grid.
+
+use crate::error::{DemError, Result, finite};
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+
+/// A closed, outward oriented triangle surface (m).
+#[derive(Debug, Clone)]
+pub struct Surface {
+    vertices: Vec<Vector3<f64>>,
+    triangles: Vec<[u32; 3]>,
+    volume: f64,
+    bounds: (Vector3<f64>, Vector3<f64>),
+    grid: Grid,
+}
+
+/// Triangles near each cell of a uniform grid over the bounding box.
+#[derive(Debug, Clone, Default)]
+struct Grid {
+    size: f64,
+    dims: [usize; 3],
+    reach: f64,
+    start: Vec<u32>,
+    triangles: Vec<u32>,
+    /// For cells without a near triangle: whether they are inside.
+    inside: Vec<bool>,
+}
+
+impl Surface {
+    /// Checks and stores a surface.
+    ///
+    /// # Errors
+    /// [`DemError::NotFinite`] coordinates, [`DemError::NoSuchParticle`] never;
+    /// [`DemError::OutOfRange`] for a vertex number that does not exist, [`DemError::OpenSurface`]
+    /// if an edge is not shared by exactly two triangles in opposite directions,
+    /// [`DemError::NoVolume`] if the orientation is inward or the volume zero.
+    pub fn new(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self> {
+        for (i, v) in vertices.iter().enumerate() {
+            for c in v.iter() {
+                finite("coordinate", "vertex", i, *c)?;
+            }
+        }
+        let mut edges: BTreeMap<(u32, u32), (usize, i64)> = BTreeMap::new();
+        for t in &triangles {
+            for k in 0..3 {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                if a as usize >= vertices.len() {
+                    return Err(DemError::OutOfRange {
+                        name: "vertex number of a triangle",
+                        value: f64::from(a),
+                        range: "numbers below the number of vertices",
+                    });
+                }
+                let e = edges.entry((a.min(b), a.max(b))).or_default();
+                e.0 += 1;
+                e.1 += if a < b { 1 } else { -1 };
+            }
+        }
+        if let Some((&(a, b), &(count, _))) = edges.iter().find(|(_, e)| **e != (2, 0)) {
+            return Err(DemError::OpenSurface {
+                first: a as usize,
+                second: b as usize,
+                count,
+            });
+        }
+        let at = |i: u32| vertices[i as usize];
+        let volume = triangles
+            .iter()
+            .map(|&[a, b, c]| at(a).dot(&at(b).cross(&at(c))) / 6.0)
+            .sum::<f64>();
+        let low = vertices
+            .iter()
+            .fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(v));
+        let high = vertices
+            .iter()
+            .fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(v));
+        if volume.is_nan() || volume <= 1e-12 * (high - low).product() {
+            return Err(DemError::NoVolume { volume });
+        }
+        let mut out = Self {
+            vertices,
+            triangles,
+            volume,
+            bounds: (low, high),
+            grid: Grid::default(),
+        };
+        out.prepare((high - low).min() / 20.0);
+        Ok(out)
+    }
+
+    /// Enclosed volume (m^3).
+    #[must_use]
+    pub fn volume(&self) -> f64 {
+        self.volume
+    }
+
+    /// Bounding box.
+    #[must_use]
+    pub fn bounds(&self) -> (Vector3<f64>, Vector3<f64>) {
+        self.bounds
+    }
+
+    pub(crate) fn identity(&self, out: &mut Vec<f64>) {
+        out.extend(self.vertices.iter().flat_map(|v| v.iter().copied()));
+        out.extend(self.triangles.iter().flatten().map(|&i| f64::from(i)));
+    }
+
+    /// Rebuilds the grid so that [`Self::nearest`] is complete up to `reach`.
+    pub(crate) fn prepare(&mut self, reach: f64) {
+        let extent = self.bounds.1 - self.bounds.0;
+        let size = reach.max(extent.max() / 128.0);
+        // One layer of cells around the box: a centre may leave it by a little.
+        let dims = [0, 1, 2].map(|a| (extent[a] / size).ceil() as usize + 2);
+        let cells = dims[0] * dims[1] * dims[2];
+        let mut near: Vec<Vec<u32>> = vec![Vec::new(); cells];
+        let grid = Grid {
+            size,
+            dims,
+            reach,
+            ..Grid::default()
+        };
+        for (t, tri) in self.triangles.iter().enumerate() {
+            let c = tri.map(|i| self.vertices[i as usize]);
+            let low = grid.cell(&(c[0].inf(&c[1]).inf(&c[2]).add_scalar(-reach)), &self.bounds.0);
+            let high = grid.cell(&(c[0].sup(&c[1]).sup(&c[2]).add_scalar(reach)), &self.bounds.0);
+            for (i, centre) in grid.cells_between(low, high, &self.bounds.0) {
+                // Farthest point of a cell is half a diagonal from its centre.
+                if (closest_on_triangle(&centre, &c) - centre).norm() <= reach + 0.8661 * size {
+                    near[i].push(t as u32);
+                }
+            }
+        }
+        let mut start = Vec::with_capacity(cells + 1);
+        let mut flat = Vec::new();
+        start.push(0);
+        for n in &near {
+            flat.extend_from_slice(n);
+            start.push(flat.len() as u32);
+        }
+        let mut inside = vec![false; cells];
+        let all = grid.cells_between([0; 3], dims.map(|d| d - 1), &self.bounds.0);
+        for (i, centre) in all {
+            if near[i].is_empty() {
+                inside[i] = self.winding(&centre) > 0.5;
+            }
+        }
+        self.grid = Grid {
+            start,
+            triangles: flat,
+            inside,
+            ..grid
+        };
+    }
+
+    /// Winding number of the surface about `x`: 1 inside, 0 outside (van Oosterom and Strackee).
+    fn winding(&self, x: &Vector3<f64>) -> f64 {
+        let mut angle = 0.0;
+        for t in &self.triangles {
+            let [a, b, c] = t.map(|i| self.vertices[i as usize] - x);
+            let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
+            let det = a.dot(&b.cross(&c));
+            let den = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
+            angle += 2.0 * det.atan2(den);
+        }
+        angle / (4.0 * std::f64::consts::PI)
+    }
+
+    /// Signed distance (positive inside) and inward normal of the nearest surface point, if it
+    /// is within `reach` (at most the reach prepared for).
+    #[must_use]
+    pub fn nearest(&self, x: &Vector3<f64>, reach: f64) -> Option<(f64, Vector3<f64>)> {
+        let cell = self.grid.index(self.grid.cell(x, &self.bounds.0));
+        let range = self.grid.start[cell] as usize..self.grid.start[cell + 1] as usize;
+        let limit = reach.min(self.grid.reach);
+        let (mut best, mut sign, mut steep) = (f64::INFINITY, 0.0, 0.0);
+        let (mut foot, mut face) = (Vector3::zeros(), Vector3::zeros());
+        for &t in &self.grid.triangles[range] {
+            let c = self.triangles[t as usize].map(|i| self.vertices[i as usize]);
+            let p = closest_on_triangle(x, &c);
+            let d = (p - x).norm();
+            let n = (c[1] - c[0]).cross(&(c[2] - c[0])).normalize();
+            // On a shared edge or corner several faces are equally near: the one seen most
+            // frontally knows the side.
+            let front = if d > 0.0 { (p - x).dot(&n) / d } else { 1.0 };
+            let tie = d <= best * (1.0 + 1e-9);
+            if d < best * (1.0 - 1e-9) || (tie && front.abs() > steep) {
+                best = d.min(best);
+                (sign, steep, foot, face) = (front.signum(), front.abs(), p, n);
+            }
+        }
+        if best > limit && sign >= 0.0 || !best.is_finite() {
+            return None;
+        }
+        let normal = if best > 1e-12 * self.grid.size {
+            (x - foot) * (sign / best)
+        } else {
+            -face
+        };
+        Some((sign * best, normal))
+    }
+
+    /// Whether `x` is inside.
+    #[must_use]
+    pub fn contains(&self, x: &Vector3<f64>) -> bool {
+        let (low, high) = self.bounds;
+        if (0..3).any(|a| x[a] < low[a] || x[a] > high[a]) {
+            return false;
+        }
+        let cell = self.grid.index(self.grid.cell(x, &low));
+        if self.grid.start[cell] == self.grid.start[cell + 1] {
+            return self.grid.inside[cell];
+        }
+        match self.nearest(x, self.grid.reach) {
+            Some((gap, _)) => gap >= 0.0,
+            None => self.winding(x) > 0.5,
+        }
+    }
+}
+
+impl Grid {
+    /// Cell of a point; the layer around the box catches what lies outside.
+    fn cell(&self, x: &Vector3<f64>, low: &Vector3<f64>) -> [usize; 3] {
+        [0, 1, 2].map(|a| {
+            let c = ((x[a] - low[a]) / self.size).floor() + 1.0;
+            (c.max(0.0) as usize).min(self.dims[a] - 1)
+        })
+    }
+
+    fn index(&self, c: [usize; 3]) -> usize {
+        (c[0] * self.dims[1] + c[1]) * self.dims[2] + c[2]
+    }
+
+    /// Numbers and centres of all cells of a range, ends included.
+    fn cells_between(
+        &self,
+        low: [usize; 3],
+        high: [usize; 3],
+        origin: &Vector3<f64>,
+    ) -> Vec<(usize, Vector3<f64>)> {
+        let mut out = Vec::new();
+        for i in low[0]..=high[0] {
+            for j in low[1]..=high[1] {
+                for k in low[2]..=high[2] {
+                    let c = Vector3::new(i as f64, j as f64, k as f64).add_scalar(-0.5);
+                    out.push((self.index([i, j, k]), origin + c * self.size));
+                }
+            }
+        }
+        out
+    }
+}
+
+/// Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
+fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return *a;
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return *b;
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return a + ab * (d1 / (d1 - d3));
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return *c;
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return a + ac * (d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    }
+    let denom = 1.0 / (va + vb + vc);
+    a + ab * (vb * denom) + ac * (vc * denom)
+}

@@ -1,0 +1,339 @@
+//! Particles joined by beams: the flat arrays every solver of this crate reads.
+//!
+//! Masses: `m_i = rho V r_i^3 / sum r^3` for a body of volume `V` (the spheres fill only part of
+//! it, so sphere volume times density would be far too light) and `I_i = 2/5 m_i r_i^2`.
+//! Weights follow the energy-consistent rule: bond b carries the factor `w_b`, and the mass and
+//! inertia of a particle are multiplied by the mean of `w` over its bonds. Then the weighted
+//! critical step is never below the smallest one of the single weighted bonds.
+
+use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
+use crate::error::{DemError, Result, finite, positive};
+use nalgebra::Vector3;
+
+/// Largest ratio of radii accepted (the neighbour search and the beam law lose their meaning).
+pub const MAX_RADIUS_RATIO: f64 = 20.0;
+
+/// Closest two centres may be, as a fraction of the sum of their radii.
+pub(crate) const COINCIDENT: f64 = 1e-9;
+
+/// Spheres, their bonds, stiffness and masses. Reference configuration; SI units.
+#[derive(Debug, Clone)]
+pub struct BondedParticles {
+    positions: Vec<Vector3<f64>>,
+    radii: Vec<f64>,
+    pairs: Vec<[u32; 2]>,
+    bonds: Vec<LinearBond>,
+    weights: Vec<f64>,
+    full_mass: Vec<f64>,
+    mass: Vec<f64>,
+    inertia: Vec<f64>,
+    rigidity: BeamRigidity,
+}
+
+/// What has to be known besides geometry.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Matter {
+    /// Beams.
+    pub beam: BeamMaterial,
+    /// Mass density of the body (kg/m^3).
+    pub density: f64,
+    /// Volume of the body the particles stand for (m^3); their masses sum to `density * volume`.
+    pub volume: f64,
+}
+
+impl BondedParticles {
+    /// Joins spheres at `positions` (m) with radii `radii` (m) by beams between `pairs`.
+    ///
+    /// # Errors
+    /// [`DemError::LengthMismatch`], [`DemError::NotFinite`], [`DemError::BadRadius`],
+    /// [`DemError::RadiusRatio`], [`DemError::NoSuchParticle`], [`DemError::ZeroLengthBond`],
+    /// [`DemError::CoincidentParticles`], [`DemError::IsolatedParticle`] and
+    /// [`DemError::OutOfRange`] for the matter.
+    pub fn new(
+        positions: Vec<Vector3<f64>>,
+        radii: Vec<f64>,
+        pairs: Vec<[u32; 2]>,
+        matter: &Matter,
+    ) -> Result<Self> {
+        positive("density", matter.density)?;
+        positive("body volume", matter.volume)?;
+        check_spheres(&positions, &radii)?;
+        let mean = radii.iter().sum::<f64>() / radii.len() as f64;
+        let rigidity = matter.beam.rigidity(mean)?;
+        let mut degree = vec![0_u32; positions.len()];
+        let mut bonds = Vec::with_capacity(pairs.len());
+        for (b, &[i, j]) in pairs.iter().enumerate() {
+            bonds.push(make_bond(b, [i, j], &positions, &radii)?);
+            degree[i as usize] += 1;
+            degree[j as usize] += 1;
+        }
+        if let Some(particle) = degree.iter().position(|&d| d == 0) {
+            let isolated = degree.iter().filter(|&&d| d == 0).count();
+            return Err(DemError::IsolatedParticle { particle, isolated });
+        }
+        let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
+        let full_mass: Vec<f64> = radii
+            .iter()
+            .map(|r| matter.density * matter.volume * r * r * r / cubes)
+            .collect();
+        let inertia = sphere_inertia(&full_mass, &radii);
+        Ok(Self {
+            weights: vec![1.0; pairs.len()],
+            mass: full_mass.clone(),
+            positions,
+            radii,
+            pairs,
+            bonds,
+            full_mass,
+            inertia,
+            rigidity,
+        })
+    }
+
+    /// Replaces all bond weights (1 everywhere at the start); masses and inertias follow.
+    ///
+    /// # Errors
+    /// [`DemError::LengthMismatch`] and [`DemError::NotFinite`]; [`DemError::OutOfRange`] for a
+    /// negative weight.
+    pub fn set_weights(&mut self, weights: &[f64]) -> Result<()> {
+        expect_len("bond weights", weights.len(), self.pairs.len())?;
+        for (b, &w) in weights.iter().enumerate() {
+            finite("weight", "bond", b, w)?;
+            if w < 0.0 {
+                return Err(DemError::OutOfRange {
+                    name: "bond weight",
+                    value: w,
+                    range: "values >= 0",
+                });
+            }
+        }
+        for (bond, &w) in self.bonds.iter_mut().zip(weights) {
+            bond.scale = w / bond.axis.norm();
+        }
+        self.weights.copy_from_slice(weights);
+        self.apply_mass_factors(&self.mean_over_bonds(weights));
+        Ok(())
+    }
+
+    /// Mean of bond values over the bonds of each particle.
+    pub(crate) fn mean_over_bonds(&self, values: &[f64]) -> Vec<f64> {
+        let mut sum = vec![0.0; self.positions.len()];
+        let mut degree = vec![0_u32; self.positions.len()];
+        for (pair, w) in self.pairs.iter().zip(values) {
+            for e in pair {
+                sum[*e as usize] += w;
+                degree[*e as usize] += 1;
+            }
+        }
+        sum.iter().zip(&degree).map(|(s, &d)| s / f64::from(d)).collect()
+    }
+
+    /// Multiplies the unweighted mass and inertia of each particle by `factor`, leaving the
+    /// bonds: for weighting rules that set masses by themselves.
+    ///
+    /// # Errors
+    /// [`DemError::LengthMismatch`], [`DemError::NotFinite`].
+    pub fn set_mass_factors(&mut self, factor: &[f64]) -> Result<()> {
+        expect_len("mass factors", factor.len(), self.positions.len())?;
+        for (i, &f) in factor.iter().enumerate() {
+            finite("mass factor", "particle", i, f)?;
+        }
+        self.apply_mass_factors(factor);
+        Ok(())
+    }
+
+    fn apply_mass_factors(&mut self, factor: &[f64]) {
+        for (i, &f) in factor.iter().enumerate() {
+            self.mass[i] = self.full_mass[i] * f;
+        }
+        self.inertia = sphere_inertia(&self.mass, &self.radii);
+    }
+
+    /// Multiplies every rotational inertia by `factor` (> 0). Rotations set the critical step;
+    /// slowing them lengthens it and moves the low modes little. 1 is exact, and the default.
+    ///
+    /// # Errors
+    /// [`DemError::OutOfRange`] if `factor` is not finite and positive.
+    pub fn scale_inertia(&mut self, factor: f64) -> Result<()> {
+        positive("inertia factor", factor)?;
+        self.inertia.iter_mut().for_each(|i| *i *= factor);
+        Ok(())
+    }
+
+    /// Number of particles.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there is no particle (never, after [`Self::new`]).
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Centres (m).
+    #[must_use]
+    pub fn positions(&self) -> &[Vector3<f64>] {
+        &self.positions
+    }
+
+    /// Radii (m).
+    #[must_use]
+    pub fn radii(&self) -> &[f64] {
+        &self.radii
+    }
+
+    /// Ends of each bond.
+    #[must_use]
+    pub fn pairs(&self) -> &[[u32; 2]] {
+        &self.pairs
+    }
+
+    /// Bonds, weights included.
+    #[must_use]
+    pub fn bonds(&self) -> &[LinearBond] {
+        &self.bonds
+    }
+
+    /// Bond weights.
+    #[must_use]
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// Masses, weights included (kg).
+    #[must_use]
+    pub fn mass(&self) -> &[f64] {
+        &self.mass
+    }
+
+    /// Rotational inertias, weights included (kg m^2).
+    #[must_use]
+    pub fn inertia(&self) -> &[f64] {
+        &self.inertia
+    }
+
+    /// Section rigidities, the same for all bonds.
+    #[must_use]
+    pub fn rigidity(&self) -> &BeamRigidity {
+        &self.rigidity
+    }
+
+    /// Internal forces and torques *on* the particles, `-K x`, added up bond after bond: the
+    /// plain reference the fast kernel is tested against.
+    ///
+    /// # Errors
+    /// [`DemError::LengthMismatch`].
+    pub fn add_forces(&self, state: &[Twist], out: &mut [Twist]) -> Result<()> {
+        expect_len("particle states", state.len(), self.len())?;
+        expect_len("particle forces", out.len(), self.len())?;
+        for (bond, &[i, j]) in self.bonds.iter().zip(&self.pairs) {
+            let (i, j) = (i as usize, j as usize);
+            let (a, b) = bond.wrenches(&self.rigidity, &state[i], &state[j]);
+            out[i].linear += a.linear;
+            out[i].angular += a.angular;
+            out[j].linear += b.linear;
+            out[j].angular += b.angular;
+        }
+        Ok(())
+    }
+
+    /// Elastic energy of all bonds (J).
+    ///
+    /// # Errors
+    /// [`DemError::LengthMismatch`].
+    pub fn energy(&self, state: &[Twist]) -> Result<f64> {
+        expect_len("particle states", state.len(), self.len())?;
+        Ok(self
+            .bonds
+            .iter()
+            .zip(&self.pairs)
+            .map(|(b, &[i, j])| b.energy(&self.rigidity, &state[i as usize], &state[j as usize]))
+            .sum())
+    }
+}
+
+fn sphere_inertia(mass: &[f64], radii: &[f64]) -> Vec<f64> {
+    mass.iter().zip(radii).map(|(m, r)| 0.4 * m * r * r).collect()
+}
+
+/// Refuses an array of the wrong length.
+pub(crate) fn expect_len(what: &'static str, found: usize, expected: usize) -> Result<()> {
+    if found == expected {
+        Ok(())
+    } else {
+        Err(DemError::LengthMismatch {
+            what,
+            found,
+            expected,
+        })
+    }
+}
+
+/// Finite centres, finite positive radii, a bearable ratio of radii, at least one particle.
+pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result<()> {
+    expect_len("radii", radii.len(), positions.len())?;
+    if positions.is_empty() {
+        return Err(DemError::OutOfRange {
+            name: "number of particles",
+            value: 0.0,
+            range: "values >= 1",
+        });
+    }
+    for (i, p) in positions.iter().enumerate() {
+        for c in p.iter() {
+            finite("coordinate", "particle", i, *c)?;
+        }
+    }
+    let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
+    for (particle, &radius) in radii.iter().enumerate() {
+        if !(radius.is_finite() && radius > 0.0) {
+            return Err(DemError::BadRadius { particle, radius });
+        }
+        low = low.min(radius);
+        high = high.max(radius);
+    }
+    // One part in 1e9 above, so that a ratio of exactly the limit passes after rounding.
+    if high > low * MAX_RADIUS_RATIO * (1.0 + 1e-9) {
+        return Err(DemError::RadiusRatio {
+            smallest: low,
+            largest: high,
+            ratio: high / low,
+            limit: MAX_RADIUS_RATIO,
+        });
+    }
+    Ok(())
+}
+
+fn make_bond(bond: usize, [i, j]: [u32; 2], positions: &[Vector3<f64>], radii: &[f64]) -> Result<LinearBond> {
+    let (first, second) = (i as usize, j as usize);
+    let particle = first.max(second);
+    if particle >= positions.len() {
+        return Err(DemError::NoSuchParticle {
+            bond,
+            particle,
+            count: positions.len(),
+        });
+    }
+    let length = (positions[second] - positions[first]).norm();
+    let limit = COINCIDENT * (radii[first] + radii[second]);
+    if first == second {
+        return Err(DemError::ZeroLengthBond {
+            bond,
+            first,
+            second,
+            length,
+            limit,
+        });
+    }
+    if length <= limit {
+        return Err(DemError::CoincidentParticles {
+            first: first.min(second),
+            second: particle,
+            distance: length,
+            limit,
+        });
+    }
+    LinearBond::new(positions[first], positions[second], 1.0)
+}

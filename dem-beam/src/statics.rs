@@ -1,0 +1,251 @@
+//! Static equilibrium of the linear law by preconditioned conjugate gradients.
+//!
+//! `K x = f` with components held at given values; the preconditioner inverts the 6 x 6 block of
+//! each particle. Each particle gathers its own forces and dot products are summed in chunks of
+//! fixed order: the result is bit-identical for any number of threads. Rigid motions that the
+//! supports leave free are harmless as long as the loads do no work on them.
+
+use crate::bond::{LinearBond, Twist};
+use crate::critical::diagonal_blocks;
+use crate::error::{DemError, Result};
+use crate::kernel::Held;
+use crate::particles::{BondedParticles, expect_len};
+use nalgebra::{Matrix6, Vector3, Vector6};
+use rayon::prelude::*;
+
+const CHUNK: usize = 512;
+
+type Six = Vector6<f64>;
+
+/// An equilibrium.
+#[derive(Debug, Clone)]
+pub struct Equilibrium {
+    /// Displacements (m) and rotations (rad).
+    pub displacements: Vec<Twist>,
+    /// Forces (N) and torques (N m) of the supports on the particles; zero where free.
+    pub reactions: Vec<Twist>,
+    /// Iterations of the solver.
+    pub iterations: usize,
+    /// Residual over the first residual, in the energy of the preconditioner.
+    pub residual: f64,
+}
+
+/// Supports and loads of a static problem, one entry per particle.
+#[derive(Debug, Clone)]
+pub struct StaticProblem {
+    /// Held components.
+    pub held: Vec<Held>,
+    /// Value of the held components, and start of the iteration for the others.
+    pub start: Vec<Twist>,
+    /// External forces and torques.
+    pub loads: Vec<Twist>,
+}
+
+impl StaticProblem {
+    /// Nothing held, nothing loaded.
+    #[must_use]
+    pub fn free(count: usize) -> Self {
+        Self {
+            held: vec![Held::default(); count],
+            start: vec![Twist::zero(); count],
+            loads: vec![Twist::zero(); count],
+        }
+    }
+
+    /// Solves to a relative residual of `tolerance`, in at most `limit` iterations.
+    ///
+    /// # Errors
+    /// [`DemError::LengthMismatch`], [`DemError::NoConvergence`].
+    pub fn solve(&self, body: &BondedParticles, tolerance: f64, limit: usize) -> Result<Equilibrium> {
+        expect_len("supports", self.held.len(), body.len())?;
+        expect_len("start", self.start.len(), body.len())?;
+        expect_len("loads", self.loads.len(), body.len())?;
+        let system = System::new(body, &self.held);
+        let loads: Vec<Six> = self.loads.iter().map(join).collect();
+        let mut x: Vec<Six> = self.start.iter().map(join).collect();
+        let (iterations, residual) = system.conjugate_gradients(&loads, &mut x, tolerance, limit);
+        let converged = residual <= tolerance;
+        if !converged {
+            return Err(DemError::NoConvergence {
+                what: "static solve",
+                iterations,
+                residual,
+                tolerance,
+            });
+        }
+        let mut pull = vec![Six::zeros(); x.len()];
+        system.stiffness(&x, &mut pull);
+        let reactions = pull
+            .iter()
+            .zip(&loads)
+            .zip(&system.free)
+            .map(|((k, f), free)| split(&(k - f).component_mul(&free.map(|f| 1.0 - f))))
+            .collect();
+        let displacements = x.iter().map(split).collect();
+        Ok(Equilibrium {
+            displacements,
+            reactions,
+            iterations,
+            residual,
+        })
+    }
+}
+
+fn join(t: &Twist) -> Six {
+    Six::new(
+        t.linear.x,
+        t.linear.y,
+        t.linear.z,
+        t.angular.x,
+        t.angular.y,
+        t.angular.z,
+    )
+}
+
+fn split(x: &Six) -> Twist {
+    Twist {
+        linear: Vector3::new(x[0], x[1], x[2]),
+        angular: Vector3::new(x[3], x[4], x[5]),
+    }
+}
+
+struct System<'a> {
+    body: &'a BondedParticles,
+    start: Vec<u32>,
+    ends: Vec<(u32, LinearBond)>,
+    free: Vec<Six>,
+    inverse: Vec<Matrix6<f64>>,
+}
+
+impl<'a> System<'a> {
+    fn new(body: &'a BondedParticles, held: &[Held]) -> Self {
+        let mut start = vec![0_u32; body.len() + 1];
+        for e in body.pairs().iter().flatten() {
+            start[*e as usize + 1] += 1;
+        }
+        for i in 0..body.len() {
+            start[i + 1] += start[i];
+        }
+        let mut next = start.clone();
+        let blank = LinearBond {
+            axis: Vector3::zeros(),
+            scale: 0.0,
+        };
+        let mut ends = vec![(0, blank); 2 * body.pairs().len()];
+        for (bond, &[i, j]) in body.bonds().iter().zip(body.pairs()) {
+            for (a, o, b) in [(i, j, *bond), (j, i, bond.reversed())] {
+                ends[next[a as usize] as usize] = (o, b);
+                next[a as usize] += 1;
+            }
+        }
+        let one = |h: bool| if h { 0.0 } else { 1.0 };
+        let free: Vec<Six> = held
+            .iter()
+            .map(|h| {
+                let (l, a) = (h.linear.map(one), h.angular.map(one));
+                Six::new(l[0], l[1], l[2], a[0], a[1], a[2])
+            })
+            .collect();
+        let inverse = diagonal_blocks(body)
+            .into_iter()
+            .zip(&free)
+            .map(|(k, free)| {
+                // Held rows and columns become those of the unit matrix.
+                let mask = free * free.transpose();
+                let held = Matrix6::from_diagonal(&free.map(|f| 1.0 - f));
+                let k = k.component_mul(&mask) + held * k.diagonal().max();
+                k.try_inverse()
+                    .unwrap_or_else(Matrix6::identity)
+                    .component_mul(&mask)
+            })
+            .collect();
+        Self {
+            body,
+            start,
+            ends,
+            free,
+            inverse,
+        }
+    }
+
+    /// `out = K x`, all components.
+    fn stiffness(&self, x: &[Six], out: &mut [Six]) {
+        let k = self.body.rigidity();
+        out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, out)| {
+            for (r, out) in out.iter_mut().enumerate() {
+                let p = c * CHUNK + r;
+                let own = split(&x[p]);
+                let mut f = Twist::zero();
+                for (other, bond) in &self.ends[self.start[p] as usize..self.start[p + 1] as usize] {
+                    let (g, _) = bond.wrenches(k, &own, &split(&x[*other as usize]));
+                    f.linear += g.linear;
+                    f.angular += g.angular;
+                }
+                *out = -join(&f);
+            }
+        });
+    }
+
+    /// Solves in place; returns iterations and relative residual.
+    fn conjugate_gradients(
+        &self,
+        loads: &[Six],
+        x: &mut [Six],
+        tolerance: f64,
+        limit: usize,
+    ) -> (usize, f64) {
+        let n = x.len();
+        let mut q = vec![Six::zeros(); n];
+        self.stiffness(x, &mut q);
+        let mut r: Vec<Six> = (0..n)
+            .map(|i| (loads[i] - q[i]).component_mul(&self.free[i]))
+            .collect();
+        let mut z: Vec<Six> = r.iter().zip(&self.inverse).map(|(r, k)| k * r).collect();
+        let mut p = z.clone();
+        let mut rho = ordered_dot(&r, &z);
+        let first = rho;
+        if first <= 0.0 {
+            return (0, 0.0);
+        }
+        for step in 0..limit {
+            let residual = (rho / first).sqrt();
+            if residual <= tolerance {
+                return (step, residual);
+            }
+            self.stiffness(&p, &mut q);
+            q.iter_mut()
+                .zip(&self.free)
+                .for_each(|(q, f)| q.component_mul_assign(f));
+            let alpha = rho / ordered_dot(&p, &q);
+            let update = x.par_chunks_mut(CHUNK).zip(r.par_chunks_mut(CHUNK));
+            let update = update.zip(z.par_chunks_mut(CHUNK)).zip(p.par_chunks(CHUNK));
+            let update = update
+                .zip(q.par_chunks(CHUNK))
+                .zip(self.inverse.par_chunks(CHUNK));
+            update.for_each(|(((((x, r), z), p), q), inverse)| {
+                for i in 0..x.len() {
+                    x[i] += p[i] * alpha;
+                    r[i] -= q[i] * alpha;
+                    z[i] = inverse[i] * r[i];
+                }
+            });
+            let next = ordered_dot(&r, &z);
+            let beta = next / rho;
+            rho = next;
+            p.par_chunks_mut(CHUNK)
+                .zip(z.par_chunks(CHUNK))
+                .for_each(|(p, z)| p.iter_mut().zip(z).for_each(|(p, z)| *p = z + *p * beta));
+        }
+        (limit, (rho / first).sqrt())
+    }
+}
+
+/// Dot product whose order of summation does not depend on the threads.
+fn ordered_dot(a: &[Six], b: &[Six]) -> f64 {
+    let parts: Vec<f64> = a
+        .par_chunks(CHUNK)
+        .zip(b.par_chunks(CHUNK))
+        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum())
+        .collect();
+    parts.iter().sum()
+}

@@ -1,0 +1,39 @@
+//! The internal forces of a model allocate nothing.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use arlequin_core::Model;
+use dem_beam::packing::{Lattice, lattice};
+use dem_beam::{BeamMaterial, DemModel};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+use std::alloc::System;
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+/// On one thread for a small model, and on the threads of the pool that the caller is in for a large
+/// one. (From outside the pool, handing work over allocates a few hundred bytes every 60 calls or so.)
+#[test]
+fn forces_do_not_allocate() {
+    for (cells, threads) in [(6, 1), (14, 1), (14, 2)] {
+        let cube = lattice(Lattice::BodyCentred, [cells; 3], 1e-4).unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        for finite in [false, true] {
+            let mut m = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+            if finite {
+                m = m.with_finite_rotations();
+            }
+            let n = m.layout().dofs();
+            let (q, mut f) = (vec![1e-7; n], vec![0.0; n]);
+            let bytes = pool.install(|| {
+                (0..200).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap());
+                let region = Region::new(ALLOCATOR);
+                (0..100).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap());
+                region.change().bytes_allocated
+            });
+            assert_eq!(bytes, 0, "{cells} cells, {threads} threads, finite {finite}");
+        }
+    }
+}

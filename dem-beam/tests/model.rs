@@ -1,0 +1,385 @@
+//! The model behind the coupling traits: conformance, weights, threads, a run of the core alone.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use arlequin_core::coupled::Guard;
+use arlequin_core::observer::Silent;
+use arlequin_core::weight::{Uniform, Weight};
+use arlequin_core::{
+    CoarseModel, Coupled, FineModel, Model, Subdomain, TimeStep, Weighting, Weights, conformance,
+};
+use dem_beam::packing::{Lattice, lattice};
+use dem_beam::{BeamMaterial, Container, DemModel, LoadShare, Packing, PackingSpec, Twist, critical};
+use nalgebra::{Point3, Rotation3, Vector3};
+use std::sync::OnceLock;
+
+fn packing() -> &'static Packing {
+    static P: OnceLock<Packing> = OnceLock::new();
+    P.get_or_init(|| {
+        PackingSpec::quench(Container::cylinder(6e-3, 1e-3).unwrap(), 1200, 3)
+            .build()
+            .unwrap()
+    })
+}
+
+fn model() -> DemModel {
+    DemModel::new("bar", packing(), BeamMaterial::SILICA, 2200.0).unwrap()
+}
+
+/// From 1 to `low` between x = 2.8 and 3.2 mm: two to three particles.
+#[derive(Debug)]
+struct Steep {
+    low: f64,
+}
+
+impl Weight<f64> for Steep {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        let s = ((x.x - 2.8e-3) / 0.4e-3).clamp(0.0, 1.0);
+        1.0 - (1.0 - self.low) * s
+    }
+}
+
+/// Deterministic noise in [-1, 1].
+fn noise(i: usize) -> f64 {
+    let mut z = (i as u64)
+        .wrapping_add(0x9e37_79b9)
+        .wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) as f64 / u64::MAX as f64) * 2.0 - 1.0
+}
+
+/// Random displacements (m) and rotations (rad).
+fn random(model: &DemModel, linear: f64, angular: f64) -> Vec<f64> {
+    let half = model.layout().translations();
+    (0..2 * half)
+        .map(|i| noise(i) * if i < half { linear } else { angular })
+        .collect()
+}
+
+fn forces(model: &mut DemModel, q: &[f64]) -> Vec<f64> {
+    let mut f = vec![0.0; q.len()];
+    model.add_internal_forces(q, &mut f).unwrap();
+    f
+}
+
+#[test]
+fn conformance_of_the_linear_law() {
+    let mut m = model();
+    assert!(conformance::rigid_forces(&mut m).unwrap() < 1e-12);
+    let a = conformance::forces_derive_from_energy(&mut m, 1e-7).unwrap();
+    assert!(a < 1e-8, "{a}");
+    let volume = packing().volume;
+    assert!(conformance::mass(&m, 2200.0 * volume).unwrap() < 1e-12);
+    assert!(conformance::symmetric_forces(&mut m, 1e-6).unwrap() < 1e-12);
+    m.set_internal_weight(&Steep { low: 0.01 }, Weighting::Energy)
+        .unwrap();
+    assert!(conformance::rigid_forces(&mut m).unwrap() < 1e-12);
+    assert!(conformance::forces_derive_from_energy(&mut m, 1e-7).unwrap() < 1e-8);
+    assert!(conformance::symmetric_forces(&mut m, 1e-6).unwrap() < 1e-12);
+}
+
+#[test]
+fn finite_rotations_derive_from_energy_at_any_size() {
+    let mut m = model().with_finite_rotations();
+    assert!(m.as_linear().is_none() && m.has_finite_rotations());
+    m.set_internal_weight(&Steep { low: 0.1 }, Weighting::Energy)
+        .unwrap();
+    for (u, turn) in [(1e-6, 0.05), (2e-5, 0.7), (5e-5, 2.0)] {
+        let mut q = random(&m, u, turn);
+        let f = forces(&mut m, &q);
+        let half = m.layout().translations();
+        for (range, step) in [(0..half, 1e-10), (half..2 * half, 1e-6)] {
+            let scale = f[range.clone()].iter().fold(0.0_f64, |a, f| a.max(f.abs()));
+            for i in range.step_by(97) {
+                let keep = q[i];
+                q[i] = keep + step;
+                let up = m.internal_energy(&q);
+                q[i] = keep - step;
+                let down = m.internal_energy(&q);
+                q[i] = keep;
+                let defect = ((up - down) / (2.0 * step) + f[i]).abs() / scale;
+                assert!(defect < 1e-4, "{u} {turn} {i}: {defect}");
+            }
+        }
+    }
+}
+
+#[test]
+fn finite_law_ignores_rigid_motions_and_is_linear_for_small_ones() {
+    let mut m = model().with_finite_rotations();
+    let turn = Vector3::new(0.9, -0.4, 1.7);
+    let rotation = Rotation3::from_scaled_axis(turn);
+    let mut q: Vec<f64> = Vec::new();
+    for x in m.nodes() {
+        let u = rotation * x.coords - x.coords + Vector3::new(1e-3, 2e-3, -3e-3);
+        q.extend(u.iter());
+    }
+    (0..m.nodes().len()).for_each(|_| q.extend(turn.iter()));
+    let rigid = forces(&mut m, &q).iter().fold(0.0_f64, |a, f| a.max(f.abs()));
+    let small = random(&m, 1e-12, 1e-8);
+    let finite = forces(&mut m, &small);
+    let linear = forces(&mut model(), &small);
+    let half = finite.len() / 2;
+    for r in [0..half, half..2 * half] {
+        let scale = linear[r.clone()].iter().fold(0.0_f64, |a, f| a.max(f.abs()));
+        let worst = r.map(|i| (finite[i] - linear[i]).abs()).fold(0.0, f64::max);
+        assert!(worst < 1e-6 * scale, "{worst} of {scale}");
+    }
+    // Against the force of a rotation of 1e-3 rad per particle.
+    let some = random(&m, 0.0, 1e-3);
+    let scale = forces(&mut m, &some).iter().fold(0.0_f64, |a, f| a.max(f.abs()));
+    assert!(rigid < 1e-10 * scale, "{rigid} of {scale}");
+    q[3 * m.nodes().len() + 7] = 6.5;
+    let mut f = vec![0.0; q.len()];
+    let text = m.add_internal_forces(&q, &mut f).unwrap_err().to_string();
+    assert!(
+        text.contains("model 'bar'") && text.contains("particle 2 has turned"),
+        "{text}"
+    );
+}
+
+#[test]
+fn forces_equal_bare_bonds_in_the_packing_numbers() {
+    for weighting in [Weighting::Energy, Weighting::Nodal] {
+        let mut m = model();
+        let steep = Steep { low: 0.05 };
+        m.set_internal_weight(&steep, weighting).unwrap();
+        let q = random(&m, 1e-7, 1e-3);
+        let f = forces(&mut m, &q);
+        let n = m.nodes().len();
+        let mut body = packing().bonded(BeamMaterial::SILICA, 2200.0).unwrap();
+        if weighting == Weighting::Energy {
+            let mean = |&[i, j]: &[u32; 2]| {
+                let [a, b] = [i, j].map(|i| Point3::from(body.positions()[i as usize]));
+                steep.mean(&arlequin_core::geometry::Cell::Segment {
+                    ends: [a, b],
+                    section: 1.0,
+                })
+            };
+            let means: Vec<f64> = body.pairs().iter().map(mean).collect();
+            body.set_weights(&means).unwrap();
+        }
+        let three = |x: &[f64], i: usize| Vector3::new(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+        let state: Vec<Twist> = m
+            .places()
+            .iter()
+            .map(|&p| Twist {
+                linear: three(&q, p as usize),
+                angular: three(&q, n + p as usize),
+            })
+            .collect();
+        let mut plain = vec![Twist::zero(); n];
+        body.add_forces(&state, &mut plain).unwrap();
+        let size = |g: &dyn Fn(&Twist) -> f64| plain.iter().map(g).fold(0.0, f64::max);
+        let (a, b) = (size(&|t| t.linear.norm()), size(&|t| t.angular.norm()));
+        for (i, t) in plain.iter().enumerate() {
+            let p = m.places()[i] as usize;
+            assert!(m.order()[p] as usize == i);
+            let w = if weighting == Weighting::Nodal {
+                steep.at(&m.nodes()[p])
+            } else {
+                1.0
+            };
+            assert!((three(&f, p) - t.linear * w).norm() < 1e-12 * a);
+            assert!((three(&f, n + p) - t.angular * w).norm() < 1e-12 * b);
+        }
+    }
+}
+
+#[test]
+fn stiffness_matrix_is_minus_the_forces() {
+    let mut m = model();
+    m.set_internal_weight(&Steep { low: 0.2 }, Weighting::Energy)
+        .unwrap();
+    let q = random(&m, 1e-7, 1e-3);
+    let f = forces(&mut m, &q);
+    let k = m.as_linear().unwrap().stiffness();
+    let kq = product(&k, &q);
+    let scale = f.iter().fold(0.0_f64, |a, f| a.max(f.abs()));
+    for (f, k) in f.iter().zip(&kq) {
+        assert!((f + k).abs() < 1e-12 * scale);
+    }
+    let energy = 0.5 * q.iter().zip(&kq).map(|(a, b)| a * b).sum::<f64>();
+    assert!((energy / m.internal_energy(&q) - 1.0).abs() < 1e-12);
+    m.set_internal_weight(&Steep { low: 0.2 }, Weighting::Nodal)
+        .unwrap();
+    assert!(m.as_linear().is_none());
+}
+
+/// The critical step of the weighted body against that of the unweighted one: the same for weights
+/// down to 0.1 across two particles. Below that a particle held by one heavy bond among light ones
+/// loses the averaging over its bonds, and up to 11 % of the step; the core measures the step of the
+/// weighted model anyway.
+#[test]
+fn steep_weights_leave_the_critical_step() {
+    let mut m = model();
+    let step = |m: &mut DemModel, w: &dyn Weight<f64>, mode| {
+        m.set_internal_weight(w, mode).unwrap();
+        let mut inertia = vec![0.0; m.layout().dofs()];
+        m.lumped_inertia(w, mode, &mut inertia).unwrap();
+        let inverse: Vec<f64> = inertia.iter().map(|m| 1.0 / m).collect();
+        m.critical_step(&inverse).unwrap()
+    };
+    let alone = step(&mut m, &Uniform(1.0), Weighting::Energy);
+    let body = packing().bonded(BeamMaterial::SILICA, 2200.0).unwrap();
+    let lanczos = critical::lanczos(&body, 80).unwrap();
+    assert!((alone / lanczos - 1.0).abs() < 1e-4, "{alone} {lanczos}");
+    for (low, least) in [
+        (0.5, 0.9999),
+        (0.1, 0.999),
+        (0.05, 0.98),
+        (0.01, 0.9),
+        (1e-4, 0.87),
+    ] {
+        let steep = step(&mut m, &Steep { low }, Weighting::Energy);
+        assert!(steep > least * alone, "low {low}: {}", steep / alone);
+    }
+    let nodal = step(&mut m, &Steep { low: 0.01 }, Weighting::Nodal);
+    assert!((nodal / alone - 1.0).abs() < 1e-3, "{}", nodal / alone);
+}
+
+#[test]
+fn same_bits_for_any_thread_count() {
+    // Above the size from which a second thread is used.
+    let cube = lattice(Lattice::BodyCentred, [14, 14, 14], 1e-4).unwrap();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            let small = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+            let finite = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+            let mut bits = Vec::new();
+            for mut m in [small, finite.with_finite_rotations()] {
+                let q = random(&m, 1e-6, 0.1);
+                bits.extend(forces(&mut m, &q).iter().map(|f| f.to_bits()));
+                bits.push(m.internal_energy(&q).to_bits());
+            }
+            bits
+        })
+    };
+    let one = run(1);
+    assert!(one == run(2) && one == run(8));
+}
+
+/// One subdomain without interface at 0.9 of the critical step: the invariant of the core.
+#[test]
+fn invariant_does_not_drift_over_1e5_steps() {
+    let cube = lattice(Lattice::BodyCentred, [4, 4, 4], 1e-4).unwrap();
+    let m = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+    let v = random(&m, 1.0, 1e3);
+    let zero = vec![0.0; v.len()];
+    let s = Subdomain::fine(m, Weights::uncoupled())
+        .with_initial(zero, v)
+        .unwrap();
+    let guard = Guard {
+        interval: 100,
+        growth: 0.05,
+    };
+    let mut run = Coupled::new(vec![s], Vec::new(), TimeStep::Fraction(0.9), Some(guard)).unwrap();
+    run.run(100_000, &mut Silent).unwrap();
+    assert!(run.drift() <= 1e-9, "{:e}", run.drift());
+}
+
+#[test]
+fn finite_rotations_conserve_energy_in_the_core() {
+    let cube = lattice(Lattice::BodyCentred, [4, 4, 4], 1e-4).unwrap();
+    let m = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0)
+        .unwrap()
+        .with_finite_rotations();
+    let mut v = random(&m, 1.0, 0.0);
+    let n = m.nodes().len();
+    for (i, x) in m.nodes().iter().enumerate() {
+        let spin = Vector3::new(0.0, 0.0, 2e4);
+        let u = spin.cross(&x.coords);
+        (0..3).for_each(|c| v[3 * i + c] += u[c]);
+        (0..3).for_each(|c| v[3 * (n + i) + c] += spin[c]);
+    }
+    let zero = vec![0.0; v.len()];
+    let s = Subdomain::coarse(m, Weights::uncoupled())
+        .with_initial(zero, v)
+        .unwrap();
+    let mut run = Coupled::new(vec![s], Vec::new(), TimeStep::Fraction(0.3), None).unwrap();
+    let begin = run.momentum();
+    let steps = (4.0 / 2e4 / run.dt()) as usize;
+    run.run(steps, &mut Silent).unwrap();
+    assert!(run.drift() < 1e-3, "{:e}", run.drift());
+    let end = run.momentum();
+    assert!((end[0] - begin[0]).norm() < 1e-10 * begin[0].norm());
+}
+
+/// The coupling sees displacements only: rotations lie behind them and have no shape functions.
+#[test]
+fn rotations_are_not_coupled() {
+    let m = model();
+    let l = m.layout();
+    assert_eq!(
+        (l.components, l.rotations, l.translations()),
+        (3, 3 * l.nodes, 3 * l.nodes)
+    );
+    for field in [m.fine_field(), m.coarse_field()] {
+        assert_eq!((field.nodes().len(), field.kind()), (l.nodes, "particle"));
+        let samples = field.samples().unwrap();
+        let total: f64 = samples.iter().map(|s| s.measure).sum();
+        assert!((total / packing().volume - 1.0).abs() < 1e-12);
+    }
+    // A free rotation of one particle pushes its neighbours, an equal one of all does not stretch.
+    let mut m = m;
+    let mut q = vec![0.0; l.dofs()];
+    q[l.translations() + 3] = 1e-3;
+    assert!(
+        forces(&mut m, &q)[..l.translations()]
+            .iter()
+            .any(|f| f.abs() > 0.0)
+    );
+}
+
+#[test]
+fn selections_and_loads() {
+    let m = model();
+    let wall = m.clamp_layer(&Point3::origin(), &Vector3::x());
+    assert!(
+        wall.len() > 20 && wall.iter().all(|&i| m.nodes()[i].x < 0.25e-3),
+        "{}",
+        wall.len()
+    );
+    assert_eq!(m.clamped(&wall).len(), 6 * wall.len());
+    assert_eq!(
+        m.rotations(&[2], [true, false, true]),
+        [m.layout().translations() + 6, m.layout().translations() + 8]
+    );
+    let end = m.select(|x| x.x > 5.7e-3);
+    for share in [LoadShare::Mass, LoadShare::Area] {
+        let load = m.force(&end, Vector3::new(1000.0, 0.0, 0.0), share).unwrap();
+        assert!((load.iter().map(|(_, f)| f).sum::<f64>() - 1000.0).abs() < 1e-9);
+        let load = m.torque(&end, Vector3::new(2.0, -1.0, 0.5), share).unwrap();
+        let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
+        for c in load.chunks(3) {
+            let f = Vector3::new(c[0].1, c[1].1, c[2].1);
+            force += f;
+            moment += m.nodes()[c[0].0 / 3].coords.cross(&f);
+        }
+        assert!(force.norm() < 1e-9 && (moment - Vector3::new(2.0, -1.0, 0.5)).norm() < 1e-12);
+    }
+    let none = m
+        .force(&[], Vector3::x(), LoadShare::Mass)
+        .unwrap_err()
+        .to_string();
+    assert!(none.contains("load on 0 particles"), "{none}");
+    let one = m
+        .torque(&[4], Vector3::x(), LoadShare::Mass)
+        .unwrap_err()
+        .to_string();
+    assert!(one.contains("lie on a line"), "{one}");
+    let text = m.report().to_string();
+    assert!(
+        text.contains("bar: ") && text.contains("packing: coordination 6.2"),
+        "{text}"
+    );
+}
+
+fn product(k: &sprs::CsMat<f64>, q: &[f64]) -> Vec<f64> {
+    k.outer_iterator()
+        .map(|row| row.iter().map(|(c, v)| v * q[c]).sum())
+        .collect()
+}

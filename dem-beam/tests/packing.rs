@@ -1,0 +1,267 @@
+//! Packings: reproducible, complete, with the right elasticity; hard cases have names.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use dem_beam::calibrate::{Bar, inverse, measure, tension_test};
+use dem_beam::packing::{Lattice, lattice, read_csv, write_csv};
+use dem_beam::{BeamMaterial, BondedParticles, Container, DemError, Matter, Packing, PackingSpec, Surface};
+use nalgebra::Vector3;
+
+fn bar_of(length: f64) -> (Container, Bar) {
+    let area = std::f64::consts::PI * 1e-6;
+    (
+        Container::cylinder(length, 1e-3).unwrap(),
+        Bar {
+            start: 0.0,
+            length,
+            area,
+        },
+    )
+}
+
+/// GOAL: E and nu come out with nothing fitted. 5 000 spheres, L 20, D 2 mm, full protocol.
+/// EXPECTED: (77 +- 2.5)e9 Pa, 0.176 +- 0.008.
+#[test]
+fn cylinder_of_5000_has_the_elasticity_of_silica() {
+    let (container, bar) = bar_of(20e-3);
+    let packings: Vec<Packing> = [1, 2]
+        .map(|seed| PackingSpec::new(container.clone(), 5000, seed).build().unwrap())
+        .to_vec();
+    let found = measure(&packings, BeamMaterial::SILICA, &bar).unwrap();
+    assert!((found.young.mean - 77e9).abs() < 2.5e9, "{found:?}");
+    assert!((found.poisson.mean - 0.176).abs() < 0.008, "{found:?}");
+    assert!(
+        (found.young_gauge.mean / found.young.mean - 1.0).abs() < 0.03,
+        "{found:?}"
+    );
+    for p in &packings {
+        let r = &p.report;
+        assert!((r.coordination_all - 6.2).abs() < 1e-3);
+        assert!(
+            r.coordination_interior > 6.5 && r.coordination_interior < 7.2,
+            "{r:?}"
+        );
+        assert!(r.mean_overlap > 3.9e-4 && r.mean_overlap < 6.5e-4, "{r:?}");
+        assert!(
+            r.dropped < 50 && r.volume_fraction > 0.58 && r.volume_fraction < 0.64,
+            "{r:?}"
+        );
+        let body = p.bonded(BeamMaterial::SILICA, 2200.0).unwrap();
+        let mass: f64 = body.mass().iter().sum();
+        assert!((mass / (2200.0 * std::f64::consts::PI * 2e-8) - 1.0).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn inverse_calibration_reaches_its_target() {
+    let (container, bar) = bar_of(8e-3);
+    let packing = PackingSpec::quench(container, 1500, 4).build().unwrap();
+    let found = inverse(&[packing], &bar, 72.5e9, 0.17, 0.3).unwrap();
+    assert!(
+        (found.reached.young.mean / 72.5e9 - 1.0).abs() < 1e-6,
+        "{found:?}"
+    );
+    assert!((found.reached.poisson.mean - 0.17).abs() < 1e-4, "{found:?}");
+    assert!((found.beam.radius_ratio - 0.71).abs() < 0.15, "{found:?}");
+}
+
+/// A cube as triangles; the packing fills it and stays inside.
+#[test]
+fn closed_surface_is_filled() {
+    let a = 2e-3;
+    let v: Vec<_> = (0..8)
+        .map(|i| Vector3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64) * a)
+        .collect();
+    let quads = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    let t: Vec<[u32; 3]> = quads
+        .iter()
+        .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
+        .collect();
+    let surface = Surface::new(v.clone(), t.clone()).unwrap();
+    assert!((surface.volume() / (a * a * a) - 1.0).abs() < 1e-12);
+    assert!(surface.contains(&Vector3::repeat(1e-3)) && !surface.contains(&Vector3::new(1e-3, 1e-3, 2.1e-3)));
+    let (gap, n) = surface.nearest(&Vector3::new(1e-3, 1e-4, 1e-3), 1e-3).unwrap();
+    assert!((gap - 1e-4).abs() < 1e-15 && (n - Vector3::y()).norm() < 1e-12);
+    let packing = PackingSpec::quench(Container::Surface(surface), 800, 5)
+        .build()
+        .unwrap();
+    let mean = packing.report.mean_radius;
+    for (x, r) in packing.positions.iter().zip(&packing.radii) {
+        let out = x.iter().map(|c| (r - c).max(c + r - a)).fold(0.0, f64::max);
+        // 800 spheres jam below the quench fraction: walls are pressed in, as in the box.
+        assert!(out < 0.35 * mean, "{out:e} of {mean:e}");
+    }
+    let boxed = Container::cuboid(Vector3::zeros(), Vector3::repeat(a)).unwrap();
+    let twin = PackingSpec::quench(boxed, 800, 5).build().unwrap();
+    assert!((packing.report.mean_radius / twin.report.mean_radius - 1.0).abs() < 1e-2);
+    let (n, m) = (
+        packing.report.coordination_retained,
+        twin.report.coordination_retained,
+    );
+    assert!((n / m - 1.0).abs() < 0.02, "{n} {m}");
+    let open = Surface::new(v.clone(), t[1..].to_vec());
+    assert!(matches!(open, Err(DemError::OpenSurface { count: 1, .. })));
+    let inward: Vec<[u32; 3]> = t.iter().map(|t| [t[0], t[2], t[1]]).collect();
+    assert!(matches!(Surface::new(v, inward), Err(DemError::NoVolume { .. })));
+}
+
+#[test]
+fn reproducible_cached_and_through_csv() {
+    let spec = PackingSpec::quench(bar_of(4e-3).0, 600, 11);
+    let one = spec.build().unwrap();
+    let dir = std::env::temp_dir().join(format!("dem-beam-cache-{}", std::process::id()));
+    let first = spec.build_cached(&dir).unwrap();
+    let file = dir.join(format!("packing-{}.bin", spec.content_hash()));
+    assert!(file.exists() && first == one);
+    assert!(spec.build_cached(&dir).unwrap() == one);
+    // A damaged file is made anew.
+    let mut bytes = std::fs::read(&file).unwrap();
+    let last = bytes.len() - 9;
+    bytes[last] ^= 1;
+    std::fs::write(&file, bytes).unwrap();
+    assert!(spec.build_cached(&dir).unwrap() == one);
+    std::fs::remove_dir_all(&dir).unwrap();
+    let other = PackingSpec {
+        seed: 12,
+        ..spec.clone()
+    };
+    assert!(other.content_hash() != spec.content_hash() && other.build().unwrap() != one);
+    let mut text = Vec::new();
+    write_csv(&mut text, &one.positions, &one.radii).unwrap();
+    let (x, r) = read_csv(&mut text.as_slice()).unwrap();
+    assert!(x == one.positions && r == one.radii);
+    let again = Packing::from_spheres(&spec.container, &x, &r, one.report.coordination_retained).unwrap();
+    assert!(again.pairs == one.pairs);
+    let bad = read_csv(&mut "x,y,z,r\n1,2,3\n".as_bytes());
+    assert!(matches!(bad, Err(DemError::Parse { line: 2, .. })));
+    let nan = read_csv(&mut "0,0,0,1\n1,NaN,3,1\n".as_bytes());
+    assert!(matches!(nan, Err(DemError::NotFinite { index: 1, .. })));
+}
+
+/// Simple cubic in tension: `E = E_mu pi r_b^2/(2r)^2` away from the ends, nu = 0.
+#[test]
+fn cubic_lattice_has_its_textbook_modulus() {
+    let r = 1e-3;
+    let cube = lattice(Lattice::Cubic, [12, 4, 4], r).unwrap();
+    let body = cube.bonded(BeamMaterial::SILICA, 2200.0).unwrap();
+    let bar = Bar {
+        start: -r,
+        length: 24.0 * r,
+        area: 64.0 * r * r,
+    };
+    let found = tension_test(&body, &bar).unwrap();
+    let expected = 265e9 * std::f64::consts::PI * 0.71 * 0.71 / 4.0;
+    assert!((found.young_gauge / expected - 1.0).abs() < 1e-5, "{found:?}");
+    assert!(found.poisson.abs() < 1e-5);
+    assert_eq!(
+        lattice(Lattice::FaceCentred, [3, 3, 3], r).unwrap().radii.len(),
+        108
+    );
+    let bcc = lattice(Lattice::BodyCentred, [6, 6, 6], r).unwrap();
+    assert!(bcc.report.coordination_interior > 7.99);
+}
+
+fn matter() -> Matter {
+    Matter {
+        beam: BeamMaterial::SILICA,
+        density: 2200.0,
+        volume: 1e-9,
+    }
+}
+
+#[test]
+fn hard_cases_have_names() {
+    let two = |x: f64, r: f64| {
+        let p = vec![Vector3::zeros(), Vector3::new(x, 0.0, 0.0)];
+        BondedParticles::new(p, vec![1e-3, r], vec![[0, 1]], &matter())
+    };
+    assert!(two(2e-3, 1e-3).is_ok());
+    assert!(matches!(
+        two(0.0, 1e-3),
+        Err(DemError::CoincidentParticles {
+            first: 0,
+            second: 1,
+            ..
+        })
+    ));
+    assert!(matches!(
+        two(2e-3, 0.0),
+        Err(DemError::BadRadius { particle: 1, .. })
+    ));
+    assert!(matches!(
+        two(f64::NAN, 1e-3),
+        Err(DemError::NotFinite { index: 1, .. })
+    ));
+    assert!(two(1.05e-3, 0.05e-3).is_ok());
+    assert!(matches!(two(1.04e-3, 0.04e-3), Err(DemError::RadiusRatio { .. })));
+    let p: Vec<_> = (0..3).map(|i| Vector3::x() * 2e-3 * f64::from(i)).collect();
+    let with = |pairs: Vec<[u32; 2]>| BondedParticles::new(p.clone(), vec![1e-3; 3], pairs, &matter());
+    assert!(matches!(
+        with(vec![[0, 1]]),
+        Err(DemError::IsolatedParticle {
+            particle: 2,
+            isolated: 1
+        })
+    ));
+    assert!(matches!(
+        with(vec![[0, 1], [1, 1]]),
+        Err(DemError::ZeroLengthBond { bond: 1, .. })
+    ));
+    assert!(matches!(
+        with(vec![[0, 1], [1, 9]]),
+        Err(DemError::NoSuchParticle { particle: 9, .. })
+    ));
+    let wide = Container::cuboid(Vector3::zeros(), Vector3::new(1.0, 1.0, 1e-2)).unwrap();
+    let few = PackingSpec::quench(wide.clone(), 20, 1).build();
+    assert!(matches!(few, Err(DemError::ContainerTooSmall { count: 20, .. })));
+    let out = Packing::from_spheres(
+        &wide,
+        &p.iter().map(|p| p + Vector3::x()).collect::<Vec<_>>(),
+        &[1e-3; 3],
+        1.0,
+    );
+    assert!(matches!(out, Err(DemError::OutsideContainer { .. })), "{out:?}");
+    let twice = Packing::from_spheres(&wide, &[Vector3::repeat(5e-3); 2], &[1e-3; 2], 1.0);
+    assert!(matches!(twice, Err(DemError::CoincidentParticles { .. })));
+    let spec = PackingSpec::quench(bar_of(4e-3).0, 500, 1);
+    assert!(matches!(
+        PackingSpec {
+            coordination: 30.0,
+            ..spec.clone()
+        }
+        .build(),
+        Err(DemError::TooFewPairs { .. })
+    ));
+    assert!(matches!(
+        PackingSpec {
+            coordination: f64::NAN,
+            ..spec.clone()
+        }
+        .build(),
+        Err(DemError::OutOfRange { .. })
+    ));
+    assert!(matches!(
+        PackingSpec {
+            spread: 0.95,
+            ..spec.clone()
+        }
+        .build(),
+        Err(DemError::RadiusRatio { .. })
+    ));
+    // A ratio of 1:20 packs.
+    let polydisperse = PackingSpec {
+        spread: 19.0 / 21.0,
+        ..spec
+    }
+    .build()
+    .unwrap();
+    let [low, high] = polydisperse.report.radius_range;
+    assert!(high / low > 15.0 && polydisperse.radii.len() + polydisperse.report.dropped == 500);
+    assert!(polydisperse.bonded(BeamMaterial::SILICA, 2200.0).is_ok());
+}
