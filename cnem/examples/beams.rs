@@ -16,7 +16,7 @@ mod common;
 
 use beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 use cnem::natural::Kind;
-use cnem::{Options, Stabilisation};
+use cnem::{Forces, Options, Stabilisation};
 
 fn row(options: Options, sizes: [f64; 4]) {
     let shape = cylinder(sizes[0] == 0.0, sizes[1] as usize, sizes[2] as usize, sizes[3]);
@@ -70,7 +70,12 @@ fn main() {
                 } else {
                     Stabilisation::None
                 };
-                row(Options { kind, stabilisation }, sizes);
+                let options = Options {
+                    kind,
+                    stabilisation,
+                    forces: Forces::Assembled,
+                };
+                row(options, sizes);
             }
         }
     }

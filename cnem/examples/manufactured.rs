@@ -15,7 +15,7 @@ use arlequin_core::weight::{Weight, Weighting};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Kind;
-use cnem::{CnemModel, Options, Stabilisation, generate};
+use cnem::{CnemModel, Forces, Options, Stabilisation, generate};
 use common::{mms, silica};
 use nalgebra::Point3;
 use std::time::Instant;
@@ -56,6 +56,7 @@ fn costs(kind: Kind) {
     let meshed = start.elapsed();
     let options = Options {
         kind,
+        forces: Forces::Assembled,
         ..Options::default()
     };
     let mut model = CnemModel::new("cube", domain, silica(), options).unwrap();
@@ -100,7 +101,12 @@ fn main() {
             Stabilisation::SubCells(0.2),
         ] {
             for jitter in [0.0, 0.2] {
-                errors(Options { kind, stabilisation }, jitter);
+                let options = Options {
+                    kind,
+                    stabilisation,
+                    ..Options::default()
+                };
+                errors(options, jitter);
             }
         }
     }

@@ -85,5 +85,5 @@ pub use error::{Error, Result};
 pub use field::{CnemMediator, NaturalField};
 pub use hilbert::spatial_order;
 pub use material::Elastic;
-pub use model::{CnemModel, Options};
+pub use model::{CnemModel, Forces, Options};
 pub use scni::Stabilisation;

@@ -12,21 +12,21 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Nodes per parallel task.
-const CHUNK: usize = 64;
+pub(super) const CHUNK: usize = 64;
 /// Models with fewer nodes run on the calling thread: waking others costs more than it saves.
-const SERIAL: usize = 512;
+pub(super) const SERIAL: usize = 512;
 const NONE: u32 = u32::MAX;
 
 /// Lists per node: `items[starts[i]..starts[i + 1]]`.
 #[derive(Debug, Clone)]
-struct Incidence {
-    starts: Vec<usize>,
-    items: Vec<u32>,
+pub(super) struct Incidence {
+    pub(super) starts: Vec<usize>,
+    pub(super) items: Vec<u32>,
 }
 
 impl Incidence {
     /// Positions at which every node occurs in `lists`, ascending.
-    fn new(nodes: usize, lists: &[u32]) -> Self {
+    pub(super) fn new(nodes: usize, lists: &[u32]) -> Self {
         let mut starts = vec![0; nodes + 1];
         for &k in lists {
             starts[k as usize + 1] += 1;
@@ -43,7 +43,7 @@ impl Incidence {
         Self { starts, items }
     }
 
-    fn of(&self, node: usize) -> &[u32] {
+    pub(super) fn of(&self, node: usize) -> &[u32] {
         &self.items[self.starts[node]..self.starts[node + 1]]
     }
 }

@@ -5,9 +5,11 @@
 //! fields exactly: so a linear displacement field gives the exact gradient in every cell, and the internal forces of a
 //! constant stress are those of its tractions, integrated with the same points on the boundary.
 
+mod free;
 mod matrix;
 mod stabilise;
 
+pub(crate) use free::MatrixFree;
 pub(crate) use matrix::BlockMatrix;
 pub use stabilise::Stabilisation;
 pub(crate) use stabilise::SubCells;

@@ -1,0 +1,278 @@
+//! Internal forces without a stiffness matrix, from the smoothed gradients themselves.
+//!
+//! With `G_I = ∇̃u_I`, `H_T = ∇u_T` and the weights of [`super::stabilise`] the forces are
+//! `f_j = Σ_I S_I b_Ij + Σ_T R_T g_Tj`, where `S_I = α_I [(V_I + W_I) σ(G_I) − Σ_T∋I w_T σ(H_T)]` and
+//! `R_T = w_T Σ_I∈T α_I [σ(H_T) − σ(G_I)]`. Four passes, each of which writes every value once and from its own list in
+//! a fixed order: stresses of the tetrahedra, of the cells, their differences, and the gathering at the nodes through
+//! the transposed rows of `b`. Results have the same bits for any number of threads.
+
+use super::matrix::{CHUNK, Incidence, SERIAL};
+use super::{BlockMatrix, Smoothing, SubCells};
+use crate::material::Elastic;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// A symmetric tensor: xx, yy, zz, yz, xz, xy.
+type Sym = [f64; 6];
+
+/// Sparse rows of vectors: `items[starts[i]..starts[i + 1]]`.
+#[derive(Debug, Clone)]
+struct Rows {
+    starts: Vec<usize>,
+    items: Vec<(u32, [f64; 3])>,
+}
+
+impl Rows {
+    /// The smoothed gradients by cell, without the zeros that the stabilisation added to the pattern.
+    fn cells(smoothing: &Smoothing) -> Self {
+        let mut out = Self {
+            starts: vec![0],
+            items: Vec::new(),
+        };
+        for cell in 0..smoothing.volumes.len() {
+            let (nodes, gradients) = smoothing.row(cell);
+            let row = nodes.iter().zip(gradients).map(|(&k, g)| (k, [g.x, g.y, g.z]));
+            out.items.extend(row.filter(|e| e.1 != [0.0; 3]));
+            out.starts.push(out.items.len());
+        }
+        out
+    }
+
+    /// The same entries by node, cells ascending.
+    fn transposed(&self) -> Self {
+        let columns: Vec<u32> = self.items.iter().map(|e| e.0).collect();
+        let by_node = Incidence::new(self.starts.len() - 1, &columns);
+        let owner = |at: u32| self.starts.partition_point(|&s| s <= at as usize) - 1;
+        let entry = |&at: &u32| (owner(at) as u32, self.items[at as usize].1);
+        Self {
+            items: by_node.items.iter().map(entry).collect(),
+            starts: by_node.starts,
+        }
+    }
+
+    fn of(&self, row: usize) -> &[(u32, [f64; 3])] {
+        &self.items[self.starts[row]..self.starts[row + 1]]
+    }
+}
+
+/// Values computed by every call.
+#[derive(Debug, Clone, Default)]
+struct Buffers {
+    /// `w_T σ(H_T)`, then `R_T` \[N·m\].
+    tets: Vec<Sym>,
+    /// `S_I` and `α_I σ(G_I)`.
+    cells: Vec<[Sym; 2]>,
+}
+
+/// The internal forces of the weighted body, computed from gradients.
+#[derive(Debug, Clone)]
+pub(crate) struct MatrixFree {
+    rows: Rows,
+    columns: Rows,
+    corners: Incidence,
+    lame: [f64; 2],
+    alpha: Vec<f64>,
+    buffers: Buffers,
+}
+
+#[inline]
+fn stress(g: &[f64; 9], [lambda, mu]: [f64; 2]) -> Sym {
+    let (trace, two) = (lambda * (g[0] + g[4] + g[8]), 2.0 * mu);
+    [
+        trace + two * g[0],
+        trace + two * g[4],
+        trace + two * g[8],
+        mu * (g[5] + g[7]),
+        mu * (g[2] + g[6]),
+        mu * (g[1] + g[3]),
+    ]
+}
+
+#[inline]
+fn add_outer(sum: &mut [f64; 9], u: &[f64; 3], b: [f64; 3]) {
+    for r in 0..3 {
+        for c in 0..3 {
+            sum[3 * r + c] += u[r] * b[c];
+        }
+    }
+}
+
+#[inline]
+fn add_traction(f: &mut [f64; 3], s: &Sym, b: [f64; 3]) {
+    f[0] += s[0] * b[0] + s[5] * b[1] + s[4] * b[2];
+    f[1] += s[5] * b[0] + s[1] * b[1] + s[3] * b[2];
+    f[2] += s[4] * b[0] + s[3] * b[1] + s[2] * b[2];
+}
+
+/// `σ(a) : b`.
+fn product(a: &[f64; 9], b: &[f64; 9], lame: [f64; 2]) -> f64 {
+    let s = stress(a, lame);
+    let shear = s[3] * (b[5] + b[7]) + s[4] * (b[2] + b[6]) + s[5] * (b[1] + b[3]);
+    s[0] * b[0] + s[1] * b[4] + s[2] * b[8] + shear
+}
+
+/// Gradient of a tetrahedron, displacements multiplied by `factor`.
+#[inline]
+fn linear(sub: &SubCells, t: usize, q: &[[f64; 3]], factor: impl Fn(usize) -> f64) -> [f64; 9] {
+    let mut out = [0.0; 9];
+    for (&k, g) in sub.tets[t].iter().zip(&sub.gradients[t]) {
+        let k = k as usize;
+        add_outer(&mut out, &q[k].map(|u| u * factor(k)), [g.x, g.y, g.z]);
+    }
+    out
+}
+
+/// Calls `work` for every item, on all threads when there are many. Allocates nothing.
+fn each<T: Send>(items: &mut [T], nodes: usize, work: impl Fn(usize, &mut T) + Sync) {
+    let chunk = |c: usize, items: &mut [T]| {
+        for (k, item) in items.iter_mut().enumerate() {
+            work(c * CHUNK + k, item);
+        }
+    };
+    if nodes < SERIAL {
+        chunk(0, items);
+    } else {
+        items
+            .par_chunks_mut(CHUNK)
+            .enumerate()
+            .for_each(|(c, items)| chunk(c, items));
+    }
+}
+
+impl MatrixFree {
+    /// Forces with the weight `α_I` \[–\] of every cell.
+    pub(crate) fn new(smoothing: &Smoothing, sub: &SubCells, material: &Elastic, alpha: Vec<f64>) -> Self {
+        let rows = Rows::cells(smoothing);
+        Self {
+            columns: rows.transposed(),
+            rows,
+            corners: Incidence::new(alpha.len(), sub.tets.as_flattened()),
+            lame: material.lame(),
+            buffers: Buffers {
+                tets: vec![Sym::default(); sub.tets.len()],
+                cells: vec![[Sym::default(); 2]; alpha.len()],
+            },
+            alpha,
+        }
+    }
+
+    /// Changes the weights \[–\] of the cells.
+    pub(crate) fn set_weights(&mut self, alpha: Vec<f64>) {
+        self.alpha = alpha;
+    }
+
+    /// The same operator, assembled.
+    pub(crate) fn assemble(&self, smoothing: &Smoothing, sub: &SubCells, material: &Elastic) -> BlockMatrix {
+        BlockMatrix::new(smoothing, sub, material, &self.alpha)
+    }
+
+    /// Subtracts `D K q` from `f` \[N\], with an optional factor `D` per node. Allocates nothing.
+    pub(crate) fn subtract_product(
+        &mut self,
+        smoothing: &Smoothing,
+        sub: &SubCells,
+        q: &[f64],
+        factors: Option<&[f64]>,
+        f: &mut [f64],
+    ) {
+        let (q, lame, alpha) = (q.as_chunks::<3>().0, self.lame, &self.alpha);
+        let n = q.len();
+        let Buffers { tets, cells } = &mut self.buffers;
+        each(tets, n, |t, s| {
+            *s = stress(&linear(sub, t, q, |_| 1.0), lame).map(|v| v * sub.weights[t]);
+        });
+        each(cells, n, |i, out| {
+            let s = stress(&gradient(&self.rows, i, q, |_| 1.0), lame);
+            let mut sum = s.map(|v| v * (smoothing.volumes[i] + sub.sums[i]));
+            for &at in self.corners.of(i) {
+                let t = &tets[at as usize / 4];
+                (0..6).for_each(|c| sum[c] -= t[c]);
+            }
+            *out = [sum.map(|v| v * alpha[i]), s.map(|v| v * alpha[i])];
+        });
+        each(tets, n, |t, s| {
+            let (mut share, mut mean) = (0.0, Sym::default());
+            for &i in &sub.tets[t] {
+                share += alpha[i as usize];
+                (0..6).for_each(|c| mean[c] += cells[i as usize][1][c]);
+            }
+            (0..6).for_each(|c| s[c] = share * s[c] - sub.weights[t] * mean[c]);
+        });
+        each(f.as_chunks_mut::<3>().0, n, |j, f| {
+            let mut y = [0.0; 3];
+            for &(i, b) in self.columns.of(j) {
+                add_traction(&mut y, &cells[i as usize][0], b);
+            }
+            for &at in self.corners.of(j) {
+                let (t, corner) = (at as usize / 4, at as usize % 4);
+                let g = &sub.gradients[t][corner];
+                add_traction(&mut y, &tets[t], [g.x, g.y, g.z]);
+            }
+            let d = factors.map_or(1.0, |d| d[j]);
+            (0..3).for_each(|a| f[a] -= y[a] * d);
+        });
+    }
+
+    /// `½ qᵀ D K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
+    pub(crate) fn energy(
+        &self,
+        smoothing: &Smoothing,
+        sub: &SubCells,
+        q: &[f64],
+        factors: Option<&[f64]>,
+    ) -> f64 {
+        let q = q.as_chunks::<3>().0;
+        let cell = |i: usize| match factors {
+            None => self.cell_energy(smoothing, sub, q, i, |_| 1.0),
+            Some(d) => self.cell_energy(smoothing, sub, q, i, |k| d[k]),
+        };
+        0.5 * tree(0..q.len(), &cell)
+    }
+
+    /// `α_I [V_I σ(G_I) : G_I + Σ_T∋I w_T σ(G_I − H_T) : (G_I − H_T)]`, the second factors with displacements `D q`.
+    fn cell_energy(
+        &self,
+        smoothing: &Smoothing,
+        sub: &SubCells,
+        q: &[[f64; 3]],
+        i: usize,
+        d: impl Fn(usize) -> f64 + Copy,
+    ) -> f64 {
+        let g = gradient(&self.rows, i, q, |_| 1.0);
+        let gd = gradient(&self.rows, i, q, d);
+        let mut sum = smoothing.volumes[i] * product(&g, &gd, self.lame);
+        for &at in self.corners.of(i) {
+            let t = at as usize / 4;
+            let (mut h, mut hd) = (linear(sub, t, q, |_| 1.0), linear(sub, t, q, d));
+            (0..9).for_each(|c| (h[c], hd[c]) = (g[c] - h[c], gd[c] - hd[c]));
+            sum += sub.weights[t] * product(&h, &hd, self.lame);
+        }
+        sum * self.alpha[i]
+    }
+}
+
+/// Smoothed gradient of a cell, displacements multiplied by `factor`.
+#[inline]
+fn gradient(rows: &Rows, cell: usize, q: &[[f64; 3]], factor: impl Fn(usize) -> f64) -> [f64; 9] {
+    let mut out = [0.0; 9];
+    for &(k, b) in rows.of(cell) {
+        let k = k as usize;
+        add_outer(&mut out, &q[k].map(|u| u * factor(k)), b);
+    }
+    out
+}
+
+/// Sums over a fixed tree.
+fn tree(range: Range<usize>, value: &(impl Fn(usize) -> f64 + Sync)) -> f64 {
+    if range.len() <= CHUNK {
+        return range.map(value).sum();
+    }
+    let middle = range.start + range.len() / 2;
+    let (low, high) = (range.start..middle, middle..range.end);
+    let (a, b) = if range.len() < SERIAL {
+        (tree(low, value), tree(high, value))
+    } else {
+        rayon::join(|| tree(low, value), || tree(high, value))
+    };
+    a + b
+}

@@ -1,0 +1,106 @@
+//! Internal forces without a matrix: the same as those of the assembled one, with the same bits for any number of threads.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use arlequin_core::geometry::Cell;
+use arlequin_core::model::{LinearModel, Model};
+use arlequin_core::weight::{Weight, Weighting};
+use cnem::generate::Cylinder;
+use cnem::natural::Kind;
+use cnem::{CnemModel, Forces, Options, Stabilisation};
+use common::{block, largest, noise, silica};
+use nalgebra::{Point3, center};
+
+/// Any value per cell will do here.
+struct Wave;
+impl Weight<f64> for Wave {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        0.5 + 0.4 * (3.0 * x.x + 2.0 * x.y).sin()
+    }
+    fn mean(&self, cell: &Cell<f64>) -> f64 {
+        let [low, high] = cell.bounds();
+        self.at(&center(&low, &high))
+    }
+}
+
+fn displacements(model: &CnemModel) -> Vec<f64> {
+    let mut next = noise(3);
+    (0..model.layout().dofs()).map(|_| 1e-3 * next()).collect()
+}
+
+/// Forces, added to numbers already there, and the energy.
+fn evaluate(model: &mut CnemModel) -> (Vec<f64>, f64) {
+    let q = displacements(model);
+    let mut f = vec![1.0; q.len()];
+    model.add_internal_forces(&q, &mut f).unwrap();
+    (f, model.internal_energy(&q))
+}
+
+#[test]
+fn both_computations_agree() {
+    // An L, with nodes off the grid.
+    let domain = block([4, 4, 3], 0.25, 0.2, 9, |i, j, _| i < 2 || j < 2);
+    for kind in [Kind::Sibson, Kind::Laplace] {
+        for stabilisation in [Stabilisation::None, Stabilisation::default()] {
+            let make = |forces| {
+                let options = Options {
+                    kind,
+                    stabilisation,
+                    forces,
+                };
+                CnemModel::new("L", domain.clone(), silica(), options).unwrap()
+            };
+            let (mut a, mut b) = (make(Forces::Assembled), make(Forces::MatrixFree));
+            assert!(a.stored_blocks() > 0 && b.stored_blocks() == 0);
+            for weighting in [None, Some(Weighting::Energy), Some(Weighting::Nodal)] {
+                if let Some(w) = weighting {
+                    a.set_internal_weight(&Wave, w).unwrap();
+                    b.set_internal_weight(&Wave, w).unwrap();
+                }
+                let ((fa, ea), (fb, eb)) = (evaluate(&mut a), evaluate(&mut b));
+                let difference: Vec<f64> = fa.iter().zip(&fb).map(|(a, b)| a - b).collect();
+                let error = largest(&difference) / largest(&fa);
+                assert!(
+                    error < 1e-12,
+                    "{kind:?} {stabilisation:?} {weighting:?}: {error:e}"
+                );
+                let error = (ea / eb - 1.0).abs();
+                assert!(
+                    error < 1e-12,
+                    "{kind:?} {stabilisation:?} {weighting:?}: {error:e}"
+                );
+                assert_eq!(a.stiffness(), b.stiffness());
+                // Nothing is left over from the call before.
+                assert_eq!(evaluate(&mut b), (fb, eb));
+            }
+        }
+    }
+}
+
+#[test]
+fn same_bits_for_any_number_of_threads() {
+    let shape = Cylinder {
+        jitter: 0.2,
+        ..Cylinder::with_spacing([0.0, 8e-3], 1e-3, 0.3e-3).unwrap()
+    };
+    let domain = shape.domain().unwrap();
+    assert!(domain.nodes().len() > 600, "large enough for threads");
+    for forces in [Forces::Assembled, Forces::MatrixFree] {
+        let options = Options {
+            forces,
+            ..Options::default()
+        };
+        let mut model = CnemModel::new("beam", domain.clone(), silica(), options).unwrap();
+        for weighting in [Weighting::Energy, Weighting::Nodal] {
+            model.set_internal_weight(&Wave, weighting).unwrap();
+            let results = [1, 2, 3].map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+                let (f, e) = pool.unwrap().install(|| evaluate(&mut model));
+                (f.iter().map(|x| x.to_bits()).collect::<Vec<_>>(), e.to_bits())
+            });
+            assert_eq!(results[0], results[1]);
+            assert_eq!(results[0], results[2]);
+        }
+    }
+}
