@@ -83,6 +83,7 @@ fn options(table: &CnemTable) -> Options {
             Some(0.0) => Stabilisation::None,
             Some(a) => Stabilisation::SubCells(a),
         },
+        ..default
     }
 }
 
