@@ -32,7 +32,8 @@ impl Rows {
         for cell in 0..smoothing.volumes.len() {
             let (nodes, gradients) = smoothing.row(cell);
             let row = nodes.iter().zip(gradients).map(|(&k, g)| (k, [g.x, g.y, g.z]));
-            out.items.extend(row.filter(|e| e.1.iter().any(|g| g.abs() > 0.0)));
+            out.items
+                .extend(row.filter(|e| e.1.iter().any(|g| g.abs() > 0.0)));
             out.starts.push(out.items.len());
         }
         out
