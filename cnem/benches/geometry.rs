@@ -1,5 +1,5 @@
 //! Seconds for the Delaunay tetrahedralisation and the Voronoi cells; shape functions per second (divan's item rate).
-//! Where Qhull is installed through SciPy, the ratio to `scipy.spatial.Delaunay` on the same points is printed first.
+//! Where Qhull is installed through `SciPy`, the ratio to `scipy.spatial.Delaunay` on the same points is printed first.
 //! Run with `cargo bench -p cnem --bench geometry`.
 
 use cnem::constraint::Surface;
