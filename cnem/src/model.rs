@@ -28,9 +28,9 @@ use std::sync::Arc;
 
 /// How internal forces are computed. The results agree to round-off, and each has the same bits for any number of threads.
 ///
-/// Measured on 9027 nodes with Laplace functions, one call on one thread (`benches/forces.rs`, on a busy machine of two
-/// cores where a second thread gained nothing): 12.9 ms assembled, with or without stabilisation; 4.9 ms without a matrix,
-/// 1.8 ms without stabilisation either. The matrix is read from memory once per call, the gradients are a fraction of it.
+/// Measured on 9027 nodes with Laplace functions, one call on one thread of a busy machine (`benches/forces.rs`): 12.9 ms
+/// assembled, with or without stabilisation; 4.9 ms without a matrix, 1.8 ms without stabilisation either. With two threads
+/// of an idle one: 6.8, 2.5 and 0.9 ms. The matrix is read from memory once per call, the gradients are a fraction of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Forces {
     /// Product with an assembled matrix of 3 × 3 blocks.
