@@ -140,6 +140,28 @@ pub enum DemError {
         /// Largest accepted depth (m).
         limit: f64,
     },
+    /// A periodic box in which a sphere would meet its own image.
+    #[error(
+        "the periodic box has an edge of {shortest:e} m, below {limit:e} m (twelve largest radii): ask for more \
+         particles"
+    )]
+    PeriodTooShort {
+        /// Shortest edge (m).
+        shortest: f64,
+        /// Shortest accepted edge (m).
+        limit: f64,
+    },
+    /// A periodic packing where a body with a surface is needed.
+    #[error(
+        "{what} cannot be made of a periodic packing, whose bonds join images: pack a container with walls"
+    )]
+    Periodic {
+        /// What was wanted.
+        what: &'static str,
+    },
+    /// A packing with walls where a periodic one is needed.
+    #[error("bulk elasticity needs a periodic packing: make it in `Container::periodic`")]
+    NotPeriodic,
     /// A triangle surface that does not enclose a volume.
     #[error("the surface is not closed: edge {first}-{second} belongs to {count} triangles")]
     OpenSurface {

@@ -40,6 +40,7 @@ pub mod calibrate;
 pub mod critical;
 pub mod error;
 pub mod finite;
+pub mod homogenise;
 pub mod kernel;
 pub mod model;
 pub mod packing;
