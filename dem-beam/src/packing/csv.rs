@@ -76,7 +76,8 @@ impl Packing {
     /// coordination number, largest connected component.
     ///
     /// # Errors
-    /// Those of bad spheres, [`DemError::CoincidentParticles`], [`DemError::OutsideContainer`] if
+    /// Those of bad spheres, [`DemError::CoincidentParticles`], [`DemError::Overlapping`] if a
+    /// sphere holds the centre of another, [`DemError::OutsideContainer`] if
     /// a sphere passes a wall by more than half its radius, [`DemError::TooFewPairs`].
     pub fn from_spheres(
         container: &Container,
@@ -105,14 +106,14 @@ impl Packing {
             .map(|(x, r)| [x.x, x.y, x.z, *r])
             .collect();
         let period = container.period();
-        refuse_coincident(&spheres, period)?;
+        refuse_overlapping(&spheres, period)?;
         let bonding = bond_and_trim(&spheres, coordination, period)?;
         let overlap = mean_overlap(&spheres, period);
         Ok(Self::assemble(&container, &spheres, bonding, overlap, 0))
     }
 }
 
-fn refuse_coincident(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()> {
+fn refuse_overlapping(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()> {
     for (gap, [i, j]) in super::bonding::near_pairs(spheres, 0.0, period) {
         let (first, second) = (i as usize, j as usize);
         let touch = spheres[first][3] + spheres[second][3];
@@ -122,6 +123,15 @@ fn refuse_coincident(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()>
                 second,
                 distance: (gap + 1.0) * touch,
                 limit: COINCIDENT * touch,
+            });
+        }
+        let (distance, limit) = ((gap + 1.0) * touch, spheres[first][3].max(spheres[second][3]));
+        if distance < limit {
+            return Err(DemError::Overlapping {
+                first,
+                second,
+                distance,
+                limit,
             });
         }
     }
