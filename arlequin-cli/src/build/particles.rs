@@ -7,9 +7,8 @@ use crate::scene::{DemTable, ModelTable, ParticleFieldKind, Protocol, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind as Neighbours;
 use arlequin::core::Model;
-use arlequin::core::field::{Interpolation, ShapeRow};
+use arlequin::core::field::{Interpolation, ParticleField, ShapeRow};
 use arlequin::core::geometry::Sample;
-use arlequin::core::model::FineModel;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::{Container, Packing, PackingSpec};
 use arlequin::dem_beam::{BeamMaterial, DemError, DemModel};
@@ -28,10 +27,10 @@ fn dem(key: &str) -> impl Fn(DemError) -> crate::error::Error + '_ {
 }
 
 /// The particle field of a scene: natural neighbours between the centres, for probes, and the particles themselves as
-/// integration points of interfaces.
+/// integration points of interfaces, where gradients exist as well.
 struct ParticlePoints {
     natural: NaturalField,
-    samples: Vec<Sample<f64>>,
+    particles: Arc<ParticleField<f64>>,
 }
 
 impl Interpolation<f64> for ParticlePoints {
@@ -45,13 +44,12 @@ impl Interpolation<f64> for ParticlePoints {
         row: &mut ShapeRow<f64>,
     ) -> arlequin::core::Result<()> {
         if gradient {
-            let (role, junction) = (self.kind().into(), "H1".into());
-            return Err(arlequin::core::Error::NoGradient { role, junction });
+            return self.particles.shape_at(x, true, row);
         }
         self.natural.shape_at(x, false, row)
     }
     fn samples(&self) -> Option<&[Sample<f64>]> {
-        Some(&self.samples)
+        self.particles.samples()
     }
     fn kind(&self) -> &'static str {
         "particle"
@@ -75,14 +73,10 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
         NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(|e| core(key)(e.into()))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
         ParticleFieldKind::Natural => Arc::new(natural),
-        ParticleFieldKind::Particles => {
-            let samples = model
-                .fine_field()
-                .samples()
-                .map(<[_]>::to_vec)
-                .unwrap_or_default();
-            Arc::new(ParticlePoints { natural, samples })
-        }
+        ParticleFieldKind::Particles => Arc::new(ParticlePoints {
+            natural,
+            particles: model.particle_field(),
+        }),
     };
     let bonds = model.body().pairs();
     let view = View {

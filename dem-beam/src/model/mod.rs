@@ -133,9 +133,10 @@ impl DemModel {
         let nodes: Vec<Point3<f64>> = centres.iter().map(|x| Point3::from(*x)).collect();
         let body = BondedParticles::new(centres, radii, pairs, matter)?;
         let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
+        let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
             name: name.to_owned(),
-            field: Arc::new(ParticleField::new(nodes.clone(), &volumes)?),
+            field: Arc::new(field),
             nodes,
             mass: body.mass().to_vec(),
             inertia: body.inertia().to_vec(),
@@ -203,7 +204,7 @@ impl DemModel {
         &self.inertia
     }
 
-    /// The particle field: `V_i = V r_i^3 / sum r^3` at the centres.
+    /// The particle field: `V_i = V r_i^3 / sum r^3` at the centres, gradients from the bonded neighbours.
     #[must_use]
     pub fn particle_field(&self) -> Arc<ParticleField<f64>> {
         self.field.clone()
