@@ -221,6 +221,40 @@ pub enum DemError {
         /// Residual wanted.
         tolerance: f64,
     },
+    /// A bar whose middle is stiffer or softer than the whole of it.
+    #[error(
+        "the gauge section has E = {gauge:.4e} Pa, {:+.1} % from the {whole:.4e} Pa of the whole bar, above {:.0} %: \
+         the packing has an axial density wave; take more particles, another seed, or the onset protocol",
+        100.0 * difference,
+        100.0 * limit
+    )]
+    AxialWave {
+        /// Young's modulus over the whole bar (Pa).
+        whole: f64,
+        /// Young's modulus of the gauge section (Pa).
+        gauge: f64,
+        /// Relative difference.
+        difference: f64,
+        /// Largest accepted difference.
+        limit: f64,
+    },
+    /// No beams of sensible thickness give the wanted Poisson's ratio.
+    #[error(
+        "wanted Poisson's ratio {wanted}: beams of {} to {} mean radii give {thin:.4} to {thick:.4} on this packing; \
+         change the target or the coordination number",
+        ratios[0],
+        ratios[1]
+    )]
+    PoissonOutOfReach {
+        /// Ratio wanted.
+        wanted: f64,
+        /// What the thickest beams give.
+        thick: f64,
+        /// What the thinnest beams give.
+        thin: f64,
+        /// Radius ratios tried.
+        ratios: [f64; 2],
+    },
     /// The time step is above what the fastest mode allows.
     #[error("time step {step:e} s is above the critical step {critical:e} s: use at most 0.9 of it")]
     StepTooLarge {

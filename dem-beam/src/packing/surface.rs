@@ -260,7 +260,7 @@ pub(crate) fn winding(x: &Vector3<f64>, triangles: impl Iterator<Item = [Vector3
 }
 
 /// Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
-fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
+pub(crate) fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     if d1 <= 0.0 && d2 <= 0.0 {
