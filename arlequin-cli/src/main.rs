@@ -1,6 +1,7 @@
 //! Command line of the Arlequin workspace: a scene file in, results out.
 
 mod build;
+mod calibrate;
 #[allow(dead_code, reason = "the example offers more than a scene asks for")]
 #[path = "../../examples/chain/model.rs"]
 mod chain;
@@ -45,6 +46,8 @@ enum Command {
         #[command(flatten)]
         common: Common,
     },
+    /// Measure Young's modulus and Poisson's ratio of packings with the spread over seeds, or find beams for given ones.
+    Calibrate(calibrate::Calibrate),
 }
 
 #[derive(Debug, Args)]
@@ -62,7 +65,7 @@ struct Common {
     json: bool,
 }
 
-/// What both commands start from.
+/// What the commands on whole scenes start from.
 struct Input<'a> {
     source: &'a Source,
     scene: Scene,
@@ -72,32 +75,46 @@ struct Input<'a> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let common = match &cli.command {
-        Command::Run { common, .. } | Command::Check { common } => common,
+    let command = Cli::parse().command;
+    let scene = match &command {
+        Command::Run { common, .. } | Command::Check { common } => Some(&common.scene),
+        Command::Calibrate(wanted) => wanted.scene.as_ref(),
     };
-    let source = match Source::read(&common.scene) {
+    let source = match scene.map(|path| Source::read(path)).transpose() {
         Ok(s) => s,
         Err(e) => return fail(&e, None),
     };
-    match dispatch(&cli.command, common, &source) {
+    match dispatch(&command, source.as_ref()) {
         Ok(code) => code,
-        Err(e) => fail(&e, Some(&source)),
+        Err(e) => fail(&e, source.as_ref()),
     }
 }
 
-fn dispatch(command: &Command, common: &Common, source: &Source) -> Result<ExitCode> {
-    let threads = threads(common.threads)?;
-    let input = Input {
-        source,
-        scene: source.scene(&common.set)?,
-        set: &common.set,
-        threads,
-        json: common.json,
-    };
-    match command {
-        Command::Run { out, force, .. } => run::run(&input, out.as_deref(), *force),
-        Command::Check { .. } => check::check(&input).map(|()| ExitCode::SUCCESS),
+fn dispatch(command: &Command, source: Option<&Source>) -> Result<ExitCode> {
+    match (command, source) {
+        (Command::Calibrate(wanted), _) => {
+            threads(wanted.threads)?;
+            calibrate::calibrate(wanted, source)
+        }
+        (Command::Run { common, out, force }, Some(source)) => {
+            run::run(&common.input(source)?, out.as_deref(), *force)
+        }
+        (Command::Check { common }, Some(source)) => {
+            check::check(&common.input(source)?).map(|()| ExitCode::SUCCESS)
+        }
+        (Command::Run { .. } | Command::Check { .. }, None) => Err(error::key("scene", "no scene was given")),
+    }
+}
+
+impl Common {
+    fn input<'a>(&'a self, source: &'a Source) -> Result<Input<'a>> {
+        Ok(Input {
+            source,
+            threads: threads(self.threads)?,
+            scene: source.scene(&self.set)?,
+            set: &self.set,
+            json: self.json,
+        })
     }
 }
 

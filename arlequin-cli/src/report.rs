@@ -19,10 +19,21 @@ pub(crate) struct Progress(ProgressBar);
 impl Progress {
     /// Bar over a number of steps.
     pub(crate) fn new(steps: usize) -> Self {
+        Self::styled(steps, "{bar:40} {pos}/{len} steps, {elapsed} gone, {eta} to go")
+    }
+
+    /// Bar over a number of jobs of one kind.
+    pub(crate) fn named(what: &str, jobs: usize) -> Self {
+        Self::styled(
+            jobs,
+            &format!("{what:<10} {{bar:30}} {{pos}}/{{len}}, {{elapsed}} gone"),
+        )
+    }
+
+    fn styled(steps: usize, template: &str) -> Self {
         let bar = ProgressBar::new(steps as u64);
         if std::io::stderr().is_terminal() {
-            let style =
-                ProgressStyle::with_template("{bar:40} {pos}/{len} steps, {elapsed} gone, {eta} to go");
+            let style = ProgressStyle::with_template(template);
             if let Ok(style) = style {
                 bar.set_style(style);
             }
@@ -53,6 +64,11 @@ pub(crate) fn error(text: &str) {
 /// Prints JSON.
 pub(crate) fn json(text: &str) {
     println!("{text}");
+}
+
+/// Prints text that ends its own lines.
+pub(crate) fn plain(text: &str) {
+    print!("{text}");
 }
 
 /// Reports a finished or interrupted run.
