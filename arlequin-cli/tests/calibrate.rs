@@ -37,7 +37,7 @@ fn bulk_of_silica() {
     assert!((number(&found, "/poisson/mean") - 0.175).abs() < 0.01);
     assert!(number(&found, "/anisotropy/mean") < 0.06);
     assert!((number(&found, "/packings/1/coordination_all") - 6.2).abs() < 0.01);
-    assert_eq!(number(&found, "/packings/1/seed"), 2.0);
+    assert!(found.pointer("/packings/1/seed").and_then(Value::as_u64) == Some(2));
     // The same by one thread, as a table.
     let table = succeed(&[&flags[..], &["--threads", "1"]].concat());
     assert!(table.contains(&format!("E          {young:.4e} Pa ±")), "{table}");

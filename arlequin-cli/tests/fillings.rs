@@ -132,7 +132,7 @@ fn a_written_frame_is_read_back() {
     let second = write_scene(&folder, "second.toml", &format!("{shape}\n{file}"));
     let twin = folder.join("second");
     succeed(&["run", &second, "--out", text(&twin)]);
-    assert_eq!(nodes(&out), nodes(&twin));
+    assert!((nodes(&out) - nodes(&twin)).abs() < 0.5);
     // z counts the retained spheres now, so a few bonds fewer: nearly the same body.
     assert!((step(&twin) / step(&out) - 1.0).abs() < 0.02);
 }

