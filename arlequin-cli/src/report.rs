@@ -19,15 +19,21 @@ pub(crate) struct Progress(ProgressBar);
 impl Progress {
     /// Bar over a number of steps.
     pub(crate) fn new(steps: usize) -> Self {
-        Self::over(steps, "steps")
+        Self::styled(steps, "{bar:40} {pos}/{len} steps, {elapsed} gone, {eta} to go")
     }
 
     /// Bar over a number of anything.
     pub(crate) fn over(count: usize, what: &str) -> Self {
+        Self::styled(
+            count,
+            &format!("{{bar:40}} {{pos}}/{{len}} {what}, {{elapsed}} gone, {{eta}} to go"),
+        )
+    }
+
+    fn styled(count: usize, template: &str) -> Self {
         let bar = ProgressBar::new(count as u64);
         if std::io::stderr().is_terminal() {
-            let template = format!("{{bar:40}} {{pos}}/{{len}} {what}, {{elapsed}} gone, {{eta}} to go");
-            if let Ok(style) = ProgressStyle::with_template(&template) {
+            if let Ok(style) = ProgressStyle::with_template(template) {
                 bar.set_style(style);
             }
             bar.enable_steady_tick(Duration::from_millis(200));
@@ -72,6 +78,11 @@ pub(crate) fn text(text: &str) {
 /// Prints JSON.
 pub(crate) fn json(text: &str) {
     println!("{text}");
+}
+
+/// Prints text that ends its own lines.
+pub(crate) fn plain(text: &str) {
+    print!("{text}");
 }
 
 /// Reports a finished or interrupted run.

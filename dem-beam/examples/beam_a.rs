@@ -9,7 +9,7 @@ use arlequin_core::effect::Load;
 use arlequin_core::observer::Silent;
 use arlequin_core::subdomain::PrescribedMotion;
 use arlequin_core::time::TimeFunction;
-use arlequin_core::{Coupled, Guard, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Guard, Model, Subdomain, TimeStep, Weights};
 use dem_beam::{BeamMaterial, Container, DemModel, LoadShare, PackingSpec};
 use nalgebra::{Point3, Vector3};
 use std::error::Error;
@@ -83,7 +83,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         model.report(),
         clock.elapsed().as_secs_f64()
     );
-    let fixed = model.clamped(&model.clamp_layer(&Point3::origin(), &Vector3::x()));
+    // The wall is at x = 0, but what is held are centres about one mean radius inside.
+    let layer = model.clamp_layer(&Point3::origin(), &Vector3::x());
+    let fixed = model.clamped(&layer);
+    let plane = layer.iter().map(|&i| model.nodes()[i].x).sum::<f64>() / layer.len() as f64;
     let end = model.clamp_layer(&Point3::new(LENGTH, 0.0, 0.0), &Vector3::x());
     println!("{} unknowns fixed, {} particles loaded", fixed.len(), end.len());
     let load = model.force(&end, Vector3::new(FORCE, 0.0, 0.0), LoadShare::Area)?;
@@ -118,6 +121,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "U_mean {:.4} mm (theory 0.0878, published 0.083)",
         windowed_mean(&samples) * 1e3
+    );
+    let first = peak(&samples, step, THEORY[0]);
+    let young = |length: f64| DENSITY * (4.0 * length * first).powi(2) / 1e9;
+    println!(
+        "E from f0: {:.2} GPa with the length of the body, {:.2} GPa from the centres held at x = {:.4} mm",
+        young(LENGTH),
+        young(LENGTH - plane),
+        plane * 1e3
     );
     for k in 0..3 {
         let f = peak(&samples, step, THEORY[k]);
