@@ -103,4 +103,10 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
         self.slots.len() * (size_of::<W::Slot>() + size_of::<[u32; LANES]>())
             + self.own.len() * size_of::<W::Own>()
     }
+
+    /// Bytes of particle data a step reads and writes: eight rows in and out, six velocities in and
+    /// out and two inverse masses per block.
+    pub(crate) fn particle_bytes(&self) -> usize {
+        self.inverse_mass.len() * (2 * LANES + 2 * 6 + 2) * size_of::<Row<T>>()
+    }
 }
