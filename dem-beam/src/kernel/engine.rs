@@ -323,7 +323,6 @@ fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
     if let Some((slot, near)) = before {
         W::add(l, k, slot, &ready, &near, &mut acc);
     }
-    W::finish(l, &layout.own[block], &own, &mut acc);
     (own, acc)
 }
 
@@ -338,7 +337,6 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Step<'_, '_, L::
             if FETCH || W::LIGHT {
                 let layout = j.pass.layout;
                 prefetch_lines(l, std::ptr::from_ref(velocity).wrapping_add(1), 1);
-                prefetch_lines(l, layout.own.as_ptr().wrapping_add(block + 1), 1);
                 prefetch_lines(l, layout.inverse_mass.as_ptr().wrapping_add(block + 1), 1);
                 prefetch_lines(l, out.as_ptr().wrapping_add(LANES), LANES);
             }
