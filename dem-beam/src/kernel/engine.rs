@@ -13,6 +13,10 @@ const CHUNK: usize = 32;
 /// Half-bonds ahead of the current slot whose rows are fetched: DRAM latency over slot time.
 const AHEAD: usize = 6;
 
+/// Slots ahead whose constants are fetched, and blocks ahead for what a block streams: the processor's own
+/// prefetching stops at the second-level cache and at page ends.
+const SLOTS_AHEAD: usize = 8;
+
 /// Particles above which rows no longer stay in the second-level cache and fetching ahead pays.
 const FAR: usize = 8_000;
 
@@ -262,6 +266,15 @@ impl<W: RotationVector> OnLanes<f64> for AddForces<'_, '_, W> {
     }
 }
 
+/// Fetches `count` values into the nearest cache; any address will do.
+#[inline(always)]
+fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
+    let lines = count * size_of::<X>() / size_of::<Row<L::T>>();
+    for i in 0..lines {
+        l.prefetch(at.cast::<Row<L::T>>().wrapping_add(i));
+    }
+}
+
 /// First stage of slot `s`.
 #[inline(always)]
 fn fetch<L: Lanes, W: Law<L::T>, const FETCH: bool>(
@@ -276,6 +289,9 @@ fn fetch<L: Lanes, W: Law<L::T>, const FETCH: bool>(
         for &p in &layout.neighbours[s + AHEAD] {
             l.prefetch(rows.as_ptr().wrapping_add(p as usize));
         }
+    }
+    if FETCH || W::LIGHT {
+        prefetch_lines(l, layout.slots.as_ptr().wrapping_add(s + SLOTS_AHEAD), 1);
     }
     let near = &layout.neighbours[s];
     let other = l.transpose(eight!(r => rows[near[r] as usize].0));
@@ -307,7 +323,6 @@ fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
     if let Some((slot, near)) = before {
         W::add(l, k, slot, &ready, &near, &mut acc);
     }
-    W::finish(l, &layout.own[block], &own, &mut acc);
     (own, acc)
 }
 
@@ -319,6 +334,12 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Step<'_, '_, L::
         let (kick, drift) = (l.splat(j.kick), l.splat(j.drift));
         for (b, (out, velocity)) in j.out.chunks_exact_mut(LANES).zip(j.velocity).enumerate() {
             let block = j.first + b;
+            if FETCH || W::LIGHT {
+                let layout = j.pass.layout;
+                prefetch_lines(l, std::ptr::from_ref(velocity).wrapping_add(1), 1);
+                prefetch_lines(l, layout.inverse_mass.as_ptr().wrapping_add(block + 1), 1);
+                prefetch_lines(l, out.as_ptr().wrapping_add(LANES), LANES);
+            }
             let (own, mut f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
             if let Some(loads) = j.pass.loads {
                 for (f, load) in f.iter_mut().zip(&loads[block]) {
