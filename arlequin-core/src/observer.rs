@@ -11,6 +11,10 @@ use std::ops::ControlFlow;
 pub enum Phase {
     /// Prediction and internal forces of a subdomain.
     Predict(usize),
+    /// A model changes itself (subdomain); only where one does.
+    Evolve(usize),
+    /// Forces of an effect (subdomain, effect); only where there is one.
+    Effect(usize, usize),
     /// Multiplier solve and correction.
     Interface,
     /// Energy ledger.

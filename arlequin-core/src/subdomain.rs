@@ -3,7 +3,8 @@
 use crate::effect::{Effect, Instant, Site};
 use crate::error::invalid;
 use crate::field::Interpolation;
-use crate::model::{CoarseModel, FineModel, Model, State};
+use crate::model::{CoarseModel, Evolution, FineModel, Model, State};
+use crate::observer::Phase;
 use crate::scalar::check_finite;
 use crate::time::TimeFunction;
 use crate::weight::Weights;
@@ -68,6 +69,8 @@ pub struct Subdomain<T: Real> {
     supports: Vec<PrescribedMotion<T>>,
     pub(crate) effects: Vec<Box<dyn Effect<T>>>,
     pub(crate) works: Vec<T>,
+    /// Work line of a model that evolves; `None` for all others.
+    pub(crate) evolved: Option<T>,
     pub(crate) state: State<T>,
     pub(crate) inertia: Vec<T>,
     pub(crate) inverse_inertia: Vec<T>,
@@ -115,6 +118,7 @@ impl<T: Real> Subdomain<T> {
             supports: Vec::new(),
             effects: Vec::new(),
             works: Vec::new(),
+            evolved: model.evolves().then(T::zero),
             state: State::zero(n),
             inertia: zeros(),
             inverse_inertia: zeros(),
@@ -273,19 +277,26 @@ impl<T: Real> Subdomain<T> {
         self.effects.iter_mut().try_for_each(|e| e.attach(&site))
     }
 
-    /// Critical step of the weighted model with its damping effects \[s\].
+    /// Critical step of the weighted model with its effects \[s\].
     ///
     /// Damping forces use the velocity half a step earlier, which shortens the stable step to
-    /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`.
+    /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::Demand`] for what adds to `ω` and `c`.
     pub(crate) fn critical_step(&mut self) -> Result<T> {
         let free = self.model.critical_step(&self.inverse_inertia)?;
-        let rate: T = self.effects.iter().map(|e| e.damping_rate()).sum();
-        let zeta = rate * free * T::of(0.25);
-        Ok(free * ((T::one() + zeta * zeta).sqrt() - zeta))
+        if self.effects.is_empty() {
+            return Ok(free);
+        }
+        Ok(crate::effect::shortened(
+            free,
+            self.effects.iter().map(|e| e.demand()),
+        ))
     }
 
     /// Internal and effect forces at the current displacements, into `force`; accelerations from them.
-    fn evaluate(&mut self, t: T, dt: T) -> Result<()> {
+    ///
+    /// `since` is the length of the step that led here. `mark` hears of every effect before it acts, and of the end of
+    /// the last one.
+    fn evaluate(&mut self, t: T, [since, dt]: [T; 2], mark: &mut dyn FnMut(Option<usize>)) -> Result<()> {
         std::mem::swap(&mut self.internal, &mut self.internal_before);
         self.internal.fill(T::zero());
         self.model
@@ -295,9 +306,16 @@ impl<T: Real> Subdomain<T> {
             time: t,
             q: &self.state.q,
             v_half: &self.state.v,
+            dt: since,
+            internal: &self.internal,
+            internal_before: &self.internal_before,
         };
-        for e in &mut self.effects {
+        for (k, e) in self.effects.iter_mut().enumerate() {
+            mark(Some(k));
             e.add_forces(&at, &mut self.force)?;
+        }
+        if !self.effects.is_empty() {
+            mark(None);
         }
         for (a, (f, w)) in self
             .state
@@ -323,13 +341,20 @@ impl<T: Real> Subdomain<T> {
                 self.state.v[d] = v;
             }
         }
-        self.evaluate(t, dt)
+        self.evaluate(t, [T::zero(), dt], &mut |_| {})
     }
 
     /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` at time `t`.
-    pub(crate) fn predict(&mut self, t: T, dt: T, keep: bool) -> Result<()> {
+    /// `own` is the number of this subdomain, for what is announced.
+    pub(crate) fn predict(
+        &mut self,
+        own: usize,
+        [t, dt]: [T; 2],
+        keep: bool,
+        announce: &mut dyn FnMut(Phase),
+    ) -> Result<()> {
         let half = dt * T::of(0.5);
-        if keep {
+        if keep || self.evolved.is_some() {
             self.q_before.copy_from_slice(&self.state.q);
         }
         let State { q, v, a } = &mut self.state;
@@ -341,12 +366,33 @@ impl<T: Real> Subdomain<T> {
             let now = motion.at(t);
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
-        self.evaluate(t, dt)?;
+        if self.evolved.is_some() {
+            announce(Phase::Evolve(own));
+            self.evolve(t)?;
+            announce(Phase::Predict(own));
+        }
+        self.evaluate(t, [dt, dt], &mut |effect| {
+            announce(effect.map_or(Phase::Predict(own), |e| Phase::Effect(own, e)));
+        })?;
         let State { v, a, .. } = &mut self.state;
         v.iter_mut().zip(a.iter()).for_each(|(v, a)| *v += half * *a);
         for motion in &self.supports {
             let (_, velocity, _) = motion.kinematics(t, dt);
             motion.dofs.iter().for_each(|&d| self.state.v[d] = velocity);
+        }
+        Ok(())
+    }
+
+    /// Lets the model change itself; what leaves it is a negative work.
+    fn evolve(&mut self, time: T) -> Result<()> {
+        let released = self.model.evolve(Evolution {
+            time,
+            q_before: &self.q_before,
+            q: &self.state.q,
+            f_before: &mut self.internal,
+        })?;
+        if let Some(work) = &mut self.evolved {
+            *work -= released;
         }
         Ok(())
     }

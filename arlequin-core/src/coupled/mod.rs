@@ -95,15 +95,14 @@ impl<T: Real> Coupled<T> {
 
     /// The works of the ledger: every effect, the moving supports, the constraint.
     pub fn works(&self) -> Vec<WorkLine<T>> {
-        let mut lines = Vec::new();
-        for s in &self.subdomains {
-            for (e, w) in s.effects.iter().zip(&s.works) {
-                lines.push(WorkLine {
-                    name: format!("{}/{}", s.model().name(), e.name()),
-                    work: *w,
-                });
-            }
-        }
+        let mut lines: Vec<_> = self
+            .effects()
+            .into_iter()
+            .filter_map(|e| {
+                let work = e.work?;
+                Some(WorkLine { name: e.name, work })
+            })
+            .collect();
         if self
             .subdomains
             .iter()
@@ -143,7 +142,7 @@ impl<T: Real> Coupled<T> {
         let next = self.start_time + T::of((self.step + 1) as f64) * self.dt;
         for (k, s) in self.subdomains.iter_mut().enumerate() {
             observer.phase(Phase::Predict(k));
-            s.predict(next, self.dt, draw)?;
+            s.predict(k, [next, self.dt], draw, &mut |phase| observer.phase(phase))?;
         }
         let invariant: Option<T> = draw.then(|| self.subdomains.iter().map(|s| s.invariant(self.dt)).sum());
         observer.phase(Phase::Interface);
@@ -210,7 +209,10 @@ impl<T: Real> Coupled<T> {
     }
 
     fn total_work(&self) -> (T, T) {
-        let works = self.subdomains.iter().flat_map(|s| s.works.iter().copied());
+        let works = self
+            .subdomains
+            .iter()
+            .flat_map(|s| s.works.iter().copied().chain(s.evolved));
         let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
         all.by_ref()
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
@@ -272,14 +274,16 @@ impl<T: Real> Coupled<T> {
             relative_drift: relative,
             constraint_residual: residual,
         };
+        let created = self.created();
         // Growth is measured against what was put in, not against the (growing) energy itself.
         let reference = start.abs().max(volume);
         let bound = self.guard.growth * reference;
-        if !drift.is_finite() || (reference > T::zero() && drift > bound) {
+        let excess = if created > drift { created } else { drift };
+        if !excess.is_finite() || (reference > T::zero() && excess > bound) {
             return Err(Error::EnergyGrowth {
                 step: self.step,
                 time: self.time.as_f64(),
-                excess: drift.as_f64(),
+                excess: excess.as_f64(),
                 bound: bound.as_f64(),
                 percent: 100.0 * self.guard.growth.as_f64(),
             });
