@@ -73,7 +73,7 @@ impl CellList {
 
     /// Calls `near` with every particle of the 27 cells around sphere `s`.
     #[inline]
-    fn around(&self, s: &Sphere, mut near: impl FnMut(u32)) {
+    pub(crate) fn around(&self, s: &Sphere, mut near: impl FnMut(u32)) {
         let c = self.cell(s);
         let range = |a: usize| c[a].saturating_sub(1)..=(c[a] + 1).min(self.dims[a] - 1);
         let (k0, k1) = (*range(2).start(), *range(2).end());
