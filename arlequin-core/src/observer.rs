@@ -34,8 +34,8 @@ pub struct StepReport<T> {
     pub energy: Option<EnergySample<T>>,
 }
 
-/// Watches a run.
-pub trait Observer<T: Real> {
+/// Watches a run. Phases may be announced from a worker thread.
+pub trait Observer<T: Real>: Send {
     /// Called before each phase of a step.
     fn phase(&mut self, _: Phase) {}
 

@@ -5,11 +5,16 @@ use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::model::{CoarseModel, Evolution, FineModel, Model, State};
 use crate::observer::Phase;
+use crate::parallel;
 use crate::scalar::check_finite;
-use crate::time::TimeFunction;
 use crate::weight::Weights;
 use crate::{Error, Real, Result};
 use std::sync::Arc;
+
+pub use crate::motion::PrescribedMotion;
+
+/// Hears what a step is doing.
+pub(crate) type Announce<'a> = dyn FnMut(Phase) + Send + 'a;
 
 /// The part a subdomain plays in its interfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,46 +23,6 @@ pub enum Role {
     Coarse,
     /// Receives `1 − f`.
     Fine,
-}
-
-/// Prescribed motion of some unknowns: `q = amplitude · f(t)`.
-#[derive(Debug, Clone)]
-pub struct PrescribedMotion<T> {
-    /// Unknowns.
-    pub dofs: Vec<usize>,
-    /// Amplitude \[m, rad\]; zero fixes them.
-    pub amplitude: T,
-    /// Time function.
-    pub time: TimeFunction<T>,
-}
-
-impl<T: Real> PrescribedMotion<T> {
-    /// Fixed unknowns.
-    pub fn fixed(dofs: Vec<usize>) -> Self {
-        Self {
-            dofs,
-            amplitude: T::zero(),
-            time: TimeFunction::Step,
-        }
-    }
-
-    fn at(&self, t: T) -> T {
-        if self.amplitude == T::zero() {
-            T::zero()
-        } else {
-            self.amplitude * self.time.at(t)
-        }
-    }
-
-    /// Central differences of the motion: with these as velocity and acceleration, velocity Verlet follows it exactly.
-    fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
-        let (before, now, after) = (self.at(t - dt), self.at(t), self.at(t + dt));
-        (
-            now,
-            (after - before) / (dt + dt),
-            (after - now - now + before) / (dt * dt),
-        )
-    }
 }
 
 /// One model with everything the coupled run knows of it.
@@ -69,6 +34,8 @@ pub struct Subdomain<T: Real> {
     supports: Vec<PrescribedMotion<T>>,
     pub(crate) effects: Vec<Box<dyn Effect<T>>>,
     pub(crate) works: Vec<T>,
+    /// What the last instant added to them.
+    pub(crate) last_works: Vec<T>,
     /// Work line of a model that evolves; `None` for all others.
     pub(crate) evolved: Option<T>,
     pub(crate) state: State<T>,
@@ -76,8 +43,11 @@ pub struct Subdomain<T: Real> {
     pub(crate) inverse_inertia: Vec<T>,
     internal: Vec<T>,
     internal_before: Vec<T>,
-    force: Vec<T>,
+    /// Internal and all other forces; empty where there are none but the internal ones.
+    total: Vec<T>,
     q_before: Vec<T>,
+    /// Internal energy \[J\] found by the last [`Self::invariant`].
+    pub(crate) drawn_energy: T,
 }
 
 impl<T: Real> std::fmt::Debug for Subdomain<T> {
@@ -118,14 +88,16 @@ impl<T: Real> Subdomain<T> {
             supports: Vec::new(),
             effects: Vec::new(),
             works: Vec::new(),
+            last_works: Vec::new(),
             evolved: model.evolves().then(T::zero),
             state: State::zero(n),
             inertia: zeros(),
             inverse_inertia: zeros(),
             internal: zeros(),
             internal_before: zeros(),
-            force: zeros(),
+            total: Vec::new(),
             q_before: zeros(),
+            drawn_energy: T::zero(),
             model,
         }
     }
@@ -135,6 +107,7 @@ impl<T: Real> Subdomain<T> {
     pub fn with_effect(mut self, effect: Box<dyn Effect<T>>) -> Self {
         self.effects.push(effect);
         self.works.push(T::zero());
+        self.last_works.push(T::zero());
         self
     }
 
@@ -268,6 +241,10 @@ impl<T: Real> Subdomain<T> {
             }
             self.inverse_inertia[i] = if prescribed[i] { T::zero() } else { T::one() / *m };
         }
+        // Loads, and coupling forces on moving supports, must stay out of the invariant's internal forces.
+        if !self.effects.is_empty() || self.has_moving_support() {
+            self.total.resize(layout.dofs(), T::zero());
+        }
         let site = Site {
             model: &*self.model,
             weights: &self.weights,
@@ -292,42 +269,46 @@ impl<T: Real> Subdomain<T> {
         ))
     }
 
-    /// Internal and effect forces at the current displacements, into `force`; accelerations from them.
-    ///
-    /// `since` is the length of the step that led here. `mark` hears of every effect before it acts, and of the end of
-    /// the last one.
-    fn evaluate(&mut self, t: T, [since, dt]: [T; 2], mark: &mut dyn FnMut(Option<usize>)) -> Result<()> {
-        std::mem::swap(&mut self.internal, &mut self.internal_before);
-        self.internal.fill(T::zero());
+    /// Internal and effect forces at the current displacements; `a` from them, `v += half a`. The model finds
+    /// `internal` at zero. `since` is the length of the step that led here, `own` the number of this subdomain.
+    fn evaluate(
+        &mut self,
+        t: T,
+        [since, dt, half]: [T; 3],
+        own: usize,
+        announce: &mut Announce<'_>,
+    ) -> Result<()> {
         self.model
             .add_internal_forces(&self.state.q, &mut self.internal)?;
-        self.force.copy_from_slice(&self.internal);
-        let at = Instant {
-            time: t,
-            q: &self.state.q,
-            v_half: &self.state.v,
-            dt: since,
-            internal: &self.internal,
-            internal_before: &self.internal_before,
+        if !self.total.is_empty() {
+            parallel::copy(&mut self.total, &self.internal);
+            let at = Instant {
+                time: t,
+                q: &self.state.q,
+                v_half: &self.state.v,
+                dt: since,
+                internal: &self.internal,
+                internal_before: &self.internal_before,
+            };
+            for (k, e) in self.effects.iter_mut().enumerate() {
+                announce(Phase::Effect(own, k));
+                e.add_forces(&at, &mut self.total)?;
+            }
+            announce(Phase::Predict(own));
+        }
+        let force = if self.total.is_empty() {
+            &self.internal
+        } else {
+            &self.total
         };
-        for (k, e) in self.effects.iter_mut().enumerate() {
-            mark(Some(k));
-            e.add_forces(&at, &mut self.force)?;
-        }
-        if !self.effects.is_empty() {
-            mark(None);
-        }
-        for (a, (f, w)) in self
-            .state
-            .a
-            .iter_mut()
-            .zip(self.force.iter().zip(&self.inverse_inertia))
-        {
-            *a = *f * *w;
-        }
+        let State { v, a, .. } = &mut self.state;
+        parallel::accelerate(half, v, a, force, &self.inverse_inertia);
         for motion in &self.supports {
-            let (_, _, acceleration) = motion.kinematics(t, dt);
-            motion.dofs.iter().for_each(|&d| self.state.a[d] = acceleration);
+            let (_, velocity, acceleration) = motion.kinematics(t, dt);
+            for &d in &motion.dofs {
+                a[d] = acceleration;
+                v[d] = velocity;
+            }
         }
         Ok(())
     }
@@ -341,27 +322,37 @@ impl<T: Real> Subdomain<T> {
                 self.state.v[d] = v;
             }
         }
-        self.evaluate(t, [T::zero(), dt], &mut |_| {})
+        self.internal.fill(T::zero());
+        self.evaluate(t, [T::zero(), dt, T::zero()], 0, &mut |_| {})
     }
 
     /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` at time `t`.
-    /// `own` is the number of this subdomain, for what is announced.
+    ///
+    /// Two passes over the unknowns beside the model's: before its forces and after. `own` is the number of this
+    /// subdomain, for what is announced.
     pub(crate) fn predict(
         &mut self,
         own: usize,
         [t, dt]: [T; 2],
         keep: bool,
-        announce: &mut dyn FnMut(Phase),
+        announce: &mut Announce<'_>,
     ) -> Result<()> {
+        if parallel::pays(self.inertia.len()) {
+            // One entry into the pool for all passes: each would cost a wake-up otherwise.
+            rayon::scope(|_| self.passes(own, [t, dt], keep, announce))
+        } else {
+            self.passes(own, [t, dt], keep, announce)
+        }
+    }
+
+    fn passes(&mut self, own: usize, [t, dt]: [T; 2], keep: bool, announce: &mut Announce<'_>) -> Result<()> {
         let half = dt * T::of(0.5);
         if keep || self.evolved.is_some() {
-            self.q_before.copy_from_slice(&self.state.q);
+            parallel::copy(&mut self.q_before, &self.state.q);
         }
+        std::mem::swap(&mut self.internal, &mut self.internal_before);
         let State { q, v, a } = &mut self.state;
-        for ((q, v), a) in q.iter_mut().zip(v.iter_mut()).zip(a.iter()) {
-            *v += half * *a;
-            *q += dt * *v;
-        }
+        parallel::kick_and_drift(half, dt, q, v, a, &mut self.internal);
         for motion in &self.supports {
             let now = motion.at(t);
             motion.dofs.iter().for_each(|&d| q[d] = now);
@@ -371,16 +362,11 @@ impl<T: Real> Subdomain<T> {
             self.evolve(t)?;
             announce(Phase::Predict(own));
         }
-        self.evaluate(t, [dt, dt], &mut |effect| {
-            announce(effect.map_or(Phase::Predict(own), |e| Phase::Effect(own, e)));
-        })?;
-        let State { v, a, .. } = &mut self.state;
-        v.iter_mut().zip(a.iter()).for_each(|(v, a)| *v += half * *a);
-        for motion in &self.supports {
-            let (_, velocity, _) = motion.kinematics(t, dt);
-            motion.dofs.iter().for_each(|&d| self.state.v[d] = velocity);
-        }
-        Ok(())
+        self.evaluate(t, [dt, dt, half], own, announce)
+    }
+
+    fn has_moving_support(&self) -> bool {
+        self.supports.iter().any(|m| m.amplitude != T::zero())
     }
 
     /// Lets the model change itself; what leaves it is a negative work.
@@ -389,7 +375,7 @@ impl<T: Real> Subdomain<T> {
             time,
             q_before: &self.q_before,
             q: &self.state.q,
-            f_before: &mut self.internal,
+            f_before: &mut self.internal_before,
         })?;
         if let Some(work) = &mut self.evolved {
             *work -= released;
@@ -399,19 +385,20 @@ impl<T: Real> Subdomain<T> {
 
     /// The force vector, where moving supports make the coupling forces on them a part of the balance.
     pub(crate) fn force_on_moving_supports(&mut self) -> Option<&mut [T]> {
-        let moving = self.supports.iter().any(|m| m.amplitude != T::zero());
-        moving.then_some(&mut self.force[..])
+        self.has_moving_support().then_some(&mut self.total[..])
     }
 
     /// Adds the work of effects over the step; returns that of the moving supports.
     pub(crate) fn account(&mut self, dt: T) -> T {
-        for (w, e) in self.works.iter_mut().zip(&self.effects) {
-            *w += dt * e.power(&self.state.v);
+        let works = self.works.iter_mut().zip(&mut self.last_works);
+        for ((w, last), e) in works.zip(&self.effects) {
+            *last = dt * e.power(&self.state.v);
+            *w += *last;
         }
         let mut support = T::zero();
         for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {
             for &d in &motion.dofs {
-                let reaction = self.inertia[d] * self.state.a[d] - self.force[d];
+                let reaction = self.inertia[d] * self.state.a[d] - self.total[d];
                 support += dt * reaction * self.state.v[d];
             }
         }
@@ -420,28 +407,27 @@ impl<T: Real> Subdomain<T> {
 
     /// Invariant of the step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
     /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs the displacements kept by [`Self::predict`].
-    pub(crate) fn invariant(&self, dt: T) -> T {
+    pub(crate) fn invariant(&mut self, dt: T) -> T {
         let (half, quarter) = (T::of(0.5), T::of(0.25));
-        let mut sum =
-            half * (self.model.internal_energy(&self.q_before) + self.model.internal_energy(&self.state.q));
-        for i in 0..self.inertia.len() {
-            let dq = self.state.q[i] - self.q_before[i];
-            let v = dq / dt;
-            sum +=
-                half * self.inertia[i] * v * v + quarter * dq * (self.internal[i] - self.internal_before[i]);
-        }
-        sum
+        self.drawn_energy = self.model.internal_energy(&self.state.q);
+        let potential = half * (self.model.internal_energy(&self.q_before) + self.drawn_energy);
+        let (q, before, inertia) = (&self.state.q, &self.q_before, &self.inertia);
+        let (force, force_before) = (&self.internal, &self.internal_before);
+        let part = |range: std::ops::Range<usize>| {
+            range.fold(T::zero(), |sum, i| {
+                let dq = q[i] - before[i];
+                let v = dq / dt;
+                sum + (half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]))
+            })
+        };
+        potential + parallel::sum(q.len(), &part)
     }
 
     /// Kinetic energy at the whole step \[J\].
     pub fn kinetic_energy(&self) -> T {
-        let v = &self.state.v;
-        T::of(0.5)
-            * self
-                .inertia
-                .iter()
-                .zip(v)
-                .fold(T::zero(), |s, (m, v)| s + *m * *v * *v)
+        let (m, v) = (&self.inertia, &self.state.v);
+        let part = |range: std::ops::Range<usize>| range.fold(T::zero(), |s, i| s + m[i] * v[i] * v[i]);
+        T::of(0.5) * parallel::sum(v.len(), &part)
     }
 
     /// Internal energy at the whole step \[J\].

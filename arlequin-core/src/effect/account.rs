@@ -15,6 +15,8 @@ pub struct EffectLine<T> {
     pub effect: Option<usize>,
     /// Work on the models \[J\], negative where energy left them; `None` for effects that do none of their own.
     pub work: Option<T>,
+    /// Half of the work of the last instant \[J\]: the half step that is still to come.
+    pub pending: T,
     /// Energy the effect holds \[J\].
     pub stored: T,
     /// Energy it took from outside \[J\]; `None` for loads.
@@ -24,9 +26,9 @@ pub struct EffectLine<T> {
 }
 
 impl<T: Real> EffectLine<T> {
-    /// Energy that is gone for good \[J\]: `supplied − work − stored`.
+    /// Energy that is gone for good \[J\]: `supplied − work − stored`, the work taken up to the present instant.
     pub fn dissipated(&self) -> Option<T> {
-        Some(self.supplied? - self.work? - self.stored)
+        Some(self.supplied? - (self.work? - self.pending) - self.stored)
     }
 }
 
@@ -79,10 +81,14 @@ impl<T: Real> Coupled<T> {
     /// Energy \[J\] that effects without a source have created: above zero only where the step is too long for them.
     pub(crate) fn created(&self) -> T {
         let of = |s: &Subdomain<T>| -> T {
+            let works = s.works.iter().zip(&s.last_works);
             s.effects
                 .iter()
-                .zip(&s.works)
-                .filter_map(|(e, w)| e.supplied().map(|from| (*w + e.stored() - from).max(T::zero())))
+                .zip(works)
+                .filter_map(|(e, (w, last))| {
+                    let work = *w - *last * T::of(0.5);
+                    e.supplied().map(|from| (work + e.stored() - from).max(T::zero()))
+                })
                 .sum()
         };
         self.subdomains.iter().map(of).sum()
@@ -100,17 +106,20 @@ impl<T: Real> Subdomain<T> {
                 subdomain: own,
                 effect: None,
                 work: if evolves { self.evolved } else { None },
+                pending: T::zero(),
                 stored: T::zero(),
                 supplied: evolves.then(T::zero),
                 facts: if evolves { self.model().facts() } else { Vec::new() },
             });
         }
-        for (k, (e, w)) in self.effects.iter().zip(&self.works).enumerate() {
+        let works = self.works.iter().zip(&self.last_works);
+        for (k, (e, (w, last))) in self.effects.iter().zip(works).enumerate() {
             out.push(EffectLine {
                 name: name(e.name()),
                 subdomain: own,
                 effect: Some(k),
                 work: Some(*w),
+                pending: *last * T::of(0.5),
                 stored: e.stored(),
                 supplied: e.supplied(),
                 facts: e.facts(),

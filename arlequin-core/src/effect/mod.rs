@@ -128,7 +128,7 @@ pub trait Effect<T: Real>: Send {
         T::zero()
     }
 
-    /// Energy the effect has taken from outside the run since the start \[J\]: the work of a driven obstacle. Then
+    /// Energy the effect has taken from outside the run up to this instant \[J\]: the work of a driven obstacle. Then
     /// `supplied − work − stored` is what it has dissipated, and a run in which that becomes negative is stopped.
     /// `None` for loads, whose work is all from outside.
     fn supplied(&self) -> Option<T> {

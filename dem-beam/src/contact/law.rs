@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! k = E 2 r_i r_j/(r_i + r_j)      f_n = max(0, k gap - c v_n)      c = 2 zeta sqrt(k m)
-//! zeta = -ln e/sqrt(pi^2 + ln^2 e) for the coefficient of restitution e, m the reduced mass
+//! e = exp(-zeta/s (pi - atan2(2 zeta s, 1 - 2 zeta^2))), s = sqrt(1 - zeta^2)    m the reduced mass
+//! (the restitution of a spring and dashpot that never pull, Schwager and Poeschel 2007)
 //! f_t = -k_t xi, xi the sliding since touch in the tangent plane, |f_t| <= friction f_n
 //! m_r = -k_t r^2 psi, psi the rolling since touch, |m_r| <= rolling r f_n, r the reduced radius
 //! ```
@@ -11,12 +12,15 @@ use crate::bond::Twist;
 use crate::error::{DemError, Result, positive};
 use nalgebra::Vector3;
 
+/// Restitution of a critically damped contact is exp(-2) = 0.135.
+const LEAST_RESTITUTION: f64 = 0.15;
+
 /// Parameters of contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactLaw {
     /// Modulus `E` of the normal spring (Pa); that of the packing is a good value.
     pub modulus: f64,
-    /// Coefficient of restitution of a collision of two free spheres, above 0, at most 1 (elastic).
+    /// Coefficient of restitution of a collision of two free spheres, 0.15 to 1 (elastic).
     pub restitution: f64,
     /// Coulomb friction, 0 for none.
     pub friction: f64,
@@ -47,8 +51,8 @@ impl ContactLaw {
         positive("shear ratio of contact", self.shear_ratio)?;
         positive("skin of the neighbour list", self.skin)?;
         let bad = |name, value, range| Err(DemError::OutOfRange { name, value, range });
-        if !(self.restitution > 0.0 && self.restitution <= 1.0) {
-            return bad("coefficient of restitution", self.restitution, "(0, 1]");
+        if !(self.restitution >= LEAST_RESTITUTION && self.restitution <= 1.0) {
+            return bad("coefficient of restitution", self.restitution, "[0.15, 1]");
         }
         if !(self.friction >= 0.0 && self.friction.is_finite()) {
             return bad("friction coefficient", self.friction, "finite values >= 0");
@@ -61,8 +65,24 @@ impl ContactLaw {
 
     /// Share of critical damping that gives the coefficient of restitution.
     pub(crate) fn damping_ratio(&self) -> f64 {
-        let l = self.restitution.ln();
-        -l / (std::f64::consts::PI * std::f64::consts::PI + l * l).sqrt()
+        if self.restitution >= 1.0 {
+            return 0.0;
+        }
+        let restitution = |z: f64| {
+            let s = (1.0 - z * z).sqrt();
+            (-z / s * (std::f64::consts::PI - (2.0 * z * s).atan2(1.0 - 2.0 * z * z))).exp()
+        };
+        // Falls from 1 to exp(-2) between no and critical damping.
+        let (mut low, mut high) = (0.0, 1.0 - 1e-9);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if restitution(middle) > self.restitution {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
     }
 
     /// Unweighted normal stiffness (N/m).
@@ -87,12 +107,12 @@ impl ContactLaw {
         [square, 2.0 * 2.0 * self.damping_ratio() * top.sqrt()]
     }
 
-    /// Force on the second sphere, torques on both, energy held; moves the springs on by a step `dt`.
-    pub(crate) fn respond(&self, p: &Pair, dt: f64, spring: &mut Spring) -> Response {
+    /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy held; moves the springs on by a step `dt`.
+    pub(crate) fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
         let n = p.normal;
         let k = p.share * self.stiffness(p.radii);
         let kt = k * self.shear_ratio;
-        let damping = 2.0 * self.damping_ratio() * (k / p.inverse_mass).sqrt();
+        let damping = 2.0 * zeta * (k / p.inverse_mass).sqrt();
         let [i, j] = &p.motion;
         let lever = i.angular * p.arms[0] + j.angular * p.arms[1];
         let v = j.linear - i.linear - lever.cross(&n);

@@ -56,6 +56,7 @@ struct Active {
 #[derive(Debug)]
 pub struct Contact {
     law: ContactLaw,
+    damping_ratio: f64,
     finite: bool,
     rest: Vec<Sphere>,
     /// Unweighted masses.
@@ -102,6 +103,7 @@ impl Contact {
             calls: 0,
             top_contacts: 0,
             rest,
+            damping_ratio: law.damping_ratio(),
             law,
         })
     }
@@ -203,7 +205,9 @@ impl Contact {
             }
             let ends = self.list.pairs[k].ends;
             let pair = self.pair(ends, self.gaps[k], at);
-            let mut r = self.law.respond(&pair, at.dt, &mut self.list.springs[k]);
+            let mut r = self
+                .law
+                .respond(&pair, self.damping_ratio, at.dt, &mut self.list.springs[k]);
             if self.finite {
                 for (t, e) in r.torque.iter_mut().zip(ends) {
                     let o = turn + 3 * e as usize;

@@ -26,7 +26,7 @@ pub use criterion::Criterion;
 pub use scatter::Scatter;
 
 use crate::error::{DemError, Result, positive};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 /// When bonds break.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -138,9 +138,14 @@ impl BreakLog {
 }
 
 /// A log in several hands.
-pub type SharedLog = Arc<Mutex<BreakLog>>;
+pub type SharedLog = Arc<RwLock<BreakLog>>;
 
-/// The log, whatever happened to its other holders.
-pub fn locked(log: &SharedLog) -> MutexGuard<'_, BreakLog> {
-    log.lock().unwrap_or_else(PoisonError::into_inner)
+/// The log to read, whatever happened to its other holders. Steps wait for readers: do not hold it during one.
+pub fn locked(log: &SharedLog) -> RwLockReadGuard<'_, BreakLog> {
+    log.read().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The log to write.
+pub(crate) fn writing(log: &SharedLog) -> RwLockWriteGuard<'_, BreakLog> {
+    log.write().unwrap_or_else(PoisonError::into_inner)
 }

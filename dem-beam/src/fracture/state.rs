@@ -1,7 +1,7 @@
 //! The bonds of one model while they break.
 
 use super::criterion::{Section, Strain};
-use super::{Break, Fracture, SharedLog, locked};
+use super::{Break, Fracture, SharedLog, writing};
 use crate::bond::Twist;
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
@@ -71,7 +71,7 @@ pub(crate) struct FractureState {
 impl FractureState {
     pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
         let bonds = body.pairs().len();
-        locked(&log).begin(bonds);
+        writing(&log).begin(bonds);
         let x = body.positions();
         let strength = body
             .pairs()
@@ -118,7 +118,7 @@ impl FractureState {
             return;
         }
         self.wait = 0;
-        locked(&self.log).checked();
+        writing(&self.log).checked();
         let bonds = body.pairs().len();
         let mut flags = std::mem::take(&mut self.flags);
         let range = |c: usize| c * CHUNK..((c + 1) * CHUNK).min(bonds);
@@ -152,7 +152,7 @@ impl FractureState {
         readers: [&Reader<'_>; 2],
     ) -> f64 {
         let mut total = 0.0;
-        let mut log = locked(&self.log);
+        let mut log = writing(&self.log);
         for &b in &self.now {
             let bond = b as usize;
             let pair = body.pairs()[bond];

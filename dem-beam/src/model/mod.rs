@@ -40,6 +40,7 @@ use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Cell;
 use arlequin_core::model::{CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State};
+use arlequin_core::parallel;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
 use forces::{Gather, check_rotations};
@@ -47,9 +48,6 @@ use nalgebra::{Point3, Vector3};
 use poses::Reader;
 use rayon::prelude::*;
 use std::sync::Arc;
-
-/// Bonds per partial sum of the energy: the order of summation does not depend on the threads.
-const CHUNK: usize = 4_096;
 
 /// Round-off below zero that a weight `1 - sum` may have.
 const ROUND_OFF: f64 = 1e-9;
@@ -373,19 +371,10 @@ impl Model<f64> for DemModel {
     /// Sum of the weighted bond energies \[J\]; with nodal weighting bonds carry the mean of `alpha`
     /// at their ends, and no force derives from the sum. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        let bonds = self.body.pairs().len();
         let reader = self.reader(q);
-        let part = |c: usize| -> f64 {
-            (c * CHUNK..((c + 1) * CHUNK).min(bonds))
-                .map(|b| reader.energy(&self.body, b))
-                .sum()
-        };
-        let chunks = bonds.div_ceil(CHUNK);
-        if chunks > 2 && rayon::current_num_threads() > 1 {
-            let parts: Vec<f64> = (0..chunks).into_par_iter().map(part).collect();
-            return parts.iter().sum();
-        }
-        (0..chunks).map(part).sum()
+        parallel::sum(self.body.pairs().len(), &|bonds| {
+            bonds.map(|b| reader.energy(&self.body, b)).sum()
+        })
     }
 
     /// `2/omega_max` \[s\] by Lanczos about the reference configuration, from the largest Ritz value

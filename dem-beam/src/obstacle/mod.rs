@@ -36,6 +36,7 @@ pub struct Obstacle {
     shape: Shape,
     motion: Motion,
     law: ContactLaw,
+    damping_ratio: f64,
     finite: bool,
     rest: Vec<Point3<f64>>,
     radii: Vec<f64>,
@@ -52,6 +53,8 @@ pub struct Obstacle {
     velocity: Vector3<f64>,
     reaction: Vector3<f64>,
     supplied: f64,
+    /// Half of what the last instant supplied: the half step still to come.
+    pending: f64,
     first_energy: f64,
     peak: f64,
     smallest: f64,
@@ -90,11 +93,13 @@ impl Obstacle {
             velocity: motion.first_velocity(),
             reaction: Vector3::zeros(),
             supplied: 0.0,
+            pending: 0.0,
             first_energy: 0.0,
             peak: 0.0,
             smallest: radii.iter().fold(f64::INFINITY, |m, r| m.min(*r)),
             shape,
             motion,
+            damping_ratio: law.damping_ratio(),
             law,
             rest,
             radii,
@@ -188,7 +193,9 @@ impl Obstacle {
                 continue;
             }
             let pair = self.pair(i, gap, normal, at);
-            let r = self.law.respond(&pair, at.dt, &mut self.springs[i]);
+            let r = self
+                .law
+                .respond(&pair, self.damping_ratio, at.dt, &mut self.springs[i]);
             let mut torque = r.torque[1];
             if self.finite {
                 let o = turn + 3 * i;
@@ -218,13 +225,17 @@ impl Obstacle {
         match &self.motion {
             Motion::Free { mass, .. } => {
                 let next = self.velocity + self.reaction * (at.dt / mass);
-                self.supplied = self.first_energy - 0.5 * mass * next.norm_squared();
+                let energy = |v: &Vector3<f64>| 0.5 * mass * v.norm_squared();
+                self.supplied = self.first_energy - energy(&next);
+                self.pending = 0.5 * (energy(&self.velocity) - energy(&next));
             }
             driven => {
                 // The force of this instant works on the mean of the two velocities around it.
                 let next = driven.displacement(at.time + at.dt) - self.moved;
                 let mean = (self.velocity * at.dt + next) * 0.5;
-                self.supplied -= self.reaction.dot(&mean);
+                let work = -self.reaction.dot(&mean);
+                self.supplied += work;
+                self.pending = 0.5 * work;
             }
         }
     }
@@ -288,7 +299,7 @@ impl Effect<f64> for Obstacle {
     }
 
     fn supplied(&self) -> Option<f64> {
-        Some(self.supplied)
+        Some(self.supplied - self.pending)
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
