@@ -1,9 +1,10 @@
 //! `kind = "dem"`: a random packing of spheres joined by cohesive beams fills the shape.
 
+use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::mesh::View;
 use crate::error::{Result, core, key, value};
-use crate::scene::{DemTable, ModelTable, ParticleFieldKind, Protocol, Shape};
+use crate::scene::{DemTable, Effect, ModelTable, ParticleFieldKind, Protocol, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind as Neighbours;
 use arlequin::core::Model;
@@ -23,7 +24,7 @@ const YOUNG_RATIO: f64 = 265.0 / 74.4;
 /// Volume fraction at which polydisperse spheres jam.
 const JAMMED: f64 = 0.615;
 
-fn dem(key: &str) -> impl Fn(DemError) -> crate::error::Error + '_ {
+pub(super) fn dem(key: &str) -> impl Fn(DemError) -> crate::error::Error + '_ {
     move |e| core(key)(e.into())
 }
 
@@ -59,11 +60,12 @@ impl Interpolation<f64> for ParticlePoints {
 }
 
 /// Builds a bonded packing that fills the shape.
-pub(super) fn body(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
+pub(super) fn body(name: &str, key: &str, table: &ModelTable, effects: &[(usize, &Effect)]) -> Result<Body> {
     let (container, shift) = container(key, &table.shape)?;
     let packing = packing(key, table, container)?;
     let mut packing = packing;
     packing.positions.iter_mut().for_each(|x| *x += shift);
+    grains::cut(key, &table.dem.notch, &mut packing)?;
     let beam = beam(key, table)?;
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
     let model = if table.dem.finite_rotations {
@@ -71,6 +73,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
     } else {
         model
     };
+    let (model, grains) = Grains::of(model, table, effects)?;
     let natural =
         NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(|e| core(key)(e.into()))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
@@ -102,6 +105,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
         spacing,
         material: table.material,
         shape: table.shape.clone(),
+        grains: Some(grains),
         model: Box::new(model),
     })
 }

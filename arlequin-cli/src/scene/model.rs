@@ -149,7 +149,7 @@ pub(crate) enum Functions {
 }
 
 /// Choices of particles.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct DemTable {
     /// Number of spheres, in place of `spacing`.
@@ -170,6 +170,18 @@ pub(crate) struct DemTable {
     pub(crate) field: ParticleFieldKind,
     /// Whether rotations may be large.
     pub(crate) finite_rotations: bool,
+    /// Boxes that no bond crosses.
+    pub(crate) notch: Vec<NotchBox>,
+}
+
+/// A box that cuts all bonds that pass through it.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct NotchBox {
+    /// Lowest corner \[m\].
+    pub(crate) low: [f64; 3],
+    /// Highest corner \[m\].
+    pub(crate) high: [f64; 3],
 }
 
 impl Default for DemTable {
@@ -184,6 +196,7 @@ impl Default for DemTable {
             radius_ratio: None,
             field: ParticleFieldKind::Particles,
             finite_rotations: false,
+            notch: Vec::new(),
         }
     }
 }
