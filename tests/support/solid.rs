@@ -7,6 +7,7 @@ use arlequin::core::weight::Profile;
 use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh};
 use arlequin_studies::solid as deck;
+#[allow(unused_imports, reason = "each test binary uses its part")]
 pub(crate) use deck::{OVERLAP, couple, spec};
 use std::sync::Arc;
 

@@ -1,11 +1,13 @@
 //! Supports, loads, effects and initial states.
 
-use super::kinds::Body;
+use super::kinds::{Body, Kind};
 use super::select;
 use crate::error::{Result, core, key, unknown, value};
 use crate::scene::{Axis, Effect, Field, Initial, Load, Motion, Scene, Support, TimeShape, Wave};
 use arlequin::core::Subdomain;
-use arlequin::core::effect::{self, BodyForce, MassDamping, SurfaceFacet};
+use arlequin::core::effect::{
+    self, BodyForce, BulkViscosity, LocalDamping, MassDamping, StiffnessDamping, SurfaceFacet,
+};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
@@ -29,7 +31,7 @@ fn model_indices(path: &str, names: Option<&[String]>, scene: &Scene) -> Result<
     names.iter().enumerate().map(index).collect()
 }
 
-fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunction<f64>> {
+pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunction<f64>> {
     let function = match shape {
         TimeShape::Step => TimeFunction::Step,
         TimeShape::Ramp { duration } => TimeFunction::Ramp { duration: *duration },
@@ -45,11 +47,13 @@ fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunction<f64>> {
 pub(crate) struct Attachments {
     supports: BTreeMap<usize, Vec<PrescribedMotion<f64>>>,
     effects: BTreeMap<usize, Vec<Box<dyn effect::Effect<f64>>>>,
+    /// Effects that must come after all others.
+    last: BTreeMap<usize, Vec<Box<dyn effect::Effect<f64>>>>,
 }
 
 impl Attachments {
     /// Reads supports, loads and effects of a scene.
-    pub(crate) fn of(scene: &Scene, bodies: &[Body]) -> Result<Self> {
+    pub(crate) fn of(scene: &Scene, bodies: &mut [Body]) -> Result<Self> {
         let mut out = Self::default();
         for (k, s) in scene.support.iter().enumerate() {
             let path = format!("support[{k}]");
@@ -65,8 +69,20 @@ impl Attachments {
         }
         for (k, e) in scene.effect.iter().enumerate() {
             let path = format!("effect[{k}]");
-            for m in model_indices(&path, e.models.as_deref(), scene)? {
-                out.add(m, body_effect(&path, e)?);
+            for m in effect_models(k, e, scene)? {
+                let body = &mut bodies[m];
+                match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
+                    Some(made) => out.add(m, made),
+                    None if e.enabled && !e.is_for_particles() => {
+                        let made = body_effect(&path, e, body)?;
+                        if e.local_damping.is_some() {
+                            out.last.entry(m).or_default().push(made);
+                        } else {
+                            out.add(m, made);
+                        }
+                    }
+                    None => {}
+                }
             }
         }
         Ok(out)
@@ -82,8 +98,10 @@ impl Attachments {
         for s in self.supports.remove(&m).unwrap_or_default() {
             to = to.with_support(s);
         }
-        for e in self.effects.remove(&m).unwrap_or_default() {
-            to = to.with_effect(e);
+        for list in [&mut self.effects, &mut self.last] {
+            for e in list.remove(&m).unwrap_or_default() {
+                to = to.with_effect(e);
+            }
         }
         to
     }
@@ -230,16 +248,65 @@ fn nodal_torque(
     Ok(Box::new(move |n| axis.cross(&(points[n] - centre)) * factor))
 }
 
-fn body_effect(path: &str, e: &Effect) -> Result<Box<dyn effect::Effect<f64>>> {
-    match (&e.body_force, &e.mass_damping) {
-        (Some(b), None) => Ok(Box::new(
-            BodyForce::new(Vector3::from(b.acceleration)).map_err(core(path))?,
-        )),
-        (None, Some(d)) => Ok(Box::new(
-            MassDamping::new(d.rate).map_err(core(format!("{path}.mass_damping.rate")))?,
-        )),
-        _ => Err(key(path, "needs exactly one of body_force, mass_damping")),
+fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect::Effect<f64>>> {
+    let at = |name: &str| format!("{path}.{name}");
+    if let Some(b) = &e.body_force {
+        let made = BodyForce::new(Vector3::from(b.acceleration));
+        return Ok(Box::new(made.map_err(core(path))?));
     }
+    if let Some(d) = &e.mass_damping {
+        let made = MassDamping::new(d.rate);
+        return Ok(Box::new(made.map_err(core(at("mass_damping.rate")))?));
+    }
+    if let Some(d) = &e.stiffness_damping {
+        let made = StiffnessDamping::new(d.time);
+        return Ok(Box::new(made.map_err(core(at("stiffness_damping.time")))?));
+    }
+    if let Some(d) = &e.local_damping {
+        let made = LocalDamping::new(d.share);
+        return Ok(Box::new(made.map_err(core(at("local_damping.share")))?));
+    }
+    let coefficient = e.bulk_viscosity.map_or(0.0, |b| b.coefficient);
+    let m = &body.material;
+    let nu = m.poisson.unwrap_or(0.0);
+    // Dilatational waves: c² = (λ + 2 μ)/ρ.
+    let modulus = m.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu));
+    let impedance = (modulus * m.density).sqrt();
+    let made = BulkViscosity::new(body.field.clone(), coefficient, impedance);
+    Ok(Box::new(made.map_err(core(at("bulk_viscosity.coefficient")))?))
+}
+
+/// Models an effect acts on: those named, or all that can have it.
+pub(crate) fn effect_models(k: usize, e: &Effect, scene: &Scene) -> Result<Vec<usize>> {
+    let path = format!("effect[{k}]");
+    let given = e.given();
+    if given.len() != 1 {
+        let rule = "needs exactly one of body_force, mass_damping, stiffness_damping, local_damping, bulk_viscosity, \
+                    fracture, contact, obstacle";
+        return Err(key(path, rule));
+    }
+    let kind = |m: usize| scene.model.values().nth(m).map(|t| t.kind);
+    let fits = |m: &usize| match kind(*m) {
+        Some(Kind::Dem) => !e.is_for_solids(),
+        Some(Kind::Chain) => !e.is_for_solids() && !e.is_for_particles(),
+        _ => !e.is_for_particles(),
+    };
+    let all = model_indices(&path, e.models.as_deref(), scene)?;
+    if let (Some(names), Some(at)) = (&e.models, all.iter().position(|m| !fits(m))) {
+        let wanted = if e.is_for_particles() {
+            "kind = \"dem\""
+        } else {
+            "kind = \"fem\" or \"cnem\""
+        };
+        let rule = format!("{} needs {wanted}, which model '{}' is not", given[0], names[at]);
+        return Err(key(format!("{path}.models[{at}]"), rule));
+    }
+    let fitting: Vec<usize> = all.into_iter().filter(fits).collect();
+    if fitting.is_empty() {
+        let rule = format!("no model of the scene can have {}; remove it", given[0]);
+        return Err(key(path, rule));
+    }
+    Ok(fitting)
 }
 
 /// Initial displacements and velocities of model `m`.

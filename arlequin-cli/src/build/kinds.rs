@@ -3,10 +3,11 @@
 //! A new kind is a variant of [`Kind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
 //! into a table of that name in [`ModelTable`].
 
+use super::grains::Grains;
 use super::mesh::{self, View};
 use crate::chain::Chain;
 use crate::error::{Result, core, fem, value};
-use crate::scene::{Material, ModelTable, RoleKind, Shape};
+use crate::scene::{Effect, Material, ModelTable, RoleKind, Shape};
 use arlequin::core::Model;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::field::Interpolation;
@@ -52,6 +53,8 @@ pub(crate) struct Body {
     pub(crate) material: Material,
     /// What it looks like.
     pub(crate) shape: Shape,
+    /// What only particles have.
+    pub(crate) grains: Option<Grains>,
 }
 
 impl std::fmt::Debug for Body {
@@ -68,13 +71,19 @@ impl Body {
 }
 
 /// Builds the body of `[model.NAME]`; paths are relative to `folder`.
-pub(crate) fn body(name: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+/// `effects` are the effects on this model with their numbers in the scene; particles need some of them here.
+pub(crate) fn body(
+    name: &str,
+    table: &ModelTable,
+    folder: &Path,
+    effects: &[(usize, &Effect)],
+) -> Result<Body> {
     let key = format!("model.{name}");
     check_material(&key, &table.material)?;
     match table.kind {
         Kind::Fem => finite_elements(name, &key, table, folder),
         Kind::Cnem => super::natural::body(name, &key, table, folder),
-        Kind::Dem => super::particles::body(name, &key, table, folder),
+        Kind::Dem => super::particles::body(name, &key, table, folder, effects),
         Kind::Chain => chain(name, &key, table),
     }
 }
@@ -138,6 +147,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
             ..table.material
         },
         shape: table.shape.clone(),
+        grains: None,
     })
 }
 
@@ -183,5 +193,6 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
         spacing,
         material: table.material,
         shape: table.shape.clone(),
+        grains: None,
     })
 }

@@ -2,6 +2,7 @@
 
 mod drive;
 pub(crate) mod filling;
+mod grains;
 mod joint;
 mod kinds;
 mod mesh;
@@ -15,10 +16,11 @@ pub(crate) use mesh::View;
 pub(crate) use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
-use crate::scene::{Interface, Material, RoleKind, Scene, StepChoice};
+use crate::scene::{Effect, Interface, Material, RoleKind, Scene, StepChoice};
 use arlequin::core::field::Interpolation;
 use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
 use joint::Joint;
 use std::path::Path;
@@ -32,6 +34,8 @@ pub(crate) struct Drawn {
     pub(crate) field: Arc<dyn Interpolation<f64>>,
     /// Material.
     pub(crate) material: Material,
+    /// What broke, where bonds can.
+    pub(crate) breaks: Option<SharedLog>,
 }
 
 /// A run that is ready to step.
@@ -54,10 +58,12 @@ pub(crate) struct Built {
 pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
     check_numbers(scene)?;
     check_names(scene)?;
-    let bodies: Vec<Body> = scene
+    let effects = effects_by_model(scene)?;
+    let mut bodies: Vec<Body> = scene
         .model
         .iter()
-        .map(|(name, table)| kinds::body(name, table, folder))
+        .enumerate()
+        .map(|(m, (name, table))| kinds::body(name, table, folder, &effects[m]))
         .collect::<Result<_>>()?;
     if bodies.is_empty() {
         return Err(key("model", "a scene needs at least one model"));
@@ -77,7 +83,7 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
         .iter()
         .map(|(n, p)| Reader::new(n, p, scene, &bodies))
         .collect::<Result<_>>()?;
-    let mut attachments = Attachments::of(scene, &bodies)?;
+    let mut attachments = Attachments::of(scene, &mut bodies)?;
     for j in &mut joints {
         if let Some(a) = j.absorber.take() {
             attachments.add(j.spec.fine, Box::new(a));
@@ -90,6 +96,7 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
             view: body.view.clone(),
             field: body.field.clone(),
             material: body.material,
+            breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
         });
         subdomains.push(subdomain(scene, m, body, &joints, &mut attachments)?);
     }
@@ -106,6 +113,17 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
         steps,
         frame_every,
     })
+}
+
+/// Effects of a scene on each of its models, with their numbers.
+fn effects_by_model(scene: &Scene) -> Result<Vec<Vec<(usize, &Effect)>>> {
+    let mut out = vec![Vec::new(); scene.model.len()];
+    for (k, e) in scene.effect.iter().enumerate() {
+        for m in drive::effect_models(k, e, scene)? {
+            out[m].push((k, e));
+        }
+    }
+    Ok(out)
 }
 
 fn step_of(scene: &Scene) -> TimeStep<f64> {

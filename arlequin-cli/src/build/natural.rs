@@ -67,6 +67,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
             ..table.material
         },
         shape: table.shape.clone(),
+        grains: None,
     })
 }
 

@@ -1,10 +1,11 @@
 //! `kind = "dem"`: a random packing of spheres joined by cohesive beams fills the shape.
 
 use super::filling::{Filling, Recipe, beam, dem};
+use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::mesh::View;
 use crate::error::{Result, core};
-use crate::scene::{ModelTable, ParticleFieldKind, Shape};
+use crate::scene::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind as Neighbours;
 use arlequin::core::Model;
@@ -47,10 +48,17 @@ impl Interpolation<f64> for ParticlePoints {
 }
 
 /// Builds a bonded packing that fills the shape.
-pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+pub(super) fn body(
+    name: &str,
+    key: &str,
+    table: &ModelTable,
+    folder: &Path,
+    effects: &[(usize, &Effect)],
+) -> Result<Body> {
     let filling = Filling::of(key, &table.shape, folder)?;
     let mut packing = Recipe::of(key, table, folder, &filling)?.packing(key)?;
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
+    grains::cut(key, &table.dem.notch, &mut packing)?;
     let beam = beam(key, table)?;
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
     let model = if table.dem.finite_rotations {
@@ -58,6 +66,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     } else {
         model
     };
+    let (model, grains) = Grains::of(model, table, effects)?;
     let natural =
         NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(|e| core(key)(e.into()))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
@@ -86,6 +95,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         spacing,
         material: table.material,
         shape: table.shape.clone(),
+        grains: Some(grains),
         model: Box::new(model),
     })
 }

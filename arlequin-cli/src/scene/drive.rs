@@ -134,34 +134,6 @@ pub(crate) struct Load {
     pub(crate) time: TimeShape,
 }
 
-/// `[[effect]]`: exactly one of the effects.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Effect {
-    /// On which models; all by default.
-    pub(crate) models: Option<Vec<String>>,
-    /// Body force.
-    pub(crate) body_force: Option<BodyForce>,
-    /// Mass-proportional damping.
-    pub(crate) mass_damping: Option<MassDamping>,
-}
-
-/// A constant acceleration field.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct BodyForce {
-    /// Acceleration \[m/s²\].
-    pub(crate) acceleration: [f64; 3],
-}
-
-/// Mass-proportional damping.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct MassDamping {
-    /// Rate \[1/s\].
-    pub(crate) rate: f64,
-}
-
 /// `[[initial]]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]

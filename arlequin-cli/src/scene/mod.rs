@@ -1,21 +1,22 @@
 //! The scene: what the TOML file says, before any of it is built. `docs/scene.md` is its reference.
 
 mod drive;
+mod effect;
 mod interface;
 mod model;
 mod source;
 
 pub(crate) use drive::{
-    Axis, Effect, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Support, TimeShape,
-    Wave,
+    Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Support, TimeShape, Wave,
 };
+pub(crate) use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
 pub(crate) use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SamplingKind,
     WeightTable, WeightingKind,
 };
 pub(crate) use model::{
-    CnemTable, DemTable, Element, Functions, Material, ModelTable, ParticleFieldKind, Protocol, RoleKind,
-    Shape,
+    CnemTable, DemTable, Element, Functions, Material, ModelTable, NotchBox, ParticleFieldKind, Protocol,
+    RoleKind, Shape,
 };
 pub(crate) use source::Source;
 

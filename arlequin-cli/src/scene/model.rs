@@ -175,6 +175,18 @@ pub(crate) struct DemTable {
     pub(crate) field: ParticleFieldKind,
     /// Whether rotations may be large.
     pub(crate) finite_rotations: bool,
+    /// Boxes that no bond crosses.
+    pub(crate) notch: Vec<NotchBox>,
+}
+
+/// A box that cuts all bonds that pass through it.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct NotchBox {
+    /// Lowest corner \[m\].
+    pub(crate) low: [f64; 3],
+    /// Highest corner \[m\].
+    pub(crate) high: [f64; 3],
 }
 
 /// How spheres are packed.

@@ -1,0 +1,199 @@
+//! What only particles have: bonds that break, contact, obstacles, notches.
+
+use super::drive::time_function;
+use super::filling::dem;
+use crate::error::{Result, key, value};
+use crate::scene::{self, CriterionKind, Effect, ModelTable, NotchBox, ObstacleShape};
+use arlequin::core::effect;
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::fracture::SharedLog;
+use arlequin::dem_beam::packing::Packing;
+use arlequin::dem_beam::{
+    Contact, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Scatter, Shape,
+};
+use std::collections::BTreeMap;
+
+/// What a body of particles brings besides a model.
+pub(crate) struct Grains {
+    /// Contact and obstacles, by the number of the effect in the scene.
+    pub(crate) effects: BTreeMap<usize, Box<dyn effect::Effect<f64>>>,
+    /// What broke, if bonds can.
+    pub(crate) breaks: Option<SharedLog>,
+}
+
+impl Grains {
+    /// Gives the model its bonds' strengths and makes the effects that need to know particles.
+    pub(super) fn of(
+        mut model: DemModel,
+        table: &ModelTable,
+        effects: &[(usize, &Effect)],
+    ) -> Result<(DemModel, Self)> {
+        let mut breaks = None;
+        for (k, e) in effects {
+            let Some(f) = &e.fracture else { continue };
+            let path = format!("effect[{k}].fracture");
+            let spec = fracture(&path, f)?;
+            if !e.enabled {
+                model = model.with_watched_strength(spec).map_err(dem(&path))?;
+            } else if breaks.is_some() {
+                let rule = format!("model '{}' has two; keep one", name(&model));
+                return Err(key(path, rule));
+            } else {
+                model = model.with_fracture(spec).map_err(dem(&path))?;
+                breaks = Some(model.break_log());
+            }
+        }
+        let mut made: BTreeMap<usize, Box<dyn effect::Effect<f64>>> = BTreeMap::new();
+        let mut touching = false;
+        for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
+            if let Some(c) = &e.contact {
+                let path = format!("effect[{k}].contact");
+                if std::mem::replace(&mut touching, true) {
+                    let rule = format!("model '{}' has two; keep one", name(&model));
+                    return Err(key(path, rule));
+                }
+                let contact = Contact::new(&model, law(table, c)).map_err(dem(&path))?;
+                made.insert(*k, Box::new(contact));
+            }
+            if let Some(o) = &e.obstacle {
+                made.insert(*k, Box::new(obstacle(*k, o, &model, table)?));
+            }
+        }
+        Ok((
+            model,
+            Self {
+                effects: made,
+                breaks,
+            },
+        ))
+    }
+}
+
+fn name(model: &DemModel) -> &str {
+    arlequin::core::Model::name(model)
+}
+
+fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
+    let scatter = match (f.weibull, f.deviation) {
+        (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
+        (Some(modulus), None) => Scatter::Weibull { modulus },
+        (None, Some(deviation)) => Scatter::Normal { deviation },
+        (None, None) => Scatter::None,
+    };
+    let criterion = match f.criterion {
+        CriterionKind::Axial => Criterion::Axial,
+        CriterionKind::Rankine => Criterion::Rankine,
+        CriterionKind::Mises => Criterion::Mises,
+        CriterionKind::Energy => Criterion::Energy,
+    };
+    Ok(Fracture {
+        scatter,
+        seed: f.seed,
+        every: f.every.unwrap_or(1),
+        ..Fracture::new(criterion, f.strength)
+    })
+}
+
+fn law(table: &ModelTable, c: &scene::Contact) -> ContactLaw {
+    let base = ContactLaw::elastic(c.modulus.unwrap_or(table.material.young));
+    ContactLaw {
+        // Grains of brittle materials rebound with about half of their speed.
+        restitution: c.restitution.unwrap_or(0.5),
+        friction: c.friction.unwrap_or(base.friction),
+        shear_ratio: c.shear_ratio.unwrap_or(base.shear_ratio),
+        rolling: c.rolling.unwrap_or(base.rolling),
+        skin: c.skin.unwrap_or(base.skin),
+        ..base
+    }
+}
+
+fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
+    let path = format!("effect[{k}].obstacle");
+    let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
+    let shape = match o.shape {
+        ObstacleShape::Plane { point: p, normal } => Shape::Plane {
+            point: point(p),
+            normal: Vector3::from(normal),
+        },
+        ObstacleShape::Sphere { centre, radius } => Shape::Sphere {
+            centre: point(centre),
+            radius,
+        },
+        ObstacleShape::Cylinder {
+            point: p,
+            axis,
+            radius,
+        } => Shape::Cylinder {
+            point: point(p),
+            axis: Vector3::from(axis),
+            radius,
+        },
+    };
+    let velocity = o.velocity.map(Vector3::from);
+    let motion = match (o.mass, velocity, &o.displacement) {
+        (Some(mass), v, None) => Motion::Free {
+            mass,
+            velocity: v.unwrap_or_default(),
+        },
+        (None, Some(v), None) => Motion::Velocity(v),
+        (None, None, Some(d)) => Motion::Prescribed {
+            amplitude: Vector3::from(d.amplitude),
+            time: time_function(&format!("{path}.displacement.time"), &d.time)?,
+        },
+        (None, None, None) => Motion::Fixed,
+        _ => {
+            let rule = "displacement excludes velocity and mass; remove one side";
+            return Err(key(path, rule));
+        }
+    };
+    if o.contact.skin.is_some() || o.contact.rolling.is_some() {
+        return Err(key(
+            format!("{path}.contact"),
+            "an obstacle knows no skin and no rolling; remove them",
+        ));
+    }
+    let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));
+    Obstacle::new(&called, model, shape, motion, law(table, &o.contact)).map_err(dem(&path))
+}
+
+/// Removes the bonds that pass through a box.
+pub(super) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
+    for (k, b) in boxes.iter().enumerate() {
+        if let Some(c) = (0..3).find(|&c| b.high[c] < b.low[c]) {
+            let rule = format!("must not be below low[{c}] = {} m", b.low[c]);
+            return Err(value(
+                format!("{path}.dem.notch[{k}].high[{c}]"),
+                b.high[c],
+                &rule,
+            ));
+        }
+        let x = &packing.positions;
+        let before = packing.pairs.len();
+        packing
+            .pairs
+            .retain(|p| !crosses(b, &x[p[0] as usize], &x[p[1] as usize]));
+        if packing.pairs.len() == before {
+            let rule = "crosses no bond; enlarge it or check the units (m)";
+            return Err(key(format!("{path}.dem.notch[{k}]"), rule));
+        }
+    }
+    Ok(())
+}
+
+/// Whether a segment meets a box, by the slabs of the axes.
+fn crosses(b: &NotchBox, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
+    let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
+    for c in 0..3 {
+        let d = to[c] - from[c];
+        if d.abs() < f64::MIN_POSITIVE {
+            if from[c] < b.low[c] || from[c] > b.high[c] {
+                return false;
+            }
+            continue;
+        }
+        let (s, t) = ((b.low[c] - from[c]) / d, (b.high[c] - from[c]) / d);
+        enter = enter.max(s.min(t));
+        leave = leave.min(s.max(t));
+    }
+    enter <= leave
+}

@@ -1,0 +1,223 @@
+//! `[[effect]]`: what acts on the models beside supports and loads.
+
+use super::drive::TimeShape;
+use serde::Deserialize;
+
+/// `[[effect]]`: exactly one of the effects.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Effect {
+    /// On which models; all that can have it by default.
+    pub(crate) models: Option<Vec<String>>,
+    /// Whether it is on.
+    #[serde(default = "yes")]
+    pub(crate) enabled: bool,
+    /// Body force.
+    pub(crate) body_force: Option<BodyForce>,
+    /// Mass-proportional damping.
+    pub(crate) mass_damping: Option<MassDamping>,
+    /// Stiffness-proportional damping.
+    pub(crate) stiffness_damping: Option<StiffnessDamping>,
+    /// Local damping.
+    pub(crate) local_damping: Option<LocalDamping>,
+    /// Bulk viscosity.
+    pub(crate) bulk_viscosity: Option<BulkViscosity>,
+    /// Bonds that break.
+    pub(crate) fracture: Option<Fracture>,
+    /// Contact between unbonded particles.
+    pub(crate) contact: Option<Contact>,
+    /// A rigid body.
+    pub(crate) obstacle: Option<Obstacle>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Effect {
+    /// Names of the effects that are given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        let all = [
+            ("body_force", self.body_force.is_some()),
+            ("mass_damping", self.mass_damping.is_some()),
+            ("stiffness_damping", self.stiffness_damping.is_some()),
+            ("local_damping", self.local_damping.is_some()),
+            ("bulk_viscosity", self.bulk_viscosity.is_some()),
+            ("fracture", self.fracture.is_some()),
+            ("contact", self.contact.is_some()),
+            ("obstacle", self.obstacle.is_some()),
+        ];
+        all.into_iter()
+            .filter(|(_, given)| *given)
+            .map(|(n, _)| n)
+            .collect()
+    }
+
+    /// Whether only particles can have it.
+    pub(crate) fn is_for_particles(&self) -> bool {
+        self.fracture.is_some() || self.contact.is_some() || self.obstacle.is_some()
+    }
+
+    /// Whether only solids of finite or natural elements can have it.
+    pub(crate) fn is_for_solids(&self) -> bool {
+        self.bulk_viscosity.is_some()
+    }
+}
+
+/// A constant acceleration field.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BodyForce {
+    /// Acceleration \[m/s²\].
+    pub(crate) acceleration: [f64; 3],
+}
+
+/// Mass-proportional damping.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MassDamping {
+    /// Rate \[1/s\].
+    pub(crate) rate: f64,
+}
+
+/// Stiffness-proportional damping.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct StiffnessDamping {
+    /// `c` in `F = -c K v` \[s\].
+    pub(crate) time: f64,
+}
+
+/// Local damping.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LocalDamping {
+    /// Share of the force that opposes the motion.
+    pub(crate) share: f64,
+}
+
+/// Linear bulk viscosity.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BulkViscosity {
+    /// Coefficient `b`.
+    #[serde(default = "usual")]
+    pub(crate) coefficient: f64,
+}
+
+fn usual() -> f64 {
+    0.06
+}
+
+/// Bonds that break.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Fracture {
+    /// What is compared.
+    pub(crate) criterion: CriterionKind,
+    /// Strength \[Pa\], or \[J/m²\] for the energy.
+    pub(crate) strength: f64,
+    /// Weibull modulus of the scatter.
+    pub(crate) weibull: Option<f64>,
+    /// Relative standard deviation of a normal scatter.
+    pub(crate) deviation: Option<f64>,
+    /// Seed of the scatter.
+    #[serde(default = "one")]
+    pub(crate) seed: u64,
+    /// Steps between two checks.
+    pub(crate) every: Option<usize>,
+}
+
+fn one() -> u64 {
+    1
+}
+
+/// Criteria of bonds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum CriterionKind {
+    /// Axial tension.
+    Axial,
+    /// Largest principal tension of the section.
+    Rankine,
+    /// Equivalent stress of von Mises.
+    Mises,
+    /// Elastic energy per section.
+    Energy,
+}
+
+/// Contact between unbonded particles.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct Contact {
+    /// Modulus of the normal spring \[Pa\]; that of the material by default.
+    pub(crate) modulus: Option<f64>,
+    /// Coefficient of restitution.
+    pub(crate) restitution: Option<f64>,
+    /// Coulomb friction.
+    pub(crate) friction: Option<f64>,
+    /// Tangential over normal stiffness.
+    pub(crate) shear_ratio: Option<f64>,
+    /// Rolling resistance.
+    pub(crate) rolling: Option<f64>,
+    /// Skin of the neighbour list in mean radii.
+    pub(crate) skin: Option<f64>,
+}
+
+/// A rigid body.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Obstacle {
+    /// Name in the ledger.
+    pub(crate) name: Option<String>,
+    /// Shape at rest.
+    pub(crate) shape: ObstacleShape,
+    /// Constant velocity \[m/s\]; with a mass, the velocity at the start.
+    pub(crate) velocity: Option<[f64; 3]>,
+    /// Prescribed displacement.
+    pub(crate) displacement: Option<ObstacleMotion>,
+    /// Mass of a free body \[kg\].
+    pub(crate) mass: Option<f64>,
+    /// How it touches particles.
+    #[serde(default)]
+    pub(crate) contact: Contact,
+}
+
+/// Shapes of obstacles.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum ObstacleShape {
+    /// Half-space behind a plane.
+    Plane {
+        /// A point of it \[m\].
+        point: [f64; 3],
+        /// Towards the particles.
+        normal: [f64; 3],
+    },
+    /// Ball.
+    Sphere {
+        /// Centre \[m\].
+        centre: [f64; 3],
+        /// Radius \[m\].
+        radius: f64,
+    },
+    /// Endless cylinder.
+    Cylinder {
+        /// A point of the axis \[m\].
+        point: [f64; 3],
+        /// Direction of the axis.
+        axis: [f64; 3],
+        /// Radius \[m\].
+        radius: f64,
+    },
+}
+
+/// Displacement of an obstacle, `amplitude · time`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ObstacleMotion {
+    /// Amplitude \[m\].
+    pub(crate) amplitude: [f64; 3],
+    /// Time function.
+    pub(crate) time: TimeShape,
+}
