@@ -9,7 +9,7 @@ mod source;
 pub(crate) use drive::{
     Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Support, TimeShape, Wave,
 };
-pub(crate) use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleMotion, ObstacleShape};
+pub(crate) use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
 pub(crate) use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SamplingKind,
     WeightTable, WeightingKind,
