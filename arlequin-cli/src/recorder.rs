@@ -46,12 +46,23 @@ impl PhaseClock {
     pub(crate) fn phases(&self, run: &Coupled<f64>) -> BTreeMap<String, f64> {
         let name = |p: Phase| match p {
             Phase::Predict(k) => format!("predict/{}", run.subdomains()[k].model().name()),
+            Phase::Evolve(k) => format!("evolve/{}", run.subdomains()[k].model().name()),
+            Phase::Effect(k, e) => {
+                let s = &run.subdomains()[k];
+                let effect = s.effects().nth(e).map_or("?", |e| e.name());
+                format!("effect/{}/{effect}", s.model().name())
+            }
             Phase::Interface => "interface".to_owned(),
             Phase::Ledger => "ledger".to_owned(),
             Phase::Observe => "observe".to_owned(),
             _ => "other".to_owned(),
         };
         self.seconds.iter().map(|(p, s)| (name(*p), *s)).collect()
+    }
+
+    /// Seconds of one phase.
+    pub(crate) fn seconds(&self, phase: Phase) -> f64 {
+        self.seconds.iter().find(|s| s.0 == phase).map_or(0.0, |s| s.1)
     }
 
     /// Seconds of steps and of observation.
@@ -116,6 +127,10 @@ pub(crate) struct Recorder {
     pub(crate) energy: Table,
     /// Names of the works.
     pub(crate) works: Vec<String>,
+    /// Figures of the effects at the times of the energy.
+    pub(crate) facts: Table,
+    /// Their names.
+    pub(crate) fact_names: Vec<String>,
     /// Frames.
     pub(crate) frames: Frames,
     /// Largest relative velocity jump per interface.
@@ -140,6 +155,8 @@ impl Recorder {
             probes: Table::default(),
             energy: Table::default(),
             works: run.works().into_iter().map(|w| w.name).collect(),
+            facts: Table::default(),
+            fact_names: facts(run).map(|f| f.0).collect(),
             frames,
             residuals: Vec::new(),
             top_speed: 0.0,
@@ -201,6 +218,9 @@ impl Recorder {
         ];
         let works = run.works().into_iter().map(|w| w.work);
         self.energy.push(s.time, fixed.into_iter().chain(works));
+        if !self.fact_names.is_empty() {
+            self.facts.push(s.time, facts(run).map(|f| f.1));
+        }
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
             self.top_speed = moving.iter().fold(self.top_speed, |m, v| m.max(v.abs()));
@@ -213,6 +233,16 @@ impl Recorder {
             }
         }
     }
+}
+
+/// Figures of all effects: name with the effect in front, value.
+fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
+    run.effects().into_iter().flat_map(|e| {
+        let name = e.name;
+        e.facts
+            .into_iter()
+            .map(move |(fact, x)| (format!("{name} {fact}"), x))
+    })
 }
 
 /// Makes one step under the clock.

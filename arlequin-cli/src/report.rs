@@ -6,7 +6,7 @@
 )]
 
 use crate::check::Plan;
-use crate::output::summary::{InterfaceLine, ModelLine, Summary};
+use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, Summary};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::Path;
@@ -100,6 +100,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     for (name, work) in &s.energy.ledger {
         println!("work       {name:<24} {work:>14.6e} J");
     }
+    effects(&s.effect_ledger);
     for (name, p) in &s.probes {
         let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
         let frequencies = if shown.is_empty() {
@@ -158,6 +159,25 @@ pub(crate) fn plan(p: &Plan) {
         ),
     }
     warnings(&p.warnings);
+}
+
+fn effects(all: &[EffectReport]) {
+    let joules = |x: Option<f64>| x.map_or_else(|| format!("{:>14}", "-"), |x| format!("{x:>14.6e}"));
+    for e in all {
+        let share = e.share.map_or_else(
+            || "in the forces".to_owned(),
+            |s| format!("{:.1} % of the steps", 100.0 * s),
+        );
+        println!(
+            "effect     {:<24} stored {:>14.6e} J, dissipated {} J, {share}",
+            e.name,
+            e.stored,
+            joules(e.dissipated)
+        );
+        if let (Some(n), Some(of)) = (e.facts.get("broken bonds"), e.facts.get("bonds")) {
+            println!("           {n} of {of} bonds broke");
+        }
+    }
 }
 
 fn models(all: &[ModelLine]) {

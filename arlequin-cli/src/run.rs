@@ -11,6 +11,7 @@ use crate::report::{self, Progress};
 use crate::scene::Quantity;
 use crate::spectrum;
 use arlequin::core::Coupled;
+use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -38,6 +39,7 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
     let folder = Folder::begin(&target, force)?;
     let settings = &input.scene.output;
     let initial_energy = run.energy();
+    let breaks: Vec<_> = drawn.iter().map(|d| d.breaks.clone()).collect();
     let frames = Frames::new(folder.subfolder("vtu")?, &settings.fields, &run, drawn, mediators);
     let setup = begin.elapsed().as_secs_f64();
     let mut recorder = Recorder::new(&run, probes, frames, settings.probe_every, frame_every)?;
@@ -46,6 +48,7 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
     let after = Instant::now();
     recorder.finish(&run)?;
     write_tables(folder.path(), &recorder)?;
+    write_breaks(folder.path(), &run, &breaks)?;
     recorder.frames.finish(&folder.path().join("results.pvd"))?;
     if settings.plots {
         draw_plots(&folder, &recorder, title(input))?;
@@ -57,7 +60,8 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
         output: observing + after.elapsed().as_secs_f64(),
         phases: clock.phases(&run),
     };
-    let summary = summarise(input, &run, &recorder, wall, initial_energy, interrupted);
+    let mut summary = summarise(input, &run, &recorder, wall, initial_energy, interrupted);
+    summary.effect_ledger = summary::effects(&run, &clock);
     let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
         what: "writing summary.json",
         message: e.to_string(),
@@ -130,7 +134,42 @@ fn write_tables(folder: &Path, r: &Recorder) -> Result<()> {
     let mut names = vec!["time [s]".to_owned()];
     names.extend(ENERGY_COLUMNS.map(str::to_owned));
     names.extend(r.works.iter().map(|w| format!("work {w} [J]")));
-    csv(&folder.join("energy.csv"), &names, &columns(&r.energy))
+    csv(&folder.join("energy.csv"), &names, &columns(&r.energy))?;
+    if r.fact_names.is_empty() {
+        return Ok(());
+    }
+    let mut names = vec!["time [s]".to_owned()];
+    names.extend(r.fact_names.iter().cloned());
+    csv(&folder.join("effects.csv"), &names, &columns(&r.facts))
+}
+
+/// One table of broken bonds per model whose bonds can break.
+fn write_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<()> {
+    let names = [
+        "time [s]",
+        "bond [-]",
+        "first particle [-]",
+        "second particle [-]",
+        "released [J]",
+        "distance [m]",
+    ];
+    for (s, log) in run.subdomains().iter().zip(breaks) {
+        let Some(log) = log else { continue };
+        let log = locked(log);
+        let column = |f: fn(&Break) -> f64| log.events().iter().map(f).collect::<Vec<f64>>();
+        let table = [
+            column(|e| e.time),
+            column(|e| f64::from(e.bond)),
+            column(|e| f64::from(e.pair[0])),
+            column(|e| f64::from(e.pair[1])),
+            column(|e| e.released),
+            column(|e| e.distance),
+        ];
+        let path = folder.join(format!("fracture-{}.csv", s.model().name()));
+        let columns: Vec<&[f64]> = table.iter().map(Vec::as_slice).collect();
+        csv(&path, &names.map(str::to_owned), &columns)?;
+    }
+    Ok(())
 }
 
 fn columns(table: &recorder::Table) -> Vec<&[f64]> {
@@ -222,8 +261,12 @@ fn summarise(
         },
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,
+        effect_ledger: Vec::new(),
         probes: probe_lines(r),
-        warnings: summary::warnings(run),
+        warnings: summary::warnings(run)
+            .into_iter()
+            .chain(summary::findings(run))
+            .collect(),
     }
 }
 

@@ -7,6 +7,7 @@ use crate::scene::{Material, OutputField};
 use arlequin::core::field::ShapeRow;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
+use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
 
 /// Shape gradients at the centre of one cell.
@@ -28,6 +29,8 @@ struct Painter {
     /// Empty if the energy density is not wanted or the field has no gradient.
     centres: Vec<CentreRow>,
     weights: Vec<Array>,
+    /// What broke, where bonds can.
+    breaks: Option<SharedLog>,
 }
 
 impl Frames {
@@ -51,6 +54,7 @@ impl Frames {
                 },
                 weights: weights(s),
                 view: d.view,
+                breaks: d.breaks,
                 material: d.material,
             })
             .collect();
@@ -156,7 +160,34 @@ impl Painter {
                 OutputField::EnergyDensity | OutputField::Multipliers => {}
             }
         }
+        if let Some(log) = &self.breaks {
+            let (damage, broken) = self.damage(&locked(log));
+            points.push(damage);
+            cells.push(broken);
+        }
         (points, cells)
+    }
+
+    /// Share of broken bonds of every particle, and which bonds are broken.
+    fn damage(&self, log: &BreakLog) -> (Array, Array) {
+        let mut counts = vec![[0.0_f64; 2]; self.view.points.len()];
+        let mut broken = Vec::with_capacity(self.view.cells());
+        for (b, pair) in self.view.connectivity.chunks_exact(2).enumerate() {
+            let gone = f64::from(u8::from(log.is_broken(b)));
+            broken.push(gone);
+            for i in pair {
+                let c = &mut counts[*i as usize];
+                c[0] += gone;
+                c[1] += 1.0;
+            }
+        }
+        let array = |name: &str, values| Array {
+            name: name.into(),
+            components: 1,
+            values,
+        };
+        let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
+        (array("damage [-]", shares), array("broken [-]", broken))
     }
 
     /// Unweighted strain energy density `½ σ:ε` at a cell centre.

@@ -1,6 +1,9 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
+use crate::recorder::PhaseClock;
 use arlequin::core::Coupled;
+use arlequin::core::effect::EffectLine;
+use arlequin::core::observer::Phase;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -39,6 +42,8 @@ pub(crate) struct Summary {
     pub(crate) interface: Vec<InterfaceLine>,
     /// Effects that were on.
     pub(crate) effects: Vec<String>,
+    /// What each of them did.
+    pub(crate) effect_ledger: Vec<EffectReport>,
     /// Probes.
     pub(crate) probes: BTreeMap<String, ProbeLine>,
     /// What a user should know.
@@ -125,6 +130,54 @@ pub(crate) struct ProbeLine {
     pub(crate) max: f64,
     /// Frequencies of the peaks of its spectrum \[Hz\], ascending.
     pub(crate) frequencies: Vec<f64>,
+}
+
+/// What one effect did.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct EffectReport {
+    /// Model and effect.
+    pub(crate) name: String,
+    /// Work on the models \[J\]; none for what does none of its own.
+    pub(crate) work: Option<f64>,
+    /// Energy it holds \[J\].
+    pub(crate) stored: f64,
+    /// Energy that is gone \[J\]; none for loads.
+    pub(crate) dissipated: Option<f64>,
+    /// Wall time \[s\]; none for what is part of the forces.
+    pub(crate) seconds: Option<f64>,
+    /// Share of the wall time of all steps \[–\].
+    pub(crate) share: Option<f64>,
+    /// Figures of its own.
+    pub(crate) facts: BTreeMap<String, f64>,
+}
+
+/// What the effects of a run did, and how long it took.
+pub(crate) fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
+    let [stepping, _] = clock.split();
+    let line = |e: EffectLine<f64>| {
+        let seconds = match (e.effect, e.work) {
+            (Some(k), _) => Some(clock.seconds(Phase::Effect(e.subdomain, k))),
+            (None, Some(_)) => Some(clock.seconds(Phase::Evolve(e.subdomain))),
+            (None, None) => None,
+        };
+        EffectReport {
+            dissipated: e.dissipated(),
+            name: e.name,
+            work: e.work,
+            stored: e.stored,
+            seconds,
+            share: seconds.map(|s| s / stepping.max(f64::MIN_POSITIVE)),
+            facts: e.facts.into_iter().collect(),
+        }
+    };
+    run.effects().into_iter().map(line).collect()
+}
+
+/// What the last state would need effects for that are not on.
+pub(crate) fn findings(run: &Coupled<f64>) -> Vec<String> {
+    let text =
+        |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
+    run.watch().into_iter().map(text).collect()
 }
 
 /// Models of a run.
