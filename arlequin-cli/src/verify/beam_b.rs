@@ -152,6 +152,8 @@ fn band(kind: &str, load: &str) -> [f64; 2] {
         // Packed cylinders carry less in their surface layer: some per cent soft where that matters.
         ("dem", "tension") => [0.06, 0.04],
         ("dem", _) => [0.12, 0.06],
+        // The lumped mass of the outer ring slows torsion: its nodes lie on the rim.
+        ("fem", "torsion") => [0.02, 0.02],
         ("fem", _) => [0.02, 0.01],
         // Integration over Voronoi cells converges from the soft side; lumped mass in the outer ring slows torsion.
         ("cnem", "tension") => [0.01, 0.01],
