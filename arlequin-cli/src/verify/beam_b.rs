@@ -48,7 +48,7 @@ const LOADS: [Load; 3] = [
         name: "bending",
         probe: "bent",
         guess: Theory::bending,
-        periods: 6.0,
+        periods: 4.0,
         printed: [
             [Some(5.85e-4), Some(5.86e-4), Some(6.27e-4), Some(6.13e-4)],
             [Some(1606.0), Some(1594.0), Some(1557.0), Some(1595.0)],
@@ -93,9 +93,9 @@ fn load(name: &str, model: &str, end: f64) -> Vec<String> {
     set
 }
 
-/// Spacing of the continuum alone and as a part, and of the spheres \[m\].
+/// Spacing of the continuum alone and as a part, and of the spheres \[m\]: 13 across, for the time it takes.
 const MESH: &str = "2.0e-3";
-const SPHERES: &str = "1.25e-3";
+const SPHERES: &str = "1.54e-3";
 
 /// Kinds with the scene and the assignments that make them.
 fn kinds(quick: bool) -> Vec<(&'static str, Deck, Vec<String>, u32)> {
