@@ -214,7 +214,8 @@ fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
 
 fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
     let at = format!("{path}.junction.length");
-    let length = table.junction.length.unwrap_or(spacing);
+    // Measured best in one and three dimensions: 0.1 to 0.4 of h_B; at h_B the condition is twenty times worse.
+    let length = table.junction.length.unwrap_or(0.25 * spacing);
     Ok(match table.junction.kind {
         JunctionKind::L2 => match table.junction.length {
             None => Box::new(L2),

@@ -145,7 +145,13 @@ fn scaled(value: f64, factor: f64, log: bool) -> f64 {
 
 /// The number that stands at a place of an axis.
 fn mark(place: f64, log: bool) -> String {
-    tick(if log { 10f64.powf(place) } else { place })
+    if !log {
+        return tick(place);
+    }
+    // Lines between the decades stand at odd numbers; two digits are enough to read them.
+    let value = 10f64.powf(place);
+    let unit = 10f64.powf(place.floor() - 1.0);
+    tick((value / unit).round() * unit)
 }
 
 fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {

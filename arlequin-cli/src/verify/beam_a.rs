@@ -203,9 +203,9 @@ fn figures(done: &Done) -> Vec<Figure> {
             log: [false; 2],
             curves: free,
             says: "The papers show deviations of the coupled curve where the wave crosses the overlap, which shrink as the \
-                   overlap widens, and a mean 7 % too small with constant weights. Ours lie on the curve of the particles \
-                   alone for every weight; what is left is the modulus of the packing, some per cent above that of the \
-                   continuum, and the sawtooth edges that a coarse mesh cannot carry."
+                   overlap widens, and a mean 7 % too small with constant weights. Ours lie between the curves of the two \
+                   models alone for every weight and width; what separates those two is the modulus of the packing, some \
+                   per cent above that of the continuum."
                 .into(),
         });
     }
@@ -232,9 +232,9 @@ fn figures(done: &Done) -> Vec<Figure> {
                     )
                 })
                 .collect(),
-            says: "The papers find the two velocities in the overlap tied in the mean only by a coarse mediator. So do we: \
-                   the particles keep oscillations about the velocity of the natural elements; with an energy that is \
-                   conserved they do not die out unless an absorber is asked for."
+            says: "The papers find the two velocities in the overlap tied in the mean only by a coarse mediator. Here, with \
+                   h_B = h_C and a width of four h_B, the two differ at the peaks of the short waves alone. Those do not \
+                   die out: the scheme conserves them unless an absorber is asked for."
                 .into(),
         });
     }

