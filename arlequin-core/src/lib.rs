@@ -20,6 +20,7 @@ pub mod model;
 pub mod observer;
 pub mod overlap;
 pub mod scalar;
+pub mod snapshot;
 pub mod spectrum;
 pub mod subdomain;
 pub mod time;

@@ -74,7 +74,7 @@ pub struct Subdomain<T: Real> {
     pub(crate) state: State<T>,
     pub(crate) inertia: Vec<T>,
     pub(crate) inverse_inertia: Vec<T>,
-    internal: Vec<T>,
+    pub(crate) internal: Vec<T>,
     internal_before: Vec<T>,
     force: Vec<T>,
     q_before: Vec<T>,
@@ -169,6 +169,9 @@ impl<T: Real> Subdomain<T> {
     /// The model.
     pub fn model(&self) -> &dyn Model<T> {
         &*self.model
+    }
+    pub(crate) fn model_mut(&mut self) -> &mut dyn Model<T> {
+        &mut *self.model
     }
     /// The role.
     pub fn role(&self) -> Role {
