@@ -87,7 +87,17 @@ impl<T: Real> Ledger<T> {
     /// Undoes [`Self::record`].
     pub(crate) fn restore(&mut self, from: &[T]) -> crate::Result<()> {
         crate::scalar::check_finite("ledger of the snapshot", from)?;
-        let &[supports, constraint, started, start, scale, drift, residual, velocity] = from else {
+        let &[
+            supports,
+            constraint,
+            started,
+            start,
+            scale,
+            drift,
+            residual,
+            velocity,
+        ] = from
+        else {
             return Err(crate::Error::SizeMismatch {
                 what: "ledger of the snapshot".into(),
                 expected: 8,

@@ -103,8 +103,16 @@ impl<T: Real> Coupled<T> {
             let rule = format!("the run has {}; restore into the run that was saved", self.dt);
             return Err(crate::error::invalid("time step of the snapshot", from.dt, &rule));
         }
-        same("subdomains of the snapshot", self.subdomains.len(), from.subdomains.len())?;
-        same("interfaces of the snapshot", self.interfaces.len(), from.multipliers.len())?;
+        same(
+            "subdomains of the snapshot",
+            self.subdomains.len(),
+            from.subdomains.len(),
+        )?;
+        same(
+            "interfaces of the snapshot",
+            self.interfaces.len(),
+            from.multipliers.len(),
+        )?;
         for (s, f) in self.subdomains.iter_mut().zip(&from.subdomains) {
             s.restore(f)?;
         }
@@ -148,8 +156,16 @@ impl<T: Real> Subdomain<T> {
             same(&what, self.state.q.len(), x.len())?;
             check_finite(&what, x)?;
         }
-        same(&format!("works of '{name}' in the snapshot"), self.works.len(), from.works.len())?;
-        same(&format!("effects of '{name}' in the snapshot"), self.effects.len(), from.effects.len())?;
+        same(
+            &format!("works of '{name}' in the snapshot"),
+            self.works.len(),
+            from.works.len(),
+        )?;
+        same(
+            &format!("effects of '{name}' in the snapshot"),
+            self.effects.len(),
+            from.effects.len(),
+        )?;
         self.state.q.copy_from_slice(&from.q);
         self.state.v.copy_from_slice(&from.v);
         self.state.a.copy_from_slice(&from.a);
