@@ -6,6 +6,7 @@ mod calibrate;
 #[path = "../../examples/chain/model.rs"]
 mod chain;
 mod check;
+mod checkpoint;
 mod error;
 mod output;
 mod recorder;
@@ -42,6 +43,17 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Go on with a run that was killed or interrupted, from its last checkpoint.
+    Resume {
+        /// Output folder of the run.
+        folder: PathBuf,
+        /// Worker threads [default: one per core]
+        #[arg(long, value_name = "N")]
+        threads: Option<usize>,
+        /// Print the summary as JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Read and build a scene, print the plan, run nothing.
     Check {
         #[command(flatten)]
@@ -68,7 +80,7 @@ struct Common {
     json: bool,
 }
 
-/// What the commands on whole scenes start from.
+/// What the commands on a scene start from.
 struct Input<'a> {
     source: &'a Source,
     scene: Scene,
@@ -87,6 +99,11 @@ fn main() -> ExitCode {
         }
         Command::Calibrate(wanted) => return measured(&wanted),
         Command::Verify(args) => verify::verify(&args),
+        Command::Resume {
+            folder,
+            threads: wanted,
+            json,
+        } => threads(wanted).and_then(|n| run::resume(&folder, n, json)),
     };
     done.unwrap_or_else(|e| fail(&e, None))
 }
