@@ -72,38 +72,71 @@ fn reference(folder: &Path, scene: &Path) -> PathBuf {
     out
 }
 
-#[test]
-fn killed_at_random_it_goes_on_with_the_same_bits() {
-    let folder = scratch("killed");
-    let scene = small(&folder);
-    let whole = reference(&folder, &scene);
-    let out = folder.join("killed-run");
-    let mut child = start(&scene, &out, &[]);
+/// Kills a run at random moments and resumes it until it is done; how often it was killed.
+fn kill_until_done(out: &Path, pause: u64, start: impl Fn() -> Child) -> usize {
+    let unfinished = out.with_extension("unfinished");
+    let mut child = start();
     let (mut kills, mut state) = (0, 0x2545_f491_4f6c_dd1d_u64);
     loop {
         state ^= state << 13;
         state ^= state >> 7;
         state ^= state << 17;
-        std::thread::sleep(Duration::from_millis(20 + state % 60));
+        std::thread::sleep(Duration::from_millis(pause + state % (3 * pause)));
         if child.try_wait().expect("waits").is_some() || kills == 50 {
             break;
         }
         child.kill().expect("kill");
         child.wait().expect("ends");
         kills += 1;
-        let unfinished = folder.join("killed-run.unfinished");
-        child = if unfinished.join("checkpoint.bin").exists() {
-            again(&out)
-        } else {
-            start(&scene, &out, &[])
-        };
+        let resumable = unfinished.join("checkpoint.bin").exists();
+        child = if resumable { again(out) } else { start() };
     }
     assert!(child.wait().expect("ends").success());
+    assert_eq!(summary(out)["status"], "complete");
+    assert!(!unfinished.exists());
+    kills
+}
+
+#[test]
+fn killed_at_random_it_goes_on_with_the_same_bits() {
+    let folder = scratch("killed");
+    let scene = small(&folder);
+    let whole = reference(&folder, &scene);
+    let out = folder.join("killed-run");
+    let kills = kill_until_done(&out, 20, || start(&scene, &out, &[]));
     // Fifty on a machine of two slow cores; a fast one is done earlier.
     assert!(kills >= 5, "killed only {kills} times");
     assert_same(&whole, &out);
-    assert_eq!(summary(&out)["status"], "complete");
-    assert!(!folder.join("killed-run.unfinished").exists());
+}
+
+#[test]
+fn broken_bonds_and_contacts_go_on_with_the_same_bits() {
+    let folder = scratch("killed-breaking");
+    let scene = common::scene("notched-bar.toml");
+    let sets = [
+        "model.bar.spacing=0.7e-3",
+        "model.bar.dem.protocol=quench",
+        "effect.0.fracture.strength=60e6",
+        "output.plots=false",
+    ];
+    let sets: Vec<&str> = sets.into_iter().flat_map(|s| ["--set", s]).collect();
+    let [whole, out] = ["whole", "killed-run"].map(|n| folder.join(n));
+    let fixed = ["run", text(&scene), "--out"];
+    succeed(&[&fixed[..], &[text(&whole)], &sets].concat());
+    let every = ["--set", "output.checkpoint_every=20"];
+    let arguments = [&fixed[..], &[text(&out)], &sets, &every].concat();
+    let begin = || {
+        let mut c = common::command(&arguments);
+        c.stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("starts")
+    };
+    let kills = kill_until_done(&out, 60, begin);
+    assert!(kills >= 3, "killed only {kills} times");
+    assert_same(&whole, &out);
+    let breaks = std::fs::read_to_string(out.join("fracture-bar.csv")).expect("breaks");
+    assert!(breaks.lines().count() > 10, "{breaks}");
 }
 
 #[test]
