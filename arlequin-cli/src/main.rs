@@ -5,6 +5,7 @@ mod build;
 #[path = "../../examples/chain/model.rs"]
 mod chain;
 mod check;
+mod effects;
 mod error;
 mod output;
 mod recorder;
@@ -40,6 +41,11 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Run a scene as given and once with each effect off; print what each one changes and costs.
+    Effects {
+        #[command(flatten)]
+        common: Common,
+    },
     /// Read and build a scene, print the plan, run nothing.
     Check {
         #[command(flatten)]
@@ -74,7 +80,7 @@ struct Input<'a> {
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let common = match &cli.command {
-        Command::Run { common, .. } | Command::Check { common } => common,
+        Command::Run { common, .. } | Command::Check { common } | Command::Effects { common } => common,
     };
     let source = match Source::read(&common.scene) {
         Ok(s) => s,
@@ -97,6 +103,7 @@ fn dispatch(command: &Command, common: &Common, source: &Source) -> Result<ExitC
     };
     match command {
         Command::Run { out, force, .. } => run::run(&input, out.as_deref(), *force),
+        Command::Effects { .. } => effects::effects(&input).map(|()| ExitCode::SUCCESS),
         Command::Check { .. } => check::check(&input).map(|()| ExitCode::SUCCESS),
     }
 }
