@@ -1,17 +1,7 @@
 //! All fifteen cells of the cantilever table (`cargo bench --bench cantilever`, about a minute): drift of the energy
 //! beside the one published for overlapping Schwarz coupling.
 
-#[path = "../tests/support/cantilever.rs"]
-mod cantilever;
-
-/// Mesh ratio, then published drift of the total energy at 1 ms in per cent for the three overlap widths.
-const PUBLISHED: [(f64, [f64; 3]); 5] = [
-    (1.0, [-0.1, -0.1, -0.0]),
-    (0.8, [29.8, 20.4, -3.1]),
-    (0.6, [-61.1, 2.1, -4.5]),
-    (0.4, [-12.4, -52.7, -36.6]),
-    (0.2, [-79.1, -66.5, -22.2]),
-];
+use arlequin_studies::cantilever::{self, PUBLISHED, WIDTHS};
 
 #[allow(clippy::print_stdout, reason = "the table is what this program is for")]
 fn main() -> arlequin::core::Result<()> {
@@ -20,7 +10,7 @@ fn main() -> arlequin::core::Result<()> {
     );
     let mut worst: f64 = 0.0;
     for (ratio, published) in PUBLISHED {
-        for (width, schwarz) in [50.8e-3, 25.4e-3, 12.7e-3].into_iter().zip(published) {
+        for (width, schwarz) in WIDTHS.into_iter().zip(published) {
             let d = cantilever::drift(ratio, width)?;
             worst = d.invariant.iter().fold(worst, |a, b| a.max(b.abs()));
             println!(

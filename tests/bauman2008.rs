@@ -1,112 +1,19 @@
-//! GOAL   the static coupling of bar and springs of Bauman et al. 2008, Comput. Mech. 42:511, section 5
-//! MODEL  bar on (0, 2) with 4 elements, 8 springs of length 0.25 on (1, 3), overlap (1, 2)
-//! BCs    u(0) = 0, end load E/3 at x = 3, for which the bar alone would give u(3) = 1
-//! CASES  uniform (k = 1) and alternating (k = 100, 1) springs; mediator on the particles or on the bar's nodes;
-//!        alpha = 1/2 or linear; junctions L2, H1 seminorm (pinned), H1 with l = 1
-//! RESULT u(3)
+//! The static coupling of bar and springs of Bauman et al. 2008, section 5: every cell of the table of u(3).
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-#[allow(dead_code, reason = "the chain has more than this case needs")]
-#[path = "../examples/chain/model.rs"]
-mod chain;
-
-use arlequin::core::effect::Load;
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, H1Seminorm, Junction, L2};
-use arlequin::core::nalgebra::Point3;
-use arlequin::core::overlap::Slab;
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, FemMediator, FemModel, generate};
-use std::sync::Arc;
-
-struct Case {
-    young: f64,
-    springs: fn(usize) -> f64,
-    mediator_elements: usize,
-    profile: Profile<f64>,
-}
-
-fn end_displacement(case: &Case, junction: Box<dyn Junction<f64>>) -> Result<f64> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
-    let ramp = Ramp::new(
-        Arc::new(Slab::between(at(2.0), at(1.0))?),
-        case.profile.clone(),
-        0.0,
-    )?;
-    let weights = Weights::same(Arc::new(ramp));
-    let bar = FemModel::new(
-        "bar",
-        generate::bar(0.0, 2.0, 4, 1.0)?,
-        Elastic::new(case.young, 0.0, 1.0)?,
-    )?;
-    let chain = chain::Chain::new("springs", 1.0, 0.25, 8, 1.0, 1.0)?.with_stiffness(case.springs);
-    let fine = Weights::complement_of(std::slice::from_ref(&weights));
-    let load = Load::on_dofs("end", vec![(8, case.young / 3.0)], TimeFunction::Step)?;
-    let subdomains = vec![
-        Subdomain::coarse(bar, weights).with_support(PrescribedMotion::fixed(vec![0])),
-        Subdomain::fine(chain, fine).with_effect(Box::new(load)),
-    ];
-    let interface = InterfaceSpec {
-        name: "overlap".into(),
-        coarse: 0,
-        fine: 1,
-        mediator: Arc::new(FemMediator::new(generate::bar(
-            1.0,
-            2.0,
-            case.mediator_elements,
-            1.0,
-        )?)),
-        junction,
-        options: InterfaceOptions::default(),
-    };
-    let mut run = Coupled::new(subdomains, vec![interface], TimeStep::Fraction(0.5), None)?;
-    Ok(run.equilibrium(0.0)?.displacements[1][8])
-}
+use arlequin_studies::bauman;
 
 #[test]
 fn table_of_end_displacements() {
-    let uniform = |_| 1.0;
-    let alternating = |b: usize| if b.is_multiple_of(2) { 100.0 } else { 1.0 };
-    let half = || Profile::Constant(0.5);
-    let case = |young, springs, mediator_elements, profile| Case {
-        young,
-        springs,
-        mediator_elements,
-        profile,
-    };
-    let table = [
-        (case(0.25, uniform, 4, half()), [1.0, 1.0, 1.0]),
-        (case(0.25, uniform, 2, half()), [1.010417, 1.0, 1.010417]),
-        (
-            case(50.0 / 101.0, alternating, 4, half()),
-            [0.691822, 0.691822, 0.691822],
-        ),
-        (
-            case(50.0 / 101.0, alternating, 2, half()),
-            [1.087272, 1.0, 1.087097],
-        ),
-        (
-            case(50.0 / 101.0, alternating, 2, Profile::Linear),
-            [1.040842, 0.964384, 1.040842],
-        ),
-    ];
-    for (row, (case, expected)) in table.iter().enumerate() {
-        let junctions: [Box<dyn Junction<f64>>; 3] = [
-            Box::new(L2),
-            Box::new(H1Seminorm::new(1.0).unwrap()),
-            Box::new(H1Gradient::new(1.0).unwrap()),
-        ];
-        for (junction, expected) in junctions.into_iter().zip(expected) {
+    for case in bauman::table() {
+        for (junction, expected) in bauman::junctions().unwrap().into_iter().zip(case.published) {
             let name = junction.name();
-            let u = end_displacement(case, junction).unwrap();
-            println!("{row} {name}: {u:.7} {expected}");
+            let u = bauman::end_displacement(&case, junction).unwrap();
             assert!(
                 (u - expected).abs() <= 1e-6,
-                "row {row}, {name}: u(3) = {u:.7}, published {expected}"
+                "{}, {name}: u(3) = {u:.7}, published {expected}",
+                case.name
             );
         }
     }

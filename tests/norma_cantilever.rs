@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-#[path = "support/cantilever.rs"]
-mod cantilever;
+use arlequin_studies::cantilever;
 
 #[test]
 fn a_coarse_cell_keeps_its_energy_where_schwarz_coupling_loses_it() {

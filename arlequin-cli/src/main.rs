@@ -1,6 +1,7 @@
 //! Command line of the Arlequin workspace: a scene file in, results out.
 
 mod build;
+mod calibrate;
 #[allow(dead_code, reason = "the example offers more than a scene asks for")]
 #[path = "../../examples/chain/model.rs"]
 mod chain;
@@ -13,6 +14,7 @@ mod report;
 mod run;
 mod scene;
 mod spectrum;
+mod verify;
 
 use clap::{Args, Parser, Subcommand};
 use error::{Error, Result};
@@ -51,6 +53,10 @@ enum Command {
         #[command(flatten)]
         common: Common,
     },
+    /// Measure Young's modulus and Poisson's ratio of packings with the spread over seeds, or find beams for given ones.
+    Calibrate(calibrate::Calibrate),
+    /// Run the decks of the literature and compare with their numbers.
+    Verify(verify::Args),
 }
 
 #[derive(Debug, Args)]
@@ -68,7 +74,7 @@ struct Common {
     json: bool,
 }
 
-/// What both commands start from.
+/// What the commands on whole scenes start from.
 struct Input<'a> {
     source: &'a Source,
     scene: Scene,
@@ -78,34 +84,49 @@ struct Input<'a> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let common = match &cli.command {
-        Command::Run { common, .. } | Command::Check { common } | Command::Effects { common } => common,
+    let done = match Cli::parse().command {
+        Command::Run { common, out, force } => {
+            return with_scene(&common, |input| run::run(input, out.as_deref(), force));
+        }
+        Command::Check { common } => {
+            return with_scene(&common, |input| check::check(input).map(|()| ExitCode::SUCCESS));
+        }
+        Command::Effects { common } => {
+            return with_scene(&common, |input| effects::effects(input).map(|()| ExitCode::SUCCESS));
+        }
+        Command::Calibrate(wanted) => return measured(&wanted),
+        Command::Verify(args) => verify::verify(&args),
     };
+    done.unwrap_or_else(|e| fail(&e, None))
+}
+
+/// Runs a command on a scene; errors point into its text.
+fn with_scene(common: &Common, command: impl FnOnce(&Input<'_>) -> Result<ExitCode>) -> ExitCode {
     let source = match Source::read(&common.scene) {
         Ok(s) => s,
         Err(e) => return fail(&e, None),
     };
-    match dispatch(&cli.command, common, &source) {
-        Ok(code) => code,
-        Err(e) => fail(&e, Some(&source)),
-    }
+    let input = || -> Result<Input<'_>> {
+        Ok(Input {
+            threads: threads(common.threads)?,
+            source: &source,
+            scene: source.scene(&common.set)?,
+            set: &common.set,
+            json: common.json,
+        })
+    };
+    let done = input().and_then(|input| command(&input));
+    done.unwrap_or_else(|e| fail(&e, Some(&source)))
 }
 
-fn dispatch(command: &Command, common: &Common, source: &Source) -> Result<ExitCode> {
-    let threads = threads(common.threads)?;
-    let input = Input {
-        source,
-        scene: source.scene(&common.set)?,
-        set: &common.set,
-        threads,
-        json: common.json,
+/// `arlequin calibrate`, with or without a scene.
+fn measured(wanted: &calibrate::Calibrate) -> ExitCode {
+    let source = match wanted.scene.as_deref().map(Source::read).transpose() {
+        Ok(s) => s,
+        Err(e) => return fail(&e, None),
     };
-    match command {
-        Command::Run { out, force, .. } => run::run(&input, out.as_deref(), *force),
-        Command::Effects { .. } => effects::effects(&input).map(|()| ExitCode::SUCCESS),
-        Command::Check { .. } => check::check(&input).map(|()| ExitCode::SUCCESS),
-    }
+    let done = threads(wanted.threads).and_then(|_| calibrate::calibrate(wanted, source.as_ref()));
+    done.unwrap_or_else(|e| fail(&e, source.as_ref()))
 }
 
 fn threads(wanted: Option<usize>) -> Result<usize> {

@@ -182,6 +182,7 @@ fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
     for (quantity, file, name, unit) in [
         (Quantity::Displacement, "displacement.svg", "displacement", "m"),
         (Quantity::Velocity, "velocity.svg", "velocity", "m/s"),
+        (Quantity::Rotation, "rotation.svg", "rotation", "rad"),
     ] {
         let mine = r.readers.iter().zip(&r.probes.columns);
         let curves = mine
@@ -193,12 +194,7 @@ fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
             })
             .collect();
         let title = headline(title, name);
-        let plot = Plot {
-            title,
-            quantity: name,
-            unit,
-            curves,
-        };
+        let plot = Plot::over_time(title, name, unit, curves);
         plots::draw(&path.join(file), &plot)?;
     }
     let curve = |name: &str, k: usize| Curve {
@@ -206,12 +202,8 @@ fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
         times: &r.energy.times,
         values: r.energy.columns.get(k).cloned().unwrap_or_default(),
     };
-    let plot = Plot {
-        title: headline(title, "energy"),
-        quantity: "energy",
-        unit: "J",
-        curves: vec![curve("kinetic", 0), curve("internal", 1), curve("invariant H", 3)],
-    };
+    let curves = vec![curve("kinetic", 0), curve("internal", 1), curve("invariant H", 3)];
+    let plot = Plot::over_time(headline(title, "energy"), "energy", "J", curves);
     plots::draw(&path.join("energy.svg"), &plot)?;
     let mut curves: Vec<_> = r
         .works
@@ -220,12 +212,12 @@ fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
         .map(|(k, w)| curve(w, ENERGY_COLUMNS.len() + k))
         .collect();
     curves.push(curve("unexplained drift of H", 5));
-    let plot = Plot {
-        title: headline(title, "energy ledger"),
-        quantity: "work since the start",
-        unit: "J",
+    let plot = Plot::over_time(
+        headline(title, "energy ledger"),
+        "work since the start",
+        "J",
         curves,
-    };
+    );
     plots::draw(&path.join("ledger.svg"), &plot)
 }
 

@@ -97,22 +97,35 @@ fn particles_as_the_coarse_model() {
 }
 
 #[test]
-fn a_gradient_junction_needs_a_field_with_gradients() {
+fn gradient_junctions_on_particles() {
     let path = scene("dem-fem-beam.toml");
     let check = |more: &[&str]| {
-        let mut arguments = vec!["check", text(&path), "--set", "model.right.dem.protocol=quench"];
+        let mut arguments = vec!["check", "--json", text(&path)];
+        arguments.extend(["--set", "model.right.dem.protocol=quench"]);
         more.iter().for_each(|m| arguments.extend(["--set", m]));
         let out = arlequin(&arguments);
-        (
-            out.status.success(),
-            String::from_utf8_lossy(&out.stderr).into_owned(),
-        )
+        let plan: Option<serde_json::Value> = serde_json::from_slice(&out.stdout).ok();
+        (plan, String::from_utf8_lossy(&out.stderr).into_owned())
     };
-    let (ok, message) = check(&["interface.middle.junction.kind=h1-gradient"]);
+    let condition = |more: &[&str]| {
+        let (plan, message) = check(more);
+        let plan = plan.unwrap_or_else(|| panic!("{more:?}: {message}"));
+        number(&plan, "/interface/0/condition")
+    };
+    // Gradients fitted to the bonded neighbours, and natural neighbours with a mediator drawn into their hull.
+    let h1 = "interface.middle.junction.kind=h1-gradient";
+    let natural = [
+        "model.right.dem.field=natural",
+        "interface.middle.sampling=projection",
+    ];
+    for fields in [&[][..], &natural[..]] {
+        let all: Vec<&str> = [h1].into_iter().chain(fields.iter().copied()).collect();
+        let found = condition(&all);
+        assert!(found > 1.0 && found < 1e6, "{fields:?}: {found:e}");
+    }
+    let (plan, message) = check(&["interface.middle.sampling=intersection"]);
     assert!(
-        !ok && message.contains("no gradients") && message.contains("use the L2 junction"),
+        plan.is_none() && message.contains("use 'particles' sampling"),
         "{message}"
     );
-    let (ok, message) = check(&["interface.middle.sampling=intersection"]);
-    assert!(!ok && message.contains("use 'particles' sampling"), "{message}");
 }

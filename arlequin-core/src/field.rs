@@ -2,7 +2,7 @@
 
 use crate::geometry::{Cell, Sample};
 use crate::{Error, Real, Result};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use std::collections::HashMap;
 
 /// One evaluation of shape functions: `u(x) = Σ_k values[k] u[nodes[k]]`. Owned and reused by the caller.
@@ -80,14 +80,20 @@ pub trait Interpolation<T: Real>: Send + Sync {
     }
 }
 
+/// Rings of neighbours among which a particle looks for those that span space.
+const RINGS: usize = 4;
+
 /// Particle quadrature `∫ λ·ḋ ≈ Σ_i V_i λ(x_i)·ḋ_i`: the field exists at the particle centres only.
 ///
-/// Both sides of an interface are then sampled at the particles, which keeps both momenta exact.
+/// Both sides of an interface are then sampled at the particles, which keeps both momenta exact. With
+/// [`Self::with_gradients`] the particles have gradients as well, so that H1 junctions can be sampled there.
 #[derive(Debug, Clone)]
 pub struct ParticleField<T: Real> {
     centres: Vec<Point3<T>>,
     samples: Vec<Sample<T>>,
     index: HashMap<[u64; 3], usize>,
+    /// Per particle: neighbours and the gradient of each one's value; empty where no gradient is defined.
+    gradients: Vec<Vec<(usize, Vector3<T>)>>,
 }
 
 impl<T: Real> ParticleField<T> {
@@ -131,7 +137,75 @@ impl<T: Real> ParticleField<T> {
             centres,
             samples,
             index,
+            gradients: Vec::new(),
         })
+    }
+
+    /// The same field with gradients at the particles from their neighbours, given as pairs:
+    ///
+    /// `∇d(x_i) = (Σ_j w_j x_ij x_ijᵀ)⁻¹ Σ_j w_j x_ij (d_j − d_i)ᵀ`, `x_ij = x_j − x_i`, `w_j = 1/|x_ij|²`.
+    ///
+    /// The least-squares gradient of a linear field is exact and that of a uniform one zero, so that momenta stay
+    /// exact. A particle whose neighbours nearly lie in a plane takes those of its neighbours as well, up to four rings;
+    /// where these do not span space either, asking for the gradient is an error.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] for a pair beyond the particles.
+    pub fn with_gradients(mut self, pairs: &[[u32; 2]]) -> Result<Self> {
+        let count = self.centres.len();
+        let mut around: Vec<Vec<usize>> = vec![Vec::new(); count];
+        for &[i, j] in pairs {
+            let (i, j) = (i as usize, j as usize);
+            if i.max(j) >= count {
+                return Err(Error::SizeMismatch {
+                    what: "neighbours of particles".into(),
+                    expected: count,
+                    found: i.max(j) + 1,
+                });
+            }
+            around[i].push(j);
+            around[j].push(i);
+        }
+        // Chains of loosely bonded particles on a surface need more than the second ring.
+        let own = |i: usize| {
+            let mut wide = around[i].clone();
+            for _ in 0..RINGS {
+                if let Some(row) = self.least_squares(i, &wide) {
+                    return Some(row);
+                }
+                let next: Vec<usize> = wide.iter().flat_map(|&j| around[j].iter().copied()).collect();
+                wide.extend(next);
+                wide.sort_unstable();
+                wide.dedup();
+                wide.retain(|&j| j != i);
+            }
+            None
+        };
+        self.gradients = (0..count).map(|i| own(i).unwrap_or_default()).collect();
+        Ok(self)
+    }
+
+    /// Gradient of the value of every neighbour, and of the particle's own; none unless they span space.
+    fn least_squares(&self, i: usize, neighbours: &[usize]) -> Option<Vec<(usize, Vector3<T>)>> {
+        let arm = |j: usize| self.centres[j] - self.centres[i];
+        let weight = |x: &Vector3<T>| T::one() / x.norm_squared();
+        let moments = neighbours.iter().fold(Matrix3::zeros(), |m, &j| {
+            let x = arm(j);
+            m + x * x.transpose() * weight(&x)
+        });
+        let spread = moments.symmetric_eigenvalues();
+        // Neighbours within about 13 degrees of a plane say too little about the third direction.
+        if spread.min() <= spread.max() * T::of(0.05) {
+            return None;
+        }
+        let inverse = moments.try_inverse()?;
+        let mut row: Vec<_> = neighbours
+            .iter()
+            .map(|&j| (j, inverse * arm(j) * weight(&arm(j))))
+            .collect();
+        let own = row.iter().fold(Vector3::zeros(), |s, (_, g)| s - g);
+        row.push((i, own));
+        Some(row)
     }
 
     fn key(p: &Point3<T>) -> [u64; 3] {
@@ -145,20 +219,26 @@ impl<T: Real> Interpolation<T> for ParticleField<T> {
     }
 
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
-        if gradient {
+        row.clear();
+        let Some(&k) = self.index.get(&Self::key(x)) else {
+            return Err(outside(x, self.kind()));
+        };
+        if !gradient {
+            row.push(k, T::one());
+            return Ok(());
+        }
+        let own = self.gradients.get(k).filter(|g| !g.is_empty());
+        let Some(own) = own else {
             return Err(Error::NoGradient {
                 role: self.kind().into(),
                 junction: "H1".into(),
             });
+        };
+        for &(j, g) in own {
+            let value = if j == k { T::one() } else { T::zero() };
+            row.push_with_gradient(j, value, g);
         }
-        row.clear();
-        match self.index.get(&Self::key(x)) {
-            Some(&k) => {
-                row.push(k, T::one());
-                Ok(())
-            }
-            None => Err(outside(x, self.kind())),
-        }
+        Ok(())
     }
 
     fn samples(&self) -> Option<&[Sample<T>]> {
@@ -175,5 +255,48 @@ pub fn outside<T: Real>(x: &Point3<T>, role: &str) -> Error {
     Error::OutsideDomain {
         point: [x.x.as_f64(), x.y.as_f64(), x.z.as_f64()],
         role: role.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn particle_gradients_are_exact_for_linear_fields_and_refused_in_a_plane() {
+        let mut next = 1u64;
+        let mut noise = || {
+            next = next.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (next >> 40) as f64 / (1u64 << 24) as f64 - 0.5
+        };
+        let mut centres: Vec<_> = (0..9).map(|_| Point3::new(noise(), noise(), noise())).collect();
+        // Three particles in a plane of their own.
+        centres.extend([0.0, 1.0, 2.0].map(|y: f64| Point3::new(10.0, y, y * y)));
+        let mut pairs: Vec<[u32; 2]> = (1..9).map(|j| [0, j]).collect();
+        pairs.extend([[9, 10], [9, 11]]);
+        let field = ParticleField::new(centres.clone(), &[1.0; 12]).unwrap();
+        let mut row = ShapeRow::default();
+        assert!(matches!(
+            field.shape_at(&centres[0], true, &mut row),
+            Err(Error::NoGradient { .. })
+        ));
+        let field = field.with_gradients(&pairs).unwrap();
+        let slope = Vector3::new(2.0, -3.0, 0.5);
+        field.shape_at(&centres[0], true, &mut row).unwrap();
+        let value = |k: usize| 7.0 + slope.dot(&centres[k].coords);
+        let found: Vector3<f64> = row
+            .nodes
+            .iter()
+            .zip(&row.gradients)
+            .map(|(&k, g)| g * value(k))
+            .sum();
+        assert!((found - slope).norm() < 1e-11, "{found}");
+        assert!((row.values.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+        assert!(matches!(
+            field.shape_at(&centres[9], true, &mut row),
+            Err(Error::NoGradient { .. })
+        ));
+        let far = ParticleField::new(centres, &[1.0; 12]).unwrap();
+        assert!(far.with_gradients(&[[0, 12]]).is_err());
     }
 }

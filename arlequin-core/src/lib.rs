@@ -14,6 +14,7 @@ pub mod interface;
 pub mod junction;
 pub mod ledger;
 pub mod linalg;
+pub mod material;
 pub mod mediator;
 pub mod model;
 mod motion;

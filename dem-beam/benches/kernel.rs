@@ -1,82 +1,206 @@
-//! ns per bond and step of the whole velocity-Verlet step, bytes per bond, bandwidth.
+//! The kernel's whole velocity-Verlet step: ns per bond, bytes per bond, share of the measured memory bandwidth; peak
+//! memory at a million particles.
 //!
-//! `cargo bench -p dem-beam --bench kernel [particles ...]`; default 20 000. Packings are quenched
-//! ones; above 200 000 particles a regular lattice with jitter stands in.
+//! `cargo bench -p dem-beam --bench kernel` prints a table of minima over many short runs (the number that repeats on
+//! a shared machine), then divan's statistics of the same runs at 20 000 particles.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
-use dem_beam::{BeamDynamics, BeamMaterial, BondedParticles, Container, DemError, PackingSpec, Twist};
+use arlequin_core::observer::Silent;
+use arlequin_core::{Coupled, Subdomain, TimeStep, Weights};
+use dem_beam::packing::{Lattice, lattice};
+use dem_beam::{
+    BeamDynamics, BeamMaterial, BondedParticles, Container, DemModel, Packing, PackingSpec, Twist,
+};
 use nalgebra::Vector3;
+use rayon::prelude::*;
+use std::error::Error;
 use std::time::Instant;
 
-fn body(count: usize) -> Result<BondedParticles, DemError> {
-    let bar = Container::cylinder(20e-3, 1e-3)?;
-    PackingSpec::quench(bar, count, 1)
-        .build()?
-        .bonded(BeamMaterial::SILICA, 2200.0)
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
+/// Argument of the process that measures peak memory.
+const MEMORY: &str = "peak-memory-of-a-million";
+
+/// A bar of packed spheres (single quench, kept on disk between runs), or a million on a cubic lattice: 6 neighbours
+/// against the packing's 6.2.
+fn packing(count: usize) -> Outcome<Packing> {
+    if count > 200_000 {
+        let edge = (count as f64).cbrt().round() as usize;
+        return Ok(lattice(Lattice::Cubic, [edge; 3], 1e-4)?);
+    }
+    let cache = std::env::temp_dir().join("dem-beam-bench");
+    Ok(PackingSpec::quench(Container::cylinder(20e-3, 1e-3)?, count, 1).build_cached(&cache)?)
 }
 
-/// Best of `repeats` runs (s per step).
-fn best(run: &mut dyn FnMut(usize), steps: usize, repeats: usize) -> f64 {
-    run(2);
+fn body(count: usize) -> Outcome<BondedParticles> {
+    Ok(packing(count)?.bonded(BeamMaterial::SILICA, 2200.0)?)
+}
+
+fn kick(n: usize) -> Vec<Twist> {
+    (0..n)
+        .map(|i| Twist {
+            linear: Vector3::new((i as f64).sin(), (i as f64).cos(), 0.3) * 1e-3,
+            angular: Vector3::zeros(),
+        })
+        .collect()
+}
+
+/// Something that makes steps, with its bytes per bond (bond data; all) and the share of lanes in use.
+struct Engine {
+    run: Box<dyn FnMut(usize) + Send>,
+    bytes: [f64; 2],
+    fill: f64,
+    isa: &'static str,
+}
+
+macro_rules! engine {
+    ($t:ty, $law:ident, $body:expr) => {{
+        let mut d = BeamDynamics::<$t>::$law($body, 1e-9)?;
+        d.set_velocities(&kick($body.len()))?;
+        Ok(Engine {
+            bytes: [d.bytes_per_bond(), d.traffic_per_bond()],
+            fill: d.lane_fill(),
+            isa: d.instruction_set(),
+            run: Box::new(move |n| d.run(n)),
+        })
+    }};
+}
+
+const CASES: [&str; 4] = ["linear f64", "linear f32", "finite f64", "finite f32"];
+
+fn engine(case: &str, body: &BondedParticles) -> Outcome<Engine> {
+    match case {
+        "linear f64" => engine!(f64, linear, body),
+        "linear f32" => engine!(f32, linear, body),
+        "finite f64" => engine!(f64, finite, body),
+        _ => engine!(f32, finite, body),
+    }
+}
+
+fn pool(threads: usize) -> Outcome<rayon::ThreadPool> {
+    Ok(rayon::ThreadPoolBuilder::new().num_threads(threads).build()?)
+}
+
+/// Least time of `repeats` calls (s).
+fn least(repeats: usize, mut call: impl FnMut()) -> f64 {
+    call();
     (0..repeats)
         .map(|_| {
             let start = Instant::now();
-            run(steps - 1);
-            start.elapsed().as_secs_f64() / steps as f64
+            call();
+            start.elapsed().as_secs_f64()
         })
         .fold(f64::INFINITY, f64::min)
 }
 
-fn report(name: &str, threads: usize, bonds: usize, bytes: f64, seconds: f64) {
-    let ns = seconds * 1e9 / bonds as f64;
-    println!(
-        "{name:<12} threads {threads}  {ns:7.2} ns/bond/step  {bytes:6.1} B/bond  {:6.1} GB/s of bond data",
-        bytes / ns
-    );
+/// Bytes per second of `a = b + 3 c` on three arrays of together `bytes`; 24 bytes per element are counted.
+fn triad(pool: &rayon::ThreadPool, bytes: usize) -> f64 {
+    const PART: usize = 8_192;
+    let n = bytes / 24;
+    let (b, c) = (vec![1.0_f64; n], vec![2.0_f64; n]);
+    let mut a = vec![0.0_f64; n];
+    let passes = (50_000_000 / bytes).max(1);
+    let seconds = pool.install(|| {
+        least(30, || {
+            for _ in 0..passes {
+                let parts = a
+                    .par_chunks_mut(PART)
+                    .zip(b.par_chunks(PART).zip(c.par_chunks(PART)));
+                parts.for_each(|(a, (b, c))| {
+                    for (a, (b, c)) in a.iter_mut().zip(b.iter().zip(c)) {
+                        *a = *b + 3.0 * *c;
+                    }
+                });
+                std::hint::black_box(&mut a);
+            }
+        })
+    });
+    (24 * n * passes) as f64 / seconds
 }
 
-fn main() -> Result<(), DemError> {
-    let counts: Vec<usize> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
-    let counts = if counts.is_empty() { vec![20_000] } else { counts };
-    for count in counts {
-        let start = Instant::now();
+fn table() -> Outcome<()> {
+    for count in [20_000, 1_000_000] {
         let body = body(count)?;
         let bonds = body.pairs().len();
-        println!(
-            "{} particles, {bonds} bonds, packed in {:.1} s",
-            body.len(),
-            start.elapsed().as_secs_f64()
-        );
-        let kick: Vec<Twist> = (0..body.len())
-            .map(|i| Twist {
-                linear: Vector3::new((i as f64).sin(), (i as f64).cos(), 0.3) * 1e-3,
-                angular: Vector3::zeros(),
-            })
-            .collect();
-        // Short runs: on a busy machine the best of many is what the kernel can do.
-        let steps = (200_000 / count).clamp(4, 100);
-        let repeats = if count > 100_000 { 12 } else { 120 };
+        println!("{} particles, {bonds} bonds", body.len());
+        let mut first = [f64::INFINITY; CASES.len()];
         for threads in [1, 2] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            let Ok(pool) = pool else { continue };
-            let mut linear = BeamDynamics::<f64>::linear(&body, 1e-9)?;
-            linear.set_velocities(&kick)?;
-            let t = best(&mut |n| pool.install(|| linear.run(n)), steps, repeats);
-            report("linear f64", threads, bonds, linear.bytes_per_bond(), t);
-            if threads == 1 {
-                println!("{}", linear.instruction_set());
+            let pool = pool(threads)?;
+            // About the size of what a step touches at 20 000 particles, and far beyond any cache.
+            let bandwidth = triad(
+                &pool,
+                if count == 20_000 {
+                    12_000_000
+                } else {
+                    1_200_000_000
+                },
+            );
+            println!("threads {threads}: triad {:.1} GB/s", bandwidth * 1e-9);
+            for (case, first) in CASES.iter().zip(&mut first) {
+                let mut e = engine(case, &body)?;
+                // `run(n)` evaluates forces n + 1 times.
+                let steps = if count == 20_000 { 4 } else { 2 };
+                let repeats = if count == 20_000 { 300 } else { 8 };
+                let t = pool.install(|| least(repeats, || (e.run)(steps - 1)));
+                let ns = t * 1e9 / (steps * bonds) as f64;
+                *first = first.min(ns);
+                println!(
+                    "  {case}  {ns:6.2} ns/bond/step  x{:4.2}  {:5.1} B/bond of bonds, {:5.1} in all  {:3.0} % of the triad  lanes {:.3}  {}",
+                    *first / ns,
+                    e.bytes[0],
+                    e.bytes[1],
+                    100.0 * e.bytes[1] / (ns * 1e-9) / bandwidth,
+                    e.fill,
+                    e.isa
+                );
             }
-            drop(linear);
-            let mut single = BeamDynamics::<f32>::linear(&body, 1e-9)?;
-            single.set_velocities(&kick)?;
-            let t = best(&mut |n| pool.install(|| single.run(n)), steps, repeats);
-            report("linear f32", threads, bonds, single.bytes_per_bond(), t);
-            drop(single);
-            let mut finite = BeamDynamics::<f64>::finite(&body, 1e-9)?;
-            finite.set_velocities(&kick)?;
-            let t = best(&mut |n| pool.install(|| finite.run(n)), steps, repeats);
-            report("finite f64", threads, bonds, finite.bytes_per_bond(), t);
         }
     }
     Ok(())
+}
+
+/// Builds the coupled model of a million particles, makes two steps, prints the largest resident size so far.
+fn peak_memory() -> Outcome<()> {
+    let model = DemModel::new("cube", &packing(1_000_000)?, BeamMaterial::SILICA, 2200.0)?;
+    let side = Subdomain::fine(model, Weights::uncoupled());
+    let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Seconds(1e-9), None)?;
+    run.run(2, &mut Silent)?;
+    let status = std::fs::read_to_string("/proc/self/status")?;
+    let peak = status
+        .lines()
+        .find(|l| l.starts_with("VmHWM"))
+        .unwrap_or("VmHWM: unknown");
+    println!("coupled model of a million particles, built and stepped: {peak}");
+    Ok(())
+}
+
+fn main() -> Outcome<()> {
+    if std::env::args().any(|a| a == MEMORY) {
+        return peak_memory();
+    }
+    table()?;
+    let status = std::process::Command::new(std::env::current_exe()?)
+        .arg(MEMORY)
+        .status()?;
+    if !status.success() {
+        return Err("the process that measures memory failed".into());
+    }
+    divan::main();
+    Ok(())
+}
+
+/// Two steps of 20 000 particles on one thread.
+#[divan::bench(args = CASES, sample_count = 200, sample_size = 1)]
+fn two_steps(bencher: divan::Bencher<'_, '_>, case: &str) {
+    let (Ok(body), Ok(pool)) = (body(20_000), pool(1)) else {
+        return;
+    };
+    let Ok(mut e) = engine(case, &body) else { return };
+    let bonds = 2 * body.pairs().len();
+    bencher
+        .counter(divan::counter::ItemsCount::new(bonds))
+        .counter(divan::counter::BytesCount::new(
+            (e.bytes[1] * bonds as f64) as usize,
+        ))
+        .bench_local(|| pool.install(|| (e.run)(1)));
 }

@@ -2,14 +2,14 @@
 //! at the other end by a force of 1 kN that acts at once. Prints the mean elongation and the first
 //! three axial frequencies beside beam theory and the published discrete-element values.
 //!
-//! `cargo run --release -p dem-beam --example beam_a -- [spheres] [periods] [quench]`
+//! `cargo run --release -p dem-beam --example beam_a -- [spheres] [periods] [seed] [quench]`
 #![allow(clippy::print_stdout, reason = "an example talks to a person")]
 
 use arlequin_core::effect::Load;
 use arlequin_core::observer::Silent;
 use arlequin_core::subdomain::PrescribedMotion;
 use arlequin_core::time::TimeFunction;
-use arlequin_core::{Coupled, Guard, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Guard, Model, Subdomain, TimeStep, Weights};
 use dem_beam::{BeamMaterial, Container, DemModel, LoadShare, PackingSpec};
 use nalgebra::{Point3, Vector3};
 use std::error::Error;
@@ -71,9 +71,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let count = arguments.next().map_or(Ok(5_000), |a| a.parse())?;
     let periods: f64 = arguments.next().map_or(Ok(12.0), |a| a.parse())?;
     let bar = Container::cylinder(LENGTH, RADIUS)?;
+    let seed = arguments.next().map_or(Ok(1), |a| a.parse())?;
     let spec = match arguments.next().as_deref() {
-        Some("quench") => PackingSpec::quench(bar, count, 1),
-        _ => PackingSpec::new(bar, count, 1),
+        Some("quench") => PackingSpec::quench(bar, count, seed),
+        _ => PackingSpec::new(bar, count, seed),
     };
     let clock = std::time::Instant::now();
     let model = DemModel::new("beam A", &spec.build()?, BeamMaterial::SILICA, DENSITY)?;
@@ -82,7 +83,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         model.report(),
         clock.elapsed().as_secs_f64()
     );
-    let fixed = model.clamped(&model.clamp_layer(&Point3::origin(), &Vector3::x()));
+    // The wall is at x = 0, but what is held are centres about one mean radius inside.
+    let layer = model.clamp_layer(&Point3::origin(), &Vector3::x());
+    let fixed = model.clamped(&layer);
+    let plane = layer.iter().map(|&i| model.nodes()[i].x).sum::<f64>() / layer.len() as f64;
     let end = model.clamp_layer(&Point3::new(LENGTH, 0.0, 0.0), &Vector3::x());
     println!("{} unknowns fixed, {} particles loaded", fixed.len(), end.len());
     let load = model.force(&end, Vector3::new(FORCE, 0.0, 0.0), LoadShare::Area)?;
@@ -117,6 +121,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "U_mean {:.4} mm (theory 0.0878, published 0.083)",
         windowed_mean(&samples) * 1e3
+    );
+    let first = peak(&samples, step, THEORY[0]);
+    let young = |length: f64| DENSITY * (4.0 * length * first).powi(2) / 1e9;
+    println!(
+        "E from f0: {:.2} GPa with the length of the body, {:.2} GPa from the centres held at x = {:.4} mm",
+        young(LENGTH),
+        young(LENGTH - plane),
+        plane * 1e3
     );
     for k in 0..3 {
         let f = peak(&samples, step, THEORY[k]);

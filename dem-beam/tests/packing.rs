@@ -175,93 +175,123 @@ fn matter() -> Matter {
     }
 }
 
+fn two(x: f64, r: f64) -> Result<BondedParticles, DemError> {
+    let p = vec![Vector3::zeros(), Vector3::new(x, 0.0, 0.0)];
+    BondedParticles::new(p, vec![1e-3, r], vec![[0, 1]], &matter())
+}
+
 #[test]
-fn hard_cases_have_names() {
-    let two = |x: f64, r: f64| {
-        let p = vec![Vector3::zeros(), Vector3::new(x, 0.0, 0.0)];
-        BondedParticles::new(p, vec![1e-3, r], vec![[0, 1]], &matter())
-    };
+fn bad_spheres_have_names() {
     assert!(two(2e-3, 1e-3).is_ok());
+    let same = two(0.0, 1e-3);
     assert!(matches!(
-        two(0.0, 1e-3),
+        same,
         Err(DemError::CoincidentParticles {
             first: 0,
             second: 1,
             ..
         })
     ));
-    assert!(matches!(
-        two(2e-3, 0.0),
-        Err(DemError::BadRadius { particle: 1, .. })
-    ));
-    assert!(matches!(
-        two(f64::NAN, 1e-3),
-        Err(DemError::NotFinite { index: 1, .. })
-    ));
+    let flat = two(2e-3, 0.0);
+    assert!(matches!(flat, Err(DemError::BadRadius { particle: 1, .. })));
+    let nowhere = two(f64::NAN, 1e-3);
+    assert!(matches!(nowhere, Err(DemError::NotFinite { index: 1, .. })));
     assert!(two(1.05e-3, 0.05e-3).is_ok());
     assert!(matches!(two(1.04e-3, 0.04e-3), Err(DemError::RadiusRatio { .. })));
-    let p: Vec<_> = (0..3).map(|i| Vector3::x() * 2e-3 * f64::from(i)).collect();
-    let with = |pairs: Vec<[u32; 2]>| BondedParticles::new(p.clone(), vec![1e-3; 3], pairs, &matter());
+}
+
+fn line() -> Vec<Vector3<f64>> {
+    (0..3).map(|i| Vector3::x() * 2e-3 * f64::from(i)).collect()
+}
+
+#[test]
+fn bad_bonds_have_names() {
+    let with = |pairs: Vec<[u32; 2]>| BondedParticles::new(line(), vec![1e-3; 3], pairs, &matter());
+    let alone = with(vec![[0, 1]]);
     assert!(matches!(
-        with(vec![[0, 1]]),
+        alone,
         Err(DemError::IsolatedParticle {
             particle: 2,
             isolated: 1
         })
     ));
+    let short = with(vec![[0, 1], [1, 1]]);
+    assert!(matches!(short, Err(DemError::ZeroLengthBond { bond: 1, .. })));
+    let unknown = with(vec![[0, 1], [1, 9]]);
     assert!(matches!(
-        with(vec![[0, 1], [1, 1]]),
-        Err(DemError::ZeroLengthBond { bond: 1, .. })
-    ));
-    assert!(matches!(
-        with(vec![[0, 1], [1, 9]]),
+        unknown,
         Err(DemError::NoSuchParticle { particle: 9, .. })
     ));
+}
+
+#[test]
+fn spheres_that_do_not_fit_have_names() {
     let wide = Container::cuboid(Vector3::zeros(), Vector3::new(1.0, 1.0, 1e-2)).unwrap();
     let few = PackingSpec::quench(wide.clone(), 20, 1).build();
     assert!(matches!(few, Err(DemError::ContainerTooSmall { count: 20, .. })));
-    let out = Packing::from_spheres(
-        &wide,
-        &p.iter().map(|p| p + Vector3::x()).collect::<Vec<_>>(),
-        &[1e-3; 3],
-        1.0,
-    );
+    let moved: Vec<_> = line().iter().map(|p| p + Vector3::x()).collect();
+    let out = Packing::from_spheres(&wide, &moved, &[1e-3; 3], 1.0);
     assert!(matches!(out, Err(DemError::OutsideContainer { .. })), "{out:?}");
     let twice = Packing::from_spheres(&wide, &[Vector3::repeat(5e-3); 2], &[1e-3; 2], 1.0);
     assert!(matches!(twice, Err(DemError::CoincidentParticles { .. })));
-    let spec = PackingSpec::quench(bar_of(4e-3).0, 500, 1);
+    let nested = [Vector3::repeat(5e-3), Vector3::new(5.9e-3, 5e-3, 5e-3)];
+    let nested = Packing::from_spheres(&wide, &nested, &[1e-3; 2], 1.0);
     assert!(matches!(
-        PackingSpec {
-            coordination: 30.0,
-            ..spec.clone()
-        }
-        .build(),
-        Err(DemError::TooFewPairs { .. })
+        nested,
+        Err(DemError::Overlapping {
+            first: 0,
+            second: 1,
+            ..
+        })
     ));
-    assert!(matches!(
+}
+
+#[test]
+fn bad_packing_parameters_have_names() {
+    let good = || PackingSpec::quench(bar_of(4e-3).0, 500, 1);
+    let with_z = |coordination: f64| {
         PackingSpec {
-            coordination: f64::NAN,
-            ..spec.clone()
+            coordination,
+            ..good()
         }
-        .build(),
-        Err(DemError::OutOfRange { .. })
-    ));
-    assert!(matches!(
-        PackingSpec {
-            spread: 0.95,
-            ..spec.clone()
-        }
-        .build(),
-        Err(DemError::RadiusRatio { .. })
-    ));
-    // A ratio of 1:20 packs.
-    let polydisperse = PackingSpec {
-        spread: 19.0 / 21.0,
-        ..spec
+        .build()
+    };
+    assert!(matches!(with_z(30.0), Err(DemError::TooFewPairs { .. })));
+    assert!(matches!(with_z(f64::NAN), Err(DemError::OutOfRange { .. })));
+    let wide = PackingSpec {
+        spread: 0.95,
+        ..good()
     }
-    .build()
-    .unwrap();
-    let [low, high] = polydisperse.report.radius_range;
-    assert!(high / low > 15.0 && polydisperse.radii.len() + polydisperse.report.dropped == 500);
-    assert!(polydisperse.bonded(BeamMaterial::SILICA, 2200.0).is_ok());
+    .build();
+    assert!(matches!(wide, Err(DemError::RadiusRatio { .. })));
+}
+
+/// A ratio of 1:20 packs.
+#[test]
+fn radii_of_one_to_twenty() {
+    let spec = PackingSpec {
+        spread: 19.0 / 21.0,
+        ..PackingSpec::quench(bar_of(4e-3).0, 500, 1)
+    };
+    let packing = spec.build().unwrap();
+    let [low, high] = packing.report.radius_range;
+    assert!(high / low > 15.0 && packing.radii.len() + packing.report.dropped == 500);
+    assert!(packing.bonded(BeamMaterial::SILICA, 2200.0).is_ok());
+}
+
+#[test]
+fn density_waves_and_targets_out_of_reach_have_names() {
+    let (container, bar) = bar_of(2e-3);
+    let short = PackingSpec::new(container, 500, 3).build().unwrap();
+    let found = tension_test(&short.bonded(BeamMaterial::SILICA, 1.0).unwrap(), &bar).unwrap();
+    let refused = found.check_uniform();
+    assert!(
+        matches!(refused, Err(DemError::AxialWave { difference, .. }) if difference > 0.03),
+        "{found:?}"
+    );
+    let refused = inverse(&[short], &bar, 72.5e9, 0.45, 0.3);
+    assert!(
+        matches!(refused, Err(DemError::PoissonOutOfReach { .. })),
+        "{refused:?}"
+    );
 }

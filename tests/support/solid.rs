@@ -1,103 +1,42 @@
-//! Three-dimensional setting: a coarse box on the left, a fine one on the right, non-coincident meshes in the overlap.
+//! The shared solid deck with failures turned into failed tests, and a large run with every effect.
 
 use arlequin::core::effect::{Absorber, BodyForce};
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, H1Strain, Junction, L2};
+use arlequin::core::junction::Junction;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Guard, Real, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh, generate};
+use arlequin::core::weight::Profile;
+use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weights};
+use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh};
+use arlequin_studies::solid as deck;
+#[allow(unused_imports, reason = "each test binary uses its part")]
+pub(crate) use deck::{OVERLAP, couple, spec};
 use std::sync::Arc;
 
-pub(crate) const OVERLAP: [f64; 2] = [2.0, 3.0];
-
 pub(crate) fn block<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Mesh<T> {
-    let p = |x: f64, y: f64| Point3::new(T::of(x), T::of(y), T::of(y));
-    generate::block(kind, p(x[0], 0.0), p(x[1], 1.0), counts).unwrap()
+    deck::block(kind, x, counts).unwrap()
 }
 
 pub(crate) fn weights<T: Real>(profile: Profile<T>, epsilon: f64) -> Weights<T> {
-    let at = |x: f64| Point3::new(T::of(x), T::zero(), T::zero());
-    let slab = Slab::between(at(OVERLAP[1]), at(OVERLAP[0])).unwrap();
-    Weights::same(Arc::new(
-        Ramp::new(Arc::new(slab), profile, T::of(epsilon)).unwrap(),
-    ))
+    deck::weights(profile, epsilon).unwrap()
 }
 
-/// Steel-like numbers scaled to one.
 pub(crate) fn material<T: Real>() -> Elastic<T> {
-    Elastic::new(T::of(1.0), T::of(0.25), T::of(1.0)).unwrap()
+    deck::material().unwrap()
 }
 
 pub(crate) fn mediator<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Arc<FemMediator<T>> {
-    Arc::new(FemMediator::new(block(kind, x, counts)))
+    deck::mediator(kind, x, counts).unwrap()
 }
 
 pub(crate) fn junctions<T: Real>() -> Vec<Box<dyn Junction<T>>> {
-    let l = T::of(0.15);
-    vec![
-        Box::new(L2),
-        Box::new(H1Strain::new(l).unwrap()),
-        Box::new(H1Gradient::new(l).unwrap()),
-    ]
+    deck::junctions().unwrap()
 }
 
-pub(crate) fn spec<T: Real>(
-    mediator: Arc<FemMediator<T>>,
-    junction: Box<dyn Junction<T>>,
-) -> InterfaceSpec<T> {
-    InterfaceSpec {
-        name: "overlap".into(),
-        coarse: 0,
-        fine: 1,
-        mediator,
-        junction,
-        options: InterfaceOptions::default(),
-    }
-}
-
-/// Hexahedra on (0, 3), tetrahedra on (2, 4), nothing coincides.
 pub(crate) fn bodies<T: Real>(profile: Profile<T>, epsilon: f64) -> [Subdomain<T>; 2] {
-    let w = weights(profile, epsilon);
-    let coarse = FemModel::new(
-        "left",
-        block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]),
-        material(),
-    )
-    .unwrap();
-    let fine = FemModel::new(
-        "right",
-        block(ElementKind::Tet4, [2.0, 4.0], [7, 3, 3]),
-        material(),
-    )
-    .unwrap();
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
-    [Subdomain::coarse(coarse, w), Subdomain::fine(fine, rest)]
+    deck::bodies(profile, epsilon).unwrap()
 }
 
-/// The same with random velocities.
 pub(crate) fn shaken<T: Real>(bodies: [Subdomain<T>; 2], seed: u64) -> Vec<Subdomain<T>> {
-    let mut next = super::noise(seed);
-    let shake = |s: Subdomain<T>| {
-        let n = s.model().layout().dofs();
-        let v = (0..n).map(|_| T::of(next())).collect();
-        s.with_initial(vec![T::zero(); n], v).unwrap()
-    };
-    bodies.map(shake).into()
-}
-
-pub(crate) fn couple<T: Real>(
-    bodies: Vec<Subdomain<T>>,
-    mediator: Arc<FemMediator<T>>,
-    junction: Box<dyn Junction<T>>,
-) -> Result<Coupled<T>> {
-    Coupled::new(
-        bodies,
-        vec![spec(mediator, junction)],
-        TimeStep::Fraction(T::of(0.8)),
-        None,
-    )
+    deck::shaken(bodies, seed).unwrap()
 }
 
 /// A run with effects, large enough that the models split their work over threads.

@@ -1,7 +1,7 @@
 //! What only particles have: bonds that break, contact, obstacles, notches.
 
 use super::drive::time_function;
-use super::particles::dem;
+use super::filling::dem;
 use crate::error::{Result, key, value};
 use crate::scene::{self, CriterionKind, Effect, ModelTable, NotchBox, ObstacleShape};
 use arlequin::core::effect;

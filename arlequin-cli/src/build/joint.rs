@@ -8,7 +8,7 @@ use crate::scene::{
     Shape, WeightTable, WeightingKind,
 };
 use arlequin::core::effect::Absorber;
-use arlequin::core::field::Interpolation;
+use arlequin::core::field::{Interpolation, ShapeRow};
 use arlequin::core::junction::{H1Gradient, H1Seminorm, H1Strain, Junction, L2};
 use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
@@ -60,7 +60,17 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         rim: Rim::Inscribed,
         folder,
     };
-    let mesh = request.mesh()?;
+    let inset;
+    let (request, mesh) = if table.mediator.shape.is_none() && is_hull(sides[1].1) {
+        inset = within_hull(request, sides[1].1)?;
+        let request = Request {
+            shape: &inset,
+            ..request
+        };
+        (request, request.mesh()?)
+    } else {
+        (request, request.mesh()?)
+    };
     let view = View::of_mesh(&mesh);
     let mediator = Arc::new(FemMediator::new(mesh));
     let weights = weights(&path, &table.weight, &overlap, mediator.nodes())?;
@@ -204,7 +214,8 @@ fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
 
 fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
     let at = format!("{path}.junction.length");
-    let length = table.junction.length.unwrap_or(spacing);
+    // Measured best in one and three dimensions: 0.1 to 0.4 of h_B; at h_B the condition is twenty times worse.
+    let length = table.junction.length.unwrap_or(0.25 * spacing);
     Ok(match table.junction.kind {
         JunctionKind::L2 => match table.junction.length {
             None => Box::new(L2),
@@ -256,6 +267,82 @@ fn absorber(
         Place::Overlap(s) => rate * s * s,
     };
     Ok(Absorber::new(resolved, Arc::new(field)))
+}
+
+/// Whether a field ends at the hull of particle centres, about a radius inside the body.
+fn is_hull(body: &Body) -> bool {
+    body.model.kind() == "dem" && body.field.samples().is_none()
+}
+
+/// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
+/// of the particles. The hull is convex, so that its nodes decide. Only faces on the particles' own surface move.
+fn within_hull(request: Request<'_>, fine: &Body) -> Result<Shape> {
+    let mut row = ShapeRow::default();
+    for step in 1..=30 {
+        let inset = 0.1 * f64::from(step) * fine.spacing;
+        let Some(shape) = moved_inwards(request.shape, &fine.shape, inset) else {
+            break;
+        };
+        let mesh = Request {
+            shape: &shape,
+            ..request
+        }
+        .mesh()?;
+        let mut nodes = mesh.nodes().iter();
+        if nodes.all(|x| fine.field.shape_at(x, false, &mut row).is_ok()) {
+            return Ok(shape);
+        }
+    }
+    let rule =
+        "no mediator fits into the hull of the particles; give mediator.shape, or dem.field = \"particles\"";
+    Err(key(request.key, rule))
+}
+
+/// Faces that lie on the given body, moved inwards; none if nothing is left.
+fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
+    let same = |a: f64, b: f64| (a - b).abs() < inset;
+    let ends = |low: f64, high: f64, first: f64, last: f64| {
+        let low = if same(low, first) { first + inset } else { low };
+        let high = if same(high, last) { last - inset } else { high };
+        (high > low).then_some([low, high])
+    };
+    match (shape, body) {
+        (
+            Shape::Cylinder { from, length, radius },
+            Shape::Cylinder {
+                from: first,
+                length: whole,
+                ..
+            },
+        ) => {
+            let [low, high] = ends(from[0], from[0] + length, first[0], first[0] + whole)?;
+            let radius = radius - inset;
+            (radius > 0.0).then_some(Shape::Cylinder {
+                from: [low, from[1], from[2]],
+                length: high - low,
+                radius,
+            })
+        }
+        (
+            Shape::Box { low, high },
+            Shape::Box {
+                low: first,
+                high: last,
+            },
+        ) => {
+            let mut corners = [[0.0; 3]; 2];
+            for c in 0..3 {
+                let [a, b] = ends(low[c], high[c], first[c], last[c])?;
+                corners[0][c] = a;
+                corners[1][c] = b;
+            }
+            Some(Shape::Box {
+                low: corners[0],
+                high: corners[1],
+            })
+        }
+        _ => None,
+    }
 }
 
 /// The slab's part of the space both models share.

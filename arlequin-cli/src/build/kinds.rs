@@ -83,7 +83,7 @@ pub(crate) fn body(
     match table.kind {
         Kind::Fem => finite_elements(name, &key, table, folder),
         Kind::Cnem => super::natural::body(name, &key, table, folder),
-        Kind::Dem => super::particles::body(name, &key, table, effects),
+        Kind::Dem => super::particles::body(name, &key, table, folder, effects),
         Kind::Chain => chain(name, &key, table),
     }
 }
@@ -121,7 +121,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         _ => solid_poisson(key, table)?,
     };
     let material = Elastic::new(table.material.young, poisson, table.material.density)
-        .map_err(fem(format!("{key}.material")))?;
+        .map_err(core(&format!("{key}.material")))?;
     let mut groups = BTreeMap::new();
     let mut surfaces = BTreeMap::new();
     for (n, g) in mesh.groups() {

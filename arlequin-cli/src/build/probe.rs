@@ -7,7 +7,7 @@ use crate::error::{Result, core, key};
 use crate::scene::{Probe, Quantity, Scene};
 use arlequin::core::Subdomain;
 use arlequin::core::field::ShapeRow;
-use arlequin::core::nalgebra::Point3;
+use arlequin::core::nalgebra::{Point3, Vector3};
 
 /// A probe, ready to be read.
 #[derive(Debug, Clone)]
@@ -33,6 +33,16 @@ impl Reader {
             return Err(key(format!("{path}.component"), rule));
         }
         let row = match (&probe.at, &probe.over) {
+            (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
+                let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
+                rotation(&path, body, &nodes, c)?
+            }
+            (Some(_), None) if probe.quantity == Quantity::Rotation => {
+                return Err(key(
+                    format!("{path}.at"),
+                    "a rotation is that of a group of nodes; give where",
+                ));
+            }
             (Some(at), None) => {
                 let mut row = ShapeRow::default();
                 body.field
@@ -63,9 +73,31 @@ impl Reader {
     pub(crate) fn read(&self, subdomains: &[Subdomain<f64>]) -> f64 {
         let state = subdomains[self.model].state();
         let values = match self.quantity {
-            Quantity::Displacement => &state.q,
+            Quantity::Displacement | Quantity::Rotation => &state.q,
             Quantity::Velocity => &state.v,
         };
         self.row.iter().map(|(d, n)| n * values[*d]).sum()
     }
+}
+
+/// Least-squares rotation of nodes about axis `c` through their centroid: `θ = Σ e·(r × u) / Σ |e × r|²`.
+fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<Vec<(usize, f64)>> {
+    let count = body.model.layout().components;
+    let points = body.model.nodes();
+    let sum = nodes.iter().fold(Vector3::zeros(), |s, &n| s + points[n].coords);
+    let centre = Point3::from(sum / nodes.len() as f64);
+    let axis = Vector3::ith(c, 1.0);
+    let arm = |n: usize| axis.cross(&(points[n] - centre));
+    let polar: f64 = nodes.iter().map(|&n| arm(n).norm_squared()).sum();
+    if polar <= 0.0 || count < 3 {
+        return Err(key(
+            path,
+            "a rotation needs several nodes around its axis; choose a larger group",
+        ));
+    }
+    let of = |&n: &usize| {
+        let arm = arm(n) / polar;
+        (0..3).map(move |a| (3 * n + a, arm[a]))
+    };
+    Ok(nodes.iter().flat_map(of).filter(|(_, f)| *f != 0.0).collect())
 }

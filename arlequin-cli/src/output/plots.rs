@@ -1,4 +1,4 @@
-//! Curves over time as SVG.
+//! Curves as SVG: over time, or over anything else on linear or logarithmic axes.
 
 use crate::error::{Error, Result};
 use plotters::prelude::*;
@@ -9,23 +9,41 @@ use std::path::Path;
 pub(crate) struct Curve<'a> {
     /// Legend.
     pub(crate) name: String,
-    /// Times \[s\].
+    /// Times \[s\], or whatever the horizontal axis shows.
     pub(crate) times: &'a [f64],
     /// Values in the unit of the plot.
     pub(crate) values: Vec<f64>,
 }
 
-/// A plot of curves over time.
+/// A plot of curves.
 #[derive(Debug, Clone)]
 pub(crate) struct Plot<'a> {
     /// Headline.
     pub(crate) title: String,
+    /// Quantity on the horizontal axis and its SI unit.
+    pub(crate) across: [&'a str; 2],
+    /// Whether the horizontal and the vertical axis are logarithmic.
+    pub(crate) log: [bool; 2],
     /// Quantity on the vertical axis.
     pub(crate) quantity: &'a str,
     /// Its SI unit.
     pub(crate) unit: &'a str,
     /// Curves.
     pub(crate) curves: Vec<Curve<'a>>,
+}
+
+impl<'a> Plot<'a> {
+    /// A plot over time, linear.
+    pub(crate) fn over_time(title: String, quantity: &'a str, unit: &'a str, curves: Vec<Curve<'a>>) -> Self {
+        Self {
+            title,
+            across: ["time", "s"],
+            log: [false; 2],
+            quantity,
+            unit,
+            curves,
+        }
+    }
 }
 
 /// Colours that stay apart for the colour-blind (Okabe and Ito), darkest first.
@@ -100,15 +118,8 @@ pub(crate) fn draw(path: &Path, plot: &Plot<'_>) -> Result<()> {
 
 /// Values the vertical axis spans, with a margin.
 fn range(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
-    let values = || {
-        plot.curves
-            .iter()
-            .flat_map(|c| c.values.iter().map(|v| v * factor))
-    };
-    let (low, high) = (
-        values().fold(f64::INFINITY, f64::min),
-        values().fold(f64::NEG_INFINITY, f64::max),
-    );
+    let values = || plot.curves.iter().flat_map(|c| c.values.iter());
+    let (low, high) = extremes(values().map(|v| scaled(*v, factor, plot.log[1])));
     let margin = if high > low {
         0.06 * (high - low)
     } else {
@@ -117,13 +128,48 @@ fn range(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
+fn extremes(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    })
+}
+
+/// Where a value stands on an axis.
+fn scaled(value: f64, factor: f64, log: bool) -> f64 {
+    if log {
+        (value * factor).max(f64::MIN_POSITIVE).log10()
+    } else {
+        value * factor
+    }
+}
+
+/// The number that stands at a place of an axis.
+fn mark(place: f64, log: bool) -> String {
+    if !log {
+        return tick(place);
+    }
+    // Lines between the decades stand at odd numbers; two digits are enough to read them.
+    let value = 10f64.powf(place);
+    let unit = 10f64.powf(place.floor() - 1.0);
+    tick((value / unit).round() * unit)
+}
+
 fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
     let text = |e: &dyn std::fmt::Display| e.to_string();
     let end = largest(plot.curves.iter().flat_map(|c| c.times.iter().copied()));
     let top = largest(plot.curves.iter().flat_map(|c| c.values.iter().copied()));
-    let (ft, tu) = prefixed(end, "s");
+    let (ft, tu) = prefixed(end, plot.across[1]);
     let (fv, vu) = prefixed(top, plot.unit);
     let (low, high) = range(plot, fv);
+    let [log_x, log_y] = plot.log;
+    let (mut first, last) = extremes(
+        plot.curves
+            .iter()
+            .flat_map(|c| c.times.iter().map(|t| scaled(*t, ft, log_x))),
+    );
+    if !log_x {
+        first = first.min(0.0);
+    }
     let root = SVGBackend::new(path, (WIDTH, 520)).into_drawing_area();
     root.fill(&WHITE).map_err(|e| text(&e))?;
     // The legend stands beside the curves, never on them.
@@ -139,30 +185,29 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
         .margin(14)
         .x_label_area_size(46)
         .y_label_area_size(84)
-        .build_cartesian_2d(0.0..end * ft, low..high)
+        .build_cartesian_2d(first..last, low..high)
         .map_err(|e| text(&e))?;
-    let unit = if vu.is_empty() {
-        String::new()
-    } else {
-        format!(" [{vu}]")
+    let unit = |u: &str| match u {
+        "" => String::new(),
+        u => format!(" [{u}]"),
     };
     chart
         .configure_mesh()
-        .x_desc(format!("time [{tu}]"))
-        .y_desc(format!("{}{unit}", plot.quantity))
+        .x_desc(format!("{}{}", plot.across[0], unit(&tu)))
+        .y_desc(format!("{}{}", plot.quantity, unit(&vu)))
         .label_style(("sans-serif", 14))
         .axis_desc_style(("sans-serif", 16))
         .light_line_style(TRANSPARENT)
         .bold_line_style(BLACK.mix(0.12))
-        .x_label_formatter(&|v| tick(*v))
-        .y_label_formatter(&|v| tick(*v))
+        .x_label_formatter(&|v| mark(*v, log_x))
+        .y_label_formatter(&|v| mark(*v, log_y))
         .draw()
         .map_err(|e| text(&e))?;
     for (k, c) in plot.curves.iter().enumerate() {
         let colour = COLOURS[k % COLOURS.len()];
         let points = thinned(c.times, &c.values)
             .into_iter()
-            .map(|(t, v)| (t * ft, v * fv));
+            .map(|(t, v)| (scaled(t, ft, log_x), scaled(v, fv, log_y)));
         chart
             .draw_series(LineSeries::new(points, colour.stroke_width(2)))
             .map_err(|e| text(&e))?;

@@ -215,6 +215,8 @@ pub(crate) enum Quantity {
     Displacement,
     /// \[m/s\].
     Velocity,
+    /// Mean rotation of a group of nodes about an axis through their centroid \[rad\].
+    Rotation,
 }
 
 impl Quantity {
@@ -223,6 +225,7 @@ impl Quantity {
         match self {
             Self::Displacement => "displacement [m]",
             Self::Velocity => "velocity [m/s]",
+            Self::Rotation => "rotation [rad]",
         }
     }
 }

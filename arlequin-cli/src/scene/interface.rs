@@ -163,7 +163,7 @@ pub(crate) struct JunctionTable {
     /// Which scalar product.
     #[serde(default)]
     pub(crate) kind: JunctionKind,
-    /// Length `l` \[m\]; the mediator's spacing by default.
+    /// Length `l` \[m\]; a quarter of the mediator's spacing by default.
     pub(crate) length: Option<f64>,
 }
 

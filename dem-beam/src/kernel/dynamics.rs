@@ -137,6 +137,21 @@ impl<T: Dispatch> BeamDynamics<T> {
         bytes as f64 / self.body.pairs().len().max(1) as f64
     }
 
+    /// Bytes a step reads and writes at least, per bond: bond data, rows in and out, velocities in
+    /// and out, masses. Neighbours' rows count once; lines read in order to be written do not count.
+    #[must_use]
+    pub fn traffic_per_bond(&self) -> f64 {
+        let bytes = each_law!(&self.inner, s => s.layout.bond_bytes() + s.layout.particle_bytes());
+        bytes as f64 / self.body.pairs().len().max(1) as f64
+    }
+
+    /// Share of the kernel's lanes that hold a bond; the others idle.
+    #[must_use]
+    pub fn lane_fill(&self) -> f64 {
+        let slots = each_law!(&self.inner, s => s.layout.slots.len());
+        2.0 * self.body.pairs().len() as f64 / (slots.max(1) * LANES) as f64
+    }
+
     /// External force and torque on each particle, constant until set again.
     ///
     /// # Errors

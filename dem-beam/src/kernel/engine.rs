@@ -13,6 +13,10 @@ const CHUNK: usize = 32;
 /// Half-bonds ahead of the current slot whose rows are fetched: DRAM latency over slot time.
 const AHEAD: usize = 6;
 
+/// Slots ahead whose constants are fetched, and blocks ahead for what a block streams: the processor's own
+/// prefetching stops at the second-level cache and at page ends.
+const SLOTS_AHEAD: usize = 8;
+
 /// Particles above which rows no longer stay in the second-level cache and fetching ahead pays.
 const FAR: usize = 8_000;
 
@@ -262,6 +266,38 @@ impl<W: RotationVector> OnLanes<f64> for AddForces<'_, '_, W> {
     }
 }
 
+/// Fetches `count` values into the nearest cache; any address will do.
+#[inline(always)]
+fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
+    let lines = count * size_of::<X>() / size_of::<Row<L::T>>();
+    for i in 0..lines {
+        l.prefetch(at.cast::<Row<L::T>>().wrapping_add(i));
+    }
+}
+
+/// First stage of slot `s`.
+#[inline(always)]
+fn fetch<L: Lanes, W: Law<L::T>, const FETCH: bool>(
+    l: L,
+    layout: &Layout<L::T, W>,
+    rows: &[Row<L::T>],
+    s: usize,
+    slot: &W::Slot,
+    ready: &W::Ready<L>,
+) -> W::Near<L> {
+    if FETCH && s + AHEAD < layout.neighbours.len() {
+        for &p in &layout.neighbours[s + AHEAD] {
+            l.prefetch(rows.as_ptr().wrapping_add(p as usize));
+        }
+    }
+    if FETCH || W::LIGHT {
+        prefetch_lines(l, layout.slots.as_ptr().wrapping_add(s + SLOTS_AHEAD), 1);
+    }
+    let near = &layout.neighbours[s];
+    let other = l.transpose(eight!(r => rows[near[r] as usize].0));
+    W::near(l, slot, ready, &other)
+}
+
 /// Forces on the eight particles of a block; also returns their rows.
 #[inline(always)]
 fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
@@ -277,17 +313,16 @@ fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
     let ready = W::ready(l, &own);
     let mut acc = [l.splat(L::T::default()); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
-    for s in range {
-        if FETCH && s + AHEAD < layout.neighbours.len() {
-            for &p in &layout.neighbours[s + AHEAD] {
-                l.prefetch(rows.as_ptr().wrapping_add(p as usize));
-            }
+    let mut before: Option<(&W::Slot, W::Near<L>)> = None;
+    for (slot, ahead) in layout.slots[range.clone()].iter().zip(range) {
+        let near = fetch::<L, W, FETCH>(l, layout, rows, ahead, slot, &ready);
+        if let Some((slot, near)) = before.replace((slot, near)) {
+            W::add(l, k, slot, &ready, &near, &mut acc);
         }
-        let near = &layout.neighbours[s];
-        let other = l.transpose(eight!(r => rows[near[r] as usize].0));
-        W::add(l, k, &layout.slots[s], &ready, &other, &mut acc);
     }
-    W::finish(l, &layout.own[block], &own, &mut acc);
+    if let Some((slot, near)) = before {
+        W::add(l, k, slot, &ready, &near, &mut acc);
+    }
     (own, acc)
 }
 
@@ -299,6 +334,12 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Step<'_, '_, L::
         let (kick, drift) = (l.splat(j.kick), l.splat(j.drift));
         for (b, (out, velocity)) in j.out.chunks_exact_mut(LANES).zip(j.velocity).enumerate() {
             let block = j.first + b;
+            if FETCH || W::LIGHT {
+                let layout = j.pass.layout;
+                prefetch_lines(l, std::ptr::from_ref(velocity).wrapping_add(1), 1);
+                prefetch_lines(l, layout.inverse_mass.as_ptr().wrapping_add(block + 1), 1);
+                prefetch_lines(l, out.as_ptr().wrapping_add(LANES), LANES);
+            }
             let (own, mut f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
             if let Some(loads) = j.pass.loads {
                 for (f, load) in f.iter_mut().zip(&loads[block]) {

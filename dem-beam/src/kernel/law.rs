@@ -24,31 +24,39 @@ use crate::bond::{BeamRigidity, LinearBond};
 
 /// A force law on rows of eight numbers per particle.
 pub(crate) trait Law<T: Scalar>: Copy + Send + Sync {
+    /// Little arithmetic per byte: worth fetching constants ahead even out of the second-level cache.
+    const LIGHT: bool;
     /// Constants of one bond in the eight lanes.
     type Slot: Copy + Send + Sync + Default + std::fmt::Debug;
-    /// Constants of the eight particles of a block.
-    type Own: Copy + Send + Sync + Default + std::fmt::Debug;
     /// What the loop over bonds needs of the eight particles.
     type Ready<L: Lanes<T = T>>: Copy;
+    /// What it needs of eight neighbours.
+    type Near<L: Lanes<T = T>>: Copy;
 
     /// Writes a half-bond, seen from its own particle, into lane `lane`.
-    fn fill(slot: &mut Self::Slot, own: &mut Self::Own, lane: usize, bond: &LinearBond, k: &BeamRigidity);
+    fn fill(slot: &mut Self::Slot, lane: usize, bond: &LinearBond);
 
     /// From the rows of the eight particles.
     fn ready<L: Lanes<T = T>>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
 
-    /// Adds forces and torques on the eight own particles.
+    /// First stage of a slot, from the rows of the eight neighbours. It runs while the second stage of the slot
+    /// before is under way: the processor's own look-ahead is too short to hide loads, shuffles and roots.
+    fn near<L: Lanes<T = T>>(
+        l: L,
+        slot: &Self::Slot,
+        own: &Self::Ready<L>,
+        other: &[L::V; 8],
+    ) -> Self::Near<L>;
+
+    /// Second stage: adds forces and torques on the eight own particles.
     fn add<L: Lanes<T = T>>(
         l: L,
         k: &Rigidity<L>,
         slot: &Self::Slot,
         own: &Self::Ready<L>,
-        other: &[L::V; 8],
+        near: &Self::Near<L>,
         acc: &mut [L::V; 6],
     );
-
-    /// Adds what depends on the own particle alone, once per block.
-    fn finish<L: Lanes<T = T>>(l: L, data: &Self::Own, own: &[L::V; 8], acc: &mut [L::V; 6]);
 
     /// New rows after moving for a step `dt` at velocities `v`.
     fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8];
@@ -62,6 +70,7 @@ pub(crate) struct Rigidity<L: Lanes> {
     bending2: L::V,
     minus_bending12: L::V,
     along: L::V,
+    across: L::V,
     two: L::V,
     three: L::V,
 }
@@ -80,6 +89,7 @@ impl<L: Lanes> Rigidity<L> {
             bending2: s!(2.0 * k.bending),
             minus_bending12: s!(-12.0 * k.bending),
             along: s!(k.torsion + 2.0 * k.bending),
+            across: s!(k.torsion - 4.0 * k.bending),
             two: s!(2.0),
             three: s!(3.0),
         }
@@ -91,13 +101,12 @@ impl<L: Lanes> Rigidity<L> {
 /// With `b = 2 EI s q`, `s = w l`, `p = n/l`, `q = p.p`, a half-bond adds
 ///
 /// ```text
-/// f += 3 b (2 q Du + p x th_j) + (ES - 12 EI q) s (p.Du) p
-/// c += 3 b p x Du - b th_j + (GI_O + 2 EI) s (p.th_j) p
+/// f += 3 b (2 q Du + p x (th_i + th_j)) + (ES - 12 EI q) s (p.Du) p
+/// c += 3 b p x Du - b (2 th_i + th_j) + s [(GI_O + 2 EI) p.th_j - (GI_O - 4 EI) p.th_i] p
 /// ```
 ///
-/// and what multiplies the own rotation is summed over the bonds at set-up, once per particle:
-/// `f += A x th_i`, `c -= S th_i`, `A = sum 3 b p`, `S = sum 2 b 1 + (GI_O - 4 EI) s p p^T`.
-/// Translations stay differences, so a moved body feels no force at all.
+/// What multiplies the own rotation could be summed over the bonds at set-up: ten operations fewer, but 72 bytes more
+/// per particle, and the law waits for memory. Translations are differences, so a moved body feels no force at all.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Linear;
 
@@ -109,47 +118,35 @@ pub(crate) struct LinearSlot<T> {
     scale: [T; 8],
 }
 
-/// `A` and the upper triangle of `S` (xx, xy, xz, yy, yz, zz) of eight particles.
-#[derive(Debug, Clone, Copy, Default)]
-#[repr(C, align(64))]
-pub(crate) struct LinearOwn<T> {
-    lever: [[T; 8]; 3],
-    block: [[T; 8]; 6],
-}
-
 impl<T: Scalar> Law<T> for Linear {
+    const LIGHT: bool = true;
     type Slot = LinearSlot<T>;
-    type Own = LinearOwn<T>;
-    type Ready<L: Lanes<T = T>> = Vec3<L>;
+    /// `u_i` and `th_i`.
+    type Ready<L: Lanes<T = T>> = [Vec3<L>; 2];
+    /// `u_j - u_i` and `th_j`.
+    type Near<L: Lanes<T = T>> = [Vec3<L>; 2];
 
-    fn fill(
-        slot: &mut LinearSlot<T>,
-        own: &mut LinearOwn<T>,
-        lane: usize,
-        bond: &LinearBond,
-        k: &BeamRigidity,
-    ) {
-        let (p, s) = (bond.axis, bond.scale);
-        let b = 2.0 * k.bending * s * p.dot(&p);
-        let across = (k.torsion - 4.0 * k.bending) * s;
-        let add = |at: &mut [T; 8], x: f64| at[lane] = T::of(at[lane].to_f64() + x);
+    fn fill(slot: &mut LinearSlot<T>, lane: usize, bond: &LinearBond) {
         for a in 0..3 {
-            slot.axis[a][lane] = T::of(p[a]);
-            add(&mut own.lever[a], 3.0 * b * p[a]);
+            slot.axis[a][lane] = T::of(bond.axis[a]);
         }
-        slot.scale[lane] = T::of(s);
-        for (c, (i, j)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
-            .into_iter()
-            .enumerate()
-        {
-            let diagonal = if i == j { 2.0 * b } else { 0.0 };
-            add(&mut own.block[c], diagonal + across * p[i] * p[j]);
-        }
+        slot.scale[lane] = T::of(bond.scale);
     }
 
     #[inline(always)]
-    fn ready<L: Lanes<T = T>>(_l: L, own: &[L::V; 8]) -> Vec3<L> {
-        [own[0], own[1], own[2]]
+    fn ready<L: Lanes<T = T>>(_l: L, own: &[L::V; 8]) -> [Vec3<L>; 2] {
+        [[own[0], own[1], own[2]], [own[4], own[5], own[6]]]
+    }
+
+    #[inline(always)]
+    fn near<L: Lanes<T = T>>(
+        l: L,
+        _slot: &LinearSlot<T>,
+        &[u, _]: &[Vec3<L>; 2],
+        other: &[L::V; 8],
+    ) -> [Vec3<L>; 2] {
+        let du = diff(l, [other[0], other[1], other[2]], u);
+        [du, [other[4], other[5], other[6]]]
     }
 
     #[inline(always)]
@@ -157,8 +154,8 @@ impl<T: Scalar> Law<T> for Linear {
         l: L,
         k: &Rigidity<L>,
         slot: &LinearSlot<T>,
-        own: &Vec3<L>,
-        other: &[L::V; 8],
+        &[_, ti]: &[Vec3<L>; 2],
+        &[du, tj]: &[Vec3<L>; 2],
         acc: &mut [L::V; 6],
     ) {
         let p: Vec3<L> = [
@@ -170,40 +167,19 @@ impl<T: Scalar> Law<T> for Linear {
         let q = dot(l, p, p);
         let b = l.mul(l.mul(k.bending2, s), q);
         let b3 = l.mul(b, k.three);
-        let du = diff(l, [other[0], other[1], other[2]], *own);
-        let tj: Vec3<L> = [other[4], other[5], other[6]];
-        let lever = axpy(l, du, l.mul(k.two, q), cross(l, p, tj));
+        let both = sum(l, ti, tj);
+        let lever = axpy(l, du, l.mul(k.two, q), cross(l, p, both));
         let stretch = l.mul(l.mul(l.madd(k.minus_bending12, q, k.axial), s), dot(l, p, du));
         let f = axpy(l, p, stretch, axpy(l, lever, b3, [acc[0], acc[1], acc[2]]));
-        let along = l.mul(l.mul(k.along, s), dot(l, p, tj));
+        let along = l.nmadd(k.across, dot(l, p, ti), l.mul(k.along, dot(l, p, tj)));
         let c = axpy(l, cross(l, p, du), b3, [acc[3], acc[4], acc[5]]);
+        let most = sum(l, ti, both);
         let c = [
-            l.nmadd(b, tj[0], c[0]),
-            l.nmadd(b, tj[1], c[1]),
-            l.nmadd(b, tj[2], c[2]),
+            l.nmadd(b, most[0], c[0]),
+            l.nmadd(b, most[1], c[1]),
+            l.nmadd(b, most[2], c[2]),
         ];
-        let c = axpy(l, p, along, c);
-        *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
-    }
-
-    #[inline(always)]
-    fn finish<L: Lanes<T = T>>(l: L, data: &LinearOwn<T>, own: &[L::V; 8], acc: &mut [L::V; 6]) {
-        let t: Vec3<L> = [own[4], own[5], own[6]];
-        let a: Vec3<L> = [
-            l.load(&data.lever[0]),
-            l.load(&data.lever[1]),
-            l.load(&data.lever[2]),
-        ];
-        let f = sum(l, [acc[0], acc[1], acc[2]], cross(l, a, t));
-        let s = &data.block;
-        let (xx, xy, xz) = (l.load(&s[0]), l.load(&s[1]), l.load(&s[2]));
-        let (yy, yz, zz) = (l.load(&s[3]), l.load(&s[4]), l.load(&s[5]));
-        let c = [
-            dot(l, [xx, xy, xz], t),
-            dot(l, [xy, yy, yz], t),
-            dot(l, [xz, yz, zz], t),
-        ];
-        let c = diff(l, [acc[3], acc[4], acc[5]], c);
+        let c = axpy(l, p, l.mul(along, s), c);
         *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
     }
 
@@ -252,12 +228,25 @@ pub(crate) struct FiniteReady<L: Lanes> {
     turn: [Vec3<L>; 3],
 }
 
-impl<T: Scalar> Law<T> for Finite {
-    type Slot = FiniteSlot<T>;
-    type Own = ();
-    type Ready<L: Lanes<T = T>> = FiniteReady<L>;
+/// Direction and length change of eight bonds, quaternions of the neighbours.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FiniteNear<L: Lanes> {
+    n: Vec3<L>,
+    /// `1/l`.
+    shrink: L::V,
+    /// `l - l0`.
+    stretch: L::V,
+    s: L::V,
+    q: Vec3<L>,
+}
 
-    fn fill(slot: &mut FiniteSlot<T>, _own: &mut (), lane: usize, bond: &LinearBond, _k: &BeamRigidity) {
+impl<T: Scalar> Law<T> for Finite {
+    const LIGHT: bool = false;
+    type Slot = FiniteSlot<T>;
+    type Ready<L: Lanes<T = T>> = FiniteReady<L>;
+    type Near<L: Lanes<T = T>> = FiniteNear<L>;
+
+    fn fill(slot: &mut FiniteSlot<T>, lane: usize, bond: &LinearBond) {
         let inverse = bond.axis.norm();
         for a in 0..3 {
             slot.axis[a][lane] = T::of(bond.axis[a] / inverse);
@@ -287,12 +276,43 @@ impl<T: Scalar> Law<T> for Finite {
     }
 
     #[inline(always)]
+    fn near<L: Lanes<T = T>>(
+        l: L,
+        slot: &FiniteSlot<T>,
+        own: &FiniteReady<L>,
+        other: &[L::V; 8],
+    ) -> FiniteNear<L> {
+        let n0: Vec3<L> = [
+            l.load(&slot.axis[0]),
+            l.load(&slot.axis[1]),
+            l.load(&slot.axis[2]),
+        ];
+        let rest = l.load(&slot.rest);
+        let du = diff(l, [other[0], other[1], other[2]], own.u);
+        let d = axpy(l, n0, rest, du);
+        // l^2 - l0^2 = (d + d0).du, without cancellation for small strains.
+        let gain = dot(l, axpy(l, n0, rest, d), du);
+        let length = l.sqrt(l.madd(rest, rest, gain));
+        let sum = l.add(length, rest);
+        // One division for both 1/l and 1/(l + l0).
+        let both = l.recip(l.mul(length, sum));
+        let shrink = l.mul(both, sum);
+        FiniteNear {
+            n: scale(l, d, shrink),
+            shrink,
+            stretch: l.mul(gain, l.mul(both, length)),
+            s: other[3],
+            q: [other[4], other[5], other[6]],
+        }
+    }
+
+    #[inline(always)]
     fn add<L: Lanes<T = T>>(
         l: L,
         k: &Rigidity<L>,
         slot: &FiniteSlot<T>,
         own: &FiniteReady<L>,
-        other: &[L::V; 8],
+        near: &FiniteNear<L>,
         acc: &mut [L::V; 6],
     ) {
         let n0: Vec3<L> = [
@@ -300,31 +320,25 @@ impl<T: Scalar> Law<T> for Finite {
             l.load(&slot.axis[1]),
             l.load(&slot.axis[2]),
         ];
-        let rest = l.load(&slot.rest);
         let s = l.load(&slot.scale);
-        let du = diff(l, [other[0], other[1], other[2]], own.u);
-        let d = axpy(l, n0, rest, du);
-        let dd = dot(l, d, d);
-        let shrink = l.recip_sqrt(dd);
-        let n = scale(l, d, shrink);
-        // l - l0 = (d + d0).du/(l + l0), without cancellation for small strains.
-        let gain = dot(l, axpy(l, n0, rest, d), du);
-        let stretch = l.mul(gain, l.recip(l.madd(dd, shrink, rest)));
-        let (qi, qj): (Vec3<L>, Vec3<L>) = (own.q, [other[4], other[5], other[6]]);
+        let FiniteNear {
+            n, shrink, stretch, ..
+        } = *near;
+        let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (own.q, near.q, near.s);
         let ti: Vec3<L> = [
             dot(l, own.turn[0], n0),
             dot(l, own.turn[1], n0),
             dot(l, own.turn[2], n0),
         ];
-        let tj = turned(l, k.two, other[3], qj, n0);
+        let tj = turned(l, k.two, sj, qj, n0);
         // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j, and its scalar part.
         let r = axpy(l, qj, own.s, cross(l, qi, qj));
         let r = [
-            l.nmadd(other[3], qi[0], r[0]),
-            l.nmadd(other[3], qi[1], r[1]),
-            l.nmadd(other[3], qi[2], r[2]),
+            l.nmadd(sj, qi[0], r[0]),
+            l.nmadd(sj, qi[1], r[1]),
+            l.nmadd(sj, qi[2], r[2]),
         ];
-        let r0 = l.madd(own.s, other[3], dot(l, qi, qj));
+        let r0 = l.madd(own.s, sj, dot(l, qi, qj));
         let twist = l.mul(k.two, dot(l, n, r));
         let kt = l.mul(l.mul(k.torsion, s), twist);
         let kb = l.mul(k.bending2, s);
@@ -359,9 +373,6 @@ impl<T: Scalar> Law<T> for Finite {
             l.nmadd(kb, bend[2], m[2]),
         ];
     }
-
-    #[inline(always)]
-    fn finish<L: Lanes<T = T>>(_l: L, _data: &(), _own: &[L::V; 8], _acc: &mut [L::V; 6]) {}
 
     /// Rotation by the Cayley map of `dt w/2`: second order, reversible, keeps the norm.
     #[inline(always)]

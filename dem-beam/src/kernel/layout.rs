@@ -20,8 +20,6 @@ pub(crate) struct Layout<T: Scalar, W: Law<T>> {
     pub(crate) slots: Vec<W::Slot>,
     /// Place of the other particle of each half-bond; the particle itself in empty lanes.
     pub(crate) neighbours: Vec<[u32; LANES]>,
-    /// Constants of the particles of each block.
-    pub(crate) own: Vec<W::Own>,
     /// Inverse mass and inverse inertia per block; zero in places without a particle.
     pub(crate) inverse_mass: Vec<[Row<T>; 2]>,
 }
@@ -61,7 +59,6 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
             start: vec![0],
             slots: Vec::with_capacity(half.len() / LANES + blocks),
             neighbours: Vec::with_capacity(half.len() / LANES + blocks),
-            own: vec![W::Own::default(); blocks],
             inverse_mass: vec![[Row::default(); 2]; blocks],
             order,
         };
@@ -88,7 +85,7 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
                 let own = body.pairs()[b as usize][0] == i;
                 let bond = if own { bond } else { bond.reversed() };
                 let slot = &mut self.slots[first_slot + s];
-                W::fill(slot, &mut self.own[block], lane, &bond, body.rigidity());
+                W::fill(slot, lane, &bond);
                 self.neighbours[first_slot + s][lane] = other;
             }
             let inverse = |m: f64| T::of(if m > 0.0 { 1.0 / m } else { 0.0 });
@@ -108,7 +105,6 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
     ) {
         let first = block * LANES;
         let (from, to) = (self.start[block] as usize, self.start[block + 1] as usize);
-        self.own[block] = W::Own::default();
         for s in from..to {
             self.slots[s] = W::Slot::default();
             self.neighbours[s] = std::array::from_fn(|k| (first + k) as u32);
@@ -123,7 +119,7 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
                 let own = body.pairs()[b as usize][0] as usize == i;
                 let bond = if own { bond } else { bond.reversed() };
                 let slot = &mut self.slots[from + s];
-                W::fill(slot, &mut self.own[block], lane, &bond, body.rigidity());
+                W::fill(slot, lane, &bond);
                 self.neighbours[from + s][lane] = other;
             }
         }
@@ -132,6 +128,11 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
     /// Bytes of bond data.
     pub(crate) fn bond_bytes(&self) -> usize {
         self.slots.len() * (size_of::<W::Slot>() + size_of::<[u32; LANES]>())
-            + self.own.len() * size_of::<W::Own>()
+    }
+
+    /// Bytes of particle data a step reads and writes: eight rows in and out, six velocities in and
+    /// out and two inverse masses per block.
+    pub(crate) fn particle_bytes(&self) -> usize {
+        self.inverse_mass.len() * (2 * LANES + 2 * 6 + 2) * size_of::<Row<T>>()
     }
 }

@@ -39,7 +39,9 @@ use crate::particles::{BondedParticles, Matter};
 use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Cell;
-use arlequin_core::model::{CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State};
+use arlequin_core::model::{
+    CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
+};
 use arlequin_core::parallel;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
@@ -95,8 +97,11 @@ impl DemModel {
     /// ```
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with the packing's particle numbers.
+    /// As [`BondedParticles::new`], with the packing's particle numbers; [`DemError::Periodic`].
     pub fn new(name: &str, packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
+        if packing.period.is_some() {
+            return Err(DemError::Periodic { what: "a model" });
+        }
         let matter = Matter {
             beam,
             density,
@@ -139,9 +144,10 @@ impl DemModel {
         let nodes: Vec<Point3<f64>> = centres.iter().map(|x| Point3::from(*x)).collect();
         let body = BondedParticles::new(centres, radii, pairs, matter)?;
         let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
+        let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
             name: name.to_owned(),
-            field: Arc::new(ParticleField::new(nodes.clone(), &volumes)?),
+            field: Arc::new(field),
             nodes,
             mass: body.mass().to_vec(),
             inertia: body.inertia().to_vec(),
@@ -212,7 +218,7 @@ impl DemModel {
         &self.inertia
     }
 
-    /// The particle field: `V_i = V r_i^3 / sum r^3` at the centres.
+    /// The particle field: `V_i = V r_i^3 / sum r^3` at the centres, gradients from the bonded neighbours.
     #[must_use]
     pub fn particle_field(&self) -> Arc<ParticleField<f64>> {
         self.field.clone()
@@ -243,18 +249,6 @@ impl DemModel {
         let values: Vec<f64> = self.nodes.iter().map(|x| weight.at(x)).collect();
         arlequin_core::scalar::check_finite("nodal weights", &values)?;
         Ok(values)
-    }
-
-    fn check_size(&self, what: &str, found: usize) -> arlequin_core::Result<()> {
-        let expected = 6 * self.nodes.len();
-        if found == expected {
-            return Ok(());
-        }
-        Err(arlequin_core::Error::SizeMismatch {
-            what: format!("{what} of model '{}'", self.name),
-            expected,
-            found,
-        })
     }
 
     fn named(&self, error: &DemError) -> arlequin_core::Error {
@@ -316,7 +310,7 @@ impl Model<f64> for DemModel {
         weighting: Weighting,
         out: &mut [f64],
     ) -> arlequin_core::Result<()> {
-        self.check_size("inertia", out.len())?;
+        check_size(self, "inertia", out.len())?;
         let factors = match weighting {
             Weighting::Energy => self.body.mean_over_bonds(&self.bond_means(weight)?),
             Weighting::Nodal => self.nodal(weight)?,
@@ -348,8 +342,8 @@ impl Model<f64> for DemModel {
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.check_size("displacements", q.len())?;
-        self.check_size("forces", f.len())?;
+        check_size(self, "displacements", q.len())?;
+        check_size(self, "forces", f.len())?;
         let factors = self.factors.as_deref();
         match &mut self.kernel {
             Kernel::Linear(k) => k.add(q, f, factors),
@@ -381,7 +375,7 @@ impl Model<f64> for DemModel {
     /// plus its residual: never above the critical step by more than 5e-5 of it, in memory of a few
     /// vectors. Under the finite-rotation law this is the step of the undeformed body.
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
-        self.check_size("inverse inertia", inverse_inertia.len())?;
+        check_size(self, "inverse inertia", inverse_inertia.len())?;
         let n = self.nodes.len();
         // D K with diagonal D has the eigenvalues of D^1/2 K D^1/2: nodal factors join the masses.
         let factor = |dof: usize| {

@@ -1,38 +1,67 @@
 //! One-dimensional setting of the method's acceptance checks: E = ρ = S = c = 1, particle spacing 1, overlap
-//! `[−L_O, 0]`, coarse bar nodes at `−h j` to the left, particles at `−L_O + j` to the right, P1 mediator of equal elements.
+//! `[−L_O, 0]`, coarse bar nodes at `−h j` to the left, particles at `−L_O + j` to the right, P1 mediator of equal
+//! elements.
 
-#[path = "../../examples/chain/model.rs"]
-mod chain;
-
+use crate::chain::Chain;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{Junction, L2};
+use arlequin::core::junction::{H1Gradient, Junction, L2};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp, Weight};
 use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::fem_ref::{Elastic, FemMediator, FemModel, generate};
-use chain::Chain;
 use std::sync::Arc;
 
 /// Left subdomain: the coarse bar. Right subdomain: the fine chain.
-pub(crate) const COARSE: usize = 0;
-pub(crate) const FINE: usize = 1;
+pub const COARSE: usize = 0;
+/// Index of the right one.
+pub const FINE: usize = 1;
+
+/// The scalar product of the constraint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Product {
+    /// `∫ λ v`.
+    L2,
+    /// `∫ λ v + l² λ' v'` with the given `l`.
+    H1(f64),
+}
+
+impl Product {
+    fn build(self) -> Result<Box<dyn Junction<f64>>> {
+        Ok(match self {
+            Self::L2 => Box::new(L2),
+            Self::H1(l) => Box::new(H1Gradient::new(l)?),
+        })
+    }
+}
 
 /// The knobs of one case; [`Line::default`] is the setting most checks share.
-pub(crate) struct Line {
-    pub(crate) h: f64,
-    pub(crate) overlap: f64,
-    pub(crate) mediator: f64,
-    pub(crate) profile: Profile<f64>,
-    pub(crate) epsilon: f64,
-    pub(crate) coarse_elements: usize,
-    pub(crate) fine_bonds: usize,
-    pub(crate) weighting: Weighting,
-    pub(crate) step: TimeStep<f64>,
+#[derive(Debug, Clone)]
+pub struct Line {
+    /// Length of a coarse element.
+    pub h: f64,
+    /// Width of the overlap.
+    pub overlap: f64,
+    /// Length `h_B` of a mediator element.
+    pub mediator: f64,
+    /// Weight across the overlap.
+    pub profile: Profile<f64>,
+    /// Smallest weight.
+    pub epsilon: f64,
+    /// Elements of the bar.
+    pub coarse_elements: usize,
+    /// Springs of the chain.
+    pub fine_bonds: usize,
+    /// How weights enter the models.
+    pub weighting: Weighting,
+    /// Time step.
+    pub step: TimeStep<f64>,
     /// Overrides the overlap weights by a constant over the whole subdomains.
-    pub(crate) everywhere: Option<f64>,
-    pub(crate) junction: fn() -> Box<dyn Junction<f64>>,
-    pub(crate) options: InterfaceOptions<f64>,
+    pub everywhere: Option<f64>,
+    /// The scalar product of the constraint.
+    pub junction: Product,
+    /// Choices of the interface.
+    pub options: InterfaceOptions<f64>,
 }
 
 impl Default for Line {
@@ -48,14 +77,14 @@ impl Default for Line {
             weighting: Weighting::Energy,
             step: TimeStep::Seconds(0.5),
             everywhere: None,
-            junction: || Box::new(L2),
+            junction: Product::L2,
             options: InterfaceOptions::default(),
         }
     }
 }
 
 /// Displacement and velocity at every node of one subdomain.
-pub(crate) type Wave<'a> = &'a dyn Fn(f64) -> (f64, f64);
+pub type Wave<'a> = &'a dyn Fn(f64) -> (f64, f64);
 
 impl Line {
     fn coarse_weights(&self) -> Result<Weights<f64>> {
@@ -69,7 +98,11 @@ impl Line {
         Ok(Weights::same(weight).with_weighting(self.weighting))
     }
 
-    pub(crate) fn mediator_space(&self) -> Result<Arc<FemMediator<f64>>> {
+    /// The multiplier space.
+    ///
+    /// # Errors
+    /// Those of the core and the models.
+    pub fn mediator_space(&self) -> Result<Arc<FemMediator<f64>>> {
         let n = (self.overlap / self.mediator).round() as usize;
         Ok(Arc::new(FemMediator::new(generate::bar(
             -self.overlap,
@@ -85,12 +118,16 @@ impl Line {
             coarse: COARSE,
             fine: FINE,
             mediator: self.mediator_space()?,
-            junction: (self.junction)(),
+            junction: self.junction.build()?,
             options: self.options,
         })
     }
 
-    pub(crate) fn subdomains(&self, coarse: Wave, fine: Wave) -> Result<[Subdomain<f64>; 2]> {
+    /// Bar and chain, weighted, in the given state.
+    ///
+    /// # Errors
+    /// Those of the core and the models.
+    pub fn subdomains(&self, coarse: Wave, fine: Wave) -> Result<[Subdomain<f64>; 2]> {
         let weights = self.coarse_weights()?;
         let x: Vec<f64> = (0..=self.coarse_elements)
             .rev()
@@ -109,22 +146,30 @@ impl Line {
         ])
     }
 
-    pub(crate) fn build_with(&self, subdomains: Vec<Subdomain<f64>>) -> Result<Coupled<f64>> {
+    /// A run of given subdomains.
+    ///
+    /// # Errors
+    /// Those of the core and the models.
+    pub fn build_with(&self, subdomains: Vec<Subdomain<f64>>) -> Result<Coupled<f64>> {
         Coupled::new(subdomains, vec![self.interface()?], self.step, None)
     }
 
-    pub(crate) fn build(&self, coarse: Wave, fine: Wave) -> Result<Coupled<f64>> {
+    /// A run from the given state.
+    ///
+    /// # Errors
+    /// Those of the core and the models.
+    pub fn build(&self, coarse: Wave, fine: Wave) -> Result<Coupled<f64>> {
         self.build_with(self.subdomains(coarse, fine)?.into())
     }
 }
 
 /// At rest.
-pub(crate) fn rest(_: f64) -> (f64, f64) {
+pub fn rest(_: f64) -> (f64, f64) {
     (0.0, 0.0)
 }
 
 /// `cos⁴(πy/2) cos(k(x − x0))`, `y = (x − x0)/W`, travelling with the given signed speed.
-pub(crate) fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> (f64, f64) {
+pub fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> (f64, f64) {
     move |x| {
         let y = (x - x0) / width;
         if y.abs() >= 1.0 {
@@ -139,14 +184,17 @@ pub(crate) fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> 
 }
 
 /// Runs without watching.
-pub(crate) fn run(coupled: &mut Coupled<f64>, steps: usize) -> Result<()> {
+///
+/// # Errors
+/// Those of the steps.
+pub fn run(coupled: &mut Coupled<f64>, steps: usize) -> Result<()> {
     coupled
         .run(steps, &mut arlequin::core::observer::Silent)
         .map(|_| ())
 }
 
 /// Displacement of one subdomain that is largest in modulus, among nodes that satisfy a condition on x.
-pub(crate) fn peak(coupled: &Coupled<f64>, side: usize, keep: impl Fn(f64) -> bool) -> f64 {
+pub fn peak(coupled: &Coupled<f64>, side: usize, keep: impl Fn(f64) -> bool) -> f64 {
     let s = &coupled.subdomains()[side];
     let inside = s
         .model()

@@ -1,0 +1,231 @@
+//! Positions and radii from VTU files (VTK's XML format for unstructured grids).
+//!
+//! Read here: data as text, base64 or raw, in place or appended, 32- or 64-bit headers, zlib
+//! blocks or none, little-endian, any kind of number. (The crate for the format that was tried
+//! does not take raw data, which is what large files have.)
+
+use crate::error::{DemError, Result};
+use crate::particles::check_spheres;
+use nalgebra::Vector3;
+use roxmltree::{Document, Node};
+
+/// Names under which radii are looked for, in this order.
+const NAMES: [&str; 6] = ["radius [m]", "radius", "Radius", "radii", "Radii", "r"];
+
+/// Reads the points of all pieces as centres (m) and a point array as radii (m): the one named
+/// `radius`, or without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii`
+/// and `r`. Cells are not read.
+///
+/// # Errors
+/// [`DemError::BadFile`] if it is no such file, [`DemError::MissingArray`],
+/// [`DemError::LengthMismatch`], and those of bad spheres: [`DemError::NotFinite`],
+/// [`DemError::BadRadius`], [`DemError::RadiusRatio`].
+pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
+    // Appended data need not be XML: the head is closed by hand.
+    let mark = b"<AppendedData";
+    let cut = bytes.windows(mark.len()).position(|w| w == mark);
+    let (head, tail) = bytes.split_at(cut.unwrap_or(bytes.len()));
+    let mut head = std::str::from_utf8(head)
+        .map_err(|_| bad("its head is no UTF-8 text"))?
+        .to_owned();
+    if cut.is_some() {
+        head.push_str("</VTKFile>");
+    }
+    let xml = Document::parse(&head).map_err(|e| bad(e.to_string()))?;
+    let file = Source::new(xml.root_element(), tail)?;
+    let (mut positions, mut radii) = (Vec::new(), Vec::new());
+    for piece in xml.descendants().filter(|n| n.has_tag_name("Piece")) {
+        let array = child(piece, "Points").and_then(|p| child(p, "DataArray"));
+        let points = file.numbers(array.ok_or_else(|| bad("a piece has no points"))?)?;
+        let found = file.numbers(radius_array(piece, radius)?)?;
+        if points.len() != 3 * found.len() {
+            return Err(DemError::LengthMismatch {
+                what: "radii",
+                found: found.len(),
+                expected: points.len() / 3,
+            });
+        }
+        positions.extend(points.chunks_exact(3).map(Vector3::from_column_slice));
+        radii.extend(found);
+    }
+    check_spheres(&positions, &radii)?;
+    Ok((positions, radii))
+}
+
+fn bad(reason: impl Into<String>) -> DemError {
+    DemError::BadFile {
+        format: "VTU",
+        reason: reason.into(),
+    }
+}
+
+fn child<'a>(node: Node<'a, 'a>, name: &str) -> Option<Node<'a, 'a>> {
+    node.children().find(|n| n.has_tag_name(name))
+}
+
+fn radius_array<'a>(piece: Node<'a, 'a>, wanted: Option<&str>) -> Result<Node<'a, 'a>> {
+    let data = child(piece, "PointData");
+    let arrays = || {
+        let all = data.iter().flat_map(|d| d.children());
+        all.filter(|n| n.has_tag_name("DataArray"))
+    };
+    let scalar = |n: &Node<'_, '_>| n.attribute("NumberOfComponents").is_none_or(|c| c == "1");
+    let named = |name: &str| arrays().find(|n| n.attribute("Name") == Some(name) && scalar(n));
+    let found = match wanted {
+        Some(name) => named(name),
+        None => NAMES.iter().find_map(|n| named(n)),
+    };
+    found.ok_or_else(|| {
+        let have: Vec<&str> = arrays().filter_map(|n| n.attribute("Name")).collect();
+        DemError::MissingArray {
+            wanted: wanted.map_or_else(|| NAMES.join(", "), ToOwned::to_owned),
+            found: if have.is_empty() {
+                "none".into()
+            } else {
+                have.join(", ")
+            },
+        }
+    })
+}
+
+/// Where arrays find their bytes.
+struct Source<'a> {
+    /// Appended bytes behind the mark `_`, and whether they are base64.
+    appended: Option<(&'a [u8], bool)>,
+    /// Bytes of a number in the headers of arrays.
+    width: usize,
+    zlib: bool,
+}
+
+impl<'a> Source<'a> {
+    fn new(root: Node<'_, '_>, tail: &'a [u8]) -> Result<Self> {
+        if root.attribute("type") != Some("UnstructuredGrid") {
+            return Err(bad("it is not a VTKFile of the type UnstructuredGrid"));
+        }
+        if root.attribute("byte_order") == Some("BigEndian") {
+            return Err(bad("its byte order is BigEndian; save it as LittleEndian"));
+        }
+        let zlib = match root.attribute("compressor") {
+            None => false,
+            Some("vtkZLibDataCompressor") => true,
+            Some(other) => {
+                return Err(bad(format!(
+                    "the compressor {other} is not known; use zlib or none"
+                )));
+            }
+        };
+        let mark = |byte: u8| tail.iter().position(|b| *b == byte);
+        let appended = mark(b'>').and_then(|end| {
+            let base64 = String::from_utf8_lossy(&tail[..end]).contains("base64");
+            let start = end + tail[end..].iter().position(|b| *b == b'_')? + 1;
+            Some((&tail[start..], base64))
+        });
+        Ok(Self {
+            appended,
+            width: match root.attribute("header_type") {
+                Some("UInt64") => 8,
+                _ => 4,
+            },
+            zlib,
+        })
+    }
+
+    /// The numbers of an array.
+    fn numbers(&self, array: Node<'_, '_>) -> Result<Vec<f64>> {
+        let text = array.text().unwrap_or_default();
+        let data = match array.attribute("format") {
+            None | Some("ascii") => {
+                let numbers = text.split_ascii_whitespace().map(str::parse::<f64>);
+                return numbers
+                    .collect::<std::result::Result<_, _>>()
+                    .map_err(|e| bad(format!("an array of text: {e}")));
+            }
+            Some("binary") => base64(text.trim().as_bytes()),
+            Some("appended") => {
+                let at = array.attribute("offset").and_then(|o| o.parse::<usize>().ok());
+                let (all, encoded) = self.appended.ok_or_else(|| bad("there is no appended data"))?;
+                let rest = at.and_then(|at| all.get(at..));
+                let rest = rest.ok_or_else(|| bad("an offset is outside the appended data"))?;
+                if encoded { base64(rest) } else { rest.to_vec() }
+            }
+            Some(other) => return Err(bad(format!("the format {other} of an array is not known"))),
+        };
+        let data = self
+            .unpack(&data)
+            .ok_or_else(|| bad("an array is cut short or damaged"))?;
+        convert(array.attribute("type").unwrap_or_default(), &data)
+    }
+
+    /// Takes away the header, and the compression.
+    fn unpack(&self, data: &[u8]) -> Option<Vec<u8>> {
+        let count = |k: usize| -> Option<usize> {
+            let raw = data.get(k * self.width..(k + 1) * self.width)?;
+            usize::try_from(raw.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b))).ok()
+        };
+        if !self.zlib {
+            let end = count(0)?.checked_add(self.width)?;
+            return data.get(self.width..end).map(<[u8]>::to_vec);
+        }
+        // Number of blocks, their size, that of the last if it is smaller, sizes in the file.
+        let (blocks, size) = (count(0)?, count(1)?);
+        let mut at = blocks.checked_add(3)?.checked_mul(self.width)?;
+        let mut out = Vec::new();
+        for k in 0..blocks {
+            let end = at.checked_add(count(3 + k)?)?;
+            let block = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(data.get(at..end)?, size);
+            out.extend(block.ok()?);
+            at = end;
+        }
+        Some(out)
+    }
+}
+
+/// Little-endian numbers of a kind.
+fn convert(kind: &str, data: &[u8]) -> Result<Vec<f64>> {
+    fn all<const N: usize>(data: &[u8], one: impl Fn([u8; N]) -> f64) -> Vec<f64> {
+        let mut raw = [0; N];
+        let number = |c: &[u8]| {
+            raw.copy_from_slice(c);
+            one(raw)
+        };
+        data.chunks_exact(N).map(number).collect()
+    }
+    Ok(match kind {
+        "Float64" => all(data, f64::from_le_bytes),
+        "Float32" => all(data, |b| f64::from(f32::from_le_bytes(b))),
+        "Int64" => all(data, |b| i64::from_le_bytes(b) as f64),
+        "UInt64" => all(data, |b| u64::from_le_bytes(b) as f64),
+        "Int32" => all(data, |b| f64::from(i32::from_le_bytes(b))),
+        "UInt32" => all(data, |b| f64::from(u32::from_le_bytes(b))),
+        "Int16" => all(data, |b| f64::from(i16::from_le_bytes(b))),
+        "UInt16" => all(data, |b| f64::from(u16::from_le_bytes(b))),
+        "Int8" => all(data, |b: [u8; 1]| f64::from(b[0] as i8)),
+        "UInt8" => all(data, |b: [u8; 1]| f64::from(b[0])),
+        other => return Err(bad(format!("arrays of type '{other}' are not known"))),
+    })
+}
+
+/// Decodes up to the first byte that is not base64. Padding may stand inside: header and data of
+/// compressed arrays are encoded one by one.
+fn base64(text: &[u8]) -> Vec<u8> {
+    let digit = |b: u8| match b {
+        b'A'..=b'Z' => Some(b - b'A'),
+        b'a'..=b'z' => Some(b - b'a' + 26),
+        b'0'..=b'9' => Some(b - b'0' + 52),
+        b'+' => Some(62),
+        b'/' => Some(63),
+        b'=' => Some(0),
+        _ => None,
+    };
+    let mut out = Vec::with_capacity(text.len() / 4 * 3);
+    for quad in text.chunks_exact(4) {
+        let mut bits = 0_u32;
+        for b in quad {
+            let Some(d) = digit(*b) else { return out };
+            bits = bits << 6 | u32::from(d);
+        }
+        let padding = quad.iter().filter(|b| **b == b'=').count();
+        out.extend_from_slice(&bits.to_be_bytes()[1..4 - padding.min(2)]);
+    }
+    out
+}

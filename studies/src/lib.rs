@@ -1,0 +1,22 @@
+//! Decks of the literature that tests, benches and `arlequin verify` share: each builds a coupled run or returns the
+//! numbers that a claim speaks of. Nothing here knows what the numbers should be; those who call it do.
+
+pub mod bauman;
+pub mod cantilever;
+#[allow(dead_code, reason = "the example offers more than the decks ask for")]
+#[path = "../../examples/chain/model.rs"]
+mod chain;
+pub mod line;
+pub mod solid;
+pub mod waves;
+
+/// A reproducible sequence of uniform numbers in (−1, 1).
+pub fn noise(seed: u64) -> impl FnMut() -> f64 {
+    let mut s = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    move || {
+        s ^= s << 13;
+        s ^= s >> 7;
+        s ^= s << 17;
+        (s >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+}

@@ -1,0 +1,164 @@
+//! Three-dimensional setting: a coarse box on the left, a fine one on the right, non-coincident meshes in the overlap.
+
+use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
+use arlequin::core::junction::{H1Gradient, H1Strain, Junction, L2};
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::observer::Silent;
+use arlequin::core::overlap::Slab;
+use arlequin::core::weight::{Profile, Ramp};
+use arlequin::core::{Coupled, Real, Result, Subdomain, TimeStep, Weights};
+use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh, generate};
+use std::sync::Arc;
+
+/// Overlap along x.
+pub const OVERLAP: [f64; 2] = [2.0, 3.0];
+
+/// Unit section from `x[0]` to `x[1]`.
+///
+/// # Errors
+/// Those of the mesh generator.
+pub fn block<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Result<Mesh<T>> {
+    let p = |x: f64, y: f64| Point3::new(T::of(x), T::of(y), T::of(y));
+    Ok(generate::block(kind, p(x[0], 0.0), p(x[1], 1.0), counts)?)
+}
+
+/// Weights of the coarse model.
+///
+/// # Errors
+/// Those of the profile.
+pub fn weights<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<Weights<T>> {
+    let at = |x: f64| Point3::new(T::of(x), T::zero(), T::zero());
+    let slab = Slab::between(at(OVERLAP[1]), at(OVERLAP[0]))?;
+    Ok(Weights::same(Arc::new(Ramp::new(
+        Arc::new(slab),
+        profile,
+        T::of(epsilon),
+    )?)))
+}
+
+/// Steel-like numbers scaled to one.
+///
+/// # Errors
+/// None with these numbers.
+pub fn material<T: Real>() -> Result<Elastic<T>> {
+    Elastic::new(T::of(1.0), T::of(0.25), T::of(1.0))
+}
+
+/// A multiplier space that fills the section.
+///
+/// # Errors
+/// Those of the mesh generator.
+pub fn mediator<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Result<Arc<FemMediator<T>>> {
+    Ok(Arc::new(FemMediator::new(block(kind, x, counts)?)))
+}
+
+/// L2, H1 with strains, H1 with gradients.
+///
+/// # Errors
+/// None with these lengths.
+pub fn junctions<T: Real>() -> Result<Vec<Box<dyn Junction<T>>>> {
+    let l = T::of(0.15);
+    Ok(vec![
+        Box::new(L2),
+        Box::new(H1Strain::new(l)?),
+        Box::new(H1Gradient::new(l)?),
+    ])
+}
+
+/// The interface between subdomains 0 and 1 with default options.
+pub fn spec<T: Real>(mediator: Arc<FemMediator<T>>, junction: Box<dyn Junction<T>>) -> InterfaceSpec<T> {
+    InterfaceSpec {
+        name: "overlap".into(),
+        coarse: 0,
+        fine: 1,
+        mediator,
+        junction,
+        options: InterfaceOptions::default(),
+    }
+}
+
+/// Hexahedra on (0, 3), tetrahedra on (2, 4), nothing coincides.
+///
+/// # Errors
+/// Those of the models.
+pub fn bodies<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<[Subdomain<T>; 2]> {
+    let w = weights(profile, epsilon)?;
+    let left = block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?;
+    let right = block(ElementKind::Tet4, [2.0, 4.0], [7, 3, 3])?;
+    let coarse = FemModel::new("left", left, material()?)?;
+    let fine = FemModel::new("right", right, material()?)?;
+    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    Ok([Subdomain::coarse(coarse, w), Subdomain::fine(fine, rest)])
+}
+
+/// The same with random velocities.
+///
+/// # Errors
+/// None for finite numbers.
+pub fn shaken<T: Real>(bodies: [Subdomain<T>; 2], seed: u64) -> Result<Vec<Subdomain<T>>> {
+    let mut next = crate::noise(seed);
+    let shake = |s: Subdomain<T>| {
+        let n = s.model().layout().dofs();
+        let v = (0..n).map(|_| T::of(next())).collect();
+        s.with_initial(vec![T::zero(); n], v)
+    };
+    bodies.map(shake).into_iter().collect()
+}
+
+/// A run at 0.8 of the critical step.
+///
+/// # Errors
+/// Those of the set-up.
+pub fn couple<T: Real>(
+    bodies: Vec<Subdomain<T>>,
+    mediator: Arc<FemMediator<T>>,
+    junction: Box<dyn Junction<T>>,
+) -> Result<Coupled<T>> {
+    let step = TimeStep::Fraction(T::of(0.8));
+    Coupled::new(bodies, vec![spec(mediator, junction)], step, None)
+}
+
+/// What a free coupled body keeps over 400 steps from a random state.
+#[derive(Debug, Clone, Copy)]
+pub struct Kept {
+    /// Change of linear and of angular momentum, relative to the sum of their nodal moduli.
+    pub momentum: [f64; 2],
+    /// Largest drift of the invariant.
+    pub drift: f64,
+    /// Largest relative velocity jump.
+    pub residual: f64,
+    /// Condition number of the multiplier operator.
+    pub condition: f64,
+}
+
+/// Sum of the moduli of all nodal momenta and of their moments: the scale of conservation.
+#[must_use]
+pub fn momentum_scale(c: &Coupled<f64>) -> [f64; 2] {
+    let (mut p, mut l) = (0.0, 0.0);
+    for s in c.subdomains() {
+        for (k, x) in s.model().nodes().iter().enumerate() {
+            let m = (0..3)
+                .map(|a| (s.inertia()[3 * k + a] * s.state().v[3 * k + a]).abs())
+                .sum::<f64>();
+            p += m;
+            l += m * x.coords.norm();
+        }
+    }
+    [p, l]
+}
+
+/// Runs 400 steps and says what was kept.
+///
+/// # Errors
+/// Those of the steps.
+pub fn kept(c: &mut Coupled<f64>) -> Result<Kept> {
+    let (before, scale) = (c.momentum(), momentum_scale(c));
+    c.run(400, &mut Silent)?;
+    let after = c.momentum();
+    Ok(Kept {
+        momentum: [0, 1].map(|k: usize| (after[k] - before[k]).norm() / scale[k]),
+        drift: c.drift(),
+        residual: c.constraint_residual(),
+        condition: c.interfaces()[0].report().condition,
+    })
+}
