@@ -7,6 +7,7 @@ mod calibrate;
 mod chain;
 mod check;
 mod checkpoint;
+mod effects;
 mod error;
 mod output;
 mod recorder;
@@ -54,6 +55,11 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Run a scene as given and once with each effect off; print what each one changes and costs.
+    Effects {
+        #[command(flatten)]
+        common: Common,
+    },
     /// Read and build a scene, print the plan, run nothing.
     Check {
         #[command(flatten)]
@@ -96,6 +102,9 @@ fn main() -> ExitCode {
         }
         Command::Check { common } => {
             return with_scene(&common, |input| check::check(input).map(|()| ExitCode::SUCCESS));
+        }
+        Command::Effects { common } => {
+            return with_scene(&common, |input| effects::effects(input).map(|()| ExitCode::SUCCESS));
         }
         Command::Calibrate(wanted) => return measured(&wanted),
         Command::Verify(args) => verify::verify(&args),

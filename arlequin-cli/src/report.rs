@@ -6,6 +6,7 @@
 )]
 
 use crate::check::Plan;
+use crate::effects::Comparison;
 use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, Summary};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -159,6 +160,38 @@ pub(crate) fn plan(p: &Plan) {
         ),
     }
     warnings(&p.warnings);
+}
+
+/// Prints what each effect changes and costs.
+pub(crate) fn comparison(c: &Comparison) {
+    println!("scene      {}", c.scene);
+    println!("as given   steps {:.2} s", c.seconds);
+    if c.effects.is_empty() {
+        println!("effects    none");
+    }
+    for e in &c.effects {
+        println!(
+            "without    {:<32} steps {:.2} s ({:.1} % of the time goes into it)",
+            e.effect,
+            e.seconds,
+            100.0 * e.share
+        );
+        for (probe, change) in &e.probes {
+            println!(
+                "           probe {probe:<16} changes by up to {:.3} %",
+                100.0 * change
+            );
+        }
+        if let Some(why) = &e.failed {
+            println!("           ended early: {why}");
+        }
+        for m in &e.missing {
+            println!("           its state calls for it: {m}");
+        }
+    }
+    for m in &c.missing {
+        println!("missing    {m}");
+    }
 }
 
 fn effects(all: &[EffectReport]) {
