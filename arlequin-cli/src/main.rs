@@ -12,6 +12,8 @@ mod report;
 mod run;
 mod scene;
 mod spectrum;
+mod suggest;
+mod sweep;
 mod verify;
 
 use clap::{Args, Parser, Subcommand};
@@ -48,6 +50,18 @@ enum Command {
     },
     /// Run the decks of the literature and compare with their numbers.
     Verify(verify::Args),
+    /// Run a scene with many settings: what accuracy costs in time.
+    Sweep(sweep::Arguments),
+    /// Write the page on accuracy and cost from finished sweeps.
+    #[command(hide = true)]
+    SweepDocs(sweep::DocumentArguments),
+    /// Propose settings for an error or a time.
+    Suggest {
+        #[command(flatten)]
+        common: Common,
+        #[command(flatten)]
+        wish: suggest::Wish,
+    },
 }
 
 #[derive(Debug, Args)]
@@ -77,8 +91,10 @@ struct Input<'a> {
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let common = match &cli.command {
-        Command::Run { common, .. } | Command::Check { common } => common,
+        Command::Run { common, .. } | Command::Check { common } | Command::Suggest { common, .. } => common,
         Command::Verify(args) => return verify::verify(args).unwrap_or_else(|e| fail(&e, None)),
+        Command::Sweep(a) => return sweep::sweep(a).unwrap_or_else(|e| fail(&e, None)),
+        Command::SweepDocs(a) => return sweep::document(a).unwrap_or_else(|e| fail(&e, None)),
     };
     let source = match Source::read(&common.scene) {
         Ok(s) => s,
@@ -102,7 +118,10 @@ fn dispatch(command: &Command, common: &Common, source: &Source) -> Result<ExitC
     match command {
         Command::Run { out, force, .. } => run::run(&input, out.as_deref(), *force),
         Command::Check { .. } => check::check(&input).map(|()| ExitCode::SUCCESS),
+        Command::Suggest { wish, .. } => suggest::suggest(&input, wish).map(|()| ExitCode::SUCCESS),
         Command::Verify(args) => verify::verify(args),
+        Command::Sweep(a) => sweep::sweep(a),
+        Command::SweepDocs(a) => sweep::document(a),
     }
 }
 
