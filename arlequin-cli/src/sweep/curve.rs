@@ -99,14 +99,13 @@ impl Curve {
         match from {
             CurveTable::Csv { file, time, value } => {
                 let path = folder.join(file);
-                let (names, mut columns) = table(&path)?;
-                let mut take = |key: &str, name: &str| {
+                let (names, columns) = table(&path)?;
+                let take = |key: &str, name: &str| {
                     let k = names.iter().position(|n| n == name);
                     k.map(|k| columns[k].clone())
                         .ok_or_else(|| unknown(format!("{place}.csv.{key}"), name, "column", names.iter()))
                 };
                 let (times, values) = (take("time", time)?, take("value", value)?);
-                columns.clear();
                 if times.len() < 2 || times.windows(2).any(|w| w[1] <= w[0]) {
                     let rule = "needs at least two rows with rising times";
                     return Err(key(format!("{place}.csv.time"), rule));

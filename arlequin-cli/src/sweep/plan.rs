@@ -171,7 +171,10 @@ fn plain(v: &toml::Value) -> String {
         toml::Value::String(s) => s.clone(),
         toml::Value::Float(x) if *x != 0.0 && !(1e-3..1e6).contains(&x.abs()) => format!("{x:e}"),
         toml::Value::Array(a) => a.first().map(plain).unwrap_or_default(),
-        _ => v.to_string(),
+        toml::Value::Float(x) => x.to_string(),
+        toml::Value::Integer(n) => n.to_string(),
+        toml::Value::Boolean(b) => b.to_string(),
+        toml::Value::Datetime(_) | toml::Value::Table(_) => String::new(),
     }
 }
 
