@@ -106,12 +106,13 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 /// Legend entries: what is drawn, and its words.
 struct Legend<'a, 'b> {
     area: &'b Area<'a>,
+    top: i32,
     row: i32,
 }
 
 impl Legend<'_, '_> {
     fn entry(&mut self, mark: Symbol, words: &str) -> std::result::Result<(), String> {
-        let y = 60 + 26 * self.row;
+        let y = self.top + 26 * self.row;
         self.row += 1;
         let text = |e: &dyn std::fmt::Display| e.to_string();
         match mark {
@@ -207,10 +208,16 @@ fn draw_work(
         .bold_line_style(BLACK.mix(0.12))
         .draw()
         .map_err(|e| text(&e))?;
-    let mut legend = Legend { area: &right, row: 0 };
-    let front = front(points);
+    let mut legend = Legend { area: &right, top: 60, row: 0 };
+    let all: Points = points.iter().map(|p| p.1).collect();
+    let overall = front(&all);
     chart
-        .draw_series(LineSeries::new(front.iter().copied(), BLUE.mix(0.5).stroke_width(2)))
+        .draw_series(LineSeries::new(overall.iter().copied(), GREY.stroke_width(1)))
+        .map_err(|e| text(&e))?;
+    let coupled = points.iter().filter(|p| p.0.mark.is_none());
+    let own = front(&coupled.map(|p| p.1).collect::<Points>());
+    chart
+        .draw_series(LineSeries::new(own.iter().copied(), BLUE.stroke_width(2)))
         .map_err(|e| text(&e))?;
     for (value, colour, words) in exact
         .iter()
@@ -225,7 +232,7 @@ fn draw_work(
     }
     let mut seen = [false; 4];
     for (r, p) in points {
-        let on_front = front.contains(p);
+        let on_front = own.contains(p);
         let kind = match r.mark {
             Some(Mark::AllFine) => {
                 chart
@@ -256,22 +263,25 @@ fn draw_work(
     let kinds = [
         (Symbol::Triangle(GREEN), "all-fine"),
         (Symbol::Square(ORANGE), "all-coarse"),
-        (Symbol::Disc(BLUE), "coupled, on the front"),
+        (Symbol::Disc(BLUE), "coupled, best of them"),
         (Symbol::Circle(BLUE), "coupled"),
     ];
     for (k, (mark, words)) in kinds.into_iter().enumerate().filter(|(k, _)| seen[*k]) {
         let _ = k;
         legend.entry(mark, words)?;
     }
-    if front.len() > 1 {
-        legend.entry(Symbol::Line(BLUE), "Pareto front")?;
+    if own.len() > 1 {
+        legend.entry(Symbol::Line(BLUE), "front of the coupled runs")?;
+    }
+    if overall.len() > 1 {
+        legend.entry(Symbol::Line(GREY), "front of all runs")?;
     }
     root.present().map_err(|e| text(&e))
 }
 
 /// The points that no other beats in this picture, by rising time.
-fn front(points: &[(&Run, (f64, f64))]) -> Vec<(f64, f64)> {
-    let mut sorted: Vec<(f64, f64)> = points.iter().map(|p| p.1).collect();
+fn front(points: &[(f64, f64)]) -> Points {
+    let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let mut best = f64::INFINITY;
     sorted.retain(|p| {
@@ -349,8 +359,8 @@ fn draw_hook(svg: &mut String, rows: &[HookRow], hook: &Hook, cost: &str) -> std
         ("velocity", ORANGE, collect(&|r| r.velocity)),
     ];
     errors.retain(|e| !e.2.is_empty());
-    // Slope 2 through the first point of the last curve.
-    let guide: Points = errors.last().map_or_else(Vec::new, |e| {
+    // Slope 2 through the first point of the first curve.
+    let guide: Points = errors.first().map_or_else(Vec::new, |e| {
         let (x, y) = e.2[0];
         let top = e.2.iter().map(|p| p.1).fold(0.0, f64::max);
         let end = e.2[e.2.len() - 1].0.min(x * (top / y).sqrt());
@@ -382,7 +392,7 @@ fn panel(
     let (low, high) = (y.0, y.1);
     let mut chart = ChartBuilder::on(area)
         .margin(14)
-        .margin_top(100)
+        .margin_top(108)
         .x_label_area_size(46)
         .y_label_area_size(78)
         .build_cartesian_2d(x, y)
@@ -399,7 +409,7 @@ fn panel(
         .map_err(|e| text(&e))?;
     // The legend stands above the curves.
     let strip = area.margin(0, 0, 92, 0);
-    let mut legend = Legend { area: &strip, row: -2 };
+    let mut legend = Legend { area: &strip, top: 24, row: 0 };
     for (name, colour, points) in curves {
         chart
             .draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))

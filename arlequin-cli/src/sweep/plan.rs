@@ -34,6 +34,9 @@ struct Choice {
     set: Vec<String>,
 }
 
+/// An axis, its chosen value, and whether that is another than the base value.
+type Picked<'a> = (&'a String, &'a Choice, bool);
+
 /// All runs of a sweep, the reference first, then named runs, then the varied ones.
 pub(crate) fn members(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
     check(file)?;
@@ -46,6 +49,42 @@ pub(crate) fn members(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
             Ok((name, choices, base))
         })
         .collect::<Result<_>>()?;
+    let mut out = named_runs(file, folder)?;
+    let scene = folder.join(&file.scene);
+    for picked in combinations(file.design, &axes) {
+        let mut chosen: Vec<Picked<'_>> = axes
+            .iter()
+            .zip(&picked)
+            .map(|((n, c, base), k)| (*n, &c[*k], k != base))
+            .collect();
+        if file.design == Design::OneAtATime {
+            // What is varied comes last, so that the base values of other axes do not undo it.
+            chosen.sort_by_key(|c| c.2);
+        }
+        let label: Vec<String> = chosen
+            .iter()
+            .filter(|c| c.2 || file.design == Design::Product)
+            .map(|(n, c, _)| format!("{n}={}", c.name))
+            .collect();
+        let label = if label.is_empty() {
+            "base".to_owned()
+        } else {
+            label.join(",")
+        };
+        let mut set = file.set.clone();
+        set.extend(chosen.iter().flat_map(|(_, c, _)| c.set.clone()));
+        let parameters = chosen.iter().map(|(n, c, _)| ((*n).clone(), c.name.clone()));
+        let mut m = member("axis", &label, &scene, set, parameters.collect())?;
+        m.swept = true;
+        out.push(m);
+    }
+    check_labels(&out)?;
+    reference_first(file, &mut out)?;
+    Ok(out)
+}
+
+/// The runs beside the varied ones.
+fn named_runs(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
     let mut out = Vec::new();
     for (name, run) in &file.run {
         let (scene, common) = match &run.scene {
@@ -70,24 +109,6 @@ pub(crate) fn members(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
             out.push(m);
         }
     }
-    let scene = folder.join(&file.scene);
-    for picked in combinations(file.design, &axes) {
-        let chosen = || axes.iter().zip(&picked).map(|((n, c, _), k)| (*n, &c[*k]));
-        let label: Vec<String> = chosen().map(|(n, c)| format!("{n}={}", c.name)).collect();
-        let label = if label.is_empty() {
-            "base".to_owned()
-        } else {
-            label.join(",")
-        };
-        let mut set = file.set.clone();
-        set.extend(chosen().flat_map(|(_, c)| c.set.clone()));
-        let parameters = chosen().map(|(n, c)| (n.clone(), c.name.clone())).collect();
-        let mut m = member("axis", &label, &scene, set, parameters)?;
-        m.swept = true;
-        out.push(m);
-    }
-    check_labels(&out)?;
-    reference_first(file, &mut out)?;
     Ok(out)
 }
 
