@@ -37,7 +37,7 @@ pub(crate) struct Scenario {
     pub(crate) junction: JunctionKind,
     /// Whether an absorber is there already.
     pub(crate) absorber: bool,
-    /// Whether the fine model consists of particles.
+    /// Whether the fine model is a random packing.
     pub(crate) particles: bool,
     /// Speed of long axial waves \[m/s\].
     pub(crate) speed: f64,
@@ -93,7 +93,7 @@ pub(crate) fn scenario(scene: &Scene) -> Result<Scenario> {
         profile: table.weight.profile,
         junction: table.junction.kind,
         absorber: table.absorber.is_some(),
-        particles: matches!(f.kind, Kind::Dem | Kind::Chain),
+        particles: f.kind == Kind::Dem,
         speed: (c.material.young / c.material.density).sqrt(),
         end: scene.time.end,
         fraction: match scene.time.step {
