@@ -64,11 +64,7 @@ pub(crate) fn changes(scene: &Scene, s: &Scenario, p: &Proposal, fraction: f64) 
     }];
     let joint = scene.interface.get(interface);
     out.push(if joint.is_some_and(|j| j.mediator.divisions.is_some()) {
-        let along = |a: f64| {
-            (0..3)
-                .map(|k| if k == s.axis { c.overlap } else { a })
-                .collect()
-        };
+        let along = |a: f64| (0..3).map(|k| if k == s.axis { c.overlap } else { a }).collect();
         let lengths: Vec<f64> = s.across.map_or_else(|| vec![c.overlap], along);
         Change::new(format!("{table}.mediator.divisions"), counts(&lengths, c.h_b))
     } else {
@@ -182,7 +178,9 @@ fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {
     for part in head.split('.').filter(|p| !p.is_empty()) {
         let item = at.entry(part).or_insert_with(|| Item::Table(Table::new()));
         at = item.as_table_like_mut().ok_or_else(|| {
-            let rule = format!("'{part}' is a list or a plain value, which --apply cannot reach into; change the file");
+            let rule = format!(
+                "'{part}' is a list or a plain value, which --apply cannot reach into; change the file"
+            );
             key(change.path.clone(), rule)
         })?;
     }
@@ -212,9 +210,8 @@ fn same(a: &Value, b: &Value) -> bool {
     match (a.as_float(), b.as_float()) {
         (Some(x), Some(y)) => x.total_cmp(&y).is_eq(),
         _ => {
-            let plain = |v: &Value| {
-                toml::from_str::<toml::Table>(&format!("x = {}", v.to_string().trim())).ok()
-            };
+            let plain =
+                |v: &Value| toml::from_str::<toml::Table>(&format!("x = {}", v.to_string().trim())).ok();
             plain(a) == plain(b)
         }
     }

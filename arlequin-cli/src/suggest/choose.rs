@@ -168,7 +168,11 @@ impl<'a> Search<'a> {
     }
 
     /// The best candidate; if none reaches the goal, the one that comes closest, as `Err`.
-    pub(crate) fn best(&self, goal: Goal, costs: &CostModel) -> std::result::Result<Proposal, Option<Proposal>> {
+    pub(crate) fn best(
+        &self,
+        goal: Goal,
+        costs: &CostModel,
+    ) -> std::result::Result<Proposal, Option<Proposal>> {
         let predict = |c| self.predict(c, costs, costs.dt(c));
         let all: Vec<Proposal> = self.candidates.iter().map(predict).collect();
         let least = |f: &dyn Fn(&Proposal) -> f64, keep: &dyn Fn(&Proposal) -> bool| {

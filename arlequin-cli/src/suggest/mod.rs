@@ -113,7 +113,9 @@ pub(crate) fn suggest(input: &Input<'_>, wish: &Wish) -> Result<()> {
     let (first, end) = measure(input, &[])?;
     let spectrum = scenario::spectrum(&input.scene, &s, end, wish.frequency)?;
     let search = Search::new(&s, &spectrum, end)?;
-    let fraction = s.fraction.unwrap_or(first.dt / first.critical[0].min(first.critical[1]));
+    let fraction = s
+        .fraction
+        .unwrap_or(first.dt / first.critical[0].min(first.critical[1]));
     let as_given = CostModel::new(search.given, first, &s, fraction);
     let given = search.predict(&search.given, &as_given, first.dt);
     let costs = CostModel::new(search.given, first, &s, FRACTION);

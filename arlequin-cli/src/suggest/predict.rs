@@ -91,7 +91,11 @@ pub(crate) fn junction_name(j: JunctionKind) -> &'static str {
 /// A chain and a bar of unit modulus, density and element length, with the overlap of the form.
 fn miniature(f: &Form) -> String {
     let r = 1.0 / f.ratio.min(FINEST);
-    let value = if f.profile == ProfileKind::Constant { ", value = 0.5" } else { "" };
+    let value = if f.profile == ProfileKind::Constant {
+        ", value = 0.5"
+    } else {
+        ""
+    };
     let length = match f.length_ratio {
         Some(l) if f.junction != JunctionKind::L2 => format!(", length = {}", l * f.h_b),
         _ => String::new(),

@@ -77,7 +77,8 @@ pub(crate) fn scenario(scene: &Scene) -> Result<Scenario> {
     let overlap = (coarse[axis] - fine[axis]).abs();
     let far = |e: [f64; 2], towards: f64| if towards > 0.0 { e[1] } else { e[0] };
     let tolerance = 1e-6 * overlap;
-    let meets = (far(fe, inward) - coarse[axis]).abs() < tolerance && (far(ce, -inward) - fine[axis]).abs() < tolerance;
+    let meets = (far(fe, inward) - coarse[axis]).abs() < tolerance
+        && (far(ce, -inward) - fine[axis]).abs() < tolerance;
     let movable = meets && table.mediator.shape.is_none() && f.dem.count.is_none() && f.divisions.is_none();
     let spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
     Ok(Scenario {
@@ -111,14 +112,20 @@ fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
         Shape::Bar { from, to, .. } if axis == 0 => Ok([*from, *to]),
         other => Err(key(
             format!("model.{name}.shape"),
-            format!("suggest cannot read lengths from the shape {}; use box, cylinder or bar", other.name()),
+            format!(
+                "suggest cannot read lengths from the shape {}; use box, cylinder or bar",
+                other.name()
+            ),
         )),
     }
 }
 
 fn across(shape: &Shape, axis: usize) -> Option<f64> {
     match shape {
-        Shape::Box { low, high } => (0..3).filter(|c| *c != axis).map(|c| high[c] - low[c]).reduce(f64::min),
+        Shape::Box { low, high } => (0..3)
+            .filter(|c| *c != axis)
+            .map(|c| high[c] - low[c])
+            .reduce(f64::min),
         Shape::Cylinder { radius, .. } => Some(2.0 * radius),
         _ => None,
     }
@@ -134,7 +141,11 @@ fn spacings(
     axis: usize,
 ) -> Result<[f64; 3]> {
     let of = |name: &str, m: &ModelTable, e: [f64; 2]| {
-        let divided = m.divisions.as_ref().and_then(|d| d.get(axis)).map(|n| (e[1] - e[0]) / *n as f64);
+        let divided = m
+            .divisions
+            .as_ref()
+            .and_then(|d| d.get(axis))
+            .map(|n| (e[1] - e[0]) / *n as f64);
         // As many spheres as fill the body at the density of a jammed packing.
         let counted = m.dem.count.and_then(|n| {
             let volume = match &m.shape {
@@ -150,7 +161,11 @@ fn spacings(
     let coarse = of(&table.coarse, c, extents[0])?;
     let divided = table.mediator.divisions.as_ref().and_then(|d| d.get(axis));
     let mediator = table.mediator.spacing.or(divided.map(|n| overlap / *n as f64));
-    Ok([coarse, of(&table.fine, f, extents[1])?, mediator.unwrap_or(coarse)])
+    Ok([
+        coarse,
+        of(&table.fine, f, extents[1])?,
+        mediator.unwrap_or(coarse),
+    ])
 }
 
 /// Amplitudes of the velocity signal at equidistant frequencies.
@@ -178,17 +193,29 @@ pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<
         if !(f > 0.0 && f.is_finite()) {
             return Err(crate::error::value("--frequency", f, "must be positive [Hz]"));
         }
-        offer(2.0 / f, format!("a pulse of {:.3e} s (--frequency {f:e})", 2.0 / f), Box::new(pulse));
+        offer(
+            2.0 / f,
+            format!("a pulse of {:.3e} s (--frequency {f:e})", 2.0 / f),
+            Box::new(pulse),
+        );
     } else {
         for (k, l) in scene.load.iter().enumerate() {
             let name = l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1));
             match l.time {
                 TimeShape::Pulse { duration } => {
-                    offer(duration, format!("the pulse of load '{name}', {duration:.3e} s"), Box::new(pulse));
+                    offer(
+                        duration,
+                        format!("the pulse of load '{name}', {duration:.3e} s"),
+                        Box::new(pulse),
+                    );
                 }
                 // A ramp is a step of rounded velocity: its derivative is a block of its length.
                 TimeShape::Ramp { duration } => {
-                    offer(2.0 * duration, format!("the ramp of load '{name}', {duration:.3e} s"), Box::new(ramp));
+                    offer(
+                        2.0 * duration,
+                        format!("the ramp of load '{name}', {duration:.3e} s"),
+                        Box::new(ramp),
+                    );
                 }
                 TimeShape::Step | TimeShape::Table(_) => {}
             }
@@ -196,7 +223,11 @@ pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<
         for w in scene.initial.iter().filter_map(|i| i.wave.as_ref()) {
             let duration = w.width / w.speed.map_or(s.speed, f64::abs).max(f64::MIN_POSITIVE);
             let signal = Box::new(|t: f64| (2.0 * PI * t).sin());
-            offer(duration, format!("the initial wave, {duration:.3e} s long"), signal);
+            offer(
+                duration,
+                format!("the initial wave, {duration:.3e} s long"),
+                signal,
+            );
         }
     }
     let Some((duration, source, signal)) = found else {
@@ -221,7 +252,9 @@ fn ramp(t: f64) -> f64 {
 fn transform(signal: &dyn Fn(f64) -> f64, duration: f64, end: f64, source: String) -> Spectrum {
     let step = (0.5 / end.max(duration)).max(20.0 / duration / 2000.0);
     let count = (20.0 / duration / step).ceil() as usize;
-    let values: Vec<f64> = (0..SAMPLES).map(|k| signal((k as f64 + 0.5) / SAMPLES as f64)).collect();
+    let values: Vec<f64> = (0..SAMPLES)
+        .map(|k| signal((k as f64 + 0.5) / SAMPLES as f64))
+        .collect();
     let omega: Vec<f64> = (1..=count).map(|n| 2.0 * PI * n as f64 * step).collect();
     let amplitude = |w: &f64| {
         let turn = w * duration / SAMPLES as f64;

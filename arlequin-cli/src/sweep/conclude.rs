@@ -87,7 +87,10 @@ pub(crate) fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
         out.push(format!("{failed} of {} runs failed; see the table.", runs.len()));
     }
     if missing > 0 {
-        out.push(format!("{missing} of {} runs are still to be made; run the sweep again.", runs.len()));
+        out.push(format!(
+            "{missing} of {} runs are still to be made; run the sweep again.",
+            runs.len()
+        ));
     }
     if runs.iter().filter(coupled).count() == 0 {
         let why = if file.reference.is_none() {
@@ -110,7 +113,10 @@ fn target(runs: &[Run], target: f64, next: Option<f64>) -> String {
     let percent = percent(target);
     let marked = |m: Mark| runs.iter().filter(move |r| r.mark == Some(m));
     let Some(best) = cheapest(runs.iter().filter(coupled), target) else {
-        let nearest = runs.iter().filter(coupled).min_by(|a, b| error(a).total_cmp(&error(b)));
+        let nearest = runs
+            .iter()
+            .filter(coupled)
+            .min_by(|a, b| error(a).total_cmp(&error(b)));
         return nearest.map_or_else(String::new, |r| {
             format!(
                 "Within {percent}: no coupled run; the most accurate is {} with {} in {}.",
@@ -244,7 +250,8 @@ mod tests {
             run("h=2", None, 1.5, 0.018),
             run("h=4", None, 2.0, 0.08),
         ];
-        let file: SweepFile = toml::from_str("scene = 's.toml'\ntargets = [0.01, 0.02]").unwrap_or_else(|e| panic!("{e}"));
+        let file: SweepFile =
+            toml::from_str("scene = 's.toml'\ntargets = [0.01, 0.02]").unwrap_or_else(|e| panic!("{e}"));
         let text = words(&runs, &file);
         assert_eq!(
             text[0],
@@ -252,9 +259,17 @@ mod tests {
              1.0 % costs 2.00 times more. The coarse model alone is that accurate in 0.500 s (all-coarse), 3.0 times \
              cheaper: here coupling pays only if the fine model is wanted for what it does beyond linear elasticity."
         );
-        assert!(text[1].ends_with("does not come that close in this sweep."), "{}", text[1]);
+        assert!(
+            text[1].ends_with("does not come that close in this sweep."),
+            "{}",
+            text[1]
+        );
         super::super::result::mark_pareto(&mut runs);
-        let front: Vec<&str> = runs.iter().filter(|r| r.pareto).map(|r| r.label.as_str()).collect();
+        let front: Vec<&str> = runs
+            .iter()
+            .filter(|r| r.pareto)
+            .map(|r| r.label.as_str())
+            .collect();
         // The reference has no error of its own; h = 4 is beaten by h = 2.
         assert_eq!(front, ["all-coarse", "h=1"]);
         let k = knobs(&runs);
@@ -264,7 +279,13 @@ mod tests {
 
     #[test]
     fn numbers_keep_their_digits() {
-        assert_eq!([percent(0.0234), percent(0.5), percent(1.2e-4)], ["2.3 %", "50 %", "0.012 %"]);
-        assert_eq!([seconds(12.345), seconds(0.0123), seconds(2e-5)], ["12.3 s", "12.3 ms", "20.0 µs"]);
+        assert_eq!(
+            [percent(0.0234), percent(0.5), percent(1.2e-4)],
+            ["2.3 %", "50 %", "0.012 %"]
+        );
+        assert_eq!(
+            [seconds(12.345), seconds(0.0123), seconds(2e-5)],
+            ["12.3 s", "12.3 ms", "20.0 µs"]
+        );
     }
 }

@@ -65,7 +65,11 @@ fn table(path: &Path) -> Result<(Vec<String>, Vec<Vec<f64>>)> {
             key(place, format!("{what}; a table of finite numbers is needed"))
         };
         if cells.len() != names.len() {
-            return Err(bad(format!("{} cells under {} headers", cells.len(), names.len())));
+            return Err(bad(format!(
+                "{} cells under {} headers",
+                cells.len(),
+                names.len()
+            )));
         }
         for (c, cell) in columns.iter_mut().zip(cells) {
             match cell.trim().parse::<f64>() {
@@ -327,11 +331,18 @@ mod tests {
         let wave = |phase: f64| move |t: f64| (2.0 * PI * (4.0 * t) + phase).sin();
         let run: Probes = [("p".to_owned(), series(Kind::Velocity, 700, wave(0.02)))].into();
         // Times of the two have nothing in common.
-        let reference = [("p".to_owned(), Curve::Samples(series(Kind::Velocity, 911, wave(0.0))))].into();
+        let reference = [(
+            "p".to_owned(),
+            Curve::Samples(series(Kind::Velocity, 911, wave(0.0))),
+        )]
+        .into();
         let e = errors(&run, &reference, &Window::default());
         let expected = 2.0 * (0.01f64).sin();
         assert!(e.displacement.is_none());
-        assert!((e.velocity.unwrap_or_default() / expected - 1.0).abs() < 1e-3, "{e:?}");
+        assert!(
+            (e.velocity.unwrap_or_default() / expected - 1.0).abs() < 1e-3,
+            "{e:?}"
+        );
     }
 
     #[test]
@@ -355,14 +366,21 @@ mod tests {
             speed: 2.0,
         };
         let (d, e) = (1e-6, 1.07);
-        let slope = (formula(&wave, e + d, Kind::Displacement) - formula(&wave, e - d, Kind::Displacement)) / (2.0 * d);
+        let slope = (formula(&wave, e + d, Kind::Displacement) - formula(&wave, e - d, Kind::Displacement))
+            / (2.0 * d);
         assert!((slope - formula(&wave, e, Kind::Velocity)).abs() < 1e-6 * slope.abs());
         assert!((formula(&wave, 1.0, Kind::Displacement) - 3.0).abs() < 1e-12);
     }
 
     #[test]
     fn a_tenth_of_the_amplitude_is_a_hundredth_of_the_energy() {
-        let pulse = |t: f64, at: f64| if (t - at).abs() < 0.1 { (PI * (t - at) / 0.2).cos() } else { 0.0 };
+        let pulse = |t: f64, at: f64| {
+            if (t - at).abs() < 0.1 {
+                (PI * (t - at) / 0.2).cos()
+            } else {
+                0.0
+            }
+        };
         let run: Probes = [(
             "p".to_owned(),
             series(Kind::Velocity, 4000, |t| pulse(t, 0.2) - 0.1 * pulse(t, 0.7)),

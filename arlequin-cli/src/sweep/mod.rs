@@ -71,9 +71,8 @@ pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode> {
     let stem = arguments.sweep.file_stem().unwrap_or_default();
     let out = arguments.out.clone();
     let out = out.unwrap_or_else(|| Path::new("results").join(stem));
-    let made = prepare(&source, &file).and_then(|(members, curves)| {
-        make(&file, &members, curves, &out, arguments.fresh)
-    });
+    let made = prepare(&source, &file)
+        .and_then(|(members, curves)| make(&file, &members, curves, &out, arguments.fresh));
     let (sweep, status) = made.map_err(|e| located(&source, &e))?;
     write_all(&out, &file, &sweep)?;
     if arguments.json {
@@ -166,7 +165,10 @@ fn gather(file: &SweepFile, runs: Vec<Run>, status: &'static str) -> Sweep {
         }
     });
     Sweep {
-        title: file.title.clone().unwrap_or_else(|| "Accuracy against time".into()),
+        title: file
+            .title
+            .clone()
+            .unwrap_or_else(|| "Accuracy against time".into()),
         status,
         version: env!("CARGO_PKG_VERSION"),
         judge: file.judge.words(),

@@ -14,7 +14,9 @@ li{margin:.4em 0}.note{color:#555;font-size:14px}";
 
 /// Text of an element.
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
 }
 
 /// The whole page; pictures by name.
@@ -24,7 +26,10 @@ pub(crate) fn page(s: &Sweep, pictures: &[(String, String)]) -> String {
     out += "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n";
     // An empty icon keeps browsers from asking the server for one.
     out += "<link rel=\"icon\" href=\"data:,\"/>\n";
-    let _ = writeln!(out, "<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>");
+    let _ = writeln!(
+        out,
+        "<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>"
+    );
     out += "<h2>Conclusion</h2>\n<ul>\n";
     for line in &s.conclusion {
         let _ = writeln!(out, "<li>{}</li>", escaped(line));
@@ -132,7 +137,10 @@ fn row(out: &mut String, r: &Run, phases: &[&str], back: &[&String], columns: us
     for p in phases {
         cell(time(r.seconds.per_step.get(*p).copied()));
     }
-    cell(r.peak_bytes.map_or_else(dash, |b| format!("{:.0} MB", b as f64 / 1e6)));
+    cell(
+        r.peak_bytes
+            .map_or_else(dash, |b| format!("{:.0} MB", b as f64 / 1e6)),
+    );
     cell(share(r.errors.displacement));
     cell(share(r.errors.velocity));
     for b in back {

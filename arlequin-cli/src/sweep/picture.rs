@@ -169,7 +169,11 @@ pub(crate) fn work_precision(s: &Sweep, shown: Shown) -> Result<Option<String>> 
         .filter(|r| r.mark == Some(Mark::AllFine) && r.error_judged == Some(0.0))
         .filter_map(|r| r.cost)
         .collect();
-    let times = points.iter().map(|p| p.1.0).chain(exact.iter().copied()).chain(s.floor_seconds);
+    let times = points
+        .iter()
+        .map(|p| p.1.0)
+        .chain(exact.iter().copied())
+        .chain(s.floor_seconds);
     let (Some(x), Some(y)) = (Decades::over(times), Decades::over(points.iter().map(|p| p.1.1))) else {
         return Ok(None);
     };
@@ -192,7 +196,10 @@ fn draw_work(
     root.fill(&WHITE).map_err(|e| text(&e))?;
     let (left, right) = root.split_horizontally(WIDTH as i32 - LEGEND);
     let mut chart = ChartBuilder::on(&left)
-        .caption(format!("Error of {} against time", shown.name()), ("sans-serif", 20))
+        .caption(
+            format!("Error of {} against time", shown.name()),
+            ("sans-serif", 20),
+        )
         .margin(14)
         .x_label_area_size(46)
         .y_label_area_size(84)
@@ -208,7 +215,11 @@ fn draw_work(
         .bold_line_style(BLACK.mix(0.12))
         .draw()
         .map_err(|e| text(&e))?;
-    let mut legend = Legend { area: &right, top: 60, row: 0 };
+    let mut legend = Legend {
+        area: &right,
+        top: 60,
+        row: 0,
+    };
     let all: Points = points.iter().map(|p| p.1).collect();
     let overall = front(&all);
     chart
@@ -352,7 +363,9 @@ fn draw_hook(svg: &mut String, rows: &[HookRow], hook: &Hook, cost: &str) -> std
     let (left, right) = root.split_horizontally(WIDTH as i32 / 2);
     let name = hook.name.as_deref().unwrap_or(&hook.axis);
     let collect = |f: &dyn Fn(&HookRow) -> Option<f64>| -> Points {
-        rows.iter().filter_map(|r| Some((r.value, f(r).filter(|v| *v > 0.0)?))).collect()
+        rows.iter()
+            .filter_map(|r| Some((r.value, f(r).filter(|v| *v > 0.0)?)))
+            .collect()
     };
     let mut errors = vec![
         ("displacement", BLUE, collect(&|r| r.displacement)),
@@ -367,7 +380,13 @@ fn draw_hook(svg: &mut String, rows: &[HookRow], hook: &Hook, cost: &str) -> std
         vec![(x, y), (end, y * (end / x).powi(2))]
     });
     if !errors.is_empty() {
-        panel(&left, [name, "relative error [-]"], &errors, Some(("slope 2", &guide)), None)?;
+        panel(
+            &left,
+            [name, "relative error [-]"],
+            &errors,
+            Some(("slope 2", &guide)),
+            None,
+        )?;
     }
     let mut times = vec![("all", BLUE, collect(&|r| Some(r.cost)))];
     times.push(("fine region + overlap", GREY, collect(&|r| r.fine)));
@@ -386,7 +405,10 @@ fn panel(
 ) -> std::result::Result<(), String> {
     let text = |e: &dyn std::fmt::Display| e.to_string();
     let all = || curves.iter().flat_map(|c| c.2.iter().copied());
-    let (Some(x), Some(y)) = (Decades::over(all().map(|p| p.0)), Decades::over(all().map(|p| p.1))) else {
+    let (Some(x), Some(y)) = (
+        Decades::over(all().map(|p| p.0)),
+        Decades::over(all().map(|p| p.1)),
+    ) else {
         return Ok(());
     };
     let (low, high) = (y.0, y.1);
@@ -409,7 +431,11 @@ fn panel(
         .map_err(|e| text(&e))?;
     // The legend stands above the curves.
     let strip = area.margin(0, 0, 92, 0);
-    let mut legend = Legend { area: &strip, top: 24, row: 0 };
+    let mut legend = Legend {
+        area: &strip,
+        top: 24,
+        row: 0,
+    };
     for (name, colour, points) in curves {
         chart
             .draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))

@@ -130,7 +130,8 @@ fn check(file: &SweepFile) -> Result<()> {
     }
     for (name, r) in &file.reflected {
         if r.after.is_nan() || r.after <= 0.0 || r.until.is_some_and(|u| u.is_nan() || u <= r.after) {
-            let rule = "must be positive and before until [s]: it separates what goes in from what comes back";
+            let rule =
+                "must be positive and before until [s]: it separates what goes in from what comes back";
             return Err(value(format!("reflected.{name}.after"), r.after, rule));
         }
         if r.minus_reference && file.reference.is_none() {
@@ -159,7 +160,10 @@ fn choices(name: &str, axis: &Axis) -> Result<Vec<Choice>> {
     }
     if !axis.levels.is_empty() {
         if !axis.set.is_empty() {
-            return Err(key(place, "set belongs to values; every level has a set of its own"));
+            return Err(key(
+                place,
+                "set belongs to values; every level has a set of its own",
+            ));
         }
         let choice = |l: &super::spec::Level| Choice {
             name: l.name.clone(),
@@ -317,7 +321,10 @@ fn check_labels(all: &[Member]) -> Result<()> {
     match all.iter().find(|m| !seen.insert(&m.label)) {
         Some(m) => Err(key(
             "axis",
-            format!("two runs are called '{}'; give their values or levels different names", m.label),
+            format!(
+                "two runs are called '{}'; give their values or levels different names",
+                m.label
+            ),
         )),
         None => Ok(()),
     }

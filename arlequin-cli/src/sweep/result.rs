@@ -254,7 +254,11 @@ pub(crate) fn csv(path: &Path, s: &Sweep) -> Result<()> {
         row.extend([count(r.unknowns), count(r.steps), number(r.dt)]);
         row.extend([r.seconds.setup, r.seconds.stepping, r.seconds.output].map(number));
         row.extend(PHASES.map(|p| number(r.seconds.per_step.get(p).copied())));
-        row.extend([count(r.peak_bytes), number(r.errors.displacement), number(r.errors.velocity)]);
+        row.extend([
+            count(r.peak_bytes),
+            number(r.errors.displacement),
+            number(r.errors.velocity),
+        ]);
         row.extend(back.iter().map(|b| number(r.reflected_energy.get(*b).copied())));
         row.extend([number(r.h_drift), number(r.condition), r.pareto.to_string()]);
         text += &(row.join(",") + "\n");

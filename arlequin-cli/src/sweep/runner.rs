@@ -118,16 +118,20 @@ impl<'a> Runner<'a> {
         let aside = target.join(".member.json");
         std::fs::write(&aside, text).map_err(write(&aside))?;
         std::fs::rename(&aside, &path).map_err(write(&path))?;
-        Ok(self
-            .finished(m)
-            .map_or_else(|| Outcome::Failed("its summary.json cannot be read".into()), Outcome::Complete))
+        Ok(self.finished(m).map_or_else(
+            || Outcome::Failed("its summary.json cannot be read".into()),
+            Outcome::Complete,
+        ))
     }
 
     fn once(&self, m: &Member, target: &Path) -> Result<Outcome> {
         let words = self.folder.join(format!("{}.log", m.label));
         let log = std::fs::File::create(&words).map_err(write(&words))?;
         let mut command = Command::new(&self.program);
-        command.args(["run", "--json", "--force", "--out"]).arg(target).arg(&m.scene);
+        command
+            .args(["run", "--json", "--force", "--out"])
+            .arg(target)
+            .arg(&m.scene);
         for s in &m.set {
             command.args(["--set", s]);
         }
@@ -191,7 +195,12 @@ impl<'a> Runner<'a> {
 
     fn identity(&self, m: &Member) -> Identity {
         Identity {
-            scene: m.scene.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            scene: m
+                .scene
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
             scene_hash: hash(&m.text),
             set: m.set.clone(),
             threads: self.threads,

@@ -63,11 +63,19 @@ pub(crate) fn finished(s: &Sweep, out: &Path) {
                 error(r.errors.displacement),
                 error(r.errors.velocity),
             ),
-            status => println!("{mark} {:<44} {status} {}", r.label, r.error.as_deref().unwrap_or("")),
+            status => println!(
+                "{mark} {:<44} {status} {}",
+                r.label,
+                r.error.as_deref().unwrap_or("")
+            ),
         }
     }
     let reused = s.runs.iter().filter(|r| r.reused).count();
-    let fresh = s.runs.iter().filter(|r| r.status == "complete" && !r.reused).count();
+    let fresh = s
+        .runs
+        .iter()
+        .filter(|r| r.status == "complete" && !r.reused)
+        .count();
     println!("runs       {fresh} made, {reused} taken from before, * on the Pareto front");
     for line in &s.conclusion {
         println!("           {line}");
