@@ -121,6 +121,14 @@ pub(crate) enum Error {
         /// The system's words.
         message: String,
     },
+    /// An error of a sweep, with its place in the sweep file.
+    #[error("{text}")]
+    Sweep {
+        /// Rendered.
+        text: String,
+        /// Whether the input is to blame.
+        input: bool,
+    },
     /// A plot cannot be drawn.
     #[error("cannot draw '{name}': {message}")]
     Plot {
@@ -157,6 +165,7 @@ impl Error {
                 | Self::NotFinite { .. }
                 | Self::System { .. }
                 | Self::Plot { .. }
+                | Self::Sweep { input: false, .. }
                 | Self::Core {
                     source: Core::Diverged { .. } | Core::EnergyGrowth { .. },
                     ..
@@ -225,6 +234,9 @@ pub(crate) fn write(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
 
 /// Shows an error with the place in the scene it comes from.
 pub(crate) fn render(error: &Error, source: Option<&crate::scene::Source>) -> String {
+    if let Error::Sweep { text, .. } = error {
+        return text.clone();
+    }
     let (key, span) = error.place();
     let span = span.or_else(|| source.and_then(|s| s.span_of(key?)));
     let mut report = miette::MietteDiagnostic::new(error.to_string());

@@ -15,6 +15,8 @@ mod report;
 mod run;
 mod scene;
 mod spectrum;
+mod suggest;
+mod sweep;
 mod verify;
 
 use clap::{Args, Parser, Subcommand};
@@ -69,6 +71,18 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Run the decks of the literature and compare with their numbers.
     Verify(verify::Args),
+    /// Run a scene with many settings: what accuracy costs in time.
+    Sweep(sweep::Arguments),
+    /// Write the page on accuracy and cost from finished sweeps.
+    #[command(hide = true)]
+    SweepDocs(sweep::DocumentArguments),
+    /// Propose settings for an error or a time.
+    Suggest {
+        #[command(flatten)]
+        common: Common,
+        #[command(flatten)]
+        wish: suggest::Wish,
+    },
 }
 
 #[derive(Debug, Args)]
@@ -108,6 +122,13 @@ fn main() -> ExitCode {
         }
         Command::Calibrate(wanted) => return measured(&wanted),
         Command::Verify(args) => verify::verify(&args),
+        Command::Sweep(a) => sweep::sweep(&a),
+        Command::SweepDocs(a) => sweep::document(&a),
+        Command::Suggest { common, wish } => {
+            return with_scene(&common, |input| {
+                suggest::suggest(input, &wish).map(|()| ExitCode::SUCCESS)
+            });
+        }
         Command::Resume {
             folder,
             threads: wanted,

@@ -207,7 +207,7 @@ fn title<'a>(input: &'a Input<'_>) -> &'a str {
 }
 
 /// A flag that Ctrl-C raises.
-fn watch_interrupt() -> Result<Arc<AtomicBool>> {
+pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(|e| Error::System {
@@ -346,6 +346,7 @@ fn summarise(
         time: run.time(),
         frames: r.frames.count(),
         wall_seconds,
+        peak_bytes: summary::process_bytes("VmHWM:"),
         energy: Energy {
             initial: r.initial_energy,
             last: run.energy(),
