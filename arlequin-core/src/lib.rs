@@ -1,7 +1,7 @@
 //! The method: traits of models, fields, weights, mediators and junctions, and the algorithms that couple them.
 //!
-//! The core does not know what a particle, an element or a Voronoi cell is; it has no input or output, no clock, no
-//! random numbers and no threads of its own.
+//! The core does not know what a particle, an element or a Voronoi cell is; it has no input or output, no clock and no
+//! random numbers. Its loops over unknowns run on the caller's rayon pool, see [`parallel`].
 
 pub mod conformance;
 pub mod coupled;
@@ -14,10 +14,12 @@ pub mod interface;
 pub mod junction;
 pub mod ledger;
 pub mod linalg;
+pub mod material;
 pub mod mediator;
 pub mod model;
 pub mod observer;
 pub mod overlap;
+pub mod parallel;
 pub mod scalar;
 pub mod spectrum;
 pub mod subdomain;

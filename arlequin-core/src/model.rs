@@ -2,7 +2,7 @@
 
 use crate::field::Interpolation;
 use crate::weight::{Weight, Weighting};
-use crate::{Real, Result};
+use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use sprs::CsMat;
 use std::sync::Arc;
@@ -127,4 +127,20 @@ pub trait CoarseModel<T: Real>: Model<T> {
 pub trait FineModel<T: Real>: Model<T> {
     /// The displacement field that the junction sees in the overlap.
     fn fine_field(&self) -> Arc<dyn Interpolation<T>>;
+}
+
+/// Checks that a slice holds one value per unknown of a model; for implementers of [`Model`].
+///
+/// # Errors
+/// [`Error::SizeMismatch`], naming `what` and the model.
+pub fn check_size<T: Real>(model: &dyn Model<T>, what: &str, found: usize) -> Result<()> {
+    let expected = model.layout().dofs();
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::SizeMismatch {
+        what: format!("{what} of model '{}'", model.name()),
+        expected,
+        found,
+    })
 }

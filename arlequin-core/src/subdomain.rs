@@ -4,6 +4,7 @@ use crate::effect::{Effect, Instant, Site};
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::model::{CoarseModel, FineModel, Model, State};
+use crate::parallel;
 use crate::scalar::check_finite;
 use crate::time::TimeFunction;
 use crate::weight::Weights;
@@ -73,8 +74,11 @@ pub struct Subdomain<T: Real> {
     pub(crate) inverse_inertia: Vec<T>,
     internal: Vec<T>,
     internal_before: Vec<T>,
-    force: Vec<T>,
+    /// Internal and all other forces; empty where there are none but the internal ones.
+    total: Vec<T>,
     q_before: Vec<T>,
+    /// Internal energy \[J\] found by the last [`Self::invariant`].
+    pub(crate) drawn_energy: T,
 }
 
 impl<T: Real> std::fmt::Debug for Subdomain<T> {
@@ -120,8 +124,9 @@ impl<T: Real> Subdomain<T> {
             inverse_inertia: zeros(),
             internal: zeros(),
             internal_before: zeros(),
-            force: zeros(),
+            total: Vec::new(),
             q_before: zeros(),
+            drawn_energy: T::zero(),
             model,
         }
     }
@@ -264,6 +269,10 @@ impl<T: Real> Subdomain<T> {
             }
             self.inverse_inertia[i] = if prescribed[i] { T::zero() } else { T::one() / *m };
         }
+        // Loads, and coupling forces on moving supports, must stay out of the invariant's internal forces.
+        if !self.effects.is_empty() || self.has_moving_support() {
+            self.total.resize(layout.dofs(), T::zero());
+        }
         let site = Site {
             model: &*self.model,
             weights: &self.weights,
@@ -284,32 +293,35 @@ impl<T: Real> Subdomain<T> {
         Ok(free * ((T::one() + zeta * zeta).sqrt() - zeta))
     }
 
-    /// Internal and effect forces at the current displacements, into `force`; accelerations from them.
-    fn evaluate(&mut self, t: T, dt: T) -> Result<()> {
-        std::mem::swap(&mut self.internal, &mut self.internal_before);
-        self.internal.fill(T::zero());
+    /// Internal and effect forces at the current displacements; `a` from them, `v += half a`. The model finds
+    /// `internal` at zero.
+    fn evaluate(&mut self, t: T, dt: T, half: T) -> Result<()> {
         self.model
             .add_internal_forces(&self.state.q, &mut self.internal)?;
-        self.force.copy_from_slice(&self.internal);
-        let at = Instant {
-            time: t,
-            q: &self.state.q,
-            v_half: &self.state.v,
+        if !self.total.is_empty() {
+            parallel::copy(&mut self.total, &self.internal);
+            let at = Instant {
+                time: t,
+                q: &self.state.q,
+                v_half: &self.state.v,
+            };
+            for e in &mut self.effects {
+                e.add_forces(&at, &mut self.total)?;
+            }
+        }
+        let force = if self.total.is_empty() {
+            &self.internal
+        } else {
+            &self.total
         };
-        for e in &mut self.effects {
-            e.add_forces(&at, &mut self.force)?;
-        }
-        for (a, (f, w)) in self
-            .state
-            .a
-            .iter_mut()
-            .zip(self.force.iter().zip(&self.inverse_inertia))
-        {
-            *a = *f * *w;
-        }
+        let State { v, a, .. } = &mut self.state;
+        parallel::accelerate(half, v, a, force, &self.inverse_inertia);
         for motion in &self.supports {
-            let (_, _, acceleration) = motion.kinematics(t, dt);
-            motion.dofs.iter().for_each(|&d| self.state.a[d] = acceleration);
+            let (_, velocity, acceleration) = motion.kinematics(t, dt);
+            for &d in &motion.dofs {
+                a[d] = acceleration;
+                v[d] = velocity;
+            }
         }
         Ok(())
     }
@@ -323,38 +335,44 @@ impl<T: Real> Subdomain<T> {
                 self.state.v[d] = v;
             }
         }
-        self.evaluate(t, dt)
+        self.internal.fill(T::zero());
+        self.evaluate(t, dt, T::zero())
     }
 
     /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` at time `t`.
+    ///
+    /// Two passes over the unknowns beside the model's: before its forces and after.
     pub(crate) fn predict(&mut self, t: T, dt: T, keep: bool) -> Result<()> {
+        if parallel::pays(self.inertia.len()) {
+            // One entry into the pool for all passes: each would cost a wake-up otherwise.
+            rayon::scope(|_| self.passes(t, dt, keep))
+        } else {
+            self.passes(t, dt, keep)
+        }
+    }
+
+    fn passes(&mut self, t: T, dt: T, keep: bool) -> Result<()> {
         let half = dt * T::of(0.5);
         if keep {
-            self.q_before.copy_from_slice(&self.state.q);
+            parallel::copy(&mut self.q_before, &self.state.q);
         }
+        std::mem::swap(&mut self.internal, &mut self.internal_before);
         let State { q, v, a } = &mut self.state;
-        for ((q, v), a) in q.iter_mut().zip(v.iter_mut()).zip(a.iter()) {
-            *v += half * *a;
-            *q += dt * *v;
-        }
+        parallel::kick_and_drift(half, dt, q, v, a, &mut self.internal);
         for motion in &self.supports {
             let now = motion.at(t);
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
-        self.evaluate(t, dt)?;
-        let State { v, a, .. } = &mut self.state;
-        v.iter_mut().zip(a.iter()).for_each(|(v, a)| *v += half * *a);
-        for motion in &self.supports {
-            let (_, velocity, _) = motion.kinematics(t, dt);
-            motion.dofs.iter().for_each(|&d| self.state.v[d] = velocity);
-        }
-        Ok(())
+        self.evaluate(t, dt, half)
+    }
+
+    fn has_moving_support(&self) -> bool {
+        self.supports.iter().any(|m| m.amplitude != T::zero())
     }
 
     /// The force vector, where moving supports make the coupling forces on them a part of the balance.
     pub(crate) fn force_on_moving_supports(&mut self) -> Option<&mut [T]> {
-        let moving = self.supports.iter().any(|m| m.amplitude != T::zero());
-        moving.then_some(&mut self.force[..])
+        self.has_moving_support().then_some(&mut self.total[..])
     }
 
     /// Adds the work of effects over the step; returns that of the moving supports.
@@ -365,7 +383,7 @@ impl<T: Real> Subdomain<T> {
         let mut support = T::zero();
         for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {
             for &d in &motion.dofs {
-                let reaction = self.inertia[d] * self.state.a[d] - self.force[d];
+                let reaction = self.inertia[d] * self.state.a[d] - self.total[d];
                 support += dt * reaction * self.state.v[d];
             }
         }
@@ -374,28 +392,27 @@ impl<T: Real> Subdomain<T> {
 
     /// Invariant of the step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
     /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs the displacements kept by [`Self::predict`].
-    pub(crate) fn invariant(&self, dt: T) -> T {
+    pub(crate) fn invariant(&mut self, dt: T) -> T {
         let (half, quarter) = (T::of(0.5), T::of(0.25));
-        let mut sum =
-            half * (self.model.internal_energy(&self.q_before) + self.model.internal_energy(&self.state.q));
-        for i in 0..self.inertia.len() {
-            let dq = self.state.q[i] - self.q_before[i];
-            let v = dq / dt;
-            sum +=
-                half * self.inertia[i] * v * v + quarter * dq * (self.internal[i] - self.internal_before[i]);
-        }
-        sum
+        self.drawn_energy = self.model.internal_energy(&self.state.q);
+        let potential = half * (self.model.internal_energy(&self.q_before) + self.drawn_energy);
+        let (q, before, inertia) = (&self.state.q, &self.q_before, &self.inertia);
+        let (force, force_before) = (&self.internal, &self.internal_before);
+        let part = |range: std::ops::Range<usize>| {
+            range.fold(T::zero(), |sum, i| {
+                let dq = q[i] - before[i];
+                let v = dq / dt;
+                sum + (half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]))
+            })
+        };
+        potential + parallel::sum(q.len(), &part)
     }
 
     /// Kinetic energy at the whole step \[J\].
     pub fn kinetic_energy(&self) -> T {
-        let v = &self.state.v;
-        T::of(0.5)
-            * self
-                .inertia
-                .iter()
-                .zip(v)
-                .fold(T::zero(), |s, (m, v)| s + *m * *v * *v)
+        let (m, v) = (&self.inertia, &self.state.v);
+        let part = |range: std::ops::Range<usize>| range.fold(T::zero(), |s, i| s + m[i] * v[i] * v[i]);
+        T::of(0.5) * parallel::sum(v.len(), &part)
     }
 
     /// Internal energy at the whole step \[J\].

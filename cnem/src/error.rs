@@ -190,6 +190,9 @@ pub enum Error {
         /// How many there are.
         candidates: usize,
     },
+    /// An error of the core.
+    #[error(transparent)]
+    Core(#[from] arlequin_core::Error),
 }
 
 /// Shorthand for [`Error::Parameter`].
@@ -204,6 +207,7 @@ pub(crate) fn parameter(name: &'static str, value: impl std::fmt::Display, rule:
 impl From<Error> for arlequin_core::Error {
     fn from(e: Error) -> Self {
         match e {
+            Error::Core(e) => e,
             Error::Parameter { name, value, rule } => arlequin_core::error::invalid(name, value, rule),
             Error::OutsideDomain { point, .. } => Self::OutsideDomain {
                 point,

@@ -73,7 +73,6 @@ pub mod error;
 mod field;
 pub mod generate;
 mod hilbert;
-mod material;
 mod model;
 pub mod natural;
 pub mod predicates;
@@ -81,9 +80,9 @@ pub mod scni;
 pub(crate) mod tet;
 pub mod voronoi;
 
+pub use arlequin_core::material::Elastic;
 pub use error::{Error, Result};
 pub use field::{CnemMediator, NaturalField};
 pub use hilbert::spatial_order;
-pub use material::Elastic;
 pub use model::{CnemModel, Forces, Options};
 pub use scni::Stabilisation;

@@ -13,13 +13,13 @@
 use crate::domain::Domain;
 use crate::error::{Error, Result, parameter};
 use crate::field::NaturalField;
-use crate::material::Elastic;
 use crate::natural::Kind;
 use crate::scni::{BlockMatrix, BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells};
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::field::Interpolation;
-use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model};
+use arlequin_core::material::Elastic;
+use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
 use nalgebra::Point3;
@@ -74,7 +74,7 @@ pub struct CnemModel {
     name: String,
     field: Arc<NaturalField>,
     cells: Voronoi,
-    material: Elastic,
+    material: Elastic<f64>,
     options: Options,
     smoothing: Smoothing,
     sub: SubCells,
@@ -101,7 +101,7 @@ impl CnemModel {
     ///
     /// # Errors
     /// Those of [`Domain::voronoi`], and [`Error::Parameter`] for an amount of stabilisation that is negative or above 1.
-    pub fn new(name: &str, domain: Domain, material: Elastic, options: Options) -> Result<Self> {
+    pub fn new(name: &str, domain: Domain, material: Elastic<f64>, options: Options) -> Result<Self> {
         let amount = match options.stabilisation {
             Stabilisation::None => 0.0,
             Stabilisation::SubCells(a) => a,
@@ -144,7 +144,7 @@ impl CnemModel {
     }
 
     /// The material.
-    pub fn material(&self) -> &Elastic {
+    pub fn material(&self) -> &Elastic<f64> {
         &self.material
     }
 
@@ -245,18 +245,6 @@ impl CnemModel {
             .map_init(CellBodies::default, mean)
             .collect()
     }
-
-    fn check_size(&self, what: &str, found: usize) -> arlequin_core::Result<()> {
-        let expected = self.layout().dofs();
-        if found == expected {
-            return Ok(());
-        }
-        Err(arlequin_core::Error::SizeMismatch {
-            what: format!("{what} of model '{}'", self.name),
-            expected,
-            found,
-        })
-    }
 }
 
 impl Model<f64> for CnemModel {
@@ -286,7 +274,7 @@ impl Model<f64> for CnemModel {
         weighting: Weighting,
         out: &mut [f64],
     ) -> arlequin_core::Result<()> {
-        self.check_size("inertia", out.len())?;
+        check_size(self, "inertia", out.len())?;
         let factors: Vec<f64> = match weighting {
             Weighting::Energy => self.cell_means(weight),
             Weighting::Nodal => self.nodes().iter().map(|x| weight.at(x)).collect(),
@@ -322,8 +310,8 @@ impl Model<f64> for CnemModel {
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.check_size("displacements", q.len())?;
-        self.check_size("forces", f.len())?;
+        check_size(self, "displacements", q.len())?;
+        check_size(self, "forces", f.len())?;
         let factors = self.factors.as_deref();
         match &mut self.operator {
             Operator::Assembled(k) => k.subtract_product(q, factors, f),

@@ -1,11 +1,14 @@
-//! The internal forces of a model allocate nothing.
+//! The internal forces of a model allocate nothing, nor does the core's whole step with its ledger.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use arlequin_core::Model;
+use arlequin_core::observer::Silent;
+use arlequin_core::weight::Uniform;
+use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, DemModel};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
+use std::sync::Arc;
 
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
@@ -34,6 +37,20 @@ fn forces_do_not_allocate() {
                 region.change().bytes_allocated
             });
             assert_eq!(bytes, 0, "{cells} cells, {threads} threads, finite {finite}");
+            let side = Subdomain::fine(m, Weights::same(Arc::new(Uniform(1.0))))
+                .with_initial(vec![0.0; n], vec![1e-3; n])
+                .unwrap();
+            let bytes = pool.install(|| {
+                let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
+                run.run(200, &mut Silent).unwrap();
+                let region = Region::new(ALLOCATOR);
+                run.run(50, &mut Silent).unwrap();
+                region.change().bytes_allocated
+            });
+            assert_eq!(
+                bytes, 0,
+                "step: {cells} cells, {threads} threads, finite {finite}"
+            );
         }
     }
 }

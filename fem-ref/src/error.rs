@@ -170,6 +170,9 @@ pub enum Error {
         /// What is wrong, where, and what to do.
         message: String,
     },
+    /// An error of the core.
+    #[error(transparent)]
+    Core(#[from] arlequin_core::Error),
 }
 
 /// Result of this crate's constructors.
@@ -187,6 +190,7 @@ pub(crate) fn parameter(name: &'static str, value: impl std::fmt::Display, rule:
 impl From<Error> for arlequin_core::Error {
     fn from(e: Error) -> Self {
         match e {
+            Error::Core(e) => e,
             Error::Parameter { name, value, rule } => arlequin_core::error::invalid(name, value, rule),
             other => Self::Model {
                 model: "fem".into(),

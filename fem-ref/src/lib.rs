@@ -40,14 +40,13 @@ mod field;
 pub mod generate;
 pub mod gmsh;
 pub mod kernel;
-mod material;
 mod mesh;
 mod model;
 mod order;
 
+pub use arlequin_core::material::Elastic;
 pub use element::ElementKind;
 pub use error::{Error, Result};
 pub use field::{FemField, FemMediator};
-pub use material::Elastic;
 pub use mesh::{Facet, Group, Mesh};
 pub use model::FemModel;

@@ -9,11 +9,11 @@ use crate::element::{self, ElementKind};
 use crate::error::{Error, Result};
 use crate::field::FemField;
 use crate::kernel::BlockMatrix;
-use crate::material::Elastic;
 use crate::mesh::Mesh;
 use arlequin_core::Real;
 use arlequin_core::field::Interpolation;
-use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model};
+use arlequin_core::material::Elastic;
+use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
 use arlequin_core::weight::{Weight, Weighting};
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -103,18 +103,6 @@ impl<T: Real> FemModel<T> {
             .map(mean)
             .collect()
     }
-
-    fn check_size(&self, what: &str, found: usize) -> arlequin_core::Result<()> {
-        let expected = self.layout().dofs();
-        if found == expected {
-            return Ok(());
-        }
-        Err(arlequin_core::Error::SizeMismatch {
-            what: format!("{what} of model '{}'", self.name),
-            expected,
-            found,
-        })
-    }
 }
 
 fn bars_along_x<T: Real>(mesh: &Mesh<T>) -> Result<()> {
@@ -159,7 +147,7 @@ impl<T: Real> Model<T> for FemModel<T> {
         weighting: Weighting,
         out: &mut [T],
     ) -> arlequin_core::Result<()> {
-        self.check_size("inertia", out.len())?;
+        check_size(self, "inertia", out.len())?;
         let (mesh, c) = (self.mesh(), self.layout().components);
         let corners = mesh.kind().corners();
         let means = match weighting {
@@ -202,8 +190,8 @@ impl<T: Real> Model<T> for FemModel<T> {
     }
 
     fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> arlequin_core::Result<()> {
-        self.check_size("displacements", q.len())?;
-        self.check_size("forces", f.len())?;
+        check_size(self, "displacements", q.len())?;
+        check_size(self, "forces", f.len())?;
         self.stiffness.subtract_product(q, self.factors.as_deref(), f);
         Ok(())
     }

@@ -50,7 +50,7 @@ fn l2_error(kind: ElementKind, n: usize, jitter: f64) -> f64 {
         .mapped(|p| if inner(p) { p + moves[index(p)] } else { *p })
         .unwrap();
     let material = Elastic::new(2.5, 0.25, 1.0).unwrap();
-    let (lambda, mu) = material.lame();
+    let [lambda, mu] = material.lame();
     let model = FemModel::new("mms", mesh, material).unwrap();
     let field = model.field();
     let mut samples: Vec<Sample<f64>> = Vec::new();

@@ -112,7 +112,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         _ => solid_poisson(key, table)?,
     };
     let material = Elastic::new(table.material.young, poisson, table.material.density)
-        .map_err(fem(format!("{key}.material")))?;
+        .map_err(core(&format!("{key}.material")))?;
     let mut groups = BTreeMap::new();
     let mut surfaces = BTreeMap::new();
     for (n, g) in mesh.groups() {

@@ -2,7 +2,7 @@
 
 use super::kinds::{Body, solid_poisson};
 use super::mesh::{Request, View};
-use crate::error::{Result, fem, value};
+use crate::error::{Result, core, fem, value};
 use crate::scene::{CnemTable, Element, Functions, Material, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
@@ -16,7 +16,7 @@ use std::path::Path;
 
 /// Turns errors of the crate into those of the command, at a key of the scene.
 fn natural(key: &str) -> impl Fn(arlequin::cnem::Error) -> crate::error::Error + '_ {
-    move |e| crate::error::core(key)(e.into())
+    move |e| core(key)(e.into())
 }
 
 /// Builds a natural-element body on the nodes of the mesh that the same table would give finite elements.
@@ -38,15 +38,14 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     let mesh = request.mesh()?.into_tetrahedra().map_err(fem(key))?;
     let poisson = solid_poisson(key, table)?;
     let at = format!("{key}.material");
-    let material =
-        Elastic::new(table.material.young, poisson, table.material.density).map_err(natural(&at))?;
+    let material = Elastic::new(table.material.young, poisson, table.material.density).map_err(core(&at))?;
     let corners: Vec<[usize; 4]> = (0..mesh.element_count())
         .map(|e| [0, 1, 2, 3].map(|k: usize| mesh.element(e)[k] as usize))
         .collect();
     let domain = Domain::new(mesh.nodes(), &Surface::of_elements(&corners)).map_err(natural(key))?;
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
     let groups = groups(&mesh, &model);
-    let surfaces = surfaces(&mesh, &model);
+    let surfaces = surfaces(&mesh, &model, &groups);
     let boundary = model.surface(|_| true).map_err(natural(key))?;
     let view = View {
         points: model.domain().nodes().to_vec(),
@@ -116,9 +115,9 @@ fn groups(mesh: &Mesh<f64>, model: &CnemModel) -> BTreeMap<String, Vec<usize>> {
 fn surfaces(
     mesh: &Mesh<f64>,
     model: &CnemModel,
+    groups: &BTreeMap<String, Vec<usize>>,
 ) -> BTreeMap<String, Vec<arlequin::core::effect::SurfaceFacet<f64>>> {
     let faces = faces(model);
-    let groups = groups(mesh, model);
     let named = mesh.groups().iter().filter(|(_, g)| !g.facets.is_empty());
     named
         .filter_map(|(name, _)| {

@@ -145,7 +145,8 @@ impl<T: Real> Coupled<T> {
             observer.phase(Phase::Predict(k));
             s.predict(next, self.dt, draw)?;
         }
-        let invariant: Option<T> = draw.then(|| self.subdomains.iter().map(|s| s.invariant(self.dt)).sum());
+        let invariant: Option<T> =
+            draw.then(|| self.subdomains.iter_mut().map(|s| s.invariant(self.dt)).sum());
         observer.phase(Phase::Interface);
         self.correct();
         self.step += 1;
@@ -265,7 +266,7 @@ impl<T: Real> Coupled<T> {
             step: self.step,
             time: self.time,
             kinetic: self.subdomains.iter().map(Subdomain::kinetic_energy).sum(),
-            internal: self.subdomains.iter().map(Subdomain::internal_energy).sum(),
+            internal: self.subdomains.iter().map(|s| s.drawn_energy).sum(),
             invariant,
             work,
             drift,

@@ -8,7 +8,7 @@
 
 use super::matrix::{CHUNK, Incidence, SERIAL};
 use super::{BlockMatrix, Smoothing, SubCells};
-use crate::material::Elastic;
+use arlequin_core::material::Elastic;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -142,7 +142,12 @@ fn each<T: Send>(items: &mut [T], nodes: usize, work: impl Fn(usize, &mut T) + S
 
 impl MatrixFree {
     /// Forces with the weight `α_I` \[–\] of every cell.
-    pub(crate) fn new(smoothing: &Smoothing, sub: &SubCells, material: &Elastic, alpha: Vec<f64>) -> Self {
+    pub(crate) fn new(
+        smoothing: &Smoothing,
+        sub: &SubCells,
+        material: &Elastic<f64>,
+        alpha: Vec<f64>,
+    ) -> Self {
         let rows = Rows::cells(smoothing);
         Self {
             columns: rows.transposed(),
@@ -163,7 +168,12 @@ impl MatrixFree {
     }
 
     /// The same operator, assembled.
-    pub(crate) fn assemble(&self, smoothing: &Smoothing, sub: &SubCells, material: &Elastic) -> BlockMatrix {
+    pub(crate) fn assemble(
+        &self,
+        smoothing: &Smoothing,
+        sub: &SubCells,
+        material: &Elastic<f64>,
+    ) -> BlockMatrix {
         BlockMatrix::new(smoothing, sub, material, &self.alpha)
     }
 

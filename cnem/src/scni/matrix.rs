@@ -5,7 +5,7 @@
 //! order: results have the same bits for any number of threads.
 
 use super::{Smoothing, SubCells};
-use crate::material::Elastic;
+use arlequin_core::material::Elastic;
 use arlequin_core::sprs::CsMat;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -161,7 +161,7 @@ fn block(p: &Matrix3<f64>, [lambda, mu]: [f64; 2]) -> [f64; 9] {
 
 impl BlockMatrix {
     /// The matrix with the weight `α_I` \[–\] of every cell.
-    pub(crate) fn new(smoothing: &Smoothing, sub: &SubCells, material: &Elastic, alpha: &[f64]) -> Self {
+    pub(crate) fn new(smoothing: &Smoothing, sub: &SubCells, material: &Elastic<f64>, alpha: &[f64]) -> Self {
         let parts = Parts::new(smoothing, sub, alpha);
         let n = smoothing.volumes.len();
         let lame = material.lame();

@@ -20,7 +20,7 @@ pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-pub(crate) fn silica() -> Elastic {
+pub(crate) fn silica() -> Elastic<f64> {
     Elastic::new(72.5e9, 0.17, 2200.0).unwrap()
 }
 

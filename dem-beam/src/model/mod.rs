@@ -35,16 +35,14 @@ use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Matter};
 use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Cell;
-use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model};
+use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
+use arlequin_core::parallel;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
 use forces::{Gather, check_rotations};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
-
-/// Bonds per partial sum of the energy: the order of summation does not depend on the threads.
-const CHUNK: usize = 4_096;
 
 /// Round-off below zero that a weight `1 - sum` may have.
 const ROUND_OFF: f64 = 1e-9;
@@ -236,18 +234,6 @@ impl DemModel {
         Ok(values)
     }
 
-    fn check_size(&self, what: &str, found: usize) -> arlequin_core::Result<()> {
-        let expected = 6 * self.nodes.len();
-        if found == expected {
-            return Ok(());
-        }
-        Err(arlequin_core::Error::SizeMismatch {
-            what: format!("{what} of model '{}'", self.name),
-            expected,
-            found,
-        })
-    }
-
     fn named(&self, error: &DemError) -> arlequin_core::Error {
         match error {
             DemError::Core(e) => e.clone(),
@@ -325,7 +311,7 @@ impl Model<f64> for DemModel {
         weighting: Weighting,
         out: &mut [f64],
     ) -> arlequin_core::Result<()> {
-        self.check_size("inertia", out.len())?;
+        check_size(self, "inertia", out.len())?;
         let factors = match weighting {
             Weighting::Energy => self.body.mean_over_bonds(&self.bond_means(weight)?),
             Weighting::Nodal => self.nodal(weight)?,
@@ -357,8 +343,8 @@ impl Model<f64> for DemModel {
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.check_size("displacements", q.len())?;
-        self.check_size("forces", f.len())?;
+        check_size(self, "displacements", q.len())?;
+        check_size(self, "forces", f.len())?;
         let factors = self.factors.as_deref();
         match &mut self.kernel {
             Kernel::Linear(k) => k.add(q, f, factors),
@@ -375,25 +361,16 @@ impl Model<f64> for DemModel {
     /// Sum of the weighted bond energies \[J\]; with nodal weighting bonds carry the mean of `alpha`
     /// at their ends, and no force derives from the sum. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        let bonds = self.body.pairs().len();
-        let part = |c: usize| -> f64 {
-            (c * CHUNK..((c + 1) * CHUNK).min(bonds))
-                .map(|b| self.bond_energy(b, q))
-                .sum()
-        };
-        let chunks = bonds.div_ceil(CHUNK);
-        if chunks > 2 && rayon::current_num_threads() > 1 {
-            let parts: Vec<f64> = (0..chunks).into_par_iter().map(part).collect();
-            return parts.iter().sum();
-        }
-        (0..chunks).map(part).sum()
+        parallel::sum(self.body.pairs().len(), &|bonds| {
+            bonds.map(|b| self.bond_energy(b, q)).sum()
+        })
     }
 
     /// `2/omega_max` \[s\] by Lanczos about the reference configuration, from the largest Ritz value
     /// plus its residual: never above the critical step by more than 5e-5 of it, in memory of a few
     /// vectors. Under the finite-rotation law this is the step of the undeformed body.
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
-        self.check_size("inverse inertia", inverse_inertia.len())?;
+        check_size(self, "inverse inertia", inverse_inertia.len())?;
         let n = self.nodes.len();
         // D K with diagonal D has the eigenvalues of D^1/2 K D^1/2: nodal factors join the masses.
         let factor = |dof: usize| {

@@ -1,9 +1,9 @@
 //! Assembled stiffness in block compressed rows.
 
 use super::{CHUNK, Incidence, SERIAL, element_stiffness};
-use crate::material::Elastic;
 use crate::mesh::Mesh;
 use arlequin_core::Real;
+use arlequin_core::material::Elastic;
 use rayon::prelude::*;
 use sprs::CsMat;
 use std::ops::Range;

@@ -2,9 +2,9 @@
 
 use super::{CHUNK, Incidence, SERIAL};
 use crate::element::{self, ElementKind};
-use crate::material::Elastic;
 use crate::mesh::Mesh;
 use arlequin_core::Real;
+use arlequin_core::material::Elastic;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -113,7 +113,7 @@ impl<T: Real> ElementLoop<T> {
             for (u, g) in u.iter().zip(g) {
                 h += u * g.transpose();
             }
-            let (lambda, mu) = self.material.lame();
+            let [lambda, mu] = self.material.lame();
             let mut stress = (h + h.transpose()) * (mu * w);
             let pressure = h.trace() * lambda * w;
             (0..3).for_each(|a| stress[(a, a)] += pressure);

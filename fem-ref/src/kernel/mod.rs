@@ -11,9 +11,9 @@ pub use blocks::BlockMatrix;
 pub use elements::ElementLoop;
 
 use crate::element::{self, ElementKind, MAX_CORNERS};
-use crate::material::Elastic;
 use crate::mesh::Mesh;
 use arlequin_core::Real;
+use arlequin_core::material::Elastic;
 use nalgebra::Matrix3;
 
 /// Nodes per parallel task.
@@ -62,7 +62,7 @@ pub(crate) fn element_stiffness<T: Real>(
 ) -> [[Matrix3<T>; MAX_CORNERS]; MAX_CORNERS] {
     let n = mesh.kind().corners();
     let mut k = [[Matrix3::zeros(); MAX_CORNERS]; MAX_CORNERS];
-    let (lambda, mu) = material.lame();
+    let [lambda, mu] = material.lame();
     element::for_each_gauss(mesh.kind(), &mesh.corners(e), mesh.section(), &mut |p| {
         let g = &p.gradients;
         for i in 0..n {

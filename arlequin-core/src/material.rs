@@ -1,7 +1,7 @@
-//! Linear isotropic elasticity: `σ = λ tr(ε) I + 2 μ ε`.
+//! Linear isotropic elasticity, the material that all continuum models share: `σ = λ tr(ε) I + 2 μ ε`.
 
-use crate::error::{Result, parameter};
-use arlequin_core::Real;
+use crate::error::invalid;
+use crate::{Real, Result};
 
 /// A homogeneous isotropic elastic material.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,34 +15,31 @@ impl<T: Real> Elastic<T> {
     /// Material with Young's modulus `E` \[Pa\], Poisson's ratio `ν` \[–\] and density `ρ` \[kg/m³\].
     ///
     /// ```
-    /// let silica = fem_ref::Elastic::new(72.5e9, 0.17, 2200.0)?;
-    /// assert!((silica.bar_speed() - 5740.6f64).abs() < 0.1);
-    /// # Ok::<(), fem_ref::Error>(())
+    /// use arlequin_core::material::Elastic;
+    /// let silica = Elastic::new(72.5e9f64, 0.17, 2200.0)?;
+    /// assert!((silica.bar_speed() - 5740.6).abs() < 0.1);
+    /// # Ok::<(), arlequin_core::Error>(())
     /// ```
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] unless `E > 0`, `−1 < ν < 0.5`, `ρ > 0` and all are finite.
+    /// [`crate::Error::InvalidParameter`] unless `E > 0`, `−1 < ν < 0.5`, `ρ > 0` and all are finite.
     pub fn new(young: T, poisson: T, density: T) -> Result<Self> {
         let positive = |x: T| x.is_finite() && x > T::zero();
         if !positive(young) {
-            return Err(parameter("young", young, "must be positive and finite [Pa]"));
+            return Err(invalid("young", young, "must be positive and finite [Pa]"));
         }
         if poisson == T::of(0.5) {
-            return Err(parameter(
+            return Err(invalid(
                 "poisson",
                 poisson,
                 "an incompressible material has no finite bulk modulus in a displacement model; use a value below 0.5, such as 0.49",
             ));
         }
         if !(poisson > -T::one() && poisson < T::of(0.5)) {
-            return Err(parameter("poisson", poisson, "must lie between -1 and 0.5"));
+            return Err(invalid("poisson", poisson, "must lie between -1 and 0.5"));
         }
         if !positive(density) {
-            return Err(parameter(
-                "density",
-                density,
-                "must be positive and finite [kg/m3]",
-            ));
+            return Err(invalid("density", density, "must be positive and finite [kg/m3]"));
         }
         Ok(Self {
             young,
@@ -66,12 +63,12 @@ impl<T: Real> Elastic<T> {
         self.density
     }
 
-    /// Lamé's `λ = E ν / ((1 + ν)(1 − 2ν))` and `μ = E / (2 (1 + ν))` \[Pa\].
-    pub fn lame(&self) -> (T, T) {
+    /// Lamé's `[λ, μ]`, `λ = E ν / ((1 + ν)(1 − 2ν))` and `μ = E / (2 (1 + ν))` \[Pa\].
+    pub fn lame(&self) -> [T; 2] {
         let one = T::one();
         let mu = self.young / (T::of(2.0) * (one + self.poisson));
         let lambda = self.young * self.poisson / ((one + self.poisson) * (one - self.poisson - self.poisson));
-        (lambda, mu)
+        [lambda, mu]
     }
 
     /// Speed of long axial waves in a bar, `c = √(E/ρ)` \[m/s\].

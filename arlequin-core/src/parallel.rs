@@ -1,0 +1,106 @@
+//! Loops over unknowns on all threads, with the same bits for any number of them.
+//!
+//! A step passes over every unknown a few times; on one thread those passes would cost a fast model as much as its
+//! forces. Element-wise loops give the same result however they are cut; sums are cut at fixed places and added in a
+//! fixed order. Nothing here allocates.
+
+use crate::Real;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Unknowns per unit of work.
+const CHUNK: usize = 4_096;
+
+/// Unknowns below which a second thread costs more than it brings.
+const LARGE: usize = 4 * CHUNK;
+
+/// Whether loops over `n` unknowns are worth more than one thread.
+#[must_use]
+pub fn pays(n: usize) -> bool {
+    n >= LARGE && rayon::current_num_threads() > 1
+}
+
+/// `to = from`.
+pub fn copy<T: Real>(to: &mut [T], from: &[T]) {
+    if !pays(to.len()) {
+        return to.copy_from_slice(from);
+    }
+    to.par_chunks_mut(CHUNK)
+        .zip(from.par_chunks(CHUNK))
+        .for_each(|(to, from)| to.copy_from_slice(from));
+}
+
+/// Sum over `0..n` of what `part` sums over a range.
+pub fn sum<T: Real>(n: usize, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
+    let chunks = n.div_ceil(CHUNK).max(1);
+    tree(0..chunks, pays(n), &|c| part(c * CHUNK..n.min((c + 1) * CHUNK)))
+}
+
+/// Pairwise sum of `term` over a range: the tree, and with it the result, depends on the range alone.
+fn tree<T: Real>(range: Range<usize>, parallel: bool, term: &(dyn Fn(usize) -> T + Sync)) -> T {
+    if range.len() == 1 {
+        return term(range.start);
+    }
+    let middle = range.start + range.len() / 2;
+    let (low, high) = (range.start..middle, middle..range.end);
+    let (a, b) = if parallel {
+        rayon::join(|| tree(low, true, term), || tree(high, true, term))
+    } else {
+        (tree(low, false, term), tree(high, false, term))
+    };
+    a + b
+}
+
+/// `v += h a`, `q += dt v`, `force = 0`.
+pub(crate) fn kick_and_drift<T: Real>(h: T, dt: T, q: &mut [T], v: &mut [T], a: &[T], force: &mut [T]) {
+    let part = |q: &mut [T], v: &mut [T], a: &[T], f: &mut [T]| {
+        for ((q, v), (a, f)) in q.iter_mut().zip(v).zip(a.iter().zip(f)) {
+            *v += h * *a;
+            *q += dt * *v;
+            *f = T::zero();
+        }
+    };
+    if !pays(q.len()) {
+        return part(q, v, a, force);
+    }
+    let moving = q.par_chunks_mut(CHUNK).zip(v.par_chunks_mut(CHUNK));
+    let driving = a.par_chunks(CHUNK).zip(force.par_chunks_mut(CHUNK));
+    moving.zip(driving).for_each(|((q, v), (a, f))| part(q, v, a, f));
+}
+
+/// `a = w force`, `v += h a`.
+pub(crate) fn accelerate<T: Real>(h: T, v: &mut [T], a: &mut [T], force: &[T], w: &[T]) {
+    let part = |v: &mut [T], a: &mut [T], f: &[T], w: &[T]| {
+        for ((v, a), (f, w)) in v.iter_mut().zip(a).zip(f.iter().zip(w)) {
+            *a = *f * *w;
+            *v += h * *a;
+        }
+    };
+    if !pays(v.len()) {
+        return part(v, a, force, w);
+    }
+    let moving = v.par_chunks_mut(CHUNK).zip(a.par_chunks_mut(CHUNK));
+    let driving = force.par_chunks(CHUNK).zip(w.par_chunks(CHUNK));
+    moving.zip(driving).for_each(|((v, a), (f, w))| part(v, a, f, w));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::sum;
+
+    #[test]
+    fn a_sum_has_the_same_bits_on_any_number_of_threads() {
+        let x: Vec<f64> = (0..100_003).map(|i| (f64::from(i) * 0.37).sin()).collect();
+        let of = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            pool.map(|p| p.install(|| sum(x.len(), &|r| x[r].iter().sum())))
+                .map_or(f64::NAN, |s: f64| s)
+        };
+        let one = of(1);
+        assert!((one - x.iter().sum::<f64>()).abs() < 1e-10);
+        for threads in [2, 3] {
+            assert_eq!(one.to_bits(), of(threads).to_bits(), "{threads} threads");
+        }
+        assert!(sum::<f64>(0, &|r| r.len() as f64).abs() < 1e-300);
+    }
+}
