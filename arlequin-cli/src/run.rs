@@ -173,7 +173,12 @@ fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
         .map(|(k, w)| curve(w, ENERGY_COLUMNS.len() + k))
         .collect();
     curves.push(curve("unexplained drift of H", 5));
-    let plot = Plot::over_time(headline(title, "energy ledger"), "work since the start", "J", curves);
+    let plot = Plot::over_time(
+        headline(title, "energy ledger"),
+        "work since the start",
+        "J",
+        curves,
+    );
     plots::draw(&path.join("ledger.svg"), &plot)
 }
 

@@ -114,12 +114,18 @@ fn gradient_junctions_on_particles() {
     };
     // Gradients fitted to the bonded neighbours, and natural neighbours with a mediator drawn into their hull.
     let h1 = "interface.middle.junction.kind=h1-gradient";
-    let natural = ["model.right.dem.field=natural", "interface.middle.sampling=projection"];
+    let natural = [
+        "model.right.dem.field=natural",
+        "interface.middle.sampling=projection",
+    ];
     for fields in [&[][..], &natural[..]] {
         let all: Vec<&str> = [h1].into_iter().chain(fields.iter().copied()).collect();
         let found = condition(&all);
         assert!(found > 1.0 && found < 1e6, "{fields:?}: {found:e}");
     }
     let (plan, message) = check(&["interface.middle.sampling=intersection"]);
-    assert!(plan.is_none() && message.contains("use 'particles' sampling"), "{message}");
+    assert!(
+        plan.is_none() && message.contains("use 'particles' sampling"),
+        "{message}"
+    );
 }

@@ -261,9 +261,7 @@ mod tests {
             next = next.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             (next >> 40) as f64 / (1u64 << 24) as f64 - 0.5
         };
-        let mut centres: Vec<_> = (0..9)
-            .map(|_| Point3::new(noise(), noise(), noise()))
-            .collect();
+        let mut centres: Vec<_> = (0..9).map(|_| Point3::new(noise(), noise(), noise())).collect();
         // Three particles in a plane of their own.
         centres.extend([0.0, 1.0, 2.0].map(|y: f64| Point3::new(10.0, y, y * y)));
         let mut pairs: Vec<[u32; 2]> = (1..9).map(|j| [0, j]).collect();

@@ -63,7 +63,10 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     let inset;
     let (request, mesh) = if table.mediator.shape.is_none() && is_hull(sides[1].1) {
         inset = within_hull(request, sides[1].1)?;
-        let request = Request { shape: &inset, ..request };
+        let request = Request {
+            shape: &inset,
+            ..request
+        };
         (request, request.mesh()?)
     } else {
         (request, request.mesh()?)
@@ -279,13 +282,18 @@ fn within_hull(request: Request<'_>, fine: &Body) -> Result<Shape> {
         let Some(shape) = moved_inwards(request.shape, &fine.shape, inset) else {
             break;
         };
-        let mesh = Request { shape: &shape, ..request }.mesh()?;
+        let mesh = Request {
+            shape: &shape,
+            ..request
+        }
+        .mesh()?;
         let mut nodes = mesh.nodes().iter();
         if nodes.all(|x| fine.field.shape_at(x, false, &mut row).is_ok()) {
             return Ok(shape);
         }
     }
-    let rule = "no mediator fits into the hull of the particles; give mediator.shape, or dem.field = \"particles\"";
+    let rule =
+        "no mediator fits into the hull of the particles; give mediator.shape, or dem.field = \"particles\"";
     Err(key(request.key, rule))
 }
 
@@ -314,7 +322,13 @@ fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
                 radius,
             })
         }
-        (Shape::Box { low, high }, Shape::Box { low: first, high: last }) => {
+        (
+            Shape::Box { low, high },
+            Shape::Box {
+                low: first,
+                high: last,
+            },
+        ) => {
             let mut corners = [[0.0; 3]; 2];
             for c in 0..3 {
                 let [a, b] = ends(low[c], high[c], first[c], last[c])?;

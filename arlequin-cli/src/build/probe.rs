@@ -38,7 +38,10 @@ impl Reader {
                 rotation(&path, body, &nodes, c)?
             }
             (Some(_), None) if probe.quantity == Quantity::Rotation => {
-                return Err(key(format!("{path}.at"), "a rotation is that of a group of nodes; give where"));
+                return Err(key(
+                    format!("{path}.at"),
+                    "a rotation is that of a group of nodes; give where",
+                ));
             }
             (Some(at), None) => {
                 let mut row = ShapeRow::default();
@@ -87,7 +90,10 @@ fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<Vec<(u
     let arm = |n: usize| axis.cross(&(points[n] - centre));
     let polar: f64 = nodes.iter().map(|&n| arm(n).norm_squared()).sum();
     if polar <= 0.0 || count < 3 {
-        return Err(key(path, "a rotation needs several nodes around its axis; choose a larger group"));
+        return Err(key(
+            path,
+            "a rotation needs several nodes around its axis; choose a larger group",
+        ));
     }
     let of = |&n: &usize| {
         let arm = arm(n) / polar;

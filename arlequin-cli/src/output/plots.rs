@@ -34,12 +34,7 @@ pub(crate) struct Plot<'a> {
 
 impl<'a> Plot<'a> {
     /// A plot over time, linear.
-    pub(crate) fn over_time(
-        title: String,
-        quantity: &'a str,
-        unit: &'a str,
-        curves: Vec<Curve<'a>>,
-    ) -> Self {
+    pub(crate) fn over_time(title: String, quantity: &'a str, unit: &'a str, curves: Vec<Curve<'a>>) -> Self {
         Self {
             title,
             across: ["time", "s"],
