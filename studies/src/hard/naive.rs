@@ -164,6 +164,32 @@ impl Naive {
         self
     }
 
+    /// The same stiffness with the masses of another run: weights of elements in the one, of nodes in the other.
+    #[must_use]
+    pub fn with_masses_of(mut self, run: &Coupled<f64>) -> Self {
+        let [c, d] = [&run.subdomains()[COARSE], &run.subdomains()[FINE]];
+        let all = c.inertia().iter().chain(d.inertia()).copied();
+        self.mass = DVector::from_iterator(self.mass.len(), all);
+        let inverse = DMatrix::from_diagonal(&self.mass.map(|m| 1.0 / m));
+        let s = &self.b * inverse * self.b.transpose();
+        self.inverse = s
+            .clone()
+            .try_inverse()
+            .unwrap_or_else(|| DMatrix::from_element(s.nrows(), s.ncols(), f64::NAN));
+        self
+    }
+
+    /// Critical step of the two free models \[s\].
+    #[must_use]
+    pub fn critical_step(&self) -> f64 {
+        let n = self.mass.len();
+        let mut k = DMatrix::<f64>::zeros(n, n);
+        for (v, (i, j)) in self.stiffness.iter() {
+            k[(i, j)] += *v / (self.mass[i] * self.mass[j]).sqrt();
+        }
+        2.0 / k.symmetric_eigenvalues().max().sqrt()
+    }
+
     /// Condition number of the multiplier operator, unscaled; infinite if it is not positive definite to round-off.
     #[must_use]
     pub fn condition(&self) -> f64 {

@@ -2,6 +2,7 @@
 
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::solid::{self, block};
+use arlequin::core::interface::{InterfaceOptions, InterfaceSpec, Sampling};
 use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Vector3;
 use arlequin::core::observer::Silent;
@@ -93,7 +94,14 @@ fn coupled(packing: &Packing, step: TimeStep<f64>) -> Result<Coupled<f64>> {
         12,
     )?;
     let mediator = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
-    Coupled::new(bodies, vec![solid::spec(mediator, Box::new(L2))], step, None)
+    let interface = InterfaceSpec {
+        options: InterfaceOptions {
+            sampling: Sampling::Particles,
+            ..InterfaceOptions::default()
+        },
+        ..solid::spec(mediator, Box::new(L2))
+    };
+    Coupled::new(bodies, vec![interface], step, None)
 }
 
 /// What every packing must give: figures of ours at 0.9 of the critical step and of the spring rule.

@@ -1,5 +1,6 @@
 //! Small weights, weights of different shape.
 
+use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::line::{Line, rest, run};
 use crate::waves::random_state;
@@ -14,7 +15,7 @@ pub(super) const CASES: &[HardCase] = &[
     HardCase {
         name: "epsilon 0, 1e-6, 1e-12, weights of elements",
         why: "weighted masses at the border vanish with epsilon",
-        naive: "weights at nodes: the critical step falls with epsilon",
+        naive: "stiffness with means, masses with weights at nodes: the critical step falls with epsilon",
         promise: "critical step unchanged, invariant kept, also for epsilon = 0",
         fast: true,
         run: epsilon_energy,
@@ -22,7 +23,7 @@ pub(super) const CASES: &[HardCase] = &[
     HardCase {
         name: "epsilon 0, 1e-6, 1e-12, weights at nodes",
         why: "the law of the literature is neither symmetric nor bounded below in mass",
-        naive: "the step of the unweighted models: blow-up",
+        naive: "stiffness with means, masses with weights at nodes, half of the unweighted critical step: blow-up",
         promise: "epsilon = 0 and too large steps are refused; growth ends the run with a named error",
         fast: true,
         run: epsilon_nodal,
@@ -76,49 +77,59 @@ fn epsilon_energy() -> Result<Outcome> {
         let condition = c.interfaces()[0].report().condition;
         out.add(format!("condition, epsilon {epsilon:e}"), condition, 1.0..=1e3);
         if epsilon > 0.0 {
-            let nodal = free(&line(epsilon, Weighting::Nodal)).build(&rest, &rest)?;
-            let high = if epsilon > 1e-9 { 0.05 } else { 5e-5 };
-            out.add_naive(
-                format!("critical step, epsilon {epsilon:e}"),
-                critical(&nodal),
-                0.0..=high,
-            );
+            let high = if epsilon > 1e-9 { 0.1 } else { 1e-3 };
+            let naive = naive(epsilon)?.critical_step();
+            out.add_naive(format!("critical step, epsilon {epsilon:e}"), naive, 0.0..=high);
         }
     }
     Ok(out)
+}
+
+/// Stiffness with the means of the weights, masses with their values at the nodes.
+fn naive(epsilon: f64) -> Result<Naive> {
+    let linear = |weighting| {
+        free(&Line {
+            profile: Profile::Linear,
+            ..line(epsilon, weighting)
+        })
+    };
+    let means = random_state(&linear(Weighting::Energy), [2, 1])?;
+    let nodes = linear(Weighting::Nodal).build(&rest, &rest)?;
+    let mediator = line(epsilon, Weighting::Energy).mediator_space()?;
+    Ok(Naive::new(&means, &*mediator, 0.0, Rule::Refined)?.with_masses_of(&nodes))
 }
 
 fn epsilon_nodal() -> Result<Outcome> {
     let mut out = Outcome::default();
     let zero = free(&line(0.0, Weighting::Nodal)).build(&rest, &rest);
     out.add_refusal("epsilon = 0", zero, |e| matches!(e, Error::ZeroMass { .. }));
+    let narrow = line(1e-12, Weighting::Nodal).build(&rest, &rest);
+    out.add_refusal(
+        "half of the unweighted critical step, epsilon 1e-12,",
+        narrow,
+        |e| matches!(e, Error::UnstableStep { .. }),
+    );
     for epsilon in [1e-6, 1e-12] {
-        let nodal = line(epsilon, Weighting::Nodal);
-        out.add_refusal(
-            &format!("half of the unweighted critical step, epsilon {epsilon:e},"),
-            nodal.build(&rest, &rest),
-            |e| matches!(e, Error::UnstableStep { .. }),
+        let mut own = random_state(&free(&line(epsilon, Weighting::Nodal)), [2, 1])?;
+        out.add(
+            format!("critical step, epsilon {epsilon:e}"),
+            critical(&own),
+            0.01..=0.9,
         );
-        let mut own = random_state(&free(&nodal), [2, 1])?;
         let end = step_of_blow_up(&mut own, 20_000)?;
         // Both outcomes are named: the drift stays below the guard's bound, or the guard ends the run.
         let top = if end.is_finite() { 0.0 } else { own.drift() };
         out.add(
-            format!("drift at 0.9 of its own critical step, epsilon {epsilon:e}"),
+            format!("drift at 0.9 of its own critical step, epsilon {epsilon:e} (0: ended by the guard)"),
             top,
             0.0..=10.0,
         );
-        let unchecked = Line {
-            step: TimeStep::Unchecked(0.5),
-            ..nodal
-        };
-        let end = step_of_blow_up(&mut random_state(&unchecked, [2, 1])?, 1000)?;
-        out.add_naive(
-            format!("step at which the run leaves all bounds, epsilon {epsilon:e}"),
-            end,
-            1.0..=100.0,
-        );
     }
+    out.add_naive(
+        "energy over that of the start after 200 steps of half the unweighted critical step, epsilon 1e-12",
+        naive(1e-12)?.run(0.5, 200).growth,
+        1e6..=f64::INFINITY,
+    );
     Ok(out)
 }
 
