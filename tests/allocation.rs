@@ -26,7 +26,7 @@ fn steady_state_allocates_nothing() {
 }
 
 fn natural_neighbours() {
-    let mut next = support::noise(5);
+    let mut next = arlequin_studies::noise(5);
     let mut cloud = |n: usize, s: f64| -> Vec<_> {
         (0..n)
             .map(|_| Point3::new(s * next(), s * next(), s * next()))

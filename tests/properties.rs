@@ -13,9 +13,10 @@ use arlequin::core::overlap::{Overlap, Primitive, Shell, Slab};
 use arlequin::core::weight::{Complement, Profile, Ramp, Weight};
 use arlequin::core::{Model, Subdomain, Weighting, Weights};
 use arlequin::fem_ref::{ElementKind, FemMediator, FemModel, Mesh};
+use arlequin_studies::noise;
 use proptest::prelude::*;
 use std::sync::Arc;
-use support::{noise, solid};
+use support::solid;
 
 fn profile() -> impl Strategy<Value = Profile<f64>> {
     prop_oneof![

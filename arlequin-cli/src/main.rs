@@ -12,6 +12,7 @@ mod report;
 mod run;
 mod scene;
 mod spectrum;
+mod verify;
 
 use clap::{Args, Parser, Subcommand};
 use error::{Error, Result};
@@ -45,6 +46,8 @@ enum Command {
         #[command(flatten)]
         common: Common,
     },
+    /// Run the decks of the literature and compare with their numbers.
+    Verify(verify::Args),
 }
 
 #[derive(Debug, Args)]
@@ -75,6 +78,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let common = match &cli.command {
         Command::Run { common, .. } | Command::Check { common } => common,
+        Command::Verify(args) => return verify::verify(args).unwrap_or_else(|e| fail(&e, None)),
     };
     let source = match Source::read(&common.scene) {
         Ok(s) => s,
@@ -98,6 +102,7 @@ fn dispatch(command: &Command, common: &Common, source: &Source) -> Result<ExitC
     match command {
         Command::Run { out, force, .. } => run::run(&input, out.as_deref(), *force),
         Command::Check { .. } => check::check(&input).map(|()| ExitCode::SUCCESS),
+        Command::Verify(args) => verify::verify(args),
     }
 }
 

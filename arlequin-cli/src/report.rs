@@ -19,11 +19,15 @@ pub(crate) struct Progress(ProgressBar);
 impl Progress {
     /// Bar over a number of steps.
     pub(crate) fn new(steps: usize) -> Self {
-        let bar = ProgressBar::new(steps as u64);
+        Self::over(steps, "steps")
+    }
+
+    /// Bar over a number of anything.
+    pub(crate) fn over(count: usize, what: &str) -> Self {
+        let bar = ProgressBar::new(count as u64);
         if std::io::stderr().is_terminal() {
-            let style =
-                ProgressStyle::with_template("{bar:40} {pos}/{len} steps, {elapsed} gone, {eta} to go");
-            if let Ok(style) = style {
+            let template = format!("{{bar:40}} {{pos}}/{{len}} {what}, {{elapsed}} gone, {{eta}} to go");
+            if let Ok(style) = ProgressStyle::with_template(&template) {
                 bar.set_style(style);
             }
             bar.enable_steady_tick(Duration::from_millis(200));
@@ -37,6 +41,11 @@ impl Progress {
     pub(crate) fn set(&self, made: usize) {
         self.0.set_position(made as u64);
     }
+
+    /// One more made.
+    pub(crate) fn advance(&self) {
+        self.0.inc(1);
+    }
 }
 
 impl Drop for Progress {
@@ -48,6 +57,16 @@ impl Drop for Progress {
 /// Shows an error.
 pub(crate) fn error(text: &str) {
     eprint!("{text}");
+}
+
+/// Prints a line.
+pub(crate) fn line(text: &str) {
+    println!("{text}");
+}
+
+/// Prints text as it is.
+pub(crate) fn text(text: &str) {
+    print!("{text}");
 }
 
 /// Prints JSON.

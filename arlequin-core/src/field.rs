@@ -80,6 +80,9 @@ pub trait Interpolation<T: Real>: Send + Sync {
     }
 }
 
+/// Rings of neighbours among which a particle looks for those that span space.
+const RINGS: usize = 4;
+
 /// Particle quadrature `∫ λ·ḋ ≈ Σ_i V_i λ(x_i)·ḋ_i`: the field exists at the particle centres only.
 ///
 /// Both sides of an interface are then sampled at the particles, which keeps both momenta exact. With
@@ -143,8 +146,8 @@ impl<T: Real> ParticleField<T> {
     /// `∇d(x_i) = (Σ_j w_j x_ij x_ijᵀ)⁻¹ Σ_j w_j x_ij (d_j − d_i)ᵀ`, `x_ij = x_j − x_i`, `w_j = 1/|x_ij|²`.
     ///
     /// The least-squares gradient of a linear field is exact and that of a uniform one zero, so that momenta stay
-    /// exact. A particle whose neighbours nearly lie in a plane takes the neighbours of its neighbours as well; where
-    /// these do not span space either, asking for the gradient is an error.
+    /// exact. A particle whose neighbours nearly lie in a plane takes those of its neighbours as well, up to four rings;
+    /// where these do not span space either, asking for the gradient is an error.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] for a pair beyond the particles.
@@ -163,15 +166,20 @@ impl<T: Real> ParticleField<T> {
             around[i].push(j);
             around[j].push(i);
         }
+        // Chains of loosely bonded particles on a surface need more than the second ring.
         let own = |i: usize| {
-            self.least_squares(i, &around[i]).or_else(|| {
-                let mut wide = around[i].clone();
-                wide.extend(around[i].iter().flat_map(|&j| around[j].iter().copied()));
+            let mut wide = around[i].clone();
+            for _ in 0..RINGS {
+                if let Some(row) = self.least_squares(i, &wide) {
+                    return Some(row);
+                }
+                let next: Vec<usize> = wide.iter().flat_map(|&j| around[j].iter().copied()).collect();
+                wide.extend(next);
                 wide.sort_unstable();
                 wide.dedup();
                 wide.retain(|&j| j != i);
-                self.least_squares(i, &wide)
-            })
+            }
+            None
         };
         self.gradients = (0..count).map(|i| own(i).unwrap_or_default()).collect();
         Ok(self)

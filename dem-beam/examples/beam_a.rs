@@ -2,7 +2,7 @@
 //! at the other end by a force of 1 kN that acts at once. Prints the mean elongation and the first
 //! three axial frequencies beside beam theory and the published discrete-element values.
 //!
-//! `cargo run --release -p dem-beam --example beam_a -- [spheres] [periods] [quench]`
+//! `cargo run --release -p dem-beam --example beam_a -- [spheres] [periods] [seed] [quench]`
 #![allow(clippy::print_stdout, reason = "an example talks to a person")]
 
 use arlequin_core::effect::Load;
@@ -71,9 +71,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let count = arguments.next().map_or(Ok(5_000), |a| a.parse())?;
     let periods: f64 = arguments.next().map_or(Ok(12.0), |a| a.parse())?;
     let bar = Container::cylinder(LENGTH, RADIUS)?;
+    let seed = arguments.next().map_or(Ok(1), |a| a.parse())?;
     let spec = match arguments.next().as_deref() {
-        Some("quench") => PackingSpec::quench(bar, count, 1),
-        _ => PackingSpec::new(bar, count, 1),
+        Some("quench") => PackingSpec::quench(bar, count, seed),
+        _ => PackingSpec::new(bar, count, seed),
     };
     let clock = std::time::Instant::now();
     let model = DemModel::new("beam A", &spec.build()?, BeamMaterial::SILICA, DENSITY)?;

@@ -7,7 +7,7 @@
 //! agree within 3 %.
 
 use crate::bond::BeamMaterial;
-use crate::error::{DemError, Result, positive};
+use crate::error::{DemError, Result, finite, positive};
 use crate::kernel::Held;
 use crate::packing::Packing;
 use crate::particles::BondedParticles;
@@ -36,6 +36,34 @@ pub struct Elasticity {
     pub poisson: f64,
     /// Iterations of the static solve.
     pub iterations: usize,
+}
+
+/// Largest accepted difference between the two moduli, relative. Beyond it the packing has an axial density wave, as
+/// starts that are not stratified along the bar make them.
+pub const UNIFORM: f64 = 0.03;
+
+impl Elasticity {
+    /// Refuses a bar whose gauge section differs from the whole.
+    ///
+    /// # Errors
+    /// [`DemError::AxialWave`] if the moduli differ by more than [`UNIFORM`].
+    pub fn check_uniform(&self) -> Result<()> {
+        check_uniform(self.young, self.young_gauge)
+    }
+}
+
+fn check_uniform(whole: f64, gauge: f64) -> Result<()> {
+    let difference = gauge / whole - 1.0;
+    if difference.abs() <= UNIFORM {
+        Ok(())
+    } else {
+        Err(DemError::AxialWave {
+            whole,
+            gauge,
+            difference,
+            limit: UNIFORM,
+        })
+    }
 }
 
 /// Strain of the test; the law is linear, so any value does.
@@ -162,6 +190,27 @@ pub struct Statistics {
     pub poisson: Spread,
 }
 
+impl Statistics {
+    /// Of a few tests.
+    #[must_use]
+    pub fn of(tests: &[Elasticity]) -> Self {
+        let spread = |f: fn(&Elasticity) -> f64| Spread::of(&tests.iter().map(f).collect::<Vec<_>>());
+        Self {
+            young: spread(|e| e.young),
+            young_gauge: spread(|e| e.young_gauge),
+            poisson: spread(|e| e.poisson),
+        }
+    }
+
+    /// As [`Elasticity::check_uniform`], for the means: the ends of one small sample may differ by chance.
+    ///
+    /// # Errors
+    /// [`DemError::AxialWave`].
+    pub fn check_uniform(&self) -> Result<()> {
+        check_uniform(self.young.mean, self.young_gauge.mean)
+    }
+}
+
 /// Tension tests on packings that differ by their seed.
 ///
 /// # Errors
@@ -172,12 +221,7 @@ pub fn measure(packings: &[Packing], beam: BeamMaterial, bar: &Bar) -> Result<St
         // Statics does not ask for a density.
         all.push(tension_test(&p.bonded(beam, 1.0)?, bar)?);
     }
-    let spread = |f: fn(&Elasticity) -> f64| Spread::of(&all.iter().map(f).collect::<Vec<_>>());
-    Ok(Statistics {
-        young: spread(|e| e.young),
-        young_gauge: spread(|e| e.young_gauge),
-        poisson: spread(|e| e.poisson),
-    })
+    Ok(Statistics::of(&all))
 }
 
 /// The inverse: beams that give the packings the wanted elasticity.
@@ -191,12 +235,10 @@ pub struct Calibration {
     pub tests: usize,
 }
 
-/// Finds `E_mu` and the beam radius ratio for a wanted E (Pa) and nu. nu depends on the radius
-/// ratio alone and falls with it; E is proportional to `E_mu`.
+/// Finds `E_mu` and the beam radius ratio for a wanted E (Pa) and nu of bars, by [`beam_for`].
 ///
 /// # Errors
-/// [`DemError::OutOfRange`] if nu is not between what ratios 0.2 and 1.5 give; those of
-/// [`measure`].
+/// Those of [`beam_for`] and [`measure`].
 pub fn inverse(
     packings: &[Packing],
     bar: &Bar,
@@ -204,42 +246,63 @@ pub fn inverse(
     poisson: f64,
     beam_poisson: f64,
 ) -> Result<Calibration> {
+    let mut tests = 0;
+    let beam = beam_for(young, poisson, beam_poisson, |beam| {
+        tests += packings.len();
+        let found = measure(packings, beam, bar)?;
+        Ok([found.young.mean, found.poisson.mean])
+    })?;
+    let reached = measure(packings, beam, bar)?;
+    Ok(Calibration {
+        beam,
+        reached,
+        tests: tests + packings.len(),
+    })
+}
+
+/// Beam radius ratios between which [`beam_for`] searches.
+pub const RATIOS: [f64; 2] = [0.2, 1.5];
+/// How near the wanted Poisson's ratio is met: below any seed spread.
+const NEAR: f64 = 1e-4;
+
+/// Finds the beams for a wanted E (Pa) and nu, whatever `test` measures them by: it gives E (Pa) and nu that beams
+/// lead to. nu depends on the radius ratio alone and falls with it; E is proportional to that of the beams.
+///
+/// # Errors
+/// [`DemError::OutOfRange`] if E is not positive; [`DemError::PoissonOutOfReach`] if nu is not between what the ends
+/// of [`RATIOS`] give; [`DemError::NoConvergence`]; those of `test`.
+pub fn beam_for(
+    young: f64,
+    poisson: f64,
+    beam_poisson: f64,
+    mut test: impl FnMut(BeamMaterial) -> Result<[f64; 2]>,
+) -> Result<BeamMaterial> {
     positive("wanted Young's modulus", young)?;
-    let beam = |ratio: f64, young: f64| BeamMaterial {
+    finite("wanted Poisson's ratio", "target", 0, poisson)?;
+    let beam = |radius_ratio: f64, young: f64| BeamMaterial {
         young,
         poisson: beam_poisson,
-        radius_ratio: ratio,
+        radius_ratio,
     };
-    let test = |ratio: f64| measure(packings, beam(ratio, 1e9), bar);
-    let (mut low, mut high) = (0.2, 1.5);
-    let (mut f_low, mut f_high) = (
-        test(low)?.poisson.mean - poisson,
-        test(high)?.poisson.mean - poisson,
-    );
-    let mut tests = 2 * packings.len();
+    let mut test = |ratio: f64| test(beam(ratio, UNIT)).map(|[e, nu]| (e, nu - poisson));
+    let [mut low, mut high] = RATIOS;
+    let (mut f_low, mut f_high) = (test(low)?.1, test(high)?.1);
     let bracketed = f_low * f_high <= 0.0;
     if !bracketed {
-        return Err(DemError::OutOfRange {
-            name: "wanted Poisson's ratio",
-            value: poisson,
-            range: "between those of beam radius ratios 0.2 and 1.5 on this packing",
+        return Err(DemError::PoissonOutOfReach {
+            wanted: poisson,
+            thick: f_high + poisson,
+            thin: f_low + poisson,
+            ratios: RATIOS,
         });
     }
-    // Regula falsi, Illinois variant: 1e-4 in nu is below any seed spread.
+    // Regula falsi, Illinois variant.
     let mut last_side = 0;
     for _ in 0..40 {
         let ratio = (low * f_high - high * f_low) / (f_high - f_low);
-        let now = test(ratio)?;
-        tests += packings.len();
-        let f = now.poisson.mean - poisson;
-        if f.abs() < 1e-4 {
-            let found = beam(ratio, 1e9 * young / now.young.mean);
-            let reached = measure(packings, found, bar)?;
-            return Ok(Calibration {
-                beam: found,
-                reached,
-                tests: tests + packings.len(),
-            });
+        let (found, f) = test(ratio)?;
+        if f.abs() < NEAR {
+            return Ok(beam(ratio, UNIT * young / found));
         }
         if f * f_high > 0.0 {
             (high, f_high) = (ratio, f);
@@ -257,11 +320,14 @@ pub fn inverse(
     }
     Err(DemError::NoConvergence {
         what: "inverse calibration",
-        iterations: tests,
+        iterations: 42,
         residual: f_low.abs().min(f_high.abs()),
-        tolerance: 1e-4,
+        tolerance: NEAR,
     })
 }
+
+/// Modulus of the beams while their radius is sought (Pa); the law is linear, so any value does.
+const UNIT: f64 = 1e9;
 
 /// Clamp of the particles that touch the plane `x = at` from above, all components.
 #[must_use]

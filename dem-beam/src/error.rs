@@ -140,6 +140,28 @@ pub enum DemError {
         /// Largest accepted depth (m).
         limit: f64,
     },
+    /// A periodic box in which a sphere would meet its own image.
+    #[error(
+        "the periodic box has an edge of {shortest:e} m, below {limit:e} m (twelve largest radii): ask for more \
+         particles"
+    )]
+    PeriodTooShort {
+        /// Shortest edge (m).
+        shortest: f64,
+        /// Shortest accepted edge (m).
+        limit: f64,
+    },
+    /// A periodic packing where a body with a surface is needed.
+    #[error(
+        "{what} cannot be made of a periodic packing, whose bonds join images: pack a container with walls"
+    )]
+    Periodic {
+        /// What was wanted.
+        what: &'static str,
+    },
+    /// A packing with walls where a periodic one is needed.
+    #[error("bulk elasticity needs a periodic packing: make it in `Container::periodic`")]
+    NotPeriodic,
     /// A triangle surface that does not enclose a volume.
     #[error("the surface is not closed: edge {first}-{second} belongs to {count} triangles")]
     OpenSurface {
@@ -199,6 +221,40 @@ pub enum DemError {
         /// Residual wanted.
         tolerance: f64,
     },
+    /// A bar whose middle is stiffer or softer than the whole of it.
+    #[error(
+        "the gauge section has E = {gauge:.4e} Pa, {:+.1} % from the {whole:.4e} Pa of the whole bar, above {:.0} %: \
+         the packing has an axial density wave; take more particles, another seed, or the onset protocol",
+        100.0 * difference,
+        100.0 * limit
+    )]
+    AxialWave {
+        /// Young's modulus over the whole bar (Pa).
+        whole: f64,
+        /// Young's modulus of the gauge section (Pa).
+        gauge: f64,
+        /// Relative difference.
+        difference: f64,
+        /// Largest accepted difference.
+        limit: f64,
+    },
+    /// No beams of sensible thickness give the wanted Poisson's ratio.
+    #[error(
+        "wanted Poisson's ratio {wanted}: beams of {} to {} mean radii give {thin:.4} to {thick:.4} on this packing; \
+         change the target or the coordination number",
+        ratios[0],
+        ratios[1]
+    )]
+    PoissonOutOfReach {
+        /// Ratio wanted.
+        wanted: f64,
+        /// What the thickest beams give.
+        thick: f64,
+        /// What the thinnest beams give.
+        thin: f64,
+        /// Radius ratios tried.
+        ratios: [f64; 2],
+    },
     /// The time step is above what the fastest mode allows.
     #[error("time step {step:e} s is above the critical step {critical:e} s: use at most 0.9 of it")]
     StepTooLarge {
@@ -231,6 +287,47 @@ pub enum DemError {
     /// A refusal of the coupling core.
     #[error(transparent)]
     Core(#[from] arlequin_core::Error),
+    /// A closed surface without an inside, such as a Klein bottle.
+    #[error(
+        "the triangles at edge {first}-{second} cannot be turned alike: the surface has one side only, and no inside"
+    )]
+    OneSidedSurface {
+        /// First vertex of the edge.
+        first: usize,
+        /// Second vertex of the edge.
+        second: usize,
+    },
+    /// Two spheres of an imported packing of which one holds the centre of the other.
+    #[error(
+        "particles {first} and {second} are {distance:e} m apart, but one has a radius of {limit:e} m: spheres of a \
+         packing touch, they do not hold each other's centres; check the unit of the radii"
+    )]
+    Overlapping {
+        /// Smaller particle number.
+        first: usize,
+        /// Larger particle number.
+        second: usize,
+        /// Distance of the centres (m).
+        distance: f64,
+        /// Smallest accepted distance: the larger radius (m).
+        limit: f64,
+    },
+    /// The bytes of a file are not what its format asks for.
+    #[error("this is no {format} file that can be read: {reason}")]
+    BadFile {
+        /// Format expected.
+        format: &'static str,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A file without the values needed.
+    #[error("no point array named {wanted}; the file has: {found}")]
+    MissingArray {
+        /// Names that were looked for.
+        wanted: String,
+        /// Names of the arrays there are.
+        found: String,
+    },
     /// A text file that does not read.
     #[error("line {line}: {reason}")]
     Parse {
@@ -251,6 +348,17 @@ pub enum DemError {
 
 /// Shorthand of this crate.
 pub type Result<T> = std::result::Result<T, DemError>;
+
+impl DemError {
+    /// A triangle that names a vertex that does not exist.
+    pub(crate) fn no_vertex(vertex: u32) -> Self {
+        Self::OutOfRange {
+            name: "vertex number of a triangle",
+            value: f64::from(vertex),
+            range: "numbers below the number of vertices",
+        }
+    }
+}
 
 /// Refuses NaN and infinities.
 pub(crate) fn finite(what: &'static str, object: &'static str, index: usize, value: f64) -> Result<()> {

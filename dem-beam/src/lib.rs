@@ -23,23 +23,26 @@
 //!
 //! | module | what |
 //! |---|---|
-//! | [`packing`] | random jammed packings, lattices, CSV, disk cache |
+//! | [`packing`] | random jammed packings in bodies and periodic boxes, lattices, files, disk cache |
 //! | [`bond`], [`finite`] | the two laws of one bond, in plain form |
 //! | [`particles`] | flat arrays: bonds, stiffness, masses, weights |
 //! | [`kernel`] | the whole velocity-Verlet step, SIMD chosen at run time, any number of threads |
 //! | [`model`] | the body behind the coupling traits: weights, supports, loads |
 //! | [`critical`] | the critical time step |
-//! | [`statics`], [`calibrate`] | equilibrium, macroscopic E and nu, and the inverse |
+//! | [`statics`], [`calibrate`], [`homogenise`] | equilibrium, E and nu of bars and of the bulk, the inverse |
 //!
-//! Left out: contact between unbonded particles, bond failure, gravity, periodic cells, and
-//! reading VTU files. Results are bit-identical for any number of threads on one machine;
-//! between instruction sets the last bits may differ.
+//! Left out: contact between unbonded particles, bond failure, gravity, and the motion of
+//! periodic bodies. Results are bit-identical for any number of threads on one machine; between
+//! instruction sets the last bits may differ.
+//!
+//! Features, both on by default: `stl` reads surfaces from STL, `vtu` spheres from VTU files.
 
 pub mod bond;
 pub mod calibrate;
 pub mod critical;
 pub mod error;
 pub mod finite;
+pub mod homogenise;
 pub mod kernel;
 pub mod model;
 pub mod packing;

@@ -8,6 +8,7 @@
 
 use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 use crate::error::{DemError, Result, finite, positive};
+use crate::packing::cells::image;
 use nalgebra::Vector3;
 
 /// Largest ratio of radii accepted (the neighbour search and the beam law lose their meaning).
@@ -55,6 +56,17 @@ impl BondedParticles {
         pairs: Vec<[u32; 2]>,
         matter: &Matter,
     ) -> Result<Self> {
+        Self::with_period(positions, radii, pairs, matter, None)
+    }
+
+    /// As [`Self::new`]; with a period, each beam joins the first particle to the nearest image of the second.
+    pub(crate) fn with_period(
+        positions: Vec<Vector3<f64>>,
+        radii: Vec<f64>,
+        pairs: Vec<[u32; 2]>,
+        matter: &Matter,
+        period: Option<[f64; 3]>,
+    ) -> Result<Self> {
         positive("density", matter.density)?;
         positive("body volume", matter.volume)?;
         check_spheres(&positions, &radii)?;
@@ -63,7 +75,7 @@ impl BondedParticles {
         let mut degree = vec![0_u32; positions.len()];
         let mut bonds = Vec::with_capacity(pairs.len());
         for (b, &[i, j]) in pairs.iter().enumerate() {
-            bonds.push(make_bond(b, [i, j], &positions, &radii)?);
+            bonds.push(make_bond(b, [i, j], &positions, &radii, period)?);
             degree[i as usize] += 1;
             degree[j as usize] += 1;
         }
@@ -306,7 +318,13 @@ pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result
     Ok(())
 }
 
-fn make_bond(bond: usize, [i, j]: [u32; 2], positions: &[Vector3<f64>], radii: &[f64]) -> Result<LinearBond> {
+fn make_bond(
+    bond: usize,
+    [i, j]: [u32; 2],
+    positions: &[Vector3<f64>],
+    radii: &[f64],
+    period: Option<[f64; 3]>,
+) -> Result<LinearBond> {
     let (first, second) = (i as usize, j as usize);
     let particle = first.max(second);
     if particle >= positions.len() {
@@ -316,7 +334,9 @@ fn make_bond(bond: usize, [i, j]: [u32; 2], positions: &[Vector3<f64>], radii: &
             count: positions.len(),
         });
     }
-    let length = (positions[second] - positions[first]).norm();
+    let d: [f64; 3] = (positions[second] - positions[first]).into();
+    let d = Vector3::from(period.map_or(d, |p| image(d, &p)));
+    let length = d.norm();
     let limit = COINCIDENT * (radii[first] + radii[second]);
     if first == second {
         return Err(DemError::ZeroLengthBond {
@@ -335,5 +355,5 @@ fn make_bond(bond: usize, [i, j]: [u32; 2], positions: &[Vector3<f64>], radii: &
             limit,
         });
     }
-    LinearBond::new(positions[first], positions[second], 1.0)
+    LinearBond::new(Vector3::zeros(), d, 1.0)
 }

@@ -5,6 +5,10 @@
 //! all get nodes. A group without a name in the file is called `point-1`, `curve-2`, `surface-3` or `volume-4` after
 //! its dimension and tag. Nodes are renumbered for locality; Gmsh's own tags are not kept.
 
+mod surface;
+
+pub use surface::{Triangles, load_surface};
+
 use crate::element::ElementKind;
 use crate::error::{Error, Result};
 use crate::mesh::{Facet, Mesh};

@@ -41,7 +41,7 @@ pub fn weights<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<Weights<T>>
 /// # Errors
 /// None with these numbers.
 pub fn material<T: Real>() -> Result<Elastic<T>> {
-    Ok(Elastic::new(T::of(1.0), T::of(0.25), T::of(1.0))?)
+    Elastic::new(T::of(1.0), T::of(0.25), T::of(1.0))
 }
 
 /// A multiplier space that fills the section.

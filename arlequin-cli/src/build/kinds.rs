@@ -74,7 +74,7 @@ pub(crate) fn body(name: &str, table: &ModelTable, folder: &Path) -> Result<Body
     match table.kind {
         Kind::Fem => finite_elements(name, &key, table, folder),
         Kind::Cnem => super::natural::body(name, &key, table, folder),
-        Kind::Dem => super::particles::body(name, &key, table),
+        Kind::Dem => super::particles::body(name, &key, table, folder),
         Kind::Chain => chain(name, &key, table),
     }
 }

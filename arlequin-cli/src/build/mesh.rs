@@ -18,6 +18,8 @@ pub(crate) struct View {
     pub(crate) corners: usize,
     /// Cell type of VTK.
     pub(crate) cell_type: u8,
+    /// Radii \[m\], if the points are spheres.
+    pub(crate) radii: Vec<f64>,
 }
 
 impl View {
@@ -32,6 +34,7 @@ impl View {
                 ElementKind::Tet4 => 10,
                 ElementKind::Hex8 => 12,
             },
+            radii: Vec::new(),
         }
     }
 
@@ -42,6 +45,7 @@ impl View {
             connectivity: (1..points.len() as u32).flat_map(|k| [k - 1, k]).collect(),
             corners: 2,
             cell_type: 3,
+            radii: Vec::new(),
         }
     }
 

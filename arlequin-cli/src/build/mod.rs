@@ -1,6 +1,7 @@
 //! From the scene to a run that is ready to step.
 
 mod drive;
+pub(crate) mod filling;
 mod joint;
 mod kinds;
 mod mesh;

@@ -52,6 +52,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         connectivity: model.domain().elements().flatten().map(|v| v as u32).collect(),
         corners: 4,
         cell_type: 10,
+        radii: Vec::new(),
     };
     Ok(Body {
         field: model.coarse_field(),

@@ -77,7 +77,7 @@ impl Frames {
             } else {
                 0
             };
-            fixed + (48 + weights) * m.view.points.len() + 8 * m.centres.len()
+            fixed + (48 + weights) * m.view.points.len() + 8 * (m.centres.len() + m.view.radii.len())
         };
         let mediator = |v: &View| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
         self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
@@ -132,6 +132,13 @@ impl Painter {
             components: 3,
             values: vectors(values, count, self.view.points.len()),
         };
+        if !self.view.radii.is_empty() {
+            points.push(Array {
+                name: "radius [m]".into(),
+                components: 1,
+                values: self.view.radii.clone(),
+            });
+        }
         for field in fields {
             match field {
                 OutputField::Displacement => points.push(vector("displacement [m]", &s.state().q)),

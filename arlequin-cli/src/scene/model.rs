@@ -1,6 +1,7 @@
 //! Model tables.
 
 use crate::build::Kind;
+use clap::ValueEnum;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -80,7 +81,7 @@ pub(crate) enum Shape {
         /// Cross-section \[m²\].
         section: f64,
     },
-    /// A Gmsh mesh, relative to the scene file.
+    /// A Gmsh mesh, or for particles also an STL surface; relative to the scene file.
     File(PathBuf),
 }
 
@@ -149,15 +150,19 @@ pub(crate) enum Functions {
 }
 
 /// Choices of particles.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct DemTable {
     /// Number of spheres, in place of `spacing`.
     pub(crate) count: Option<usize>,
     /// Seed of the random start.
-    pub(crate) seed: u64,
+    pub(crate) seed: Option<u64>,
     /// How the packing is compacted.
-    pub(crate) protocol: Protocol,
+    pub(crate) protocol: Option<Protocol>,
+    /// Spheres from a file (CSV, VTU) in place of a packing of ours, relative to the scene file.
+    pub(crate) file: Option<PathBuf>,
+    /// Name of the array of radii in a VTU file.
+    pub(crate) radii: Option<String>,
     /// Bonds per particle times two.
     pub(crate) coordination: Option<f64>,
     /// Young's modulus of the beams \[Pa\].
@@ -172,24 +177,8 @@ pub(crate) struct DemTable {
     pub(crate) finite_rotations: bool,
 }
 
-impl Default for DemTable {
-    fn default() -> Self {
-        Self {
-            count: None,
-            seed: 1,
-            protocol: Protocol::Onset,
-            coordination: None,
-            young: None,
-            poisson: None,
-            radius_ratio: None,
-            field: ParticleFieldKind::Particles,
-            finite_rotations: false,
-        }
-    }
-}
-
 /// How spheres are packed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Protocol {
     /// Grown to the onset of jamming: the elasticity comes out by itself.
@@ -199,10 +188,11 @@ pub(crate) enum Protocol {
 }
 
 /// Displacement field of particles in an overlap.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ParticleFieldKind {
     /// The particles themselves are the integration points.
+    #[default]
     Particles,
     /// Natural neighbours between the centres.
     Natural,

@@ -262,6 +262,26 @@ impl<W: RotationVector> OnLanes<f64> for AddForces<'_, '_, W> {
     }
 }
 
+/// First stage of slot `s`.
+#[inline(always)]
+fn fetch<L: Lanes, W: Law<L::T>, const FETCH: bool>(
+    l: L,
+    layout: &Layout<L::T, W>,
+    rows: &[Row<L::T>],
+    s: usize,
+    slot: &W::Slot,
+    ready: &W::Ready<L>,
+) -> W::Near<L> {
+    if FETCH && s + AHEAD < layout.neighbours.len() {
+        for &p in &layout.neighbours[s + AHEAD] {
+            l.prefetch(rows.as_ptr().wrapping_add(p as usize));
+        }
+    }
+    let near = &layout.neighbours[s];
+    let other = l.transpose(eight!(r => rows[near[r] as usize].0));
+    W::near(l, slot, ready, &other)
+}
+
 /// Forces on the eight particles of a block; also returns their rows.
 #[inline(always)]
 fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
@@ -277,15 +297,15 @@ fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
     let ready = W::ready(l, &own);
     let mut acc = [l.splat(L::T::default()); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
-    for s in range {
-        if FETCH && s + AHEAD < layout.neighbours.len() {
-            for &p in &layout.neighbours[s + AHEAD] {
-                l.prefetch(rows.as_ptr().wrapping_add(p as usize));
-            }
+    let mut before: Option<(&W::Slot, W::Near<L>)> = None;
+    for (slot, ahead) in layout.slots[range.clone()].iter().zip(range) {
+        let near = fetch::<L, W, FETCH>(l, layout, rows, ahead, slot, &ready);
+        if let Some((slot, near)) = before.replace((slot, near)) {
+            W::add(l, k, slot, &ready, &near, &mut acc);
         }
-        let near = &layout.neighbours[s];
-        let other = l.transpose(eight!(r => rows[near[r] as usize].0));
-        W::add(l, k, &layout.slots[s], &ready, &other, &mut acc);
+    }
+    if let Some((slot, near)) = before {
+        W::add(l, k, slot, &ready, &near, &mut acc);
     }
     W::finish(l, &layout.own[block], &own, &mut acc);
     (own, acc)

@@ -78,6 +78,8 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
     /// `1/a` to a few units in the last place.
     fn recip(self, a: Self::V) -> Self::V;
+    /// `sqrt(a)`.
+    fn sqrt(self, a: Self::V) -> Self::V;
     /// `1/sqrt(a)` to a few units in the last place.
     fn recip_sqrt(self, a: Self::V) -> Self::V;
     /// `a b + c`.
@@ -147,6 +149,10 @@ macro_rules! portable {
             #[inline(always)]
             fn recip(self, a: Self::V) -> Self::V {
                 eight!(k => a[k].recip())
+            }
+            #[inline(always)]
+            fn sqrt(self, a: Self::V) -> Self::V {
+                eight!(k => a[k].sqrt())
             }
             #[inline(always)]
             fn recip_sqrt(self, a: Self::V) -> Self::V {

@@ -93,6 +93,10 @@ impl Lanes for Wide512 {
         f._mm512_div_pd(f._mm512_set1_pd(1.0), a)
     }
     #[inline(always)]
+    fn sqrt(self, a: __m512d) -> __m512d {
+        self.0.avx512f._mm512_sqrt_pd(a)
+    }
+    #[inline(always)]
     fn recip_sqrt(self, a: __m512d) -> __m512d {
         let f = self.0.avx512f;
         f._mm512_div_pd(f._mm512_set1_pd(1.0), f._mm512_sqrt_pd(a))
@@ -225,6 +229,10 @@ impl Lanes for Wide256<f64> {
         both!(k => self.0.avx._mm256_div_pd(one, a[k]))
     }
     #[inline(always)]
+    fn sqrt(self, a: Self::V) -> Self::V {
+        both!(k => self.0.avx._mm256_sqrt_pd(a[k]))
+    }
+    #[inline(always)]
     fn recip_sqrt(self, a: Self::V) -> Self::V {
         let one = self.0.avx._mm256_set1_pd(1.0);
         both!(k => self.0.avx._mm256_div_pd(one, self.0.avx._mm256_sqrt_pd(a[k])))
@@ -319,6 +327,10 @@ impl Lanes for Wide256<f32> {
     #[inline(always)]
     fn recip(self, a: __m256) -> __m256 {
         self.0.avx._mm256_div_ps(self.0.avx._mm256_set1_ps(1.0), a)
+    }
+    #[inline(always)]
+    fn sqrt(self, a: __m256) -> __m256 {
+        self.0.avx._mm256_sqrt_ps(a)
     }
     #[inline(always)]
     fn recip_sqrt(self, a: __m256) -> __m256 {

@@ -30,6 +30,8 @@ pub(crate) trait Law<T: Scalar>: Copy + Send + Sync {
     type Own: Copy + Send + Sync + Default + std::fmt::Debug;
     /// What the loop over bonds needs of the eight particles.
     type Ready<L: Lanes<T = T>>: Copy;
+    /// What it needs of eight neighbours.
+    type Near<L: Lanes<T = T>>: Copy;
 
     /// Writes a half-bond, seen from its own particle, into lane `lane`.
     fn fill(slot: &mut Self::Slot, own: &mut Self::Own, lane: usize, bond: &LinearBond, k: &BeamRigidity);
@@ -37,13 +39,22 @@ pub(crate) trait Law<T: Scalar>: Copy + Send + Sync {
     /// From the rows of the eight particles.
     fn ready<L: Lanes<T = T>>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
 
-    /// Adds forces and torques on the eight own particles.
+    /// First stage of a slot, from the rows of the eight neighbours. It runs while the second stage of the slot
+    /// before is under way: the processor's own look-ahead is too short to hide loads, shuffles and roots.
+    fn near<L: Lanes<T = T>>(
+        l: L,
+        slot: &Self::Slot,
+        own: &Self::Ready<L>,
+        other: &[L::V; 8],
+    ) -> Self::Near<L>;
+
+    /// Second stage: adds forces and torques on the eight own particles.
     fn add<L: Lanes<T = T>>(
         l: L,
         k: &Rigidity<L>,
         slot: &Self::Slot,
         own: &Self::Ready<L>,
-        other: &[L::V; 8],
+        near: &Self::Near<L>,
         acc: &mut [L::V; 6],
     );
 
@@ -121,6 +132,8 @@ impl<T: Scalar> Law<T> for Linear {
     type Slot = LinearSlot<T>;
     type Own = LinearOwn<T>;
     type Ready<L: Lanes<T = T>> = Vec3<L>;
+    /// `u_j - u_i` and `th_j`.
+    type Near<L: Lanes<T = T>> = [Vec3<L>; 2];
 
     fn fill(
         slot: &mut LinearSlot<T>,
@@ -153,12 +166,18 @@ impl<T: Scalar> Law<T> for Linear {
     }
 
     #[inline(always)]
+    fn near<L: Lanes<T = T>>(l: L, _slot: &LinearSlot<T>, own: &Vec3<L>, other: &[L::V; 8]) -> [Vec3<L>; 2] {
+        let du = diff(l, [other[0], other[1], other[2]], *own);
+        [du, [other[4], other[5], other[6]]]
+    }
+
+    #[inline(always)]
     fn add<L: Lanes<T = T>>(
         l: L,
         k: &Rigidity<L>,
         slot: &LinearSlot<T>,
-        own: &Vec3<L>,
-        other: &[L::V; 8],
+        _own: &Vec3<L>,
+        &[du, tj]: &[Vec3<L>; 2],
         acc: &mut [L::V; 6],
     ) {
         let p: Vec3<L> = [
@@ -170,8 +189,6 @@ impl<T: Scalar> Law<T> for Linear {
         let q = dot(l, p, p);
         let b = l.mul(l.mul(k.bending2, s), q);
         let b3 = l.mul(b, k.three);
-        let du = diff(l, [other[0], other[1], other[2]], *own);
-        let tj: Vec3<L> = [other[4], other[5], other[6]];
         let lever = axpy(l, du, l.mul(k.two, q), cross(l, p, tj));
         let stretch = l.mul(l.mul(l.madd(k.minus_bending12, q, k.axial), s), dot(l, p, du));
         let f = axpy(l, p, stretch, axpy(l, lever, b3, [acc[0], acc[1], acc[2]]));
@@ -252,10 +269,23 @@ pub(crate) struct FiniteReady<L: Lanes> {
     turn: [Vec3<L>; 3],
 }
 
+/// Direction and length change of eight bonds, quaternions of the neighbours.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FiniteNear<L: Lanes> {
+    n: Vec3<L>,
+    /// `1/l`.
+    shrink: L::V,
+    /// `l - l0`.
+    stretch: L::V,
+    s: L::V,
+    q: Vec3<L>,
+}
+
 impl<T: Scalar> Law<T> for Finite {
     type Slot = FiniteSlot<T>;
     type Own = ();
     type Ready<L: Lanes<T = T>> = FiniteReady<L>;
+    type Near<L: Lanes<T = T>> = FiniteNear<L>;
 
     fn fill(slot: &mut FiniteSlot<T>, _own: &mut (), lane: usize, bond: &LinearBond, _k: &BeamRigidity) {
         let inverse = bond.axis.norm();
@@ -287,12 +317,43 @@ impl<T: Scalar> Law<T> for Finite {
     }
 
     #[inline(always)]
+    fn near<L: Lanes<T = T>>(
+        l: L,
+        slot: &FiniteSlot<T>,
+        own: &FiniteReady<L>,
+        other: &[L::V; 8],
+    ) -> FiniteNear<L> {
+        let n0: Vec3<L> = [
+            l.load(&slot.axis[0]),
+            l.load(&slot.axis[1]),
+            l.load(&slot.axis[2]),
+        ];
+        let rest = l.load(&slot.rest);
+        let du = diff(l, [other[0], other[1], other[2]], own.u);
+        let d = axpy(l, n0, rest, du);
+        let length = l.sqrt(dot(l, d, d));
+        let sum = l.add(length, rest);
+        // One division for both 1/l and 1/(l + l0).
+        let both = l.recip(l.mul(length, sum));
+        let shrink = l.mul(both, sum);
+        // l - l0 = (d + d0).du/(l + l0), without cancellation for small strains.
+        let gain = dot(l, axpy(l, n0, rest, d), du);
+        FiniteNear {
+            n: scale(l, d, shrink),
+            shrink,
+            stretch: l.mul(gain, l.mul(both, length)),
+            s: other[3],
+            q: [other[4], other[5], other[6]],
+        }
+    }
+
+    #[inline(always)]
     fn add<L: Lanes<T = T>>(
         l: L,
         k: &Rigidity<L>,
         slot: &FiniteSlot<T>,
         own: &FiniteReady<L>,
-        other: &[L::V; 8],
+        near: &FiniteNear<L>,
         acc: &mut [L::V; 6],
     ) {
         let n0: Vec3<L> = [
@@ -300,31 +361,25 @@ impl<T: Scalar> Law<T> for Finite {
             l.load(&slot.axis[1]),
             l.load(&slot.axis[2]),
         ];
-        let rest = l.load(&slot.rest);
         let s = l.load(&slot.scale);
-        let du = diff(l, [other[0], other[1], other[2]], own.u);
-        let d = axpy(l, n0, rest, du);
-        let dd = dot(l, d, d);
-        let shrink = l.recip_sqrt(dd);
-        let n = scale(l, d, shrink);
-        // l - l0 = (d + d0).du/(l + l0), without cancellation for small strains.
-        let gain = dot(l, axpy(l, n0, rest, d), du);
-        let stretch = l.mul(gain, l.recip(l.madd(dd, shrink, rest)));
-        let (qi, qj): (Vec3<L>, Vec3<L>) = (own.q, [other[4], other[5], other[6]]);
+        let FiniteNear {
+            n, shrink, stretch, ..
+        } = *near;
+        let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (own.q, near.q, near.s);
         let ti: Vec3<L> = [
             dot(l, own.turn[0], n0),
             dot(l, own.turn[1], n0),
             dot(l, own.turn[2], n0),
         ];
-        let tj = turned(l, k.two, other[3], qj, n0);
+        let tj = turned(l, k.two, sj, qj, n0);
         // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j, and its scalar part.
         let r = axpy(l, qj, own.s, cross(l, qi, qj));
         let r = [
-            l.nmadd(other[3], qi[0], r[0]),
-            l.nmadd(other[3], qi[1], r[1]),
-            l.nmadd(other[3], qi[2], r[2]),
+            l.nmadd(sj, qi[0], r[0]),
+            l.nmadd(sj, qi[1], r[1]),
+            l.nmadd(sj, qi[2], r[2]),
         ];
-        let r0 = l.madd(own.s, other[3], dot(l, qi, qj));
+        let r0 = l.madd(own.s, sj, dot(l, qi, qj));
         let twist = l.mul(k.two, dot(l, n, r));
         let kt = l.mul(l.mul(k.torsion, s), twist);
         let kb = l.mul(k.bending2, s);

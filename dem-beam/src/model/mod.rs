@@ -86,8 +86,11 @@ impl DemModel {
     /// ```
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with the packing's particle numbers.
+    /// As [`BondedParticles::new`], with the packing's particle numbers; [`DemError::Periodic`].
     pub fn new(name: &str, packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
+        if packing.period.is_some() {
+            return Err(DemError::Periodic { what: "a model" });
+        }
         let matter = Matter {
             beam,
             density,

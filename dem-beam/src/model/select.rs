@@ -2,6 +2,7 @@
 
 use super::DemModel;
 use crate::error::{DemError, Result, finite};
+use crate::packing::surface::closest_on_triangle;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// By what a load is shared among particles.
@@ -35,6 +36,25 @@ impl DemModel {
         let gap = TOUCH * radii.iter().sum::<f64>() / radii.len() as f64;
         let near = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
         (0..self.nodes.len()).filter(near).collect()
+    }
+
+    /// Particles that touch any of the triangles (corners in m): the layer at a face of any form.
+    #[must_use]
+    pub fn touching(&self, triangles: &[[Vector3<f64>; 3]]) -> Vec<usize> {
+        let radii = self.body.radii();
+        let gap = TOUCH * radii.iter().sum::<f64>() / radii.len() as f64;
+        let boxes: Vec<_> = triangles
+            .iter()
+            .map(|[a, b, c]| (a.inf(b).inf(c), a.sup(b).sup(c)))
+            .collect();
+        let touches = |i: &usize| {
+            let (x, reach) = (self.nodes[*i].coords, radii[*i] + gap);
+            triangles.iter().zip(&boxes).any(|(t, (low, high))| {
+                let near = (0..3).all(|a| x[a] > low[a] - reach && x[a] < high[a] + reach);
+                near && (closest_on_triangle(&x, t) - x).norm() < reach
+            })
+        };
+        (0..self.nodes.len()).filter(touches).collect()
     }
 
     /// Displacement unknowns of particles along the axes marked.

@@ -1,6 +1,6 @@
 //! Which pairs become bonds, and which particles stay.
 
-use super::cells::{CHUNK, CellList, Sphere, verlet_list};
+use super::cells::{CHUNK, CellList, Sphere, image, verlet_list};
 use crate::error::{DemError, Result};
 
 /// Widest relative gap searched for bonds.
@@ -21,11 +21,15 @@ pub(crate) struct Bonding {
 
 /// Bonds the pairs nearest to touching until the coordination number is reached, then keeps the
 /// largest connected component (the one with the smallest particle number, if two are equal).
-pub(crate) fn bond_and_trim(spheres: &[Sphere], coordination: f64) -> Result<Bonding> {
+pub(crate) fn bond_and_trim(
+    spheres: &[Sphere],
+    coordination: f64,
+    period: Option<[f64; 3]>,
+) -> Result<Bonding> {
     let wanted = (0.5 * coordination * spheres.len() as f64).round() as usize;
-    let mut near = near_pairs(spheres, 0.08);
+    let mut near = near_pairs(spheres, 0.08, period);
     if near.len() < wanted {
-        near = near_pairs(spheres, REACH);
+        near = near_pairs(spheres, REACH, period);
     }
     if near.len() < wanted || wanted == 0 {
         return Err(DemError::TooFewPairs {
@@ -57,11 +61,11 @@ pub(crate) fn bond_and_trim(spheres: &[Sphere], coordination: f64) -> Result<Bon
 }
 
 /// All pairs with relative gap below `reach`.
-pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64) -> Vec<(f64, [u32; 2])> {
+pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64, period: Option<[f64; 3]>) -> Vec<(f64, [u32; 2])> {
     let largest = spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
     let mut list = Vec::new();
     verlet_list(
-        &mut CellList::default(),
+        &mut CellList::new(period),
         spheres,
         2.0 * largest * reach,
         &mut list,
@@ -74,6 +78,7 @@ pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64) -> Vec<(f64, [u32; 2])>
             for &j in &chunk.neighbours[chunk.start[k] as usize..chunk.start[k + 1] as usize] {
                 let t = spheres[j as usize];
                 let d = [t[0] - s[0], t[1] - s[1], t[2] - s[2]];
+                let d = period.map_or(d, |p| image(d, &p));
                 let gap = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() / (s[3] + t[3]) - 1.0;
                 if (j as usize) > i && gap < reach {
                     out.push((gap, [i as u32, j]));

@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
 /// Changes whenever the protocol gives other packings for the same spec.
-const VERSION: f64 = 1.0;
+const VERSION: f64 = 2.0;
 const MAGIC: u64 = 0x414c_5144_454d_5031;
 
 /// FNV-1a over 64-bit words, two streams for 128 bits.
@@ -51,7 +51,10 @@ impl PackingSpec {
         let name = self.content_hash();
         let path = directory.join(format!("packing-{name}.bin"));
         if let Some(packing) = std::fs::read(&path).ok().and_then(|bytes| decode(&bytes)) {
-            return Ok(packing);
+            return Ok(Packing {
+                period: self.container.period(),
+                ..packing
+            });
         }
         let packing = self.build()?;
         let io = |e: std::io::Error| DemError::Io {
@@ -155,6 +158,7 @@ fn decode(bytes: &[u8]) -> Option<Packing> {
         radii: radii?,
         pairs,
         volume: s[0],
+        period: None,
         report,
     })
 }

@@ -12,33 +12,56 @@ pub(crate) const CHUNK: usize = 512;
 /// A sphere as the hot loops want it: `x, y, z, r`.
 pub(crate) type Sphere = [f64; 4];
 
+/// The difference of two points, or of the first to the nearest periodic image of the second.
+#[inline]
+pub(crate) fn image(mut d: [f64; 3], period: &[f64; 3]) -> [f64; 3] {
+    for a in 0..3 {
+        let half = 0.5 * period[a];
+        // Positions leave the period by a little only: one turn is enough.
+        if d[a] > half {
+            d[a] -= period[a];
+        } else if d[a] < -half {
+            d[a] += period[a];
+        }
+    }
+    d
+}
+
 /// Cells of equal size with the particles in each.
 #[derive(Debug, Default)]
 pub(crate) struct CellList {
+    /// Edges of the periodic box at the origin, if it is one (m).
+    period: Option<[f64; 3]>,
     low: Vector3<f64>,
-    inverse: f64,
+    inverse: [f64; 3],
     dims: [usize; 3],
     start: Vec<u32>,
     order: Vec<u32>,
 }
 
 impl CellList {
+    /// Empty cells of a body, or of a periodic box of at least three cells along each edge.
+    pub(crate) fn new(period: Option<[f64; 3]>) -> Self {
+        Self {
+            period,
+            ..Self::default()
+        }
+    }
+
     /// Sorts `spheres` into cells at least `size` wide.
     pub(crate) fn build(&mut self, spheres: &[Sphere], size: f64) {
-        let mut low = Vector3::repeat(f64::INFINITY);
-        let mut high = Vector3::repeat(f64::NEG_INFINITY);
-        for s in spheres {
-            let x = Vector3::new(s[0], s[1], s[2]);
-            low = low.inf(&x);
-            high = high.sup(&x);
-        }
-        let extent = high - low;
+        let (low, extent) = self.extent(spheres);
         // Never many more cells than particles, however small `size` is.
         let fair = (extent.map(|e| e.max(size)).product() / (4 * spheres.len()) as f64).cbrt();
         let size = size.max(fair);
         self.low = low;
-        self.inverse = 1.0 / size;
-        self.dims = [0, 1, 2].map(|a| (extent[a] / size) as usize + 1);
+        if self.period.is_some() {
+            self.dims = [0, 1, 2].map(|a| ((extent[a] / size) as usize).max(1));
+            self.inverse = [0, 1, 2].map(|a| self.dims[a] as f64 / extent[a]);
+        } else {
+            self.dims = [0, 1, 2].map(|a| (extent[a] / size) as usize + 1);
+            self.inverse = [1.0 / size; 3];
+        }
         let cells = self.dims.iter().product::<usize>();
         self.start.clear();
         self.start.resize(cells + 1, 0);
@@ -58,10 +81,27 @@ impl CellList {
         }
     }
 
+    /// Lowest corner and edges of what the cells cover.
+    fn extent(&self, spheres: &[Sphere]) -> (Vector3<f64>, Vector3<f64>) {
+        if let Some(period) = self.period {
+            return (Vector3::zeros(), Vector3::from(period));
+        }
+        let mut low = Vector3::repeat(f64::INFINITY);
+        let mut high = Vector3::repeat(f64::NEG_INFINITY);
+        for s in spheres {
+            let x = Vector3::new(s[0], s[1], s[2]);
+            low = low.inf(&x);
+            high = high.sup(&x);
+        }
+        (low, high - low)
+    }
+
     #[inline]
     fn cell(&self, s: &Sphere) -> [usize; 3] {
         [0, 1, 2].map(|a| {
-            let c = (s[a] - self.low[a]) * self.inverse;
+            let x = s[a] - self.low[a];
+            let x = self.period.map_or(x, |p| x.rem_euclid(p[a]));
+            let c = x * self.inverse[a];
             (c.max(0.0) as usize).min(self.dims[a] - 1)
         })
     }
@@ -75,6 +115,15 @@ impl CellList {
     #[inline]
     fn around(&self, s: &Sphere, mut near: impl FnMut(u32)) {
         let c = self.cell(s);
+        if self.period.is_some() {
+            let turn = |a: usize, k: usize| (c[a] + self.dims[a] + k - 1) % self.dims[a];
+            for k in 0..27 {
+                let at = self.index([turn(0, k / 9), turn(1, k / 3 % 3), turn(2, k % 3)]);
+                let range = self.start[at] as usize..self.start[at + 1] as usize;
+                self.order[range].iter().for_each(|&n| near(n));
+            }
+            return;
+        }
         let range = |a: usize| c[a].saturating_sub(1)..=(c[a] + 1).min(self.dims[a] - 1);
         let (k0, k1) = (*range(2).start(), *range(2).end());
         for i in range(0) {
@@ -118,6 +167,7 @@ pub(crate) fn verlet_list(cells: &mut CellList, spheres: &[Sphere], skin: f64, o
             cells.around(&s, |j| {
                 let t = spheres[j as usize];
                 let d = [t[0] - s[0], t[1] - s[1], t[2] - s[2]];
+                let d = cells.period.map_or(d, |p| image(d, &p));
                 let reach = s[3] + t[3] + skin;
                 let dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
                 if dd < reach * reach && j as usize != i {

@@ -1,4 +1,4 @@
-//! What a packing fills: a box, a cylinder or any closed triangle surface.
+//! What a packing fills: a box, a cylinder, any closed triangle surface, or all space periodically.
 
 use super::surface::Surface;
 use crate::error::{Result, positive};
@@ -24,6 +24,11 @@ pub enum Container {
     },
     /// Inside of a closed surface.
     Surface(Surface),
+    /// A box at the origin that repeats along all axes: a sample of the bulk, without walls.
+    Periodic {
+        /// Edges.
+        size: Vector3<f64>,
+    },
 }
 
 impl Container {
@@ -48,6 +53,26 @@ impl Container {
         Ok(Self::Box { min, max })
     }
 
+    /// A periodic cube of edge `edge`.
+    ///
+    /// # Errors
+    /// [`crate::DemError::OutOfRange`] unless the edge is positive.
+    pub fn periodic(edge: f64) -> Result<Self> {
+        positive("edge of the periodic cube", edge)?;
+        Ok(Self::Periodic {
+            size: Vector3::repeat(edge),
+        })
+    }
+
+    /// Edges of the periodic box (m), if it is one.
+    #[must_use]
+    pub fn period(&self) -> Option<[f64; 3]> {
+        match self {
+            Self::Periodic { size } => Some([size.x, size.y, size.z]),
+            _ => None,
+        }
+    }
+
     /// Enclosed volume (m^3).
     #[must_use]
     pub fn volume(&self) -> f64 {
@@ -55,6 +80,7 @@ impl Container {
             Self::Box { min, max } => (max - min).product(),
             Self::Cylinder { length, radius } => std::f64::consts::PI * radius * radius * length,
             Self::Surface(s) => s.volume(),
+            Self::Periodic { size } => size.product(),
         }
     }
 
@@ -68,6 +94,7 @@ impl Container {
                 Vector3::new(*length, *radius, *radius),
             ),
             Self::Surface(s) => s.bounds(),
+            Self::Periodic { size } => (Vector3::zeros(), *size),
         }
     }
 
@@ -108,6 +135,7 @@ impl Container {
                     wall(gap, n);
                 }
             }
+            Self::Periodic { .. } => {}
         }
     }
 
@@ -146,6 +174,10 @@ impl Container {
             Self::Surface(s) => {
                 out.push(3.0);
                 s.identity(out);
+            }
+            Self::Periodic { size } => {
+                out.push(4.0);
+                out.extend(size.iter());
             }
         }
     }

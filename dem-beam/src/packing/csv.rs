@@ -76,7 +76,8 @@ impl Packing {
     /// coordination number, largest connected component.
     ///
     /// # Errors
-    /// Those of bad spheres, [`DemError::CoincidentParticles`], [`DemError::OutsideContainer`] if
+    /// Those of bad spheres, [`DemError::CoincidentParticles`], [`DemError::Overlapping`] if a
+    /// sphere holds the centre of another, [`DemError::OutsideContainer`] if
     /// a sphere passes a wall by more than half its radius, [`DemError::TooFewPairs`].
     pub fn from_spheres(
         container: &Container,
@@ -104,15 +105,16 @@ impl Packing {
             .zip(radii)
             .map(|(x, r)| [x.x, x.y, x.z, *r])
             .collect();
-        refuse_coincident(&spheres)?;
-        let bonding = bond_and_trim(&spheres, coordination)?;
-        let overlap = mean_overlap(&spheres);
+        let period = container.period();
+        refuse_overlapping(&spheres, period)?;
+        let bonding = bond_and_trim(&spheres, coordination, period)?;
+        let overlap = mean_overlap(&spheres, period);
         Ok(Self::assemble(&container, &spheres, bonding, overlap, 0))
     }
 }
 
-fn refuse_coincident(spheres: &[Sphere]) -> Result<()> {
-    for (gap, [i, j]) in super::bonding::near_pairs(spheres, 0.0) {
+fn refuse_overlapping(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()> {
+    for (gap, [i, j]) in super::bonding::near_pairs(spheres, 0.0, period) {
         let (first, second) = (i as usize, j as usize);
         let touch = spheres[first][3] + spheres[second][3];
         if gap + 1.0 <= COINCIDENT {
@@ -123,13 +125,22 @@ fn refuse_coincident(spheres: &[Sphere]) -> Result<()> {
                 limit: COINCIDENT * touch,
             });
         }
+        let (distance, limit) = ((gap + 1.0) * touch, spheres[first][3].max(spheres[second][3]));
+        if distance < limit {
+            return Err(DemError::Overlapping {
+                first,
+                second,
+                distance,
+                limit,
+            });
+        }
     }
     Ok(())
 }
 
 /// Mean overlap of touching pairs over the mean diameter.
-fn mean_overlap(spheres: &[Sphere]) -> f64 {
-    let touching = super::bonding::near_pairs(spheres, 0.0);
+fn mean_overlap(spheres: &[Sphere], period: Option<[f64; 3]>) -> f64 {
+    let touching = super::bonding::near_pairs(spheres, 0.0, period);
     let total: f64 = touching
         .iter()
         .map(|(gap, [i, j])| -gap * (spheres[*i as usize][3] + spheres[*j as usize][3]))

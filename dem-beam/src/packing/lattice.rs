@@ -72,7 +72,7 @@ pub fn lattice(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Packing>
             }
         }
     }
-    let pairs = super::bonding::near_pairs(&spheres, 0.01);
+    let pairs = super::bonding::near_pairs(&spheres, 0.01, None);
     let mut pairs: Vec<[u32; 2]> = pairs.into_iter().map(|p| p.1).collect();
     pairs.sort_unstable();
     let size = Vector3::from(cells.map(|c| c as f64)) * edge;

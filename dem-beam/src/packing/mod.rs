@@ -6,10 +6,15 @@ pub(crate) mod cells;
 pub mod container;
 pub(crate) mod csv;
 pub(crate) mod lattice;
+mod orient;
 pub mod protocol;
 pub(crate) mod relax;
 pub mod report;
+#[cfg(feature = "stl")]
+mod stl;
 pub mod surface;
+#[cfg(feature = "vtu")]
+pub(crate) mod vtu;
 
 pub use container::Container;
 pub use csv::{read_csv, write_csv};
@@ -17,3 +22,5 @@ pub use lattice::{Lattice, lattice};
 pub use protocol::{Compaction, Packing, PackingSpec};
 pub use report::PackingReport;
 pub use surface::Surface;
+#[cfg(feature = "vtu")]
+pub use vtu::read_vtu;

@@ -12,7 +12,7 @@
 use super::bonding::{Bonding, bond_and_trim};
 use super::cells::Sphere;
 use super::container::Container;
-use super::relax::SoftSpheres;
+use super::relax::{Relaxed, SoftSpheres};
 use super::report::PackingReport;
 use crate::bond::BeamMaterial;
 use crate::error::{DemError, Result, positive};
@@ -109,7 +109,7 @@ impl PackingSpec {
             }
         };
         let spheres = soft.spheres;
-        let bonding = bond_and_trim(&spheres, self.coordination)?;
+        let bonding = bond_and_trim(&spheres, self.coordination, container.period())?;
         Ok(Packing::assemble(&container, &spheres, bonding, overlap, steps))
     }
 
@@ -132,6 +132,13 @@ impl PackingSpec {
                 diameter: 2.0 * largest,
                 width: (high - low).min(),
             });
+        }
+        if let Some(period) = container.period() {
+            // Three cells of the widest neighbour list along each edge.
+            let (shortest, limit) = (period.into_iter().fold(f64::INFINITY, f64::min), 12.0 * largest);
+            if shortest < limit {
+                return Err(DemError::PeriodTooShort { shortest, limit });
+            }
         }
         container.prepare(1.5 * largest);
         let axis = (high - low).imax();
@@ -200,6 +207,12 @@ impl PackingSpec {
 const START_FRACTION: f64 = 0.5;
 /// Growth of the volume fraction per relaxation on the way to jamming.
 const GROWTH: f64 = 0.01;
+/// Below this volume fraction no packing of ours jams, and growth goes twice as fast.
+const NEAR_ONSET: f64 = 0.57;
+/// Steps after which a growth step is looked at.
+const GLANCE: usize = 300;
+/// A mean overlap that falls by this factor within half as many steps again is on its way to zero.
+const FALLING: f64 = 0.8;
 /// Overlaps below this fraction of the wanted one do not carry load.
 const LOOSE: f64 = 0.25;
 /// Force balance (of the mean contact force) at which a jammed state counts as relaxed.
@@ -217,6 +230,28 @@ fn set_fraction(soft: &mut SoftSpheres<'_>, volume: f64, wanted: f64) {
     soft.scale_radii((wanted / now).cbrt());
 }
 
+/// Relaxes; while `growing`, stops early if spheres are still on their way to a state without load.
+/// Just below the onset it takes thousands of steps to find that state, only to grow it further.
+fn glance(soft: &mut SoftSpheres<'_>, max_steps: usize, wanted: f64, growing: bool) -> (Relaxed, bool) {
+    let loose = LOOSE * wanted;
+    if !growing || max_steps <= 2 * GLANCE {
+        return (soft.relax(max_steps, loose, BALANCE), false);
+    }
+    let first = soft.relax(GLANCE, loose, BALANCE);
+    if first.steps < GLANCE {
+        return (first, false);
+    }
+    let second = soft.relax(GLANCE / 2, loose, BALANCE);
+    let steps = first.steps + second.steps;
+    let flowing = second.overlap < FALLING * first.overlap;
+    if second.steps < GLANCE / 2 || flowing {
+        return (Relaxed { steps, ..second }, second.steps == GLANCE / 2);
+    }
+    let rest = soft.relax(max_steps - steps, loose, BALANCE);
+    let steps = steps + rest.steps;
+    (Relaxed { steps, ..rest }, false)
+}
+
 /// Grows to the jamming onset, then corrects to the wanted mean overlap.
 fn grow(
     soft: &mut SoftSpheres<'_>,
@@ -230,13 +265,13 @@ fn grow(
     let mut last: Option<(f64, f64)> = None;
     // 25 growth steps reach 0.75, above any random packing; the rest is for corrections.
     for _ in 0..60 {
-        let done = soft.relax(max_steps, LOOSE * wanted, BALANCE);
+        let (done, flowing) = glance(soft, max_steps, wanted, last.is_none());
         steps += done.steps;
         let m = done.overlap;
-        if m <= wanted * NEAR && m >= wanted / NEAR {
+        if !flowing && m <= wanted * NEAR && m >= wanted / NEAR {
             return Ok((m, steps));
         }
-        let jammed = m > wanted;
+        let jammed = m > wanted && !flowing;
         // Overlap grows with slope near 1/2 above the onset.
         let slope = match last {
             Some((p, o)) if (phi - p).abs() > 1e-9 && m > LOOSE * wanted && o > LOOSE * wanted => {
@@ -249,7 +284,7 @@ fn grow(
         } else if last.is_some() {
             phi + (wanted - m) / slope
         } else {
-            phi + GROWTH
+            phi + if phi < NEAR_ONSET { 2.0 * GROWTH } else { GROWTH }
         };
         if jammed || last.is_some() {
             last = Some((phi, m));
@@ -336,6 +371,8 @@ pub struct Packing {
     pub pairs: Vec<[u32; 2]>,
     /// Volume of the container (m^3): the body the spheres stand for.
     pub volume: f64,
+    /// Edges of the periodic box (m) the centres lie in, if the packing fills one.
+    pub period: Option<[f64; 3]>,
     /// What came out.
     pub report: PackingReport,
 }
@@ -355,6 +392,7 @@ impl Packing {
             radii: kept.map(|s| s[3]).collect(),
             pairs: bonding.pairs,
             volume: container.volume(),
+            period: container.period(),
             report,
         }
     }
@@ -362,8 +400,13 @@ impl Packing {
     /// Particles with beams and masses: `density` in kg/m^3, total mass `density * volume`.
     ///
     /// # Errors
-    /// As [`BondedParticles::new`].
+    /// As [`BondedParticles::new`]; [`DemError::Periodic`].
     pub fn bonded(&self, beam: BeamMaterial, density: f64) -> Result<BondedParticles> {
+        if self.period.is_some() {
+            return Err(DemError::Periodic {
+                what: "a body of particles",
+            });
+        }
         let matter = Matter {
             beam,
             density,

@@ -4,7 +4,7 @@
 //! two-sided Verlet list and sums are taken in chunks of fixed size and order, so the path is
 //! bit-identical for any number of threads.
 
-use super::cells::{CHUNK, CellList, ListChunk, Sphere, verlet_list};
+use super::cells::{CHUNK, CellList, ListChunk, Sphere, image, verlet_list};
 use super::container::Container;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -75,7 +75,7 @@ impl<'a> SoftSpheres<'a> {
             velocity: vec![[0.0; 4]; n],
             force: vec![[0.0; 4]; n],
             list: Vec::new(),
-            cells: CellList::default(),
+            cells: CellList::new(container.period()),
             sums: vec![Sums::default(); n.div_ceil(CHUNK)],
             mean_radius,
             skin: 0.0,
@@ -96,6 +96,13 @@ impl<'a> SoftSpheres<'a> {
     fn renew_list(&mut self, skin: f64) {
         self.skin = skin;
         self.slack = skin;
+        if let Some(period) = self.container.period() {
+            for s in &mut self.spheres {
+                for a in 0..3 {
+                    s[a] = s[a].rem_euclid(period[a]);
+                }
+            }
+        }
         verlet_list(&mut self.cells, &self.spheres, skin, &mut self.list);
         self.listed.clone_from(&self.spheres);
     }
@@ -155,6 +162,7 @@ impl<'a> SoftSpheres<'a> {
     /// Forces on all particles and their sums.
     fn forces(&mut self) -> Sums {
         let (spheres, container) = (&self.spheres, self.container);
+        let period = container.period();
         let work = self
             .force
             .par_chunks_mut(CHUNK)
@@ -166,7 +174,11 @@ impl<'a> SoftSpheres<'a> {
             for (k, f) in force.iter_mut().enumerate() {
                 let i = c * CHUNK + k;
                 let row = list.start[k] as usize..list.start[k + 1] as usize;
-                let pull = contact_force(spheres, i, &list.neighbours[row], &mut total);
+                let near = &list.neighbours[row];
+                let pull = match &period {
+                    None => contact_force(spheres, i, near, |d| d, &mut total),
+                    Some(p) => contact_force(spheres, i, near, |d| image(d, p), &mut total),
+                };
                 *f = wall_force(container, &spheres[i], pull);
                 let v = &velocity[i];
                 total.power += f[0] * v[0] + f[1] * v[1] + f[2] * v[2];
@@ -245,13 +257,20 @@ impl pulp::NullaryFnOnce for Advance<'_> {
     }
 }
 
+/// Forces of the neighbours `near` on sphere `i`; `image` turns a difference into that to the nearest image.
 #[inline]
-fn contact_force(spheres: &[Sphere], i: usize, near: &[u32], total: &mut Sums) -> [f64; 4] {
+fn contact_force(
+    spheres: &[Sphere],
+    i: usize,
+    near: &[u32],
+    image: impl Fn([f64; 3]) -> [f64; 3],
+    total: &mut Sums,
+) -> [f64; 4] {
     let s = spheres[i];
     let mut f = [0.0; 4];
     for &j in near {
         let t = spheres[j as usize];
-        let d = [s[0] - t[0], s[1] - t[1], s[2] - t[2]];
+        let d = image([s[0] - t[0], s[1] - t[1], s[2] - t[2]]);
         let dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
         let touch = s[3] + t[3];
         if dd < touch * touch {

@@ -1,7 +1,7 @@
 //! What a packing came out as.
 
 use super::bonding::Bonding;
-use super::cells::Sphere;
+use super::cells::{Sphere, image};
 use super::container::Container;
 use nalgebra::{Matrix3, Vector3};
 
@@ -67,7 +67,8 @@ impl PackingReport {
         for &[i, j] in &bonding.pairs {
             degree[i as usize] += 1;
             degree[j as usize] += 1;
-            let n = (at(j) - at(i)).normalize();
+            let d: [f64; 3] = (at(j) - at(i)).into();
+            let n = Vector3::from(container.period().map_or(d, |p| image(d, &p))).normalize();
             fabric += n * n.transpose() / bonding.pairs.len() as f64;
         }
         let reach = 4.0 * mean_radius;

@@ -30,8 +30,7 @@ impl Surface {
     /// Checks and stores a surface.
     ///
     /// # Errors
-    /// [`DemError::NotFinite`] coordinates, [`DemError::NoSuchParticle`] never;
-    /// [`DemError::OutOfRange`] for a vertex number that does not exist, [`DemError::OpenSurface`]
+    /// [`DemError::NotFinite`] coordinates, [`DemError::OutOfRange`] for a vertex number that does not exist, [`DemError::OpenSurface`]
     /// if an edge is not shared by exactly two triangles in opposite directions,
     /// [`DemError::NoVolume`] if the orientation is inward or the volume zero.
     pub fn new(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self> {
@@ -45,11 +44,7 @@ impl Surface {
             for k in 0..3 {
                 let (a, b) = (t[k], t[(k + 1) % 3]);
                 if a as usize >= vertices.len() {
-                    return Err(DemError::OutOfRange {
-                        name: "vertex number of a triangle",
-                        value: f64::from(a),
-                        range: "numbers below the number of vertices",
-                    });
+                    return Err(DemError::no_vertex(a));
                 }
                 let e = edges.entry((a.min(b), a.max(b))).or_default();
                 e.0 += 1;
@@ -140,8 +135,14 @@ impl Surface {
         let mut inside = vec![false; cells];
         let all = grid.cells_between([0; 3], dims.map(|d| d - 1), &self.bounds.0);
         for (i, centre) in all {
+            // Between two cells without a near triangle no surface passes.
+            let follows = i % dims[2] > 0 && near[i - 1].is_empty();
             if near[i].is_empty() {
-                inside[i] = self.winding(&centre) > 0.5;
+                inside[i] = if follows {
+                    inside[i - 1]
+                } else {
+                    self.winding(&centre) > 0.5
+                };
             }
         }
         self.grid = Grid {
@@ -152,17 +153,9 @@ impl Surface {
         };
     }
 
-    /// Winding number of the surface about `x`: 1 inside, 0 outside (van Oosterom and Strackee).
     fn winding(&self, x: &Vector3<f64>) -> f64 {
-        let mut angle = 0.0;
-        for t in &self.triangles {
-            let [a, b, c] = t.map(|i| self.vertices[i as usize] - x);
-            let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
-            let det = a.dot(&b.cross(&c));
-            let den = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-            angle += 2.0 * det.atan2(den);
-        }
-        angle / (4.0 * std::f64::consts::PI)
+        let corners = |t: &[u32; 3]| t.map(|i| self.vertices[i as usize]);
+        winding(x, self.triangles.iter().map(corners))
     }
 
     /// Signed distance (positive inside) and inward normal of the nearest surface point, if it
@@ -178,7 +171,10 @@ impl Surface {
             let c = self.triangles[t as usize].map(|i| self.vertices[i as usize]);
             let p = closest_on_triangle(x, &c);
             let d = (p - x).norm();
-            let n = (c[1] - c[0]).cross(&(c[2] - c[0])).normalize();
+            // A triangle without area lies in its neighbours' edges: they know better.
+            let Some(n) = (c[1] - c[0]).cross(&(c[2] - c[0])).try_normalize(0.0) else {
+                continue;
+            };
             // On a shared edge or corner several faces are equally near: the one seen most
             // frontally knows the side.
             let front = if d > 0.0 { (p - x).dot(&n) / d } else { 1.0 };
@@ -250,8 +246,21 @@ impl Grid {
     }
 }
 
+/// Winding number of a surface about `x`: 1 inside, 0 outside (van Oosterom and Strackee).
+pub(crate) fn winding(x: &Vector3<f64>, triangles: impl Iterator<Item = [Vector3<f64>; 3]>) -> f64 {
+    let mut angle = 0.0;
+    for t in triangles {
+        let [a, b, c] = t.map(|v| v - x);
+        let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
+        let det = a.dot(&b.cross(&c));
+        let den = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
+        angle += 2.0 * det.atan2(den);
+    }
+    angle / (4.0 * std::f64::consts::PI)
+}
+
 /// Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
-fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
+pub(crate) fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     if d1 <= 0.0 && d2 <= 0.0 {

@@ -1,0 +1,237 @@
+//! What spheres fill and with which: containers from shapes, packings by the protocol or from files.
+
+use crate::error::{Error, Result, core, fem, key, value};
+use crate::scene::{DemTable, ModelTable, Protocol, Shape};
+use arlequin::core::nalgebra::Vector3;
+use arlequin::dem_beam::packing::{Container, Packing, PackingSpec, read_csv, read_vtu};
+use arlequin::dem_beam::{BeamMaterial, DemError, Surface};
+use arlequin::fem_ref::gmsh;
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+/// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per particle:
+/// beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
+const YOUNG_RATIO: f64 = 265.0 / 74.4;
+/// Volume fraction at which polydisperse spheres jam.
+const JAMMED: f64 = 0.615;
+
+/// Turns errors of the particles into those of the command, at a key of the scene.
+pub(crate) fn dem(key: &str) -> impl Fn(DemError) -> Error + '_ {
+    move |e| core(key)(e.into())
+}
+
+/// A body to fill.
+#[derive(Debug, Clone)]
+pub(crate) struct Filling {
+    /// The body, in a frame of its own.
+    pub(crate) container: Container,
+    /// By how much that frame is moved in the scene \[m\].
+    pub(crate) shift: Vector3<f64>,
+    /// Triangles of the named faces of a mesh file \[m\].
+    pub(crate) faces: BTreeMap<String, Vec<[Vector3<f64>; 3]>>,
+}
+
+impl Filling {
+    /// The body of a shape; files are relative to `folder`.
+    pub(crate) fn of(key: &str, shape: &Shape, folder: &Path) -> Result<Self> {
+        let plain = |container, shift| Self {
+            container,
+            shift,
+            faces: BTreeMap::new(),
+        };
+        match shape {
+            Shape::Box { low, high } => {
+                let made = Container::cuboid(Vector3::from(*low), Vector3::from(*high));
+                let made = made.map_err(dem(&format!("{key}.shape.box")))?;
+                Ok(plain(made, Vector3::zeros()))
+            }
+            Shape::Cylinder { from, length, radius } => {
+                let made = Container::cylinder(*length, *radius);
+                let made = made.map_err(dem(&format!("{key}.shape.cylinder")))?;
+                Ok(plain(made, Vector3::from(*from)))
+            }
+            Shape::Bar { .. } => {
+                let rule = "spheres fill a box, a cylinder or the surface in a file; choose one, or another kind of model";
+                Err(value(format!("{key}.shape"), shape.name(), rule))
+            }
+            Shape::File(path) => surface(&format!("{key}.shape.file"), &folder.join(path)),
+        }
+    }
+}
+
+fn is(path: &Path, extension: &str) -> bool {
+    path.extension()
+        .and_then(OsStr::to_str)
+        .is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+fn bytes(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|source| Error::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// The inside of a closed surface in a file.
+fn surface(key: &str, path: &Path) -> Result<Filling> {
+    if is(path, "stl") {
+        let surface = Surface::from_stl(&bytes(path)?).map_err(dem(key))?;
+        return Ok(Filling {
+            container: Container::Surface(surface),
+            shift: Vector3::zeros(),
+            faces: BTreeMap::new(),
+        });
+    }
+    if !is(path, "msh") {
+        let rule = "spheres fill the surface of a Gmsh mesh (.msh) or of STL (.stl)";
+        return Err(value(key, path.display(), rule));
+    }
+    let found = gmsh::load_surface(path).map_err(fem(key))?;
+    let points: Vec<Vector3<f64>> = found.points.iter().map(|p| p.coords).collect();
+    let corners = |t: &[u32; 3]| t.map(|i| points[i as usize]);
+    let faces = found.groups.iter();
+    let faces = faces.map(|(n, t)| (n.clone(), t.iter().map(corners).collect()));
+    let faces = faces.collect();
+    let surface = Surface::oriented(points, found.triangles).map_err(dem(key))?;
+    Ok(Filling {
+        container: Container::Surface(surface),
+        shift: Vector3::zeros(),
+        faces,
+    })
+}
+
+/// Where the spheres of a table come from.
+#[derive(Debug, Clone)]
+pub(crate) enum Recipe {
+    /// Made by the protocol.
+    Made(Box<PackingSpec>),
+    /// Read from a file.
+    Read(Box<Packing>),
+}
+
+impl Recipe {
+    /// What a table asks for, in the frame of the container.
+    pub(crate) fn of(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<Self> {
+        match &table.dem.file {
+            Some(file) => read(path, table, &folder.join(file), filling).map(|p| Self::Read(Box::new(p))),
+            None => {
+                let count = count(path, table, filling.container.volume())?;
+                Ok(Self::Made(Box::new(spec(
+                    table,
+                    filling.container.clone(),
+                    count,
+                ))))
+            }
+        }
+    }
+
+    /// The packing, from the cache if it is there.
+    pub(crate) fn packing(self, path: &str) -> Result<Packing> {
+        let spec = match self {
+            Self::Made(spec) => spec,
+            Self::Read(packing) => return Ok(*packing),
+        };
+        let built = match cache() {
+            Some(folder) => spec.build_cached(&folder),
+            None => spec.build(),
+        };
+        built.map_err(dem(path))
+    }
+}
+
+/// The protocol as the table wants it.
+pub(crate) fn spec(table: &ModelTable, container: Container, count: usize) -> PackingSpec {
+    let DemTable {
+        seed,
+        protocol,
+        coordination,
+        ..
+    } = table.dem;
+    let seed = seed.unwrap_or(1);
+    let mut spec = match protocol.unwrap_or(Protocol::Onset) {
+        Protocol::Onset => PackingSpec::new(container, count, seed),
+        Protocol::Quench => PackingSpec::quench(container, count, seed),
+    };
+    if let Some(z) = coordination {
+        spec.coordination = z;
+    }
+    spec
+}
+
+/// Mean volume of spheres of mean diameter `h`, with radii uniform within a quarter of the mean.
+pub(crate) fn mean_sphere(h: f64) -> f64 {
+    std::f64::consts::PI / 6.0 * h.powi(3) * (1.0 + 0.25f64.powi(2))
+}
+
+fn count(path: &str, table: &ModelTable, volume: f64) -> Result<usize> {
+    match (table.dem.count, table.spacing) {
+        (Some(n), None) => Ok(n),
+        (None, Some(h)) if h > 0.0 => Ok((JAMMED * volume / mean_sphere(h)).round().min(1e9) as usize),
+        (None, Some(h)) => Err(value(format!("{path}.spacing"), h, "must be positive [m]")),
+        (Some(_), Some(_)) => Err(key(path, "spacing and dem.count exclude each other; remove one")),
+        (None, None) => Err(key(
+            path,
+            "spacing is missing: the mean diameter of the spheres [m]; or give dem.count or dem.file",
+        )),
+    }
+}
+
+/// Spheres from a file, bonded as those of the protocol are.
+fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
+    let t = &table.dem;
+    let given = [
+        ("spacing", table.spacing.is_some()),
+        ("dem.count", t.count.is_some()),
+        ("dem.seed", t.seed.is_some()),
+        ("dem.protocol", t.protocol.is_some()),
+    ];
+    if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
+        let rule = "dem.file brings its own spheres; remove one of the two";
+        return Err(key(format!("{path}.{name}"), rule));
+    }
+    let at = format!("{path}.dem.file");
+    let content = bytes(file)?;
+    let (mut positions, radii) = if is(file, "csv") {
+        read_csv(&mut content.as_slice()).map_err(dem(&at))?
+    } else if is(file, "vtu") {
+        read_vtu(&content, t.radii.as_deref()).map_err(dem(&at))?
+    } else {
+        let rule = "spheres are read from CSV (.csv, lines x,y,z,r) or VTU (.vtu)";
+        return Err(value(at, file.display(), rule));
+    };
+    positions.iter_mut().for_each(|x| *x -= filling.shift);
+    let z = t.coordination.unwrap_or(6.2);
+    Packing::from_spheres(&filling.container, &positions, &radii, z).map_err(dem(&at))
+}
+
+/// Where packings are kept between runs: `ARLEQUIN_CACHE`, or the user's cache folder.
+fn cache() -> Option<PathBuf> {
+    let folder = |name: &str| {
+        std::env::var_os(name)
+            .filter(|v| !v.is_empty())
+            .map(PathBuf::from)
+    };
+    folder("ARLEQUIN_CACHE")
+        .or_else(|| folder("XDG_CACHE_HOME").map(|p| p.join("arlequin")))
+        .or_else(|| folder("HOME").map(|p| p.join(".cache/arlequin")))
+}
+
+/// The beams of a table.
+pub(crate) fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
+    let DemTable {
+        young,
+        poisson,
+        radius_ratio,
+        ..
+    } = table.dem;
+    if radius_ratio.is_some() && young.is_none() {
+        let rule = "decides the stiffness together with dem.young; give both";
+        return Err(key(format!("{path}.dem.radius_ratio"), rule));
+    }
+    Ok(BeamMaterial {
+        young: young.unwrap_or(YOUNG_RATIO * table.material.young),
+        poisson: poisson.unwrap_or(BeamMaterial::SILICA.poisson),
+        radius_ratio: radius_ratio.unwrap_or(BeamMaterial::SILICA.radius_ratio),
+    })
+}

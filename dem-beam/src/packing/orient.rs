@@ -1,0 +1,144 @@
+//! Surfaces from files: triangles turned alike, outer shells outwards, cavities inwards.
+
+use super::surface::{Surface, winding};
+use crate::error::{DemError, Result, finite};
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+
+type Edges = BTreeMap<(u32, u32), Vec<(usize, bool)>>;
+
+impl Surface {
+    /// A closed surface whose triangles may be turned either way, as files bring them. Triangles
+    /// with a repeated corner are left out; each connected shell is turned alike, outer shells
+    /// outwards, shells inside an odd number of others (cavities) inwards. Shells must not
+    /// cross; that is not checked.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; [`DemError::OneSidedSurface`].
+    ///
+    /// ```
+    /// use dem_beam::Surface;
+    /// use nalgebra::Vector3;
+    /// let corners = vec![Vector3::zeros(), Vector3::x(), Vector3::y(), Vector3::z()];
+    /// // The first triangle is turned against the others.
+    /// let tetrahedron = Surface::oriented(corners, vec![[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
+    /// assert!((tetrahedron.volume() - 1.0 / 6.0).abs() < 1e-15);
+    /// # Ok::<(), dem_beam::DemError>(())
+    /// ```
+    pub fn oriented(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self> {
+        for (i, c) in vertices
+            .iter()
+            .enumerate()
+            .flat_map(|(i, v)| v.iter().map(move |c| (i, c)))
+        {
+            finite("coordinate", "vertex", i, *c)?;
+        }
+        let whole = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
+        let mut triangles: Vec<[u32; 3]> = triangles.into_iter().filter(whole).collect();
+        if let Some(&a) = triangles
+            .iter()
+            .flatten()
+            .find(|&&a| a as usize >= vertices.len())
+        {
+            return Err(DemError::no_vertex(a));
+        }
+        let edges = edges(&triangles)?;
+        let shells = turn_alike(&mut triangles, &edges)?;
+        turn_outwards(&vertices, &mut triangles, &shells);
+        Self::new(vertices, triangles)
+    }
+}
+
+/// For every edge its two triangles, and whether they run from the smaller to the larger vertex.
+fn edges(triangles: &[[u32; 3]]) -> Result<Edges> {
+    let mut edges = Edges::new();
+    for (i, t) in triangles.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = (t[k], t[(k + 1) % 3]);
+            edges.entry((a.min(b), a.max(b))).or_default().push((i, a < b));
+        }
+    }
+    match edges.iter().find(|(_, uses)| uses.len() != 2) {
+        Some((&(a, b), uses)) => Err(DemError::OpenSurface {
+            first: a as usize,
+            second: b as usize,
+            count: uses.len(),
+        }),
+        None => Ok(edges),
+    }
+}
+
+/// Turns the triangles of each connected shell alike; returns the shells.
+fn turn_alike(triangles: &mut [[u32; 3]], edges: &Edges) -> Result<Vec<Vec<usize>>> {
+    let mut turned: Vec<Option<bool>> = vec![None; triangles.len()];
+    let mut shells = Vec::new();
+    for seed in 0..triangles.len() {
+        if turned[seed].is_some() {
+            continue;
+        }
+        turned[seed] = Some(false);
+        let mut shell = vec![seed];
+        let mut next = 0;
+        while next < shell.len() {
+            let i = shell[next];
+            next += 1;
+            let t = triangles[i];
+            let own = turned[i] == Some(true);
+            for k in 0..3 {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                let key = (a.min(b), a.max(b));
+                let Some(&(j, up)) = edges[&key].iter().find(|(j, _)| *j != i) else {
+                    continue;
+                };
+                // Neighbours run along their edge in opposite directions.
+                let turn = own != (up == (a < b));
+                match turned[j] {
+                    None => {
+                        turned[j] = Some(turn);
+                        shell.push(j);
+                    }
+                    Some(other) if other != turn => {
+                        let (first, second) = (key.0 as usize, key.1 as usize);
+                        return Err(DemError::OneSidedSurface { first, second });
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        shells.push(shell);
+    }
+    for (t, _) in triangles
+        .iter_mut()
+        .zip(&turned)
+        .filter(|(_, turn)| **turn == Some(true))
+    {
+        t.swap(1, 2);
+    }
+    Ok(shells)
+}
+
+fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: &[Vec<usize>]) {
+    let corners = |t: &[u32; 3]| t.map(|i| vertices[i as usize]);
+    for shell in shells {
+        let volume = |t: &[u32; 3]| {
+            let [a, b, c] = corners(t);
+            a.dot(&b.cross(&c))
+        };
+        if shell.iter().map(|&i| volume(&triangles[i])).sum::<f64>() < 0.0 {
+            shell.iter().for_each(|&i| triangles[i].swap(1, 2));
+        }
+    }
+    // All shells face outwards now, so their winding numbers are 0 or 1.
+    let inside =
+        |x: &Vector3<f64>, shell: &[usize]| winding(x, shell.iter().map(|&i| corners(&triangles[i]))) > 0.5;
+    let cavities: Vec<usize> = (0..shells.len())
+        .filter(|&s| {
+            let x = vertices[triangles[shells[s][0]][0] as usize];
+            let around = (0..shells.len()).filter(|&o| o != s && inside(&x, &shells[o]));
+            around.count() % 2 == 1
+        })
+        .collect();
+    for s in cavities {
+        shells[s].iter().for_each(|&i| triangles[i].swap(1, 2));
+    }
+}

@@ -1,0 +1,53 @@
+//! Closed surfaces from STL files.
+
+use super::surface::Surface;
+use crate::error::{DemError, Result};
+use nalgebra::Vector3;
+
+/// Bytes before the triangles of a binary file: a comment and their number.
+const HEAD: usize = 84;
+/// Bytes per triangle of a binary file.
+const TRIANGLE: usize = 50;
+
+impl Surface {
+    /// Reads STL, text or binary. The format has no unit: coordinates are taken in m. Corners
+    /// are joined where they agree in every bit; orientation is that of [`Self::oriented`], the
+    /// normals in the file are not used.
+    ///
+    /// # Errors
+    /// [`DemError::BadFile`] if it is not STL or has no triangle; as [`Self::oriented`].
+    pub fn from_stl(bytes: &[u8]) -> Result<Self> {
+        let bad = |reason: String| DemError::BadFile {
+            format: "STL",
+            reason,
+        };
+        let mut bytes = bytes.to_vec();
+        // Some programs begin the comment of a binary file with the word that marks a text.
+        if let Some(number) = bytes.get(HEAD - 4..HEAD) {
+            let count = u32::from_le_bytes([number[0], number[1], number[2], number[3]]);
+            if bytes.len() as u64 == HEAD as u64 + TRIANGLE as u64 * u64::from(count) {
+                bytes[0] = b' ';
+            }
+        }
+        let mesh = stl_io::read_stl(&mut std::io::Cursor::new(bytes)).map_err(|e| bad(e.to_string()))?;
+        if mesh.faces.is_empty() {
+            return Err(bad("it has no triangle".into()));
+        }
+        // Zero has two signs but is one place; the reader keeps them apart.
+        let mut places = std::collections::BTreeMap::new();
+        let mut vertices = Vec::new();
+        let place: Vec<u32> = mesh
+            .vertices
+            .iter()
+            .map(|v| {
+                let x = [v[0], v[1], v[2]].map(|c| c + 0.0);
+                *places.entry(x.map(f32::to_bits)).or_insert_with(|| {
+                    vertices.push(Vector3::from(x.map(f64::from)));
+                    vertices.len() as u32 - 1
+                })
+            })
+            .collect();
+        let triangles = mesh.faces.iter().map(|f| f.vertices.map(|i| place[i]));
+        Self::oriented(vertices, triangles.collect())
+    }
+}

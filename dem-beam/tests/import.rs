@@ -1,0 +1,265 @@
+//! Bodies and spheres from files: STL surfaces, VTU points.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use dem_beam::packing::read_vtu;
+use dem_beam::{Container, DemError, Packing, PackingSpec, Surface};
+use nalgebra::Vector3;
+use std::f64::consts::PI;
+use std::fmt::Write as _;
+
+type Facet = [Vector3<f64>; 3];
+
+fn text(facets: &[Facet]) -> Vec<u8> {
+    let mut out = String::from("solid test\n");
+    for f in facets {
+        out.push_str("facet normal 0 0 0\nouter loop\n");
+        for v in f {
+            let v = v.map(|c| c as f32);
+            writeln!(out, "vertex {:e} {:e} {:e}", v.x, v.y, v.z).unwrap();
+        }
+        out.push_str("endloop\nendfacet\n");
+    }
+    out.push_str("endsolid test\n");
+    out.into_bytes()
+}
+
+/// With a comment that looks like the first word of a text, as some programs write it.
+fn binary(facets: &[Facet]) -> Vec<u8> {
+    let mut out = b"solid by a program".to_vec();
+    out.resize(80, b' ');
+    out.extend((facets.len() as u32).to_le_bytes());
+    for f in facets {
+        out.extend([0; 12]);
+        out.extend(
+            f.iter()
+                .flat_map(|v| v.iter())
+                .flat_map(|c| (*c as f32).to_le_bytes()),
+        );
+        out.extend([0; 2]);
+    }
+    out
+}
+
+/// Facets of a surface over two parameters in `n` steps each; the first one goes round.
+fn patches(n: [u32; 2], at: impl Fn(f64, f64) -> Vector3<f64>) -> Vec<Facet> {
+    let mut out = Vec::new();
+    for i in 0..n[0] {
+        for j in 0..n[1] {
+            // Whole turns come back to the same bits.
+            let p = |a: u32, b: u32| {
+                at(
+                    f64::from(a % n[0]) / f64::from(n[0]),
+                    f64::from(b) / f64::from(n[1]),
+                )
+            };
+            let (a, b, c, d) = (p(i, j), p(i + 1, j), p(i + 1, j + 1), p(i, j + 1));
+            out.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    out
+}
+
+fn ball(radius: f64) -> Vec<Facet> {
+    patches([24, 12], |u, v| {
+        let ring = if v > 0.0 && v < 1.0 { (PI * v).sin() } else { 0.0 };
+        let (sin, cos) = (2.0 * PI * u).sin_cos();
+        Vector3::new(ring * cos, ring * sin, (PI * v).cos()) * radius
+    })
+}
+
+fn torus(large: f64, small: f64) -> Vec<Facet> {
+    patches([36, 18], |u, v| {
+        let ((su, cu), (sv, cv)) = ((2.0 * PI * u).sin_cos(), (2.0 * PI * (v % 1.0)).sin_cos());
+        Vector3::new((large + small * cv) * cu, (large + small * cv) * su, small * sv)
+    })
+}
+
+/// An L of three cubes of edge `a`, made of the faces no two cubes share.
+fn ell(a: f64) -> Vec<Facet> {
+    let cubes = [[0, 0, 0], [1, 0, 0], [0, 1, 0]];
+    let mut out = Vec::new();
+    for c in cubes {
+        for axis in 0..3 {
+            for side in 0..2 {
+                let mut other = c;
+                other[axis] += 2 * side - 1;
+                if cubes.contains(&other) {
+                    continue;
+                }
+                let corner = |s: i32, t: i32| {
+                    let mut x = c;
+                    x[axis] += side;
+                    x[(axis + 1) % 3] += s;
+                    x[(axis + 2) % 3] += t;
+                    Vector3::from(x.map(f64::from)) * a
+                };
+                let (p, q, r, s) = (corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1));
+                out.extend([[p, q, r], [p, r, s]]);
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn stl_as_text_and_binary_is_the_same_body() {
+    // Poles of the ball are facets with a repeated corner; faces of the L are turned at random.
+    for (facets, volume) in [
+        (ball(1e-3), 4.0 / 3.0 * PI * 1e-9),
+        (torus(1e-3, 0.4e-3), 2.0 * PI * PI * 1e-3 * 0.16e-6),
+        (ell(1e-3), 3e-9),
+    ] {
+        let a = Surface::from_stl(&text(&facets)).unwrap();
+        let b = Surface::from_stl(&binary(&facets)).unwrap();
+        assert!((a.volume() / b.volume() - 1.0).abs() < 1e-14);
+        assert!(
+            (a.volume() / volume - 1.0).abs() < 0.05,
+            "{:e} {volume:e}",
+            a.volume()
+        );
+    }
+    let exact = Surface::from_stl(&text(&ell(1e-3))).unwrap().volume();
+    assert!((exact / 3e-9 - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn bodies_from_stl_are_filled() {
+    let hole = |x: &Vector3<f64>| x.xy().norm() < 0.55e-3;
+    let notch = |x: &Vector3<f64>| x.x > 1.05e-3 && x.y > 1.05e-3;
+    let none = |_: &Vector3<f64>| false;
+    let cases: [(Vec<Facet>, &dyn Fn(&Vector3<f64>) -> bool); 3] = [
+        (ball(1e-3), &none),
+        (torus(1e-3, 0.4e-3), &hole),
+        (ell(1e-3), &notch),
+    ];
+    for (facets, outside) in cases {
+        let surface = Surface::from_stl(&binary(&facets)).unwrap();
+        let packing = PackingSpec::quench(Container::Surface(surface.clone()), 400, 3)
+            .build()
+            .unwrap();
+        let r = &packing.report;
+        assert!(r.volume_fraction > 0.6 && r.dropped < 20, "{r:?}");
+        assert!((r.coordination_all - 6.2).abs() < 0.01);
+        assert!(
+            packing
+                .positions
+                .iter()
+                .all(|x| surface.contains(x) && !outside(x))
+        );
+        // Every corner of the body is reached.
+        let (low, high) = surface.bounds();
+        let ends = packing.positions.iter().zip(&packing.radii);
+        for a in 0..3 {
+            let reach = ends.clone().fold([f64::INFINITY, -f64::INFINITY], |m, (x, r)| {
+                [m[0].min(x[a] - r), m[1].max(x[a] + r)]
+            });
+            assert!(reach[0] - low[a] < 0.6 * r.mean_radius && high[a] - reach[1] < 0.6 * r.mean_radius);
+        }
+    }
+}
+
+#[test]
+fn cavities_are_left_empty() {
+    let mut facets = ball(1e-3);
+    facets.extend(ball(0.5e-3));
+    let shell = Surface::from_stl(&text(&facets)).unwrap();
+    let ratio = shell.volume() / Surface::from_stl(&text(&ball(1e-3))).unwrap().volume();
+    assert!((ratio - 0.875).abs() < 1e-6, "{ratio}");
+    assert!(!shell.contains(&Vector3::zeros()) && shell.contains(&Vector3::new(0.75e-3, 0.0, 0.0)));
+}
+
+#[test]
+fn bad_surfaces_have_names() {
+    let mut open = ell(1e-3);
+    open.pop();
+    assert!(matches!(
+        Surface::from_stl(&text(&open)),
+        Err(DemError::OpenSurface { count: 1, .. })
+    ));
+    let message = Surface::from_stl(b"what is this").unwrap_err().to_string();
+    assert!(
+        message.starts_with("this is no STL file that can be read"),
+        "{message}"
+    );
+    let empty = Surface::from_stl(&binary(&[])).unwrap_err().to_string();
+    assert!(empty.ends_with("it has no triangle"), "{empty}");
+    let mut nan = ell(1e-3);
+    nan.iter_mut()
+        .flatten()
+        .filter(|v| **v == Vector3::zeros())
+        .for_each(|v| v.x = f64::NAN);
+    assert!(matches!(
+        Surface::from_stl(&binary(&nan)),
+        Err(DemError::NotFinite { object: "vertex", .. })
+    ));
+    // A Klein bottle as a grid: closed, every edge twice, yet with one side only.
+    let n = 4_u32;
+    let at = |i: u32, j: u32| {
+        let (turned, j) = (i == n, j % n);
+        (i % n) * n + if turned { (n - j) % n } else { j }
+    };
+    let mut klein = Vec::new();
+    for i in 0..n {
+        for j in 0..n {
+            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+            klein.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let points = (0..n * n).map(|k| Vector3::new(f64::from(k), f64::from(k * k), 1.0));
+    let found = Surface::oriented(points.collect(), klein);
+    assert!(
+        matches!(found, Err(DemError::OneSidedSurface { .. })),
+        "{found:?}"
+    );
+}
+
+fn vtu(radius: &str, last: &str) -> Vec<u8> {
+    format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">\n\
+         <UnstructuredGrid><Piece NumberOfPoints=\"3\" NumberOfCells=\"0\">\n\
+         <PointData><DataArray type=\"Float64\" Name=\"{radius}\" NumberOfComponents=\"1\" format=\"ascii\">\
+         1e-3 1e-3 0.8e-3</DataArray></PointData>\n<CellData/>\n\
+         <Points><DataArray type=\"Float64\" NumberOfComponents=\"3\" format=\"ascii\">\
+         1e-3 2e-3 2e-3 3e-3 2e-3 2e-3 {last} 2e-3 2e-3</DataArray></Points>\n\
+         <Cells><DataArray type=\"Int64\" Name=\"connectivity\" format=\"ascii\"></DataArray>\
+         <DataArray type=\"Int64\" Name=\"offsets\" format=\"ascii\"></DataArray>\
+         <DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\"></DataArray></Cells>\n\
+         </Piece></UnstructuredGrid></VTKFile>\n"
+    )
+    .into_bytes()
+}
+
+#[test]
+fn spheres_from_vtu_are_bonded_in_their_body() {
+    let (x, r) = read_vtu(&vtu("radius", "4.8e-3"), None).unwrap();
+    assert!(r == [1e-3, 1e-3, 0.8e-3] && x[2] == Vector3::new(4.8e-3, 2e-3, 2e-3));
+    let named = read_vtu(&vtu("half width", "4.8e-3"), Some("half width")).unwrap();
+    assert!(named.1 == r);
+    let room = Container::cuboid(Vector3::zeros(), Vector3::new(6e-3, 4e-3, 4e-3)).unwrap();
+    let packing = Packing::from_spheres(&room, &x, &r, 4.0 / 3.0).unwrap();
+    assert!(packing.pairs == [[0, 1], [1, 2]] && (packing.volume / 96e-9 - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn bad_vtu_files_have_names() {
+    let message = |bytes: &[u8]| read_vtu(bytes, None).unwrap_err().to_string();
+    let missing = message(&vtu("colour", "5e-3"));
+    assert!(
+        missing.starts_with("no point array named radius [m], radius"),
+        "{missing}"
+    );
+    assert!(missing.ends_with("the file has: colour"), "{missing}");
+    assert!(message(b"x,y,z,r").starts_with("this is no VTU file that can be read"));
+    assert!(matches!(
+        read_vtu(&vtu("r", "NaN"), None),
+        Err(DemError::NotFinite { index: 2, .. })
+    ));
+    // The third centre lies inside the second sphere.
+    let (x, r) = read_vtu(&vtu("r", "3.5e-3"), None).unwrap();
+    let room = Container::cuboid(Vector3::zeros(), Vector3::repeat(6e-3)).unwrap();
+    let found = Packing::from_spheres(&room, &x, &r, 1.0).unwrap_err().to_string();
+    assert!(
+        found.contains("particles 1 and 2 are 5e-4 m apart") || found.contains("particles 1 and 2 are 4.99"),
+        "{found}"
+    );
+}
