@@ -17,6 +17,7 @@ pub mod linalg;
 pub mod material;
 pub mod mediator;
 pub mod model;
+mod motion;
 pub mod observer;
 pub mod overlap;
 pub mod parallel;

@@ -1,5 +1,6 @@
 //! What a mechanics model must offer to be coupled, and the two roles it can play.
 
+use crate::effect::Finding;
 use crate::field::Interpolation;
 use crate::weight::{Weight, Weighting};
 use crate::{Error, Real, Result};
@@ -52,6 +53,28 @@ impl<T: Real> State<T> {
     }
 }
 
+/// The step in which a model may change itself.
+///
+/// A part of the model that disappears (a bond that breaks) with energy `e` and forces `g = −de/dq` takes
+///
+/// ```text
+/// ½ (e(q_n) + e(q_{n+1})) + ¼ (q_{n+1} − q_n)·(g(q_{n+1}) − g(q_n))
+/// ```
+///
+/// out of the discrete invariant (`½ q_nᵀ k q_{n+1}` for a linear one), and its forces `g(q_n)` must be taken out of
+/// `f_before`: then the energy balance closes to round-off in spite of the break.
+#[derive(Debug)]
+pub struct Evolution<'a, T> {
+    /// Time of the new positions \[s\].
+    pub time: T,
+    /// Displacements one step earlier.
+    pub q_before: &'a [T],
+    /// Displacements now.
+    pub q: &'a [T],
+    /// Weighted internal forces at `q_before`, to be corrected for what disappears.
+    pub f_before: &'a mut [T],
+}
+
 /// A mechanics model as the coupling sees it: `M_β q̈ = F_ext,γ − F_int,α`, without loads and coupling forces.
 ///
 /// A model never meets another model, the multipliers or the time integrator.
@@ -102,6 +125,38 @@ pub trait Model<T: Real>: Send {
         crate::spectrum::critical_step(self.layout().dofs(), inverse_inertia, &mut |q, f| {
             self.add_internal_forces(q, f)
         })
+    }
+
+    /// Whether the model changes itself as it moves (bonds that break). Only then [`Model::evolve`] is called, and only
+    /// then the state before the step is kept.
+    fn evolves(&self) -> bool {
+        false
+    }
+
+    /// Lets the model change itself: called once per step when the new positions are known and before the forces there
+    /// are evaluated. Returns the energy that left the model \[J\], by the rule of [`Evolution`].
+    ///
+    /// # Errors
+    /// Whatever keeps the model from doing so.
+    fn evolve(&mut self, _: Evolution<'_, T>) -> Result<T> {
+        Ok(T::zero())
+    }
+
+    /// Effects that live in the model itself, by the names they have in reports: "fracture", "finite-rotations".
+    /// The first is the one whose energy [`Model::evolve`] returns, if the model evolves.
+    fn effects(&self) -> &[&'static str] {
+        &[]
+    }
+
+    /// Figures of the effects in the model, for reports: names (with units) and values.
+    fn facts(&self) -> Vec<(String, f64)> {
+        Vec::new()
+    }
+
+    /// What this state would need effects for that may not be on. May take as long as a few steps; never called
+    /// during a step.
+    fn watch(&self, _: &State<T>) -> Vec<Finding> {
+        Vec::new()
     }
 
     /// The model as a linear one, if it is: needed by the static twin and the harmonic analysis.

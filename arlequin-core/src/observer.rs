@@ -11,6 +11,10 @@ use std::ops::ControlFlow;
 pub enum Phase {
     /// Prediction and internal forces of a subdomain.
     Predict(usize),
+    /// A model changes itself (subdomain); only where one does.
+    Evolve(usize),
+    /// Forces of an effect (subdomain, effect); only where there is one.
+    Effect(usize, usize),
     /// Multiplier solve and correction.
     Interface,
     /// Energy ledger.
@@ -30,8 +34,8 @@ pub struct StepReport<T> {
     pub energy: Option<EnergySample<T>>,
 }
 
-/// Watches a run.
-pub trait Observer<T: Real> {
+/// Watches a run. Phases may be announced from a worker thread.
+pub trait Observer<T: Real>: Send {
     /// Called before each phase of a step.
     fn phase(&mut self, _: Phase) {}
 

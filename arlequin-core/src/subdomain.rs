@@ -3,13 +3,18 @@
 use crate::effect::{Effect, Instant, Site};
 use crate::error::invalid;
 use crate::field::Interpolation;
-use crate::model::{CoarseModel, FineModel, Model, State};
+use crate::model::{CoarseModel, Evolution, FineModel, Model, State};
+use crate::observer::Phase;
 use crate::parallel;
 use crate::scalar::check_finite;
-use crate::time::TimeFunction;
 use crate::weight::Weights;
 use crate::{Error, Real, Result};
 use std::sync::Arc;
+
+pub use crate::motion::PrescribedMotion;
+
+/// Hears what a step is doing.
+pub(crate) type Announce<'a> = dyn FnMut(Phase) + Send + 'a;
 
 /// The part a subdomain plays in its interfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,46 +23,6 @@ pub enum Role {
     Coarse,
     /// Receives `1 − f`.
     Fine,
-}
-
-/// Prescribed motion of some unknowns: `q = amplitude · f(t)`.
-#[derive(Debug, Clone)]
-pub struct PrescribedMotion<T> {
-    /// Unknowns.
-    pub dofs: Vec<usize>,
-    /// Amplitude \[m, rad\]; zero fixes them.
-    pub amplitude: T,
-    /// Time function.
-    pub time: TimeFunction<T>,
-}
-
-impl<T: Real> PrescribedMotion<T> {
-    /// Fixed unknowns.
-    pub fn fixed(dofs: Vec<usize>) -> Self {
-        Self {
-            dofs,
-            amplitude: T::zero(),
-            time: TimeFunction::Step,
-        }
-    }
-
-    fn at(&self, t: T) -> T {
-        if self.amplitude == T::zero() {
-            T::zero()
-        } else {
-            self.amplitude * self.time.at(t)
-        }
-    }
-
-    /// Central differences of the motion: with these as velocity and acceleration, velocity Verlet follows it exactly.
-    fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
-        let (before, now, after) = (self.at(t - dt), self.at(t), self.at(t + dt));
-        (
-            now,
-            (after - before) / (dt + dt),
-            (after - now - now + before) / (dt * dt),
-        )
-    }
 }
 
 /// One model with everything the coupled run knows of it.
@@ -69,6 +34,10 @@ pub struct Subdomain<T: Real> {
     supports: Vec<PrescribedMotion<T>>,
     pub(crate) effects: Vec<Box<dyn Effect<T>>>,
     pub(crate) works: Vec<T>,
+    /// What the last instant added to them.
+    pub(crate) last_works: Vec<T>,
+    /// Work line of a model that evolves; `None` for all others.
+    pub(crate) evolved: Option<T>,
     pub(crate) state: State<T>,
     pub(crate) inertia: Vec<T>,
     pub(crate) inverse_inertia: Vec<T>,
@@ -119,6 +88,8 @@ impl<T: Real> Subdomain<T> {
             supports: Vec::new(),
             effects: Vec::new(),
             works: Vec::new(),
+            last_works: Vec::new(),
+            evolved: model.evolves().then(T::zero),
             state: State::zero(n),
             inertia: zeros(),
             inverse_inertia: zeros(),
@@ -136,6 +107,7 @@ impl<T: Real> Subdomain<T> {
     pub fn with_effect(mut self, effect: Box<dyn Effect<T>>) -> Self {
         self.effects.push(effect);
         self.works.push(T::zero());
+        self.last_works.push(T::zero());
         self
     }
 
@@ -282,20 +254,30 @@ impl<T: Real> Subdomain<T> {
         self.effects.iter_mut().try_for_each(|e| e.attach(&site))
     }
 
-    /// Critical step of the weighted model with its damping effects \[s\].
+    /// Critical step of the weighted model with its effects \[s\].
     ///
     /// Damping forces use the velocity half a step earlier, which shortens the stable step to
-    /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`.
+    /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::Demand`] for what adds to `ω` and `c`.
     pub(crate) fn critical_step(&mut self) -> Result<T> {
         let free = self.model.critical_step(&self.inverse_inertia)?;
-        let rate: T = self.effects.iter().map(|e| e.damping_rate()).sum();
-        let zeta = rate * free * T::of(0.25);
-        Ok(free * ((T::one() + zeta * zeta).sqrt() - zeta))
+        if self.effects.is_empty() {
+            return Ok(free);
+        }
+        Ok(crate::effect::shortened(
+            free,
+            self.effects.iter().map(|e| e.demand()),
+        ))
     }
 
     /// Internal and effect forces at the current displacements; `a` from them, `v += half a`. The model finds
-    /// `internal` at zero.
-    fn evaluate(&mut self, t: T, dt: T, half: T) -> Result<()> {
+    /// `internal` at zero. `since` is the length of the step that led here, `own` the number of this subdomain.
+    fn evaluate(
+        &mut self,
+        t: T,
+        [since, dt, half]: [T; 3],
+        own: usize,
+        announce: &mut Announce<'_>,
+    ) -> Result<()> {
         self.model
             .add_internal_forces(&self.state.q, &mut self.internal)?;
         if !self.total.is_empty() {
@@ -304,10 +286,15 @@ impl<T: Real> Subdomain<T> {
                 time: t,
                 q: &self.state.q,
                 v_half: &self.state.v,
+                dt: since,
+                internal: &self.internal,
+                internal_before: &self.internal_before,
             };
-            for e in &mut self.effects {
+            for (k, e) in self.effects.iter_mut().enumerate() {
+                announce(Phase::Effect(own, k));
                 e.add_forces(&at, &mut self.total)?;
             }
+            announce(Phase::Predict(own));
         }
         let force = if self.total.is_empty() {
             &self.internal
@@ -336,24 +323,31 @@ impl<T: Real> Subdomain<T> {
             }
         }
         self.internal.fill(T::zero());
-        self.evaluate(t, dt, T::zero())
+        self.evaluate(t, [T::zero(), dt, T::zero()], 0, &mut |_| {})
     }
 
     /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` at time `t`.
     ///
-    /// Two passes over the unknowns beside the model's: before its forces and after.
-    pub(crate) fn predict(&mut self, t: T, dt: T, keep: bool) -> Result<()> {
+    /// Two passes over the unknowns beside the model's: before its forces and after. `own` is the number of this
+    /// subdomain, for what is announced.
+    pub(crate) fn predict(
+        &mut self,
+        own: usize,
+        [t, dt]: [T; 2],
+        keep: bool,
+        announce: &mut Announce<'_>,
+    ) -> Result<()> {
         if parallel::pays(self.inertia.len()) {
             // One entry into the pool for all passes: each would cost a wake-up otherwise.
-            rayon::scope(|_| self.passes(t, dt, keep))
+            rayon::scope(|_| self.passes(own, [t, dt], keep, announce))
         } else {
-            self.passes(t, dt, keep)
+            self.passes(own, [t, dt], keep, announce)
         }
     }
 
-    fn passes(&mut self, t: T, dt: T, keep: bool) -> Result<()> {
+    fn passes(&mut self, own: usize, [t, dt]: [T; 2], keep: bool, announce: &mut Announce<'_>) -> Result<()> {
         let half = dt * T::of(0.5);
-        if keep {
+        if keep || self.evolved.is_some() {
             parallel::copy(&mut self.q_before, &self.state.q);
         }
         std::mem::swap(&mut self.internal, &mut self.internal_before);
@@ -363,11 +357,30 @@ impl<T: Real> Subdomain<T> {
             let now = motion.at(t);
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
-        self.evaluate(t, dt, half)
+        if self.evolved.is_some() {
+            announce(Phase::Evolve(own));
+            self.evolve(t)?;
+            announce(Phase::Predict(own));
+        }
+        self.evaluate(t, [dt, dt, half], own, announce)
     }
 
     fn has_moving_support(&self) -> bool {
         self.supports.iter().any(|m| m.amplitude != T::zero())
+    }
+
+    /// Lets the model change itself; what leaves it is a negative work.
+    fn evolve(&mut self, time: T) -> Result<()> {
+        let released = self.model.evolve(Evolution {
+            time,
+            q_before: &self.q_before,
+            q: &self.state.q,
+            f_before: &mut self.internal_before,
+        })?;
+        if let Some(work) = &mut self.evolved {
+            *work -= released;
+        }
+        Ok(())
     }
 
     /// The force vector, where moving supports make the coupling forces on them a part of the balance.
@@ -377,8 +390,10 @@ impl<T: Real> Subdomain<T> {
 
     /// Adds the work of effects over the step; returns that of the moving supports.
     pub(crate) fn account(&mut self, dt: T) -> T {
-        for (w, e) in self.works.iter_mut().zip(&self.effects) {
-            *w += dt * e.power(&self.state.v);
+        let works = self.works.iter_mut().zip(&mut self.last_works);
+        for ((w, last), e) in works.zip(&self.effects) {
+            *last = dt * e.power(&self.state.v);
+            *w += *last;
         }
         let mut support = T::zero();
         for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {

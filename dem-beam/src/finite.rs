@@ -5,7 +5,7 @@
 //! U = w [ k_n (l-l0)^2/2 + k_t s^2/2 + 2 k_b ((1-c_i^2) + (t_i.t_j - c_i c_j) + (1-c_j^2)) ]
 //! ```
 
-use crate::bond::{BeamRigidity, LinearBond};
+use crate::bond::{BeamRigidity, LinearBond, Twist};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Where a particle is relative to its place at rest.
@@ -38,4 +38,62 @@ pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
         * (0.5 * k.axial * stretch * stretch
             + 0.5 * k.torsion * twist * twist
             + 2.0 * k.bending * (ei.dot(&ei) + ei.dot(&ej) + ej.dot(&ej)))
+}
+
+/// Forces and torques of a bond on its two particles: the gradient of [`energy`] with respect to displacements and
+/// spins.
+#[must_use]
+pub fn wrenches(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> (Twist, Twist) {
+    let inverse = bond.axis.norm();
+    let scale = bond.scale * inverse * inverse;
+    let n0 = bond.axis / inverse;
+    let rest = 1.0 / inverse;
+    let du = j.displacement - i.displacement;
+    let d = n0 * rest + du;
+    let length = d.norm();
+    let n = d / length;
+    let stretch = (n0 * rest + d).dot(&du) / (length + rest);
+    let (ti, tj) = (i.rotation * n0, j.rotation * n0);
+    let relative = j.rotation.quaternion() * i.rotation.quaternion().conjugate();
+    let (r, r0) = (relative.imag(), relative.scalar());
+    let twist = 2.0 * n.dot(&r);
+    let (ci, cj) = (n.dot(&ti), n.dot(&tj));
+    let (kt, kb) = (k.torsion * scale * twist, 2.0 * k.bending * scale);
+    let (a, b) = (2.0 * ci + cj, ci + 2.0 * cj);
+    let g = (ti * a + tj * b) * -kb;
+    let across = (r * 2.0 - n * twist) * kt + g - n * n.dot(&g);
+    let force = n * (k.axial * scale * stretch) + across / length;
+    let turn = n.cross(&r) * kt;
+    (
+        Twist {
+            linear: force,
+            angular: n * (kt * r0) + turn - ti.cross(&(tj - n * a)) * kb,
+        },
+        Twist {
+            linear: -force,
+            angular: n * (-kt * r0) + turn - tj.cross(&(ti - n * b)) * kb,
+        },
+    )
+}
+
+/// `-dU/dth` for a rotation vector `th` from the torque `m`: `T(th)^T m`, see the kernel.
+#[must_use]
+pub fn generalised(th: &Vector3<f64>, m: &Vector3<f64>) -> Vector3<f64> {
+    let x = th.norm_squared();
+    // B = (1 - cos a)/a^2, C = (a - sin a)/a^3; series where they would cancel.
+    let (b, c) = if x < 1e-4 {
+        (0.5 - x / 24.0, 1.0 / 6.0 - x / 120.0)
+    } else {
+        let a = x.sqrt();
+        ((1.0 - a.cos()) / x, (a - a.sin()) / (x * a))
+    };
+    let once = th.cross(m);
+    m - once * b + th.cross(&once) * c
+}
+
+/// Spin of a particle with rotation vector `th` that changes at the rate `rate`: `T(th) rate`.
+#[must_use]
+pub fn spin(th: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
+    // T(th) is the transpose of that in `generalised`, which is T(-th).
+    generalised(&-th, rate)
 }

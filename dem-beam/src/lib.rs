@@ -28,30 +28,38 @@
 //! | [`particles`] | flat arrays: bonds, stiffness, masses, weights |
 //! | [`kernel`] | the whole velocity-Verlet step, SIMD chosen at run time, any number of threads |
 //! | [`model`] | the body behind the coupling traits: weights, supports, loads |
+//! | [`fracture`] | bonds that break |
+//! | [`contact`], [`obstacle`] | contact between unbonded particles, and with rigid bodies |
 //! | [`critical`] | the critical time step |
 //! | [`statics`], [`calibrate`], [`homogenise`] | equilibrium, E and nu of bars and of the bulk, the inverse |
 //!
-//! Left out: contact between unbonded particles, bond failure, gravity, and the motion of
-//! periodic bodies. Results are bit-identical for any number of threads on one machine; between
+//! Left out: contact between two bodies, and the motion of periodic bodies. Gravity and dampings are
+//! effects of the core. Results are bit-identical for any number of threads on one machine; between
 //! instruction sets the last bits may differ.
 //!
 //! Features, both on by default: `stl` reads surfaces from STL, `vtu` spheres from VTU files.
 
 pub mod bond;
 pub mod calibrate;
+pub mod contact;
 pub mod critical;
 pub mod error;
 pub mod finite;
+pub mod fracture;
 pub mod homogenise;
 pub mod kernel;
 pub mod model;
+pub mod obstacle;
 pub mod packing;
 pub mod particles;
 pub mod statics;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
+pub use contact::{Contact, ContactLaw};
 pub use error::{DemError, Result};
+pub use fracture::{Criterion, Fracture, Scatter};
 pub use kernel::{BeamDynamics, Held};
 pub use model::{DemModel, DemReport, LoadShare};
+pub use obstacle::{Motion, Obstacle, Shape};
 pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};

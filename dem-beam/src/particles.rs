@@ -172,6 +172,11 @@ impl BondedParticles {
         Ok(())
     }
 
+    /// Takes the stiffness of a bond away; masses stay.
+    pub(crate) fn sever(&mut self, bond: usize) {
+        self.bonds[bond].scale = 0.0;
+    }
+
     /// Number of particles.
     #[must_use]
     pub fn len(&self) -> usize {

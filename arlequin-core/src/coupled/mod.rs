@@ -95,15 +95,14 @@ impl<T: Real> Coupled<T> {
 
     /// The works of the ledger: every effect, the moving supports, the constraint.
     pub fn works(&self) -> Vec<WorkLine<T>> {
-        let mut lines = Vec::new();
-        for s in &self.subdomains {
-            for (e, w) in s.effects.iter().zip(&s.works) {
-                lines.push(WorkLine {
-                    name: format!("{}/{}", s.model().name(), e.name()),
-                    work: *w,
-                });
-            }
-        }
+        let mut lines: Vec<_> = self
+            .effects()
+            .into_iter()
+            .filter_map(|e| {
+                let work = e.work?;
+                Some(WorkLine { name: e.name, work })
+            })
+            .collect();
         if self
             .subdomains
             .iter()
@@ -143,7 +142,7 @@ impl<T: Real> Coupled<T> {
         let next = self.start_time + T::of((self.step + 1) as f64) * self.dt;
         for (k, s) in self.subdomains.iter_mut().enumerate() {
             observer.phase(Phase::Predict(k));
-            s.predict(next, self.dt, draw)?;
+            s.predict(k, [next, self.dt], draw, &mut |phase| observer.phase(phase))?;
         }
         let invariant: Option<T> =
             draw.then(|| self.subdomains.iter_mut().map(|s| s.invariant(self.dt)).sum());
@@ -155,6 +154,9 @@ impl<T: Real> Coupled<T> {
         // The invariant of this step is the one before the forces of the new instant did any work.
         let energy = invariant.map(|h| self.draw(h)).transpose()?;
         self.account();
+        if draw {
+            self.check_created()?;
+        }
         Ok(StepReport {
             step: self.step,
             time: self.time,
@@ -210,8 +212,29 @@ impl<T: Real> Coupled<T> {
         }
     }
 
+    /// Refuses effects that made energy from nothing: what no step short enough would let them do.
+    fn check_created(&self) -> Result<()> {
+        let created = self.created();
+        let (_, volume) = self.total_work();
+        let reference = self.ledger.start.unwrap_or_default().abs().max(volume);
+        let bound = self.guard.growth * reference;
+        if created <= bound || reference <= T::zero() {
+            return Ok(());
+        }
+        Err(Error::EnergyGrowth {
+            step: self.step,
+            time: self.time.as_f64(),
+            excess: created.as_f64(),
+            bound: bound.as_f64(),
+            percent: 100.0 * self.guard.growth.as_f64(),
+        })
+    }
+
     fn total_work(&self) -> (T, T) {
-        let works = self.subdomains.iter().flat_map(|s| s.works.iter().copied());
+        let works = self
+            .subdomains
+            .iter()
+            .flat_map(|s| s.works.iter().copied().chain(s.evolved));
         let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
         all.by_ref()
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
@@ -246,7 +269,8 @@ impl<T: Real> Coupled<T> {
             residual /= top;
         }
         let (work, volume) = self.total_work();
-        let start = *self.ledger.start.get_or_insert(invariant);
+        // Only a model that changed itself in the first step has done work before the first drawing.
+        let start = *self.ledger.start.get_or_insert(invariant - work);
         let drift = invariant - start - work;
         self.ledger.scale = self
             .ledger

@@ -155,15 +155,7 @@ impl<T: Real> Coupled<T> {
                 c.as_f64(),
             )
         });
-        let effects = self
-            .subdomains
-            .iter()
-            .flat_map(|s| {
-                s.effects()
-                    .map(|e| format!("{}/{}", s.model().name(), e.name()))
-                    .collect::<Vec<_>>()
-            })
-            .collect();
+        let effects = self.effects().into_iter().map(|e| e.name).collect();
         Plan {
             models: models.collect(),
             dt: self.dt.as_f64(),

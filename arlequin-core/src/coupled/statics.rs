@@ -69,6 +69,9 @@ impl<T: Real> Coupled<T> {
                 time: t,
                 q: &rest,
                 v_half: &rest,
+                dt: T::zero(),
+                internal: &rest,
+                internal_before: &rest,
             };
             for e in &mut s.effects {
                 e.add_forces(&at, &mut rhs[start..start + n])?;

@@ -5,7 +5,7 @@
 //! resolved space (the mediator's or a coarser one), in the symmetric form
 //! `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, energy only leaves.
 
-use super::{Effect, Instant, Site, dot};
+use super::{Demand, Effect, Instant, Site, dot};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::linalg::SpdFactor;
@@ -190,7 +190,11 @@ impl<T: Real> Effect<T> for Absorber<T> {
         self.nodes.iter().enumerate().map(node).sum()
     }
 
-    fn damping_rate(&self) -> T {
-        self.top_rate
+    fn demand(&self) -> Demand<T> {
+        Demand::damping(self.top_rate)
+    }
+
+    fn supplied(&self) -> Option<T> {
+        Some(T::zero())
     }
 }

@@ -3,10 +3,15 @@
 //! An effect adds forces to one subdomain and is one line of the energy ledger.
 
 mod absorber;
+mod account;
 mod load;
+mod viscous;
 
 pub use absorber::{Absorber, RateField};
+pub use account::EffectLine;
+pub(crate) use account::shortened;
 pub use load::{Load, SurfaceFacet};
+pub use viscous::{BulkViscosity, LocalDamping, StiffnessDamping};
 
 use crate::model::{DofLayout, Model};
 use crate::weight::Weights;
@@ -39,8 +44,58 @@ pub struct Instant<'a, T> {
     pub time: T,
     /// Displacements at that time.
     pub q: &'a [T],
-    /// Velocities half a step earlier: what an explicit scheme knows.
+    /// Velocities half a step earlier: what an explicit scheme knows. Times [`Instant::dt`] they are the displacement
+    /// of the step.
     pub v_half: &'a [T],
+    /// Length of the step that led here \[s\]; zero at the start of a run.
+    pub dt: T,
+    /// Weighted internal forces of the model now \[N, N m\].
+    pub internal: &'a [T],
+    /// The same one step earlier; zero at the start of a run.
+    pub internal_before: &'a [T],
+}
+
+/// What an effect demands of the time step, in terms of the highest frequency `ω` of the model without it:
+/// `ω² → gain (ω² + stiffness)`, damped at the rate `damping + viscosity ω²`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Demand<T> {
+    /// Largest `ω²` the effect can add \[1/s²\]: contact springs.
+    pub stiffness: T,
+    /// Factor on all forces: dampings that scale with the force.
+    pub gain: T,
+    /// Largest damping rate `c/m` \[1/s\].
+    pub damping: T,
+    /// Damping proportional to the stiffness, `F = −viscosity K v` \[s\].
+    pub viscosity: T,
+}
+
+impl<T: Real> Demand<T> {
+    /// Nothing.
+    pub fn none() -> Self {
+        Self {
+            stiffness: T::zero(),
+            gain: T::one(),
+            damping: T::zero(),
+            viscosity: T::zero(),
+        }
+    }
+
+    /// A damping rate \[1/s\] only.
+    pub fn damping(rate: T) -> Self {
+        Self {
+            damping: rate,
+            ..Self::none()
+        }
+    }
+}
+
+/// Something a model would need an effect for that is not on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// Name of the effect to switch on.
+    pub effect: &'static str,
+    /// What was found, with value and limit.
+    pub message: String,
 }
 
 /// A load, a damping or any other force on one subdomain beside its internal ones.
@@ -63,9 +118,26 @@ pub trait Effect<T: Real>: Send {
     /// Power of the last added forces on the velocities `v` \[W\]: negative where energy is dissipated.
     fn power(&self, v: &[T]) -> T;
 
-    /// Largest damping rate `c/m` \[1/s\]; lowers the critical step of the explicit scheme.
-    fn damping_rate(&self) -> T {
+    /// What the effect demands of the time step.
+    fn demand(&self) -> Demand<T> {
+        Demand::none()
+    }
+
+    /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs.
+    fn stored(&self) -> T {
         T::zero()
+    }
+
+    /// Energy the effect has taken from outside the run up to this instant \[J\]: the work of a driven obstacle. Then
+    /// `supplied − work − stored` is what it has dissipated, and a run in which that becomes negative is stopped.
+    /// `None` for loads, whose work is all from outside.
+    fn supplied(&self) -> Option<T> {
+        None
+    }
+
+    /// Figures for reports: names (with units) and values.
+    fn facts(&self) -> Vec<(String, f64)> {
+        Vec::new()
     }
 }
 
@@ -183,8 +255,12 @@ impl<T: Real> Effect<T> for MassDamping<T> {
         dot(&self.force, v)
     }
 
-    fn damping_rate(&self) -> T {
-        self.rate
+    fn demand(&self) -> Demand<T> {
+        Demand::damping(self.rate)
+    }
+
+    fn supplied(&self) -> Option<T> {
+        Some(T::zero())
     }
 }
 

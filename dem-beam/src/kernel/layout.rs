@@ -98,6 +98,37 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
         self.start.push(self.slots.len() as u32);
     }
 
+    /// Writes the bonds of one block again, without those that have no stiffness left. `bonds` gives other end and bond
+    /// of each bond of a particle, sorted; places must be particle numbers.
+    pub(crate) fn refresh<'a>(
+        &mut self,
+        block: usize,
+        body: &BondedParticles,
+        bonds: impl Fn(usize) -> &'a [[u32; 2]],
+    ) {
+        let first = block * LANES;
+        let (from, to) = (self.start[block] as usize, self.start[block + 1] as usize);
+        self.own[block] = W::Own::default();
+        for s in from..to {
+            self.slots[s] = W::Slot::default();
+            self.neighbours[s] = std::array::from_fn(|k| (first + k) as u32);
+        }
+        for lane in 0..LANES.min(self.order.len() - first) {
+            let i = first + lane;
+            let whole = bonds(i)
+                .iter()
+                .filter(|[_, b]| body.bonds()[*b as usize].scale > 0.0);
+            for (s, &[other, b]) in whole.enumerate() {
+                let bond = body.bonds()[b as usize];
+                let own = body.pairs()[b as usize][0] as usize == i;
+                let bond = if own { bond } else { bond.reversed() };
+                let slot = &mut self.slots[from + s];
+                W::fill(slot, &mut self.own[block], lane, &bond, body.rigidity());
+                self.neighbours[from + s][lane] = other;
+            }
+        }
+    }
+
     /// Bytes of bond data.
     pub(crate) fn bond_bytes(&self) -> usize {
         self.slots.len() * (size_of::<W::Slot>() + size_of::<[u32; LANES]>())

@@ -2,6 +2,7 @@
 
 use crate::bond::BeamRigidity;
 use crate::error::{DemError, Result};
+use crate::fracture::state::Incidence;
 use crate::kernel::engine::{Isa, Pass, RotationVector, Sink};
 use crate::kernel::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, scale};
 use crate::kernel::law::{Finite, Linear};
@@ -146,6 +147,15 @@ impl<W: RotationVector> Gather<W> {
             factors,
         };
         pass.add_forces(&self.rows, sink, parallel);
+    }
+
+    /// Leaves the bonds of the two ends out that have no stiffness left.
+    pub(crate) fn refresh(&mut self, pair: [u32; 2], body: &BondedParticles, incidence: &Incidence) {
+        let [a, b] = pair.map(|i| i as usize / LANES);
+        self.layout.refresh(a, body, |i| incidence.of(i));
+        if b != a {
+            self.layout.refresh(b, body, |i| incidence.of(i));
+        }
     }
 
     pub(crate) fn isa_name(&self) -> &'static str {

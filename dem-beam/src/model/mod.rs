@@ -17,7 +17,9 @@
 //! spin for rotations about a fixed axis and differs from it by terms of the order of
 //! `|th x dth/dt|^2` otherwise. A particle may turn by 6 rad at most.
 
+mod breaking;
 pub(crate) mod forces;
+pub(crate) mod poses;
 mod report;
 mod select;
 mod spectrum;
@@ -26,21 +28,26 @@ mod stiffness;
 pub use report::DemReport;
 pub use select::LoadShare;
 
-use crate::bond::{BeamMaterial, Twist};
+use crate::bond::BeamMaterial;
 use crate::error::{DemError, Result};
-use crate::finite::{self, Pose};
+use crate::fracture::SharedLog;
+use crate::fracture::state::FractureState;
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Matter};
+use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Cell;
-use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
+use arlequin_core::model::{
+    CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
+};
 use arlequin_core::parallel;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
 use forces::{Gather, check_rotations};
-use nalgebra::{Point3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Vector3};
+use poses::Reader;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -71,6 +78,10 @@ pub struct DemModel {
     /// `alpha(x_i)` with nodal weighting.
     factors: Option<Vec<f64>>,
     packing: Option<PackingReport>,
+    fracture: Option<FractureState>,
+    /// Strengths that are compared at the end only, in a run without fracture.
+    watched: Option<FractureState>,
+    log: SharedLog,
 }
 
 impl DemModel {
@@ -146,6 +157,9 @@ impl DemModel {
             kernel: Kernel::Linear(Gather::new(&body)),
             factors: None,
             packing: None,
+            fracture: None,
+            watched: None,
+            log: SharedLog::default(),
             body,
         })
     }
@@ -247,30 +261,12 @@ impl DemModel {
         }
     }
 
-    fn bond_energy(&self, b: usize, q: &[f64]) -> f64 {
-        let [i, j] = self.body.pairs()[b].map(|i| i as usize);
-        let (bond, k) = (&self.body.bonds()[b], self.body.rigidity());
-        let turn = 3 * self.nodes.len();
-        let three = |at: usize| Vector3::new(q[at], q[at + 1], q[at + 2]);
-        let energy = match self.kernel {
-            Kernel::Linear(_) => {
-                let twist = |i: usize| Twist {
-                    linear: three(3 * i),
-                    angular: three(turn + 3 * i),
-                };
-                bond.energy(k, &twist(i), &twist(j))
-            }
-            Kernel::Finite(_) => {
-                let pose = |i: usize| Pose {
-                    displacement: three(3 * i),
-                    rotation: UnitQuaternion::from_scaled_axis(three(turn + 3 * i)),
-                };
-                finite::energy(bond, k, &pose(i), &pose(j))
-            }
-        };
-        match &self.factors {
-            Some(w) => 0.5 * (w[i] + w[j]) * energy,
-            None => energy,
+    fn reader<'a>(&'a self, q: &'a [f64]) -> Reader<'a> {
+        Reader {
+            q,
+            finite: self.has_finite_rotations(),
+            factors: self.factors.as_deref(),
+            rigidity: *self.body.rigidity(),
         }
     }
 }
@@ -351,11 +347,16 @@ impl Model<f64> for DemModel {
         let factors = self.factors.as_deref();
         match &mut self.kernel {
             Kernel::Linear(k) => k.add(q, f, factors),
-            Kernel::Finite(k) => {
+            Kernel::Finite(_) => {
                 if let Err(e) = check_rotations(&q[q.len() / 2..]) {
-                    return Err(self.named(&e));
+                    // A particle without bonds may spin as it likes.
+                    if let Some(e) = self.refused(e, q) {
+                        return Err(self.named(&e));
+                    }
                 }
-                k.add(q, f, factors);
+                if let Kernel::Finite(k) = &mut self.kernel {
+                    k.add(q, f, self.factors.as_deref());
+                }
             }
         }
         Ok(())
@@ -364,8 +365,9 @@ impl Model<f64> for DemModel {
     /// Sum of the weighted bond energies \[J\]; with nodal weighting bonds carry the mean of `alpha`
     /// at their ends, and no force derives from the sum. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
+        let reader = self.reader(q);
         parallel::sum(self.body.pairs().len(), &|bonds| {
-            bonds.map(|b| self.bond_energy(b, q)).sum()
+            bonds.map(|b| reader.energy(&self.body, b)).sum()
         })
     }
 
@@ -397,6 +399,31 @@ impl Model<f64> for DemModel {
             Ok(_) => Ok(f64::from(f32::MAX)),
             Err(e) => Err(self.named(&e)),
         }
+    }
+
+    fn evolves(&self) -> bool {
+        self.fracture.is_some()
+    }
+
+    fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
+        Ok(self.break_bonds(step))
+    }
+
+    fn effects(&self) -> &[&'static str] {
+        match (&self.fracture, &self.kernel) {
+            (Some(_), Kernel::Finite(_)) => &["fracture", "finite-rotations"],
+            (Some(_), Kernel::Linear(_)) => &["fracture"],
+            (None, Kernel::Finite(_)) => &["finite-rotations"],
+            (None, Kernel::Linear(_)) => &[],
+        }
+    }
+
+    fn facts(&self) -> Vec<(String, f64)> {
+        self.fracture_facts()
+    }
+
+    fn watch(&self, state: &State<f64>) -> Vec<Finding> {
+        self.findings(&state.q)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {

@@ -113,7 +113,7 @@ impl CellList {
 
     /// Calls `near` with every particle of the 27 cells around sphere `s`.
     #[inline]
-    fn around(&self, s: &Sphere, mut near: impl FnMut(u32)) {
+    pub(crate) fn around(&self, s: &Sphere, mut near: impl FnMut(u32)) {
         let c = self.cell(s);
         if self.period.is_some() {
             let turn = |a: usize, k: usize| (c[a] + self.dims[a] + k - 1) % self.dims[a];

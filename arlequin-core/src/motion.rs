@@ -1,0 +1,44 @@
+//! Prescribed motion of unknowns: supports.
+
+use crate::Real;
+use crate::time::TimeFunction;
+
+/// Prescribed motion of some unknowns: `q = amplitude · f(t)`.
+#[derive(Debug, Clone)]
+pub struct PrescribedMotion<T> {
+    /// Unknowns.
+    pub dofs: Vec<usize>,
+    /// Amplitude \[m, rad\]; zero fixes them.
+    pub amplitude: T,
+    /// Time function.
+    pub time: TimeFunction<T>,
+}
+
+impl<T: Real> PrescribedMotion<T> {
+    /// Fixed unknowns.
+    pub fn fixed(dofs: Vec<usize>) -> Self {
+        Self {
+            dofs,
+            amplitude: T::zero(),
+            time: TimeFunction::Step,
+        }
+    }
+
+    pub(crate) fn at(&self, t: T) -> T {
+        if self.amplitude == T::zero() {
+            T::zero()
+        } else {
+            self.amplitude * self.time.at(t)
+        }
+    }
+
+    /// Central differences of the motion: with these as velocity and acceleration, velocity Verlet follows it exactly.
+    pub(crate) fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
+        let (before, now, after) = (self.at(t - dt), self.at(t), self.at(t + dt));
+        (
+            now,
+            (after - before) / (dt + dt),
+            (after - now - now + before) / (dt * dt),
+        )
+    }
+}

@@ -1,0 +1,187 @@
+//! The force between two touching spheres.
+//!
+//! ```text
+//! k = E 2 r_i r_j/(r_i + r_j)      f_n = max(0, k gap - c v_n)      c = 2 zeta sqrt(k m)
+//! e = exp(-zeta/s (pi - atan2(2 zeta s, 1 - 2 zeta^2))), s = sqrt(1 - zeta^2)    m the reduced mass
+//! (the restitution of a spring and dashpot that never pull, Schwager and Poeschel 2007)
+//! f_t = -k_t xi, xi the sliding since touch in the tangent plane, |f_t| <= friction f_n
+//! m_r = -k_t r^2 psi, psi the rolling since touch, |m_r| <= rolling r f_n, r the reduced radius
+//! ```
+
+use crate::bond::Twist;
+use crate::error::{DemError, Result, positive};
+use nalgebra::Vector3;
+
+/// Restitution of a critically damped contact is exp(-2) = 0.135.
+const LEAST_RESTITUTION: f64 = 0.15;
+
+/// Parameters of contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactLaw {
+    /// Modulus `E` of the normal spring (Pa); that of the packing is a good value.
+    pub modulus: f64,
+    /// Coefficient of restitution of a collision of two free spheres, 0.15 to 1 (elastic).
+    pub restitution: f64,
+    /// Coulomb friction, 0 for none.
+    pub friction: f64,
+    /// Tangential over normal stiffness.
+    pub shear_ratio: f64,
+    /// Rolling resistance (lever over reduced radius), 0 for none.
+    pub rolling: f64,
+    /// Skin of the neighbour list in mean radii.
+    pub skin: f64,
+}
+
+impl ContactLaw {
+    /// Elastic and without friction, with a skin of 0.4 mean radii.
+    #[must_use]
+    pub fn elastic(modulus: f64) -> Self {
+        Self {
+            modulus,
+            restitution: 1.0,
+            friction: 0.0,
+            shear_ratio: 0.5,
+            rolling: 0.0,
+            skin: 0.4,
+        }
+    }
+
+    pub(crate) fn check(&self) -> Result<()> {
+        positive("contact modulus", self.modulus)?;
+        positive("shear ratio of contact", self.shear_ratio)?;
+        positive("skin of the neighbour list", self.skin)?;
+        let bad = |name, value, range| Err(DemError::OutOfRange { name, value, range });
+        if !(self.restitution >= LEAST_RESTITUTION && self.restitution <= 1.0) {
+            return bad("coefficient of restitution", self.restitution, "[0.15, 1]");
+        }
+        if !(self.friction >= 0.0 && self.friction.is_finite()) {
+            return bad("friction coefficient", self.friction, "finite values >= 0");
+        }
+        if !(self.rolling >= 0.0 && self.rolling.is_finite()) {
+            return bad("rolling resistance", self.rolling, "finite values >= 0");
+        }
+        Ok(())
+    }
+
+    /// Share of critical damping that gives the coefficient of restitution.
+    pub(crate) fn damping_ratio(&self) -> f64 {
+        if self.restitution >= 1.0 {
+            return 0.0;
+        }
+        let restitution = |z: f64| {
+            let s = (1.0 - z * z).sqrt();
+            (-z / s * (std::f64::consts::PI - (2.0 * z * s).atan2(1.0 - 2.0 * z * z))).exp()
+        };
+        // Falls from 1 to exp(-2) between no and critical damping.
+        let (mut low, mut high) = (0.0, 1.0 - 1e-9);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if restitution(middle) > self.restitution {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+
+    /// Unweighted normal stiffness (N/m).
+    pub(crate) fn stiffness(&self, [a, b]: [f64; 2]) -> f64 {
+        2.0 * self.modulus * a * b / (a + b)
+    }
+
+    /// `omega^2` and damping rate of one contact on a particle, `top = k/m`. A pair holds at most twice what its ends
+    /// hold alone; sliding turns the sphere as well, `1/m + r^2/I = 3.5/m`.
+    pub(crate) fn demand(&self, top: f64) -> [f64; 2] {
+        let slide = if self.friction > 0.0 {
+            3.5 * self.shear_ratio
+        } else {
+            0.0
+        };
+        let roll = if self.rolling > 0.0 {
+            2.5 * self.shear_ratio
+        } else {
+            0.0
+        };
+        let square = 2.0 * top * (slide + roll).max(1.0);
+        [square, 2.0 * 2.0 * self.damping_ratio() * top.sqrt()]
+    }
+
+    /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy held; moves the springs on by a step `dt`.
+    pub(crate) fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
+        let n = p.normal;
+        let k = p.share * self.stiffness(p.radii);
+        let kt = k * self.shear_ratio;
+        let damping = 2.0 * zeta * (k / p.inverse_mass).sqrt();
+        let [i, j] = &p.motion;
+        let lever = i.angular * p.arms[0] + j.angular * p.arms[1];
+        let v = j.linear - i.linear - lever.cross(&n);
+        let vn = v.dot(&n);
+        let push = (k * p.gap - damping * vn).max(0.0);
+        spring.on = true;
+        let mut out = Response {
+            force: n * push,
+            torque: [Vector3::zeros(); 2],
+            stored: 0.5 * k * p.gap * p.gap,
+        };
+        if self.friction > 0.0 {
+            let moved = spring.slide + (v - n * vn) * dt;
+            spring.slide = capped(moved - n * n.dot(&moved), self.friction * push / kt);
+            let drag = spring.slide * -kt;
+            out.force += drag;
+            let turn = n.cross(&drag);
+            out.torque = [turn * -p.arms[0], turn * -p.arms[1]];
+            out.stored += 0.5 * kt * spring.slide.norm_squared();
+        }
+        if self.rolling > 0.0 {
+            let radius = p.radii[0] * p.radii[1] / (p.radii[0] + p.radii[1]);
+            let kr = kt * radius * radius;
+            let turned = spring.roll + (j.angular - i.angular) * dt;
+            spring.roll = capped(turned - n * n.dot(&turned), self.rolling * radius * push / kr);
+            let moment = spring.roll * -kr;
+            out.torque[0] -= moment;
+            out.torque[1] += moment;
+            out.stored += 0.5 * kr * spring.roll.norm_squared();
+        }
+        out
+    }
+}
+
+fn capped(x: Vector3<f64>, limit: f64) -> Vector3<f64> {
+    let size = x.norm();
+    if size > limit { x * (limit / size) } else { x }
+}
+
+/// Two touching spheres.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pair {
+    /// From the first to the second.
+    pub(crate) normal: Vector3<f64>,
+    /// Overlap beyond rest (m).
+    pub(crate) gap: f64,
+    pub(crate) radii: [f64; 2],
+    /// Distances of the centres from the point of contact (m); they sum to the distance of the centres.
+    pub(crate) arms: [f64; 2],
+    /// Factor on the stiffness (weights).
+    pub(crate) share: f64,
+    /// Sum of the inverse weighted masses.
+    pub(crate) inverse_mass: f64,
+    /// Velocities and spins.
+    pub(crate) motion: [Twist; 2],
+}
+
+/// What a contact remembers.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Spring {
+    pub(crate) on: bool,
+    pub(crate) slide: Vector3<f64>,
+    pub(crate) roll: Vector3<f64>,
+}
+
+/// What a contact does.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Response {
+    pub(crate) force: Vector3<f64>,
+    pub(crate) torque: [Vector3<f64>; 2],
+    pub(crate) stored: f64,
+}

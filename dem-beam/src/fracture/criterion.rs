@@ -1,0 +1,118 @@
+//! How hard a bond is loaded.
+
+use crate::bond::{BeamRigidity, LinearBond, Twist};
+use crate::finite::Pose;
+use nalgebra::Vector3;
+
+/// What is compared with the strength of a bond; formulas in [`crate::fracture`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Criterion {
+    /// Axial tension (Pa).
+    Axial,
+    /// Largest principal tension of the section (Pa).
+    Rankine,
+    /// Equivalent stress of von Mises in the section (Pa).
+    Mises,
+    /// Elastic energy per section (J/m^2).
+    Energy,
+}
+
+/// Section constants of the beams.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Section {
+    radius: f64,
+    area: f64,
+    young: f64,
+    shear: f64,
+    rigidity: BeamRigidity,
+}
+
+impl Section {
+    /// `r_b^2 = 4 I/S`.
+    pub(crate) fn new(k: &BeamRigidity) -> Self {
+        let radius = 2.0 * (k.bending / k.axial).sqrt();
+        let area = std::f64::consts::PI * radius * radius;
+        Self {
+            radius,
+            area,
+            young: k.axial / area,
+            shear: k.torsion / (0.5 * area * radius * radius),
+            rigidity: *k,
+        }
+    }
+}
+
+/// Deformation of one beam: strain, twist per length (rad/m), end rotations `a`, `b` against the chord (rad).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Strain {
+    length: f64,
+    axial: f64,
+    twist: f64,
+    a: Vector3<f64>,
+    b: Vector3<f64>,
+}
+
+impl Strain {
+    #[inline]
+    pub(crate) fn linear(bond: &LinearBond, i: &Twist, j: &Twist) -> Self {
+        let p = bond.axis;
+        let q = p.dot(&p);
+        let du = j.linear - i.linear;
+        let chord = p.cross(&du);
+        let across = |t: &Vector3<f64>| t - p * (p.dot(t) / q) - chord;
+        Self {
+            length: q.sqrt().recip(),
+            axial: p.dot(&du),
+            twist: p.dot(&(j.angular - i.angular)),
+            a: across(&i.angular),
+            b: across(&j.angular),
+        }
+    }
+
+    pub(crate) fn finite(bond: &LinearBond, i: &Pose, j: &Pose) -> Self {
+        let inverse = bond.axis.norm();
+        let (n0, rest) = (bond.axis / inverse, 1.0 / inverse);
+        let du = j.displacement - i.displacement;
+        let d = n0 * rest + du;
+        let length = d.norm();
+        let n = d / length;
+        let (ti, tj) = (i.rotation * n0, j.rotation * n0);
+        let relative = j.rotation.quaternion() * i.rotation.quaternion().conjugate();
+        Self {
+            length: rest,
+            axial: (n0 * rest + d).dot(&du) / (length + rest) * inverse,
+            twist: 2.0 * n.dot(&relative.imag()) * inverse,
+            a: ti - n * n.dot(&ti),
+            b: tj - n * n.dot(&tj),
+        }
+    }
+}
+
+impl Criterion {
+    /// Value to be compared with the strength.
+    #[inline]
+    pub(crate) fn value(self, s: &Section, e: &Strain) -> f64 {
+        let normal = s.young * e.axial;
+        if self == Self::Axial {
+            return normal;
+        }
+        let twist = e.twist;
+        if self == Self::Energy {
+            let k = &s.rigidity;
+            let bend = e.a.dot(&e.a) + e.a.dot(&e.b) + e.b.dot(&e.b);
+            let energy = 0.5 * e.length * (k.axial * e.axial * e.axial + k.torsion * twist * twist)
+                + 2.0 * k.bending / e.length * bend;
+            return energy / s.area;
+        }
+        let (m, n) = (e.a * 4.0 + e.b * 2.0, e.b * 4.0 + e.a * 2.0);
+        let moment = m.norm_squared().max(n.norm_squared()).sqrt();
+        let bending = s.young * s.radius / e.length * moment;
+        let shear = s.shear * s.radius * twist;
+        if self == Self::Mises {
+            let tension = normal.abs() + bending;
+            return (tension * tension + 3.0 * shear * shear).sqrt();
+        }
+        let tension = normal + bending;
+        0.5 * (tension + (tension * tension + 4.0 * shear * shear).sqrt())
+    }
+}

@@ -1,0 +1,151 @@
+//! Bonds that break: criteria, strengths and the record of what broke.
+//!
+//! A bond breaks at the first instant at which its criterion reaches its strength; it then carries nothing, for ever.
+//! Masses stay: a particle that has lost all bonds moves freely, and one in an overlap stays tied by the multipliers,
+//! with the weight it had in the reference configuration.
+//!
+//! Stresses are those of the beam's section (radius `r_b`, area `S`), unweighted:
+//!
+//! ```text
+//! sigma_N = E e    sigma_M = M r_b/I, M the larger end moment    tau = T r_b/I_O
+//! axial    sigma_N
+//! rankine  1/2 (sigma_N + sigma_M + sqrt((sigma_N + sigma_M)^2 + 4 tau^2))    largest principal tension
+//! mises    sqrt((|sigma_N| + sigma_M)^2 + 3 tau^2)                            breaks in compression as well
+//! energy   U/S, elastic energy of the bond per section (J/m^2)
+//! ```
+//!
+//! `rankine` is the usual one for cohesive beams of brittle materials (André et al. 2012, 2013). The stress of the
+//! beam is not that of the packing: beams are stiffer than the packing and loaded unevenly, so a macroscopic strength
+//! is reached at a higher strength of the beams (about threefold in tension for `axial` and `rankine`).
+
+pub(crate) mod criterion;
+mod scatter;
+pub(crate) mod state;
+
+pub use criterion::Criterion;
+pub use scatter::Scatter;
+
+use crate::error::{DemError, Result, positive};
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+
+/// When bonds break.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fracture {
+    /// What is compared.
+    pub criterion: Criterion,
+    /// Strength: Pa, or J/m^2 for [`Criterion::Energy`]. Characteristic (63.2 % broken) with Weibull scatter, mean
+    /// otherwise.
+    pub strength: f64,
+    /// Scatter of the strengths between bonds.
+    pub scatter: Scatter,
+    /// Seed of the scatter.
+    pub seed: u64,
+    /// Steps between two checks: a check costs about as much as the forces on one core.
+    pub every: usize,
+}
+
+impl Fracture {
+    /// One strength for all bonds, checked in every step.
+    #[must_use]
+    pub fn new(criterion: Criterion, strength: f64) -> Self {
+        Self {
+            criterion,
+            strength,
+            scatter: Scatter::None,
+            seed: 1,
+            every: 1,
+        }
+    }
+
+    pub(crate) fn check(&self) -> Result<()> {
+        positive("bond strength", self.strength)?;
+        self.scatter.check()?;
+        if self.every == 0 {
+            return Err(DemError::OutOfRange {
+                name: "steps between checks of the bonds",
+                value: 0.0,
+                range: "values >= 1",
+            });
+        }
+        Ok(())
+    }
+}
+
+/// A bond that broke.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Break {
+    /// When (s).
+    pub time: f64,
+    /// Number of the bond in the model.
+    pub bond: u32,
+    /// Its particles, in the model's numbers.
+    pub pair: [u32; 2],
+    /// Energy it took out of the model (J).
+    pub released: f64,
+    /// Distance of the centres then (m).
+    pub distance: f64,
+}
+
+/// What broke so far. Shared between a model, contact and output.
+#[derive(Debug, Default)]
+pub struct BreakLog {
+    broken: Vec<bool>,
+    events: Vec<Break>,
+    released: f64,
+    checks: usize,
+}
+
+impl BreakLog {
+    /// Whether a bond is broken; all are whole at the start.
+    #[must_use]
+    pub fn is_broken(&self, bond: usize) -> bool {
+        self.broken.get(bond).copied().unwrap_or(false)
+    }
+
+    /// Breaks in the order in which they happened.
+    #[must_use]
+    pub fn events(&self) -> &[Break] {
+        &self.events
+    }
+
+    /// Energy that left with broken bonds (J).
+    #[must_use]
+    pub fn released(&self) -> f64 {
+        self.released
+    }
+
+    /// How often all bonds were checked.
+    #[must_use]
+    pub fn checks(&self) -> usize {
+        self.checks
+    }
+
+    pub(crate) fn begin(&mut self, bonds: usize) {
+        self.broken = vec![false; bonds];
+    }
+
+    pub(crate) fn checked(&mut self) {
+        self.checks += 1;
+    }
+
+    pub(crate) fn push(&mut self, event: Break) {
+        if let Some(b) = self.broken.get_mut(event.bond as usize) {
+            *b = true;
+        }
+        self.released += event.released;
+        self.events.push(event);
+    }
+}
+
+/// A log in several hands.
+pub type SharedLog = Arc<RwLock<BreakLog>>;
+
+/// The log to read, whatever happened to its other holders. Steps wait for readers: do not hold it during one.
+pub fn locked(log: &SharedLog) -> RwLockReadGuard<'_, BreakLog> {
+    log.read().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The log to write.
+pub(crate) fn writing(log: &SharedLog) -> RwLockWriteGuard<'_, BreakLog> {
+    log.write().unwrap_or_else(PoisonError::into_inner)
+}

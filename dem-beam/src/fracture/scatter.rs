@@ -1,0 +1,70 @@
+//! Strengths that differ from bond to bond.
+
+use crate::error::{DemError, Result};
+use nalgebra::Vector3;
+
+/// How strengths scatter. The strength of a bond depends on the seed and on where its two particles lie, not on how
+/// particles or bonds are numbered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Scatter {
+    /// All the same.
+    None,
+    /// Weibull with a modulus; the strength given is the characteristic one.
+    Weibull {
+        /// Modulus, above zero: 5 to 20 for glass, larger for less scatter.
+        modulus: f64,
+    },
+    /// Normal, cut off at three deviations; the strength given is the mean.
+    Normal {
+        /// Standard deviation over mean, below 1/3.
+        deviation: f64,
+    },
+}
+
+impl Scatter {
+    pub(crate) fn check(self) -> Result<()> {
+        let bad = |name, value, range| Err(DemError::OutOfRange { name, value, range });
+        match self {
+            Self::Weibull { modulus } if !(modulus > 0.0 && modulus.is_finite()) => {
+                bad("Weibull modulus", modulus, "finite values > 0")
+            }
+            Self::Normal { deviation } if !(0.0..1.0 / 3.0).contains(&deviation) => {
+                bad("relative deviation of the strength", deviation, "[0, 1/3)")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Factor on the strength of the bond between two centres.
+    pub(crate) fn factor(self, seed: u64, first: &Vector3<f64>, second: &Vector3<f64>) -> f64 {
+        // The sum makes the order of the two ends irrelevant.
+        let identity = mix(seed ^ place(first).wrapping_add(place(second)));
+        let u = uniform(identity);
+        match self {
+            Self::None => 1.0,
+            Self::Weibull { modulus } => (-(1.0 - u).ln()).powf(1.0 / modulus),
+            Self::Normal { deviation } => {
+                let angle = std::f64::consts::TAU * uniform(mix(identity));
+                let z = (-2.0 * (1.0 - u).ln()).sqrt() * angle.cos();
+                1.0 + deviation * z.clamp(-3.0, 3.0)
+            }
+        }
+    }
+}
+
+/// In (0, 1): the middle of one of 2^52 equal parts.
+fn uniform(bits: u64) -> f64 {
+    ((bits >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
+}
+
+fn place(x: &Vector3<f64>) -> u64 {
+    x.iter().fold(0x9e37_79b9_7f4a_7c15, |h, c| mix(h ^ c.to_bits()))
+}
+
+/// The finaliser of splitmix64.
+fn mix(x: u64) -> u64 {
+    let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}

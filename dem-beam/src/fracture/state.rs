@@ -1,0 +1,193 @@
+//! The bonds of one model while they break.
+
+use super::criterion::{Section, Strain};
+use super::{Break, Fracture, SharedLog, writing};
+use crate::bond::Twist;
+use crate::model::poses::Reader;
+use crate::particles::BondedParticles;
+use arlequin_core::model::Evolution;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Bonds per unit of parallel work.
+const CHUNK: usize = 1_024;
+
+/// Bonds above which a second thread pays for its wake-up.
+const LARGE: usize = 4 * CHUNK;
+
+/// Bonds of every particle, compressed rows, sorted by the other end.
+#[derive(Debug, Clone)]
+pub(crate) struct Incidence {
+    start: Vec<u32>,
+    entries: Vec<[u32; 2]>,
+}
+
+impl Incidence {
+    pub(crate) fn new(count: usize, pairs: &[[u32; 2]]) -> Self {
+        let mut start = vec![0_u32; count + 1];
+        for e in pairs.iter().flatten() {
+            start[*e as usize + 1] += 1;
+        }
+        for k in 0..count {
+            start[k + 1] += start[k];
+        }
+        let mut next = start.clone();
+        let mut entries = vec![[0_u32; 2]; 2 * pairs.len()];
+        for (b, &[i, j]) in pairs.iter().enumerate() {
+            for (a, o) in [(i, j), (j, i)] {
+                entries[next[a as usize] as usize] = [o, b as u32];
+                next[a as usize] += 1;
+            }
+        }
+        let mut out = Self { start, entries };
+        for i in 0..count {
+            let range = out.start[i] as usize..out.start[i + 1] as usize;
+            out.entries[range].sort_unstable();
+        }
+        out
+    }
+
+    /// Other end and bond of each bond of particle `i`.
+    pub(crate) fn of(&self, i: usize) -> &[[u32; 2]] {
+        &self.entries[self.start[i] as usize..self.start[i + 1] as usize]
+    }
+}
+
+/// Strengths and scratch of a model whose bonds can break.
+#[derive(Debug)]
+pub(crate) struct FractureState {
+    pub(crate) spec: Fracture,
+    pub(crate) log: SharedLog,
+    pub(crate) incidence: Incidence,
+    section: Section,
+    /// Strength of each bond; infinite once it is broken.
+    strength: Vec<f64>,
+    flags: Vec<bool>,
+    /// Bonds that break in this step.
+    pub(crate) now: Vec<u32>,
+    wait: usize,
+}
+
+impl FractureState {
+    pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
+        let bonds = body.pairs().len();
+        writing(&log).begin(bonds);
+        let x = body.positions();
+        let strength = body
+            .pairs()
+            .iter()
+            .map(|&[i, j]| spec.strength * spec.scatter.factor(spec.seed, &x[i as usize], &x[j as usize]))
+            .collect();
+        Self {
+            spec,
+            log,
+            incidence: Incidence::new(body.len(), body.pairs()),
+            section: Section::new(body.rigidity()),
+            strength,
+            flags: vec![false; bonds.div_ceil(CHUNK)],
+            now: Vec::with_capacity(64),
+            wait: 0,
+        }
+    }
+
+    /// Load of a bond over its strength.
+    fn ratio(&self, body: &BondedParticles, reader: &Reader<'_>, b: usize) -> f64 {
+        let [i, j] = body.pairs()[b].map(|i| i as usize);
+        let bond = &body.bonds()[b];
+        let strain = if reader.finite {
+            Strain::finite(bond, &reader.pose(i), &reader.pose(j))
+        } else {
+            Strain::linear(bond, &reader.twist(i), &reader.twist(j))
+        };
+        self.spec.criterion.value(&self.section, &strain) / self.strength[b]
+    }
+
+    /// Largest load over strength of all whole bonds, and how many are at or above one.
+    pub(crate) fn peak(&self, body: &BondedParticles, reader: &Reader<'_>) -> (f64, usize) {
+        (0..body.pairs().len()).fold((0.0, 0), |(top, count), b| {
+            let r = self.ratio(body, reader, b);
+            (f64::max(top, r), count + usize::from(r >= 1.0))
+        })
+    }
+
+    /// Fills [`Self::now`] with the bonds that reach their strength, ascending.
+    pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) {
+        self.now.clear();
+        self.wait += 1;
+        if self.wait < self.spec.every {
+            return;
+        }
+        self.wait = 0;
+        writing(&self.log).checked();
+        let bonds = body.pairs().len();
+        let mut flags = std::mem::take(&mut self.flags);
+        let range = |c: usize| c * CHUNK..((c + 1) * CHUNK).min(bonds);
+        let look = |(c, flag): (usize, &mut bool)| {
+            *flag = range(c).any(|b| self.ratio(body, reader, b) >= 1.0);
+        };
+        if bonds > LARGE && rayon::current_num_threads() > 1 {
+            flags.par_iter_mut().enumerate().for_each(look);
+        } else {
+            flags.iter_mut().enumerate().for_each(look);
+        }
+        self.flags = flags;
+        for c in 0..self.flags.len() {
+            if self.flags[c] {
+                let mut now = std::mem::take(&mut self.now);
+                now.extend(
+                    range(c)
+                        .filter(|&b| self.ratio(body, reader, b) >= 1.0)
+                        .map(|b| b as u32),
+                );
+                self.now = now;
+            }
+        }
+    }
+
+    /// Takes the bonds of [`Self::now`] out of the balance; the energy they held.
+    pub(crate) fn release(
+        &mut self,
+        body: &BondedParticles,
+        step: &mut Evolution<'_, f64>,
+        readers: [&Reader<'_>; 2],
+    ) -> f64 {
+        let mut total = 0.0;
+        let mut log = writing(&self.log);
+        for &b in &self.now {
+            let bond = b as usize;
+            let pair = body.pairs()[bond];
+            let ends = pair.map(|i| i as usize);
+            let [(e0, g0), (e1, g1)] = readers.map(|r| r.bond(body, bond));
+            let mut change = 0.0;
+            for (end, i) in ends.into_iter().enumerate() {
+                let (linear, angular) = (3 * i, step.q.len() / 2 + 3 * i);
+                let difference = Twist {
+                    linear: g1[end].linear - g0[end].linear,
+                    angular: g1[end].angular - g0[end].angular,
+                };
+                for c in 0..3 {
+                    let dq = |k: usize| step.q[k] - step.q_before[k];
+                    change += dq(linear + c) * difference.linear[c] + dq(angular + c) * difference.angular[c];
+                    step.f_before[linear + c] -= g0[end].linear[c];
+                    step.f_before[angular + c] -= g0[end].angular[c];
+                }
+            }
+            let released = 0.5 * (e0 + e1) + 0.25 * change;
+            total += released;
+            let now = |i: usize| body.positions()[i] + three(step.q, 3 * i);
+            log.push(Break {
+                time: step.time,
+                bond: b,
+                pair,
+                released,
+                distance: (now(ends[1]) - now(ends[0])).norm(),
+            });
+            self.strength[bond] = f64::INFINITY;
+        }
+        total
+    }
+}
+
+fn three(q: &[f64], at: usize) -> Vector3<f64> {
+    Vector3::new(q[at], q[at + 1], q[at + 2])
+}

@@ -1,0 +1,161 @@
+//! A model whose bonds break, and what a state would need.
+
+use super::{DemModel, Kernel, forces};
+use crate::contact::neighbours;
+use crate::error::{DemError, Result};
+use crate::fracture::state::FractureState;
+use crate::fracture::{Fracture, SharedLog, locked};
+use arlequin_core::effect::Finding;
+use arlequin_core::model::Evolution;
+
+/// Rotation (rad) up to which the small-rotation law is good to half a per cent of its forces.
+const SMALL_ROTATION: f64 = 0.1;
+
+/// Overlap of unbonded particles beyond that at rest that is worth a word, over the sum of their radii.
+const TOLERATED_OVERLAP: f64 = 0.01;
+
+impl DemModel {
+    /// The same body with bonds that break.
+    ///
+    /// # Errors
+    /// [`DemError::OutOfRange`] for a strength, scatter or interval that makes no sense.
+    pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
+        spec.check()?;
+        self.fracture = Some(FractureState::new(spec, &self.body, self.log.clone()));
+        Ok(self)
+    }
+
+    /// The same body; strengths are compared only when [`arlequin_core::Model::watch`] is called, and nothing breaks.
+    ///
+    /// # Errors
+    /// As [`Self::with_fracture`].
+    pub fn with_watched_strength(mut self, spec: Fracture) -> Result<Self> {
+        spec.check()?;
+        let log = SharedLog::default();
+        self.watched = Some(FractureState::new(spec, &self.body, log));
+        Ok(self)
+    }
+
+    /// What broke so far; stays up to date during a run.
+    #[must_use]
+    pub fn break_log(&self) -> SharedLog {
+        self.log.clone()
+    }
+
+    /// The error, unless it speaks only of particles without bonds.
+    pub(super) fn refused(&self, error: DemError, q: &[f64]) -> Option<DemError> {
+        let Some(f) = &self.fracture else {
+            return Some(error);
+        };
+        let log = locked(&self.log);
+        let held = |i: usize| f.incidence.of(i).iter().any(|e| !log.is_broken(e[1] as usize));
+        let th = &q[q.len() / 2..];
+        let found = th.chunks_exact(3).enumerate().find_map(|(i, t)| {
+            let angle = (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]).sqrt();
+            (angle > forces::MAX_ROTATION && held(i)).then_some((i, angle))
+        });
+        found.map(|(particle, angle)| DemError::RotationTooLarge {
+            particle,
+            angle,
+            limit: forces::MAX_ROTATION,
+        })
+    }
+
+    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> f64 {
+        let Some(mut fracture) = self.fracture.take() else {
+            return 0.0;
+        };
+        fracture.find(&self.body, &self.reader(step.q));
+        let mut released = 0.0;
+        if !fracture.now.is_empty() {
+            let (before, now) = (step.q_before, step.q);
+            released = fracture.release(&self.body, &mut step, [&self.reader(before), &self.reader(now)]);
+            for &b in &fracture.now {
+                self.body.sever(b as usize);
+            }
+            for &b in &fracture.now {
+                let pair = self.body.pairs()[b as usize];
+                match &mut self.kernel {
+                    Kernel::Linear(k) => k.refresh(pair, &self.body, &fracture.incidence),
+                    Kernel::Finite(k) => k.refresh(pair, &self.body, &fracture.incidence),
+                }
+            }
+        }
+        self.fracture = Some(fracture);
+        released
+    }
+
+    pub(super) fn fracture_facts(&self) -> Vec<(String, f64)> {
+        if self.fracture.is_none() {
+            return Vec::new();
+        }
+        let log = locked(&self.log);
+        vec![
+            ("broken bonds".into(), log.events().len() as f64),
+            ("bonds".into(), self.body.pairs().len() as f64),
+            ("released energy [J]".into(), log.released()),
+            ("checks of all bonds".into(), log.checks() as f64),
+            (
+                "first break [s]".into(),
+                log.events().first().map_or(-1.0, |e| e.time),
+            ),
+        ]
+    }
+
+    pub(super) fn findings(&self, q: &[f64]) -> Vec<Finding> {
+        let mut out = Vec::new();
+        if matches!(self.kernel, Kernel::Linear(_)) {
+            out.extend(self.large_rotation(q));
+        }
+        if let Some(w) = &self.watched {
+            let (top, count) = w.peak(&self.body, &self.reader(q));
+            if count > 0 {
+                out.push(Finding {
+                    effect: "fracture",
+                    message: format!(
+                        "{count} bonds are loaded above their strength, up to {top:.2} times: switch fracture on"
+                    ),
+                });
+            }
+        }
+        out.extend(self.overlapping(q));
+        out
+    }
+
+    fn large_rotation(&self, q: &[f64]) -> Option<Finding> {
+        let log = locked(&self.log);
+        // A free particle may turn: no bond feels it.
+        let mut held = vec![false; self.nodes.len()];
+        for (b, pair) in self.body.pairs().iter().enumerate() {
+            if !log.is_broken(b) {
+                pair.iter().for_each(|i| held[*i as usize] = true);
+            }
+        }
+        let th = q[q.len() / 2..].chunks_exact(3).zip(&held);
+        let angles = th
+            .filter(|(_, held)| **held)
+            .map(|(t, _)| (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]).sqrt());
+        let (top, count) = angles.fold((0.0_f64, 0), |(top, n), a| {
+            (top.max(a), n + usize::from(a > SMALL_ROTATION))
+        });
+        (count > 0).then(|| Finding {
+            effect: "finite-rotations",
+            message: format!(
+                "{count} particles have turned by up to {top:.3} rad, beyond {SMALL_ROTATION} rad, the range of the \
+                 small-rotation law: switch finite rotations on"
+            ),
+        })
+    }
+
+    fn overlapping(&self, q: &[f64]) -> Option<Finding> {
+        let log = locked(&self.log);
+        let found = neighbours::overlaps(&self.body, q, TOLERATED_OVERLAP, |b| log.is_broken(b));
+        found.map(|(count, worst)| Finding {
+            effect: "contact",
+            message: format!(
+                "{count} pairs of unbonded particles overlap, by up to {:.1} % of their radii: switch contact on",
+                100.0 * worst
+            ),
+        })
+    }
+}

@@ -1,0 +1,316 @@
+//! Rigid bodies that particles run into: planes, spheres, cylinders; at rest, driven, or free with a mass of their own.
+//!
+//! The contact law is that of [`crate::contact`] with the obstacle as a sphere of infinite radius, so a particle of
+//! radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes only from there on.
+//!
+//! A free body is moved by the same velocity Verlet as everything else and does not turn. What an obstacle gives to the
+//! particles and their springs is its `supplied` energy: the work of what drives it, or its own kinetic energy.
+
+mod shape;
+
+pub use shape::{Motion, Shape};
+
+use crate::bond::Twist;
+use crate::contact::{ContactLaw, Pair, Spring};
+use crate::error::{Result, positive};
+use crate::finite;
+use crate::model::DemModel;
+use arlequin_core::effect::{Demand, Effect, Instant, Site};
+use nalgebra::{Point3, Vector3};
+
+/// Where an obstacle pushed in the last step.
+#[derive(Debug, Clone, Copy)]
+struct Active {
+    particle: u32,
+    /// Force on the particle (N).
+    force: Vector3<f64>,
+    /// Generalised torque on it (N m).
+    torque: Vector3<f64>,
+    stored: f64,
+}
+
+/// A rigid obstacle, an effect on one cohesive-beam body.
+#[derive(Debug)]
+pub struct Obstacle {
+    name: String,
+    shape: Shape,
+    motion: Motion,
+    law: ContactLaw,
+    damping_ratio: f64,
+    finite: bool,
+    rest: Vec<Point3<f64>>,
+    radii: Vec<f64>,
+    full: Vec<f64>,
+    share: Vec<f64>,
+    mass: Vec<f64>,
+    /// Gap of each particle at rest where that is an overlap, zero otherwise.
+    allowed: Vec<f64>,
+    springs: Vec<Spring>,
+    active: Vec<Active>,
+    started: bool,
+    /// Displacement, velocity half a step earlier, force of the particles on the obstacle.
+    moved: Vector3<f64>,
+    velocity: Vector3<f64>,
+    reaction: Vector3<f64>,
+    supplied: f64,
+    /// Half of what the last instant supplied: the half step still to come.
+    pending: f64,
+    first_energy: f64,
+    peak: f64,
+    smallest: f64,
+}
+
+impl Obstacle {
+    /// An obstacle for the particles of a model, with a name for reports.
+    ///
+    /// # Errors
+    /// [`crate::DemError::OutOfRange`] for parameters that make no sense.
+    pub fn new(name: &str, model: &DemModel, shape: Shape, motion: Motion, law: ContactLaw) -> Result<Self> {
+        law.check()?;
+        let shape = shape.checked()?;
+        if let Motion::Free { mass, .. } = &motion {
+            positive("mass of a free obstacle", *mass)?;
+        }
+        let body = model.body();
+        let rest: Vec<Point3<f64>> = body.positions().iter().map(|x| Point3::from(*x)).collect();
+        let radii = body.radii().to_vec();
+        let allowed = rest
+            .iter()
+            .zip(&radii)
+            .map(|(x, r)| (shape.distance(x, &Vector3::zeros()).0 - r).min(0.0))
+            .collect();
+        Ok(Self {
+            name: name.to_owned(),
+            finite: model.has_finite_rotations(),
+            full: model.masses().to_vec(),
+            share: Vec::new(),
+            mass: Vec::new(),
+            allowed,
+            springs: vec![Spring::default(); rest.len()],
+            active: Vec::new(),
+            started: false,
+            moved: Vector3::zeros(),
+            velocity: motion.first_velocity(),
+            reaction: Vector3::zeros(),
+            supplied: 0.0,
+            pending: 0.0,
+            first_energy: 0.0,
+            peak: 0.0,
+            smallest: radii.iter().fold(f64::INFINITY, |m, r| m.min(*r)),
+            shape,
+            motion,
+            damping_ratio: law.damping_ratio(),
+            law,
+            rest,
+            radii,
+        })
+    }
+
+    /// Moves the obstacle to the new instant.
+    fn advance(&mut self, at: &Instant<'_, f64>) -> arlequin_core::Result<()> {
+        let before = self.moved;
+        match &self.motion {
+            Motion::Free { mass, .. } => {
+                if at.dt > 0.0 {
+                    let kick = if self.started { at.dt } else { 0.5 * at.dt };
+                    self.velocity += self.reaction * (kick / mass);
+                    if !self.started {
+                        self.first_energy = 0.5 * mass * self.velocity.norm_squared();
+                    }
+                    self.moved += self.velocity * at.dt;
+                    self.started = true;
+                }
+            }
+            driven => {
+                self.moved = driven.displacement(at.time);
+                if at.dt > 0.0 {
+                    self.velocity = (self.moved - before) / at.dt;
+                }
+            }
+        }
+        let step = (self.moved - before).norm();
+        if at.dt > 0.0 && step > self.smallest {
+            return Err(arlequin_core::error::invalid(
+                &format!("step of obstacle '{}'", self.name),
+                format_args!("{step:e} m"),
+                &format!(
+                    "must stay below the smallest particle radius {:e} m, or it would jump over particles; shorten the \
+                     time step or slow it down",
+                    self.smallest
+                ),
+            ));
+        }
+        Ok(())
+    }
+
+    fn pair(&self, i: usize, gap: f64, normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
+        let turn = at.q.len() / 2;
+        let three = |x: &[f64], k: usize| Vector3::new(x[k], x[k + 1], x[k + 2]);
+        let rate = three(at.v_half, turn + 3 * i);
+        let particle = Twist {
+            linear: three(at.v_half, 3 * i),
+            angular: if self.finite {
+                finite::spin(&three(at.q, turn + 3 * i), &rate)
+            } else {
+                rate
+            },
+        };
+        let heavy = match &self.motion {
+            Motion::Free { mass, .. } => 1.0 / mass,
+            _ => 0.0,
+        };
+        let r = self.radii[i];
+        Pair {
+            normal,
+            gap,
+            // A partner so large that it is flat.
+            radii: [1e12 * r, r],
+            arms: [0.0, r - gap],
+            share: self.share[i],
+            inverse_mass: 1.0 / self.mass[i] + heavy,
+            motion: [
+                Twist {
+                    linear: self.velocity,
+                    angular: Vector3::zeros(),
+                },
+                particle,
+            ],
+        }
+    }
+
+    fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
+        let turn = f.len() / 2;
+        self.active.clear();
+        self.reaction = Vector3::zeros();
+        for i in 0..self.rest.len() {
+            let u = Vector3::new(at.q[3 * i], at.q[3 * i + 1], at.q[3 * i + 2]);
+            let (distance, normal) = self.shape.distance(&(self.rest[i] + u), &self.moved);
+            let gap = self.radii[i] + self.allowed[i] - distance;
+            if gap <= 0.0 {
+                if self.springs[i].on {
+                    self.springs[i] = Spring::default();
+                }
+                continue;
+            }
+            let pair = self.pair(i, gap, normal, at);
+            let r = self
+                .law
+                .respond(&pair, self.damping_ratio, at.dt, &mut self.springs[i]);
+            let mut torque = r.torque[1];
+            if self.finite {
+                let o = turn + 3 * i;
+                let th = Vector3::new(at.q[o], at.q[o + 1], at.q[o + 2]);
+                torque = finite::generalised(&th, &torque);
+            }
+            for c in 0..3 {
+                f[3 * i + c] += r.force[c];
+                f[turn + 3 * i + c] += torque[c];
+            }
+            self.reaction -= r.force;
+            self.active.push(Active {
+                particle: i as u32,
+                force: r.force,
+                torque,
+                stored: r.stored,
+            });
+        }
+        self.peak = self.peak.max(self.reaction.norm());
+    }
+
+    /// Energy given to particles and springs so far, this instant included.
+    fn settle(&mut self, at: &Instant<'_, f64>) {
+        if at.dt <= 0.0 {
+            return;
+        }
+        match &self.motion {
+            Motion::Free { mass, .. } => {
+                let next = self.velocity + self.reaction * (at.dt / mass);
+                let energy = |v: &Vector3<f64>| 0.5 * mass * v.norm_squared();
+                self.supplied = self.first_energy - energy(&next);
+                self.pending = 0.5 * (energy(&self.velocity) - energy(&next));
+            }
+            driven => {
+                // The force of this instant works on the mean of the two velocities around it.
+                let next = driven.displacement(at.time + at.dt) - self.moved;
+                let mean = (self.velocity * at.dt + next) * 0.5;
+                let work = -self.reaction.dot(&mean);
+                self.supplied += work;
+                self.pending = 0.5 * work;
+            }
+        }
+    }
+}
+
+impl Effect<f64> for Obstacle {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn attach(&mut self, site: &Site<'_, f64>) -> arlequin_core::Result<()> {
+        let n = self.rest.len();
+        if site.model.layout().nodes != n {
+            return Err(arlequin_core::Error::SizeMismatch {
+                what: format!("particles of obstacle '{}'", self.name),
+                expected: n,
+                found: site.model.layout().nodes,
+            });
+        }
+        self.mass = (0..n).map(|i| site.inertia[3 * i]).collect();
+        self.share = self.mass.iter().zip(&self.full).map(|(m, f)| m / f).collect();
+        Ok(())
+    }
+
+    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.advance(at)?;
+        self.respond(at, f);
+        self.settle(at);
+        Ok(())
+    }
+
+    fn power(&self, v: &[f64]) -> f64 {
+        let turn = v.len() / 2;
+        let three = |k: usize| Vector3::new(v[k], v[k + 1], v[k + 2]);
+        let of = |a: &Active| {
+            let o = 3 * a.particle as usize;
+            a.force.dot(&three(o)) + a.torque.dot(&three(turn + o))
+        };
+        self.active.iter().map(of).sum()
+    }
+
+    fn demand(&self) -> Demand<f64> {
+        let flat = |r: f64| self.law.stiffness([1e12 * r, r]);
+        let masses = self.radii.iter().zip(&self.full);
+        let mut top = masses.map(|(r, m)| flat(*r) / m).fold(0.0, f64::max);
+        if let Motion::Free { mass, .. } = &self.motion {
+            // A body lighter than the particles it meets is the softer end of the spring.
+            let largest = self.radii.iter().fold(0.0_f64, |m, r| m.max(*r));
+            top = top.max(flat(largest) / mass);
+        }
+        let [stiffness, damping] = self.law.demand(top);
+        Demand {
+            stiffness,
+            damping,
+            ..Demand::none()
+        }
+    }
+
+    fn stored(&self) -> f64 {
+        self.active.iter().map(|a| a.stored).sum()
+    }
+
+    fn supplied(&self) -> Option<f64> {
+        Some(self.supplied - self.pending)
+    }
+
+    fn facts(&self) -> Vec<(String, f64)> {
+        let mut out = Vec::new();
+        for (c, axis) in ["x", "y", "z"].iter().enumerate() {
+            out.push((format!("displacement {axis} [m]"), self.moved[c]));
+            out.push((format!("velocity {axis} [m/s]"), self.velocity[c]));
+            out.push((format!("force on it {axis} [N]"), self.reaction[c]));
+        }
+        out.push(("largest force [N]".into(), self.peak));
+        out.push(("contacts".into(), self.active.len() as f64));
+        out
+    }
+}

@@ -1,0 +1,124 @@
+//! Shapes of obstacles and how they move.
+
+use crate::error::{DemError, Result, positive};
+use arlequin_core::time::TimeFunction;
+use nalgebra::{Point3, Vector3};
+
+/// A rigid shape at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    /// Half-space behind a plane.
+    Plane {
+        /// A point of the plane (m).
+        point: Point3<f64>,
+        /// Towards the particles, any length.
+        normal: Vector3<f64>,
+    },
+    /// Ball.
+    Sphere {
+        /// Centre (m).
+        centre: Point3<f64>,
+        /// Radius (m).
+        radius: f64,
+    },
+    /// Endless cylinder: a roller.
+    Cylinder {
+        /// A point of the axis (m).
+        point: Point3<f64>,
+        /// Direction of the axis, any length.
+        axis: Vector3<f64>,
+        /// Radius (m).
+        radius: f64,
+    },
+}
+
+impl Shape {
+    pub(crate) fn checked(self) -> Result<Self> {
+        let unit = |name, v: Vector3<f64>| {
+            v.try_normalize(0.0)
+                .filter(|v| v.iter().all(|c| c.is_finite()))
+                .ok_or(DemError::OutOfRange {
+                    name,
+                    value: v.norm(),
+                    range: "finite vectors other than zero",
+                })
+        };
+        Ok(match self {
+            Self::Plane { point, normal } => Self::Plane {
+                point,
+                normal: unit("normal of an obstacle", normal)?,
+            },
+            Self::Sphere { radius, .. } => {
+                positive("radius of an obstacle", radius)?;
+                self
+            }
+            Self::Cylinder { point, axis, radius } => {
+                positive("radius of an obstacle", radius)?;
+                Self::Cylinder {
+                    point,
+                    axis: unit("axis of an obstacle", axis)?,
+                    radius,
+                }
+            }
+        })
+    }
+
+    /// Distance of a point from the surface of the shape moved by `by` (negative inside), and the outward normal there.
+    #[inline]
+    pub(crate) fn distance(&self, x: &Point3<f64>, by: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let round = |d: Vector3<f64>, radius: f64| {
+            let size = d.norm();
+            let n = if size > 0.0 { d / size } else { Vector3::x() };
+            (size - radius, n)
+        };
+        match self {
+            Self::Plane { point, normal } => (normal.dot(&(x - point - by)), *normal),
+            Self::Sphere { centre, radius } => round(x - centre - by, *radius),
+            Self::Cylinder { point, axis, radius } => {
+                let d = x - point - by;
+                round(d - axis * axis.dot(&d), *radius)
+            }
+        }
+    }
+}
+
+/// How an obstacle moves.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Motion {
+    /// Not at all.
+    Fixed,
+    /// At a constant velocity (m/s) from time zero on.
+    Velocity(Vector3<f64>),
+    /// Displacement `amplitude f(t)` (m).
+    Prescribed {
+        /// Amplitude (m).
+        amplitude: Vector3<f64>,
+        /// Time function.
+        time: TimeFunction<f64>,
+    },
+    /// By its own inertia.
+    Free {
+        /// Mass (kg).
+        mass: f64,
+        /// Velocity at time zero (m/s).
+        velocity: Vector3<f64>,
+    },
+}
+
+impl Motion {
+    pub(crate) fn first_velocity(&self) -> Vector3<f64> {
+        match self {
+            Self::Velocity(v) | Self::Free { velocity: v, .. } => *v,
+            Self::Fixed | Self::Prescribed { .. } => Vector3::zeros(),
+        }
+    }
+
+    /// Displacement at a time; zero for a free body, which is integrated.
+    pub(crate) fn displacement(&self, t: f64) -> Vector3<f64> {
+        match self {
+            Self::Velocity(v) => v * t,
+            Self::Prescribed { amplitude, time } => amplitude * time.at(t),
+            Self::Fixed | Self::Free { .. } => Vector3::zeros(),
+        }
+    }
+}
