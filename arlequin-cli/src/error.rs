@@ -89,6 +89,22 @@ pub(crate) enum Error {
         /// The folder.
         path: PathBuf,
     },
+    /// A run was killed here and can go on.
+    #[error("'{}' holds an unfinished run; go on with 'arlequin resume {}', or start anew with --force", unfinished.display(), target.display())]
+    Unfinished {
+        /// The unfinished folder.
+        unfinished: PathBuf,
+        /// What it will become.
+        target: PathBuf,
+    },
+    /// A checkpoint cannot be used.
+    #[error("'{}' {reason}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// Why, and the way out.
+        reason: String,
+    },
     /// A result is not a finite number.
     #[error("{what} is not a finite number at t = {time:e} s; reduce the step or check loads and supports")]
     NotFinite {

@@ -5,6 +5,7 @@ mod build;
 #[path = "../../examples/chain/model.rs"]
 mod chain;
 mod check;
+mod checkpoint;
 mod error;
 mod output;
 mod recorder;
@@ -41,6 +42,17 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Go on with a run that was killed or interrupted, from its last checkpoint.
+    Resume {
+        /// Output folder of the run.
+        folder: PathBuf,
+        /// Worker threads [default: one per core]
+        #[arg(long, value_name = "N")]
+        threads: Option<usize>,
+        /// Print the summary as JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Read and build a scene, print the plan, run nothing.
     Check {
         #[command(flatten)]
@@ -65,7 +77,7 @@ struct Common {
     json: bool,
 }
 
-/// What both commands start from.
+/// What the commands on a scene start from.
 struct Input<'a> {
     source: &'a Source,
     scene: Scene,
@@ -75,35 +87,40 @@ struct Input<'a> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let common = match &cli.command {
-        Command::Run { common, .. } | Command::Check { common } => common,
-        Command::Verify(args) => return verify::verify(args).unwrap_or_else(|e| fail(&e, None)),
+    let done = match Cli::parse().command {
+        Command::Run { common, out, force } => {
+            return with_scene(&common, |input| run::run(input, out.as_deref(), force));
+        }
+        Command::Check { common } => {
+            return with_scene(&common, |input| check::check(input).map(|()| ExitCode::SUCCESS));
+        }
+        Command::Verify(args) => verify::verify(&args),
+        Command::Resume {
+            folder,
+            threads: wanted,
+            json,
+        } => threads(wanted).and_then(|n| run::resume(&folder, n, json)),
     };
+    done.unwrap_or_else(|e| fail(&e, None))
+}
+
+/// Runs a command on a scene; errors point into its text.
+fn with_scene(common: &Common, command: impl FnOnce(&Input<'_>) -> Result<ExitCode>) -> ExitCode {
     let source = match Source::read(&common.scene) {
         Ok(s) => s,
         Err(e) => return fail(&e, None),
     };
-    match dispatch(&cli.command, common, &source) {
-        Ok(code) => code,
-        Err(e) => fail(&e, Some(&source)),
-    }
-}
-
-fn dispatch(command: &Command, common: &Common, source: &Source) -> Result<ExitCode> {
-    let threads = threads(common.threads)?;
-    let input = Input {
-        source,
-        scene: source.scene(&common.set)?,
-        set: &common.set,
-        threads,
-        json: common.json,
+    let input = || -> Result<Input<'_>> {
+        Ok(Input {
+            threads: threads(common.threads)?,
+            source: &source,
+            scene: source.scene(&common.set)?,
+            set: &common.set,
+            json: common.json,
+        })
     };
-    match command {
-        Command::Run { out, force, .. } => run::run(&input, out.as_deref(), *force),
-        Command::Check { .. } => check::check(&input).map(|()| ExitCode::SUCCESS),
-        Command::Verify(args) => verify::verify(args),
-    }
+    let done = input().and_then(|input| command(&input));
+    done.unwrap_or_else(|e| fail(&e, Some(&source)))
 }
 
 fn threads(wanted: Option<usize>) -> Result<usize> {

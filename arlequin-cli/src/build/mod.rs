@@ -170,6 +170,7 @@ fn check_numbers(scene: &Scene) -> Result<()> {
     let counts = [
         ("every", output.every.unwrap_or(1)),
         ("probe_every", output.probe_every),
+        ("checkpoint_every", output.checkpoint_every.unwrap_or(1)),
         ("energy_every", output.energy_every),
     ];
     if let Some((name, _)) = counts.iter().find(|(_, n)| *n == 0) {

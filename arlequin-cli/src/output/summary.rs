@@ -15,6 +15,9 @@ pub(crate) struct Summary {
     pub(crate) status: &'static str,
     /// Version of this program.
     pub(crate) version: &'static str,
+    /// Step from which a killed or interrupted run went on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) resumed_at_step: Option<usize>,
     /// Assignments of `--set`.
     pub(crate) set: Vec<String>,
     /// Worker threads.
