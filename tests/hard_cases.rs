@@ -75,4 +75,6 @@ hard! {
     shock: "a shock of one step",
     inconsistent_start: "initial state that violates the constraint",
     single_precision: "32-bit numbers",
+    restart: "coupled restart in the middle of a wave",
+    breaking_bonds: "bonds breaking in the overlap",
 }

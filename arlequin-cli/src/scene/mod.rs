@@ -1,6 +1,8 @@
 //! The scene: what the TOML file says, before any of it is built. `docs/scene.md` is its reference.
 
 mod drive;
+#[cfg(test)]
+mod fuzz;
 mod interface;
 mod model;
 mod source;

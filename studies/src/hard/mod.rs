@@ -11,6 +11,7 @@ mod natural;
 mod particles;
 mod place;
 mod precision;
+mod resume;
 mod time;
 mod weights;
 
@@ -109,6 +110,7 @@ pub fn cases() -> Vec<HardCase> {
         particles::CASES,
         time::CASES,
         precision::CASES,
+        resume::CASES,
     ]
     .concat()
 }

@@ -45,7 +45,7 @@ const BEAM: BeamMaterial = BeamMaterial {
     radius_ratio: 0.71,
 };
 
-fn spec(count: usize) -> Result<PackingSpec> {
+pub(super) fn spec(count: usize) -> Result<PackingSpec> {
     let body = Container::cuboid(Vector3::new(2.0, 0.0, 0.0), Vector3::new(4.0, 1.0, 1.0))?;
     Ok(PackingSpec::quench(body, count, 1))
 }
@@ -79,6 +79,15 @@ fn spring_rule(packing: &Packing, masses: &[f64]) -> Result<f64> {
 }
 
 fn coupled(packing: &Packing, step: TimeStep<f64>) -> Result<Coupled<f64>> {
+    coupled_with(packing, step, &mut Ok)
+}
+
+/// Hexahedra on the left, the packing with a change of its own on the right, random velocities.
+pub(super) fn coupled_with(
+    packing: &Packing,
+    step: TimeStep<f64>,
+    change: &mut dyn FnMut(DemModel) -> Result<DemModel>,
+) -> Result<Coupled<f64>> {
     let weights = solid::weights(Profile::Cubic, 0.05)?;
     let others = Weights::complement_of(std::slice::from_ref(&weights));
     let left = FemModel::new(
@@ -86,13 +95,8 @@ fn coupled(packing: &Packing, step: TimeStep<f64>) -> Result<Coupled<f64>> {
         block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?,
         Elastic::new(1.0, 0.17, 1.0)?,
     )?;
-    let bodies = shaken(
-        [
-            Subdomain::coarse(left, weights),
-            Subdomain::fine(model(packing)?, others),
-        ],
-        12,
-    )?;
+    let right = change(model(packing)?)?;
+    let bodies = [Subdomain::coarse(left, weights), Subdomain::fine(right, others)];
     let mediator = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
     let interface = InterfaceSpec {
         options: InterfaceOptions {
@@ -101,7 +105,7 @@ fn coupled(packing: &Packing, step: TimeStep<f64>) -> Result<Coupled<f64>> {
         },
         ..solid::spec(mediator, Box::new(L2))
     };
-    Coupled::new(bodies, vec![interface], step, None)
+    Coupled::new(shaken(bodies, 12)?, vec![interface], step, None)
 }
 
 /// What every packing must give: figures of ours at 0.9 of the critical step and of the spring rule.
