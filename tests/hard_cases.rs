@@ -78,3 +78,11 @@ hard! {
     restart: "coupled restart in the middle of a wave",
     breaking_bonds: "bonds breaking in the overlap",
 }
+
+#[test]
+#[ignore = "a minute; `arlequin verify --hard` runs these"]
+fn long_cases() {
+    for case in cases().into_iter().filter(|c| !c.fast) {
+        keeps_its_promise(case.name);
+    }
+}

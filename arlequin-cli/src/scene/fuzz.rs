@@ -97,7 +97,7 @@ fn mutated_scenes_are_read_or_refused() {
 #[test]
 fn deep_nesting_is_refused() {
     let _alone = ALONE.lock();
-    for depth in [100, 10_000, 1_000_000] {
+    for depth in [100, 1000, 100_000] {
         for (open, close) in [("[", "]"), ("{a=", "}")] {
             let text = format!("x = {}1{}", open.repeat(depth), close.repeat(depth));
             assert!(!read(text.as_bytes()), "{depth} of {open}");
