@@ -2,6 +2,8 @@
 
 mod drive;
 mod effect;
+#[cfg(test)]
+mod fuzz;
 mod interface;
 mod model;
 mod source;

@@ -165,6 +165,7 @@ pub(crate) fn write(source: &Source, set: &[String], changes: &[Change], out: &P
     }
     let written = Source {
         path: out.to_owned(),
+        base: None,
         text: document.to_string(),
     };
     // What is written must be a scene again.
