@@ -75,30 +75,18 @@ fn a_binary_stl_that_announces_too_much_is_refused_before_memory_is_taken() {
     assert!(used < 1 << 20, "{used} bytes for '{error}'");
 }
 
-/// The parser of the format unwraps; the reader turns that into an error, but each one would be printed.
-fn silence(library: &'static str) {
-    let usual = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |what| {
-        if !what.location().is_some_and(|l| l.file().contains(library)) {
-            usual(what);
-        }
-    }));
-}
-
 #[test]
 fn issue_7_vtu_without_points_is_refused() {
     let _alone = ALONE.lock();
-    silence("vtkio");
     let error = read_vtu(include_bytes!("corpus/no-points.vtu"), None)
         .unwrap_err()
         .to_string();
-    assert!(error.contains("missing or broken"), "{error}");
+    assert!(error.contains("a piece has no points"), "{error}");
 }
 
 #[test]
 fn mutated_vtu_is_read_or_refused() {
     let _alone = ALONE.lock();
-    silence("vtkio");
     let tokens = &[
         "<Piece NumberOfPoints=\"2\" NumberOfCells=\"0\">",
         "</Piece>",
