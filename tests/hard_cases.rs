@@ -80,7 +80,7 @@ hard! {
 }
 
 #[test]
-#[ignore = "a minute; `arlequin verify --hard` runs these"]
+#[ignore = "seven seconds; `arlequin verify --hard` runs these"]
 fn long_cases() {
     for case in cases().into_iter().filter(|c| !c.fast) {
         keeps_its_promise(case.name);
