@@ -92,7 +92,9 @@ fn main() -> ExitCode {
             return with_scene(&common, |input| check::check(input).map(|()| ExitCode::SUCCESS));
         }
         Command::Effects { common } => {
-            return with_scene(&common, |input| effects::effects(input).map(|()| ExitCode::SUCCESS));
+            return with_scene(&common, |input| {
+                effects::effects(input).map(|()| ExitCode::SUCCESS)
+            });
         }
         Command::Calibrate(wanted) => return measured(&wanted),
         Command::Verify(args) => verify::verify(&args),
