@@ -99,9 +99,9 @@ fn plain_wrenches_are_the_gradient_of_the_finite_energy() {
             let at = |h: f64, rotate: bool| {
                 let (mut u, mut th) = (u, th);
                 if rotate {
-                    th[end][c] += h
+                    th[end][c] += h;
                 } else {
-                    u[end][c] += h
+                    u[end][c] += h;
                 }
                 energy(&bond, &k, &pose(u[0], th[0]), &pose(u[1], th[1]))
             };
