@@ -77,7 +77,7 @@ pub(crate) fn check(input: &Input<'_>) -> Result<()> {
         end: steps as f64 * plan.dt,
         frames: count,
         output_bytes: count * frames.bytes_per_frame(),
-        memory_bytes: resident_bytes().unwrap_or_else(|| estimated_bytes(&plan)),
+        memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
         setup_seconds,
         stepping_seconds: None,
         warnings: summary::warnings(&run),
@@ -107,14 +107,6 @@ fn trial(run: &mut arlequin::core::Coupled<f64>, steps: usize) -> Option<f64> {
         made += 1;
     }
     Some(begin.elapsed().as_secs_f64() / made as f64 * steps as f64)
-}
-
-/// Resident memory of this process, where the system tells.
-fn resident_bytes() -> Option<usize> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|l| l.starts_with("VmRSS:"))?;
-    let kilobytes: usize = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kilobytes * 1024)
 }
 
 /// Twelve vectors and a stiffness row of 81 entries per unknown, and the interface matrices.

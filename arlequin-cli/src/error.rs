@@ -89,6 +89,22 @@ pub(crate) enum Error {
         /// The folder.
         path: PathBuf,
     },
+    /// A run was killed here and can go on.
+    #[error("'{}' holds an unfinished run; go on with 'arlequin resume {}', or start anew with --force", unfinished.display(), target.display())]
+    Unfinished {
+        /// The unfinished folder.
+        unfinished: PathBuf,
+        /// What it will become.
+        target: PathBuf,
+    },
+    /// A checkpoint cannot be used.
+    #[error("'{}' {reason}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// Why, and the way out.
+        reason: String,
+    },
     /// A result is not a finite number.
     #[error("{what} is not a finite number at t = {time:e} s; reduce the step or check loads and supports")]
     NotFinite {
@@ -104,6 +120,14 @@ pub(crate) enum Error {
         what: &'static str,
         /// The system's words.
         message: String,
+    },
+    /// An error of a sweep, with its place in the sweep file.
+    #[error("{text}")]
+    Sweep {
+        /// Rendered.
+        text: String,
+        /// Whether the input is to blame.
+        input: bool,
     },
     /// A plot cannot be drawn.
     #[error("cannot draw '{name}': {message}")]
@@ -141,6 +165,7 @@ impl Error {
                 | Self::NotFinite { .. }
                 | Self::System { .. }
                 | Self::Plot { .. }
+                | Self::Sweep { input: false, .. }
                 | Self::Core {
                     source: Core::Diverged { .. } | Core::EnergyGrowth { .. },
                     ..
@@ -209,6 +234,9 @@ pub(crate) fn write(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
 
 /// Shows an error with the place in the scene it comes from.
 pub(crate) fn render(error: &Error, source: Option<&crate::scene::Source>) -> String {
+    if let Error::Sweep { text, .. } = error {
+        return text.clone();
+    }
     let (key, span) = error.place();
     let span = span.or_else(|| source.and_then(|s| s.span_of(key?)));
     let mut report = miette::MietteDiagnostic::new(error.to_string());

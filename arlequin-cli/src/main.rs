@@ -6,6 +6,7 @@ mod calibrate;
 #[path = "../../examples/chain/model.rs"]
 mod chain;
 mod check;
+mod checkpoint;
 mod effects;
 mod error;
 mod output;
@@ -14,6 +15,8 @@ mod report;
 mod run;
 mod scene;
 mod spectrum;
+mod suggest;
+mod sweep;
 mod verify;
 
 use clap::{Args, Parser, Subcommand};
@@ -43,6 +46,17 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Go on with a run that was killed or interrupted, from its last checkpoint.
+    Resume {
+        /// Output folder of the run.
+        folder: PathBuf,
+        /// Worker threads [default: one per core]
+        #[arg(long, value_name = "N")]
+        threads: Option<usize>,
+        /// Print the summary as JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Run a scene as given and once with each effect off; print what each one changes and costs.
     Effects {
         #[command(flatten)]
@@ -57,6 +71,18 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Run the decks of the literature and compare with their numbers.
     Verify(verify::Args),
+    /// Run a scene with many settings: what accuracy costs in time.
+    Sweep(sweep::Arguments),
+    /// Write the page on accuracy and cost from finished sweeps.
+    #[command(hide = true)]
+    SweepDocs(sweep::DocumentArguments),
+    /// Propose settings for an error or a time.
+    Suggest {
+        #[command(flatten)]
+        common: Common,
+        #[command(flatten)]
+        wish: suggest::Wish,
+    },
 }
 
 #[derive(Debug, Args)]
@@ -74,7 +100,7 @@ struct Common {
     json: bool,
 }
 
-/// What the commands on whole scenes start from.
+/// What the commands on a scene start from.
 struct Input<'a> {
     source: &'a Source,
     scene: Scene,
@@ -98,6 +124,18 @@ fn main() -> ExitCode {
         }
         Command::Calibrate(wanted) => return measured(&wanted),
         Command::Verify(args) => verify::verify(&args),
+        Command::Sweep(a) => sweep::sweep(&a),
+        Command::SweepDocs(a) => sweep::document(&a),
+        Command::Suggest { common, wish } => {
+            return with_scene(&common, |input| {
+                suggest::suggest(input, &wish).map(|()| ExitCode::SUCCESS)
+            });
+        }
+        Command::Resume {
+            folder,
+            threads: wanted,
+            json,
+        } => threads(wanted).and_then(|n| run::resume(&folder, n, json)),
     };
     done.unwrap_or_else(|e| fail(&e, None))
 }

@@ -2,10 +2,12 @@
 
 use crate::build::Reader;
 use crate::error::{Error, Result, core};
+use crate::output::Entry;
 use crate::output::Frames;
 use arlequin::core::Coupled;
 use arlequin::core::ledger::EnergySample;
 use arlequin::core::observer::{Observer, Phase, StepReport};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -85,7 +87,7 @@ impl Observer<f64> for PhaseClock {
 }
 
 /// Columns over time.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Table {
     /// Times \[s\].
     pub(crate) times: Vec<f64>,
@@ -117,6 +119,19 @@ pub(crate) const ENERGY_COLUMNS: [&str; 8] = [
     "constraint residual [-]",
 ];
 
+/// What a resumed run must know of what was recorded before.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Records {
+    probes: Table,
+    energy: Table,
+    facts: Table,
+    residuals: Vec<f64>,
+    top_speed: f64,
+    frames: Vec<Entry>,
+    /// Energy before the first step \[J\].
+    pub(crate) initial_energy: f64,
+}
+
 /// What is kept of a run.
 pub(crate) struct Recorder {
     /// Probes.
@@ -136,6 +151,8 @@ pub(crate) struct Recorder {
     /// Largest relative velocity jump per interface.
     pub(crate) residuals: Vec<f64>,
     top_speed: f64,
+    /// Energy before the first step \[J\].
+    pub(crate) initial_energy: f64,
     probe_every: usize,
     frame_every: usize,
 }
@@ -160,11 +177,36 @@ impl Recorder {
             frames,
             residuals: Vec::new(),
             top_speed: 0.0,
+            initial_energy: run.energy(),
             probe_every,
             frame_every,
         };
         out.read_probes(run)?;
         Ok(out)
+    }
+
+    /// Goes on with what was recorded before.
+    pub(crate) fn resume(&mut self, from: Records) -> Result<()> {
+        self.probes = from.probes;
+        self.energy = from.energy;
+        self.facts = from.facts;
+        self.residuals = from.residuals;
+        self.top_speed = from.top_speed;
+        self.initial_energy = from.initial_energy;
+        self.frames.resume(from.frames)
+    }
+
+    /// What a resumed run must know.
+    pub(crate) fn records(&self) -> Records {
+        Records {
+            probes: self.probes.clone(),
+            energy: self.energy.clone(),
+            facts: self.facts.clone(),
+            residuals: self.residuals.clone(),
+            top_speed: self.top_speed,
+            frames: self.frames.entries().to_vec(),
+            initial_energy: self.initial_energy,
+        }
     }
 
     /// Records the step just made.

@@ -253,3 +253,27 @@ fn bytes(n: usize) -> String {
         n => format!("{:.0} kB", n / 1e3),
     }
 }
+
+/// Prints a proposal.
+pub(crate) fn proposal(r: &crate::suggest::Report, written: Option<&Path>) {
+    println!("scene      {}", r.scene);
+    println!("goal       {}", r.goal);
+    println!("signal     {}", r.signal);
+    for (name, f) in [("as given", &r.given), ("proposed", &r.proposed)] {
+        let settings: Vec<String> = f.settings.iter().map(|(n, v)| format!("{n} {v}")).collect();
+        println!("{name}   {}", settings.join(", "));
+        println!(
+            "           predicted error {:.2e} in displacement, {:.2e} in velocity, reflection up to {:.2e}, time {:.3} s",
+            f.errors.displacement, f.errors.velocity, f.top_reflection, f.seconds
+        );
+    }
+    for s in &r.set {
+        println!("set        {s}");
+    }
+    for n in &r.notes {
+        println!("note       {n}");
+    }
+    if let Some(path) = written {
+        println!("written    {}", path.display());
+    }
+}

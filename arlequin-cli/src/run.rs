@@ -1,7 +1,8 @@
-//! `arlequin run`.
+//! `arlequin run` and `arlequin resume`.
 
 use crate::Input;
 use crate::build::{self, Built};
+use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result, write};
 use crate::output::plots::{self, Curve, Plot};
 use crate::output::summary::{self, Energy, ProbeLine, Summary, WallSeconds};
@@ -26,59 +27,174 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
     let begin = Instant::now();
     let target = out.map_or_else(|| default_folder(input), Path::to_owned);
     check_free(&target, force)?;
-    let Built {
-        mut run,
-        drawn,
-        mediators,
-        probes,
-        steps,
-        frame_every,
-    } = build::build(&input.scene, input.source.folder())?;
+    let origin = Origin::of(input.source, input.set)?;
+    let built = build::build(&input.scene, input.source.folder())?;
     // Made only now: Ctrl-C during the set-up leaves nothing behind.
     let stop = watch_interrupt()?;
-    let folder = Folder::begin(&target, force)?;
-    let settings = &input.scene.output;
-    let initial_energy = run.energy();
-    let breaks: Vec<_> = drawn.iter().map(|d| d.breaks.clone()).collect();
-    let frames = Frames::new(folder.subfolder("vtu")?, &settings.fields, &run, drawn, mediators);
-    let setup = begin.elapsed().as_secs_f64();
-    let mut recorder = Recorder::new(&run, probes, frames, settings.probe_every, frame_every)?;
-    let mut clock = PhaseClock::new();
-    let interrupted = advance(&mut run, steps, &mut recorder, &mut clock, &stop)?;
-    let after = Instant::now();
-    recorder.finish(&run)?;
-    write_tables(folder.path(), &recorder)?;
-    write_breaks(folder.path(), &run, &breaks)?;
-    recorder.frames.finish(&folder.path().join("results.pvd"))?;
-    if settings.plots {
-        draw_plots(&folder, &recorder, title(input))?;
+    let lasting = input.scene.output.checkpoint_every.is_some();
+    let folder = Folder::begin(&target, force, lasting)?;
+    let mut session = Session::new(input, built, folder, origin)?;
+    session.setup = begin.elapsed().as_secs_f64();
+    session.complete(&stop)
+}
+
+/// Goes on with the run of a folder from its last checkpoint.
+pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCode> {
+    let begin = Instant::now();
+    let place = Folder::left_behind(target);
+    let saved = Checkpoint::read(&place)?;
+    if saved.version != env!("CARGO_PKG_VERSION") {
+        return Err(Error::Checkpoint {
+            path: place.join(checkpoint::NAME),
+            reason: format!(
+                "was written by version {}, this is {}; resume it with the version that wrote it",
+                saved.version,
+                env!("CARGO_PKG_VERSION")
+            ),
+        });
     }
-    let [stepping, observing] = clock.split();
-    let wall = WallSeconds {
-        setup,
-        stepping,
-        output: observing + after.elapsed().as_secs_f64(),
-        phases: clock.phases(&run),
+    let source = saved.origin.source()?;
+    let input = Input {
+        scene: source.scene(&saved.origin.set)?,
+        source: &source,
+        set: &saved.origin.set,
+        threads,
+        json,
     };
-    let mut summary = summarise(input, &run, &recorder, wall, initial_energy, interrupted);
-    summary.effect_ledger = summary::effects(&run, &clock);
-    let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
-        what: "writing summary.json",
-        message: e.to_string(),
-    })?;
-    let path = folder.path().join("summary.json");
-    std::fs::write(&path, &text).map_err(write(&path))?;
-    let place = folder.finish()?;
-    if input.json {
-        report::json(&text);
-    } else {
-        report::finished(&summary, &place, steps);
+    let built = build::build(&input.scene, source.folder())?;
+    let stop = watch_interrupt()?;
+    let folder = Folder::reopen(target)?;
+    let mut session = Session::new(&input, built, folder, saved.origin.clone())?;
+    session
+        .run
+        .restore(&saved.snapshot)
+        .map_err(|e| Error::Checkpoint {
+            path: place.join(checkpoint::NAME),
+            reason: format!("does not fit the run that its scene gives: {e}"),
+        })?;
+    session.recorder.resume(saved.records)?;
+    session.resumed_at = Some(saved.snapshot.step);
+    session.setup = begin.elapsed().as_secs_f64();
+    session.complete(&stop)
+}
+
+/// A run with everything that records it.
+struct Session<'a> {
+    input: &'a Input<'a>,
+    run: Coupled<f64>,
+    steps: usize,
+    recorder: Recorder,
+    clock: PhaseClock,
+    folder: Folder,
+    origin: Origin,
+    setup: f64,
+    resumed_at: Option<usize>,
+    breaks: Vec<Option<SharedLog>>,
+}
+
+impl<'a> Session<'a> {
+    fn new(input: &'a Input<'a>, built: Built, folder: Folder, origin: Origin) -> Result<Self> {
+        let settings = &input.scene.output;
+        let vtu = folder.subfolder("vtu")?;
+        let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
+        let frames = Frames::new(vtu, &settings.fields, &built.run, built.drawn, built.mediators);
+        Ok(Self {
+            recorder: Recorder::new(
+                &built.run,
+                built.probes,
+                frames,
+                settings.probe_every,
+                built.frame_every,
+            )?,
+            input,
+            run: built.run,
+            steps: built.steps,
+            clock: PhaseClock::new(),
+            folder,
+            origin,
+            setup: 0.0,
+            resumed_at: None,
+            breaks,
+        })
     }
-    Ok(if interrupted {
-        ExitCode::from(INTERRUPTED)
-    } else {
-        ExitCode::SUCCESS
-    })
+
+    /// Makes the steps that are left and writes the results.
+    fn complete(mut self, stop: &AtomicBool) -> Result<ExitCode> {
+        let interrupted = self.advance(stop)?;
+        let after = Instant::now();
+        if interrupted {
+            self.save()?;
+        }
+        self.recorder.finish(&self.run)?;
+        write_tables(self.folder.path(), &self.recorder)?;
+        write_breaks(self.folder.path(), &self.run, &self.breaks)?;
+        self.recorder
+            .frames
+            .finish(&self.folder.path().join("results.pvd"))?;
+        if self.input.scene.output.plots {
+            draw_plots(&self.folder, &self.recorder, title(self.input))?;
+        }
+        let [stepping, observing] = self.clock.split();
+        let wall = WallSeconds {
+            setup: self.setup,
+            stepping,
+            output: observing + after.elapsed().as_secs_f64(),
+            phases: self.clock.phases(&self.run),
+        };
+        let mut summary = summarise(self.input, &self.run, &self.recorder, wall, interrupted);
+        summary.resumed_at_step = self.resumed_at;
+        summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
+            what: "writing summary.json",
+            message: e.to_string(),
+        })?;
+        let path = self.folder.path().join("summary.json");
+        std::fs::write(&path, &text).map_err(write(&path))?;
+        if !interrupted {
+            checkpoint::remove(self.folder.path())?;
+        }
+        let place = self.folder.finish()?;
+        if self.input.json {
+            report::json(&text);
+        } else {
+            report::finished(&summary, &place, self.steps);
+        }
+        Ok(if interrupted {
+            ExitCode::from(INTERRUPTED)
+        } else {
+            ExitCode::SUCCESS
+        })
+    }
+
+    /// Makes the steps; whether the user ended them early.
+    fn advance(&mut self, stop: &AtomicBool) -> Result<bool> {
+        let every = self.input.scene.output.checkpoint_every;
+        let progress = Progress::new(self.steps);
+        for made in self.run.steps() + 1..=self.steps {
+            let energy = recorder::step(&mut self.run, &mut self.clock)?;
+            self.recorder.observe(&mut self.run, energy)?;
+            if every.is_some_and(|n| made.is_multiple_of(n)) && made < self.steps {
+                self.save()?;
+            }
+            progress.set(made);
+            if stop.load(Ordering::Relaxed) {
+                self.clock.enter(None);
+                return Ok(made < self.steps);
+            }
+        }
+        self.clock.enter(None);
+        Ok(false)
+    }
+
+    fn save(&self) -> Result<()> {
+        Checkpoint {
+            version: env!("CARGO_PKG_VERSION").into(),
+            origin: self.origin.clone(),
+            snapshot: self.run.snapshot(),
+            records: self.recorder.records(),
+        }
+        .write(self.folder.path())
+    }
 }
 
 fn default_folder(input: &Input<'_>) -> PathBuf {
@@ -91,7 +207,7 @@ fn title<'a>(input: &'a Input<'_>) -> &'a str {
 }
 
 /// A flag that Ctrl-C raises.
-fn watch_interrupt() -> Result<Arc<AtomicBool>> {
+pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(|e| Error::System {
@@ -99,28 +215,6 @@ fn watch_interrupt() -> Result<Arc<AtomicBool>> {
         message: e.to_string(),
     })?;
     Ok(stop)
-}
-
-/// Makes the steps; whether the user ended them early.
-fn advance(
-    run: &mut Coupled<f64>,
-    steps: usize,
-    recorder: &mut Recorder,
-    clock: &mut PhaseClock,
-    stop: &AtomicBool,
-) -> Result<bool> {
-    let progress = Progress::new(steps);
-    for made in 1..=steps {
-        let energy = recorder::step(run, clock)?;
-        recorder.observe(run, energy)?;
-        progress.set(made);
-        if stop.load(Ordering::Relaxed) {
-            clock.enter(None);
-            return Ok(made < steps);
-        }
-    }
-    clock.enter(None);
-    Ok(false)
 }
 
 fn write_tables(folder: &Path, r: &Recorder) -> Result<()> {
@@ -234,7 +328,6 @@ fn summarise(
     run: &Coupled<f64>,
     r: &Recorder,
     wall_seconds: WallSeconds,
-    initial: f64,
     interrupted: bool,
 ) -> Summary {
     let plan = run.plan();
@@ -243,6 +336,7 @@ fn summarise(
         title: input.scene.title.clone(),
         status: if interrupted { "interrupted" } else { "complete" },
         version: env!("CARGO_PKG_VERSION"),
+        resumed_at_step: None,
         set: input.set.to_vec(),
         threads: input.threads,
         models: summary::models(run),
@@ -252,8 +346,9 @@ fn summarise(
         time: run.time(),
         frames: r.frames.count(),
         wall_seconds,
+        peak_bytes: summary::process_bytes("VmHWM:"),
         energy: Energy {
-            initial,
+            initial: r.initial_energy,
             last: run.energy(),
             h_drift_max: run.drift(),
             start_loss: run.start_loss(),

@@ -72,4 +72,48 @@ impl<T: Real> Ledger<T> {
             last: None,
         }
     }
+
+    /// Everything but the last sample.
+    pub(crate) fn record(&self) -> Vec<T> {
+        let started = if self.start.is_some() { T::one() } else { T::zero() };
+        let start = self.start.unwrap_or_else(T::zero);
+        let tops = [self.top_drift, self.top_residual, self.top_velocity];
+        [self.supports, self.constraint, started, start, self.scale]
+            .into_iter()
+            .chain(tops)
+            .collect()
+    }
+
+    /// Undoes [`Self::record`].
+    pub(crate) fn restore(&mut self, from: &[T]) -> crate::Result<()> {
+        crate::scalar::check_finite("ledger of the snapshot", from)?;
+        let &[
+            supports,
+            constraint,
+            started,
+            start,
+            scale,
+            drift,
+            residual,
+            velocity,
+        ] = from
+        else {
+            return Err(crate::Error::SizeMismatch {
+                what: "ledger of the snapshot".into(),
+                expected: 8,
+                found: from.len(),
+            });
+        };
+        *self = Self {
+            supports,
+            constraint,
+            start: (started != T::zero()).then_some(start),
+            scale,
+            top_drift: drift,
+            top_residual: residual,
+            top_velocity: velocity,
+            last: None,
+        };
+        Ok(())
+    }
 }

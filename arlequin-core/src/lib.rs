@@ -22,6 +22,7 @@ pub mod observer;
 pub mod overlap;
 pub mod parallel;
 pub mod scalar;
+pub mod snapshot;
 pub mod spectrum;
 pub mod subdomain;
 pub mod time;

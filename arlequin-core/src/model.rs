@@ -2,6 +2,7 @@
 
 use crate::effect::Finding;
 use crate::field::Interpolation;
+use crate::snapshot::Record;
 use crate::weight::{Weight, Weighting};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
@@ -157,6 +158,19 @@ pub trait Model<T: Real>: Send {
     /// during a step.
     fn watch(&self, _: &State<T>) -> Vec<Finding> {
         Vec::new()
+    }
+
+    /// What the model must remember to go on with the same bits: bonds that broke. Nothing for most.
+    fn save(&self) -> Record<T> {
+        Record::default()
+    }
+
+    /// Goes back to what [`Model::save`] returned.
+    ///
+    /// # Errors
+    /// A record of another model.
+    fn restore(&mut self, from: &Record<T>) -> Result<()> {
+        from.expect(self.name(), 0, 0)
     }
 
     /// The model as a linear one, if it is: needed by the static twin and the harmonic analysis.

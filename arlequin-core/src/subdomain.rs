@@ -41,7 +41,7 @@ pub struct Subdomain<T: Real> {
     pub(crate) state: State<T>,
     pub(crate) inertia: Vec<T>,
     pub(crate) inverse_inertia: Vec<T>,
-    internal: Vec<T>,
+    pub(crate) internal: Vec<T>,
     internal_before: Vec<T>,
     /// Internal and all other forces; empty where there are none but the internal ones.
     total: Vec<T>,
@@ -142,6 +142,9 @@ impl<T: Real> Subdomain<T> {
     /// The model.
     pub fn model(&self) -> &dyn Model<T> {
         &*self.model
+    }
+    pub(crate) fn model_mut(&mut self) -> &mut dyn Model<T> {
+        &mut *self.model
     }
     /// The role.
     pub fn role(&self) -> Role {

@@ -13,6 +13,9 @@ use arlequin::core::{Error, FineModel, LinearModel, Model, Result, Weighting};
 use arlequin::fem_ref::FemField;
 use std::sync::Arc;
 
+/// Most springs of a chain.
+const MOST_BONDS: usize = 1 << 24;
+
 /// Equal masses joined by equal springs along x.
 #[derive(Debug, Clone)]
 pub(crate) struct Chain {
@@ -43,11 +46,12 @@ impl Chain {
                 });
             }
         }
-        if bonds == 0 {
-            let rule = "must be at least 1".to_owned();
+        // More would not fit into memory; a mistyped spacing asks for them easily.
+        if bonds == 0 || bonds > MOST_BONDS {
+            let rule = format!("must be between 1 and {MOST_BONDS}");
             return Err(Error::InvalidParameter {
                 name: "chain bonds".into(),
-                value: "0".into(),
+                value: bonds.to_string(),
                 rule,
             });
         }

@@ -60,17 +60,13 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         rim: Rim::Inscribed,
         folder,
     };
-    let inset;
-    let (request, mesh) = if table.mediator.shape.is_none() && is_hull(sides[1].1) {
-        inset = within_hull(request, sides[1].1)?;
-        let request = Request {
-            shape: &inset,
-            ..request
-        };
-        (request, request.mesh()?)
-    } else {
-        (request, request.mesh()?)
+    let inset = match table.mediator.shape {
+        None if is_hull(sides[1].1) => Some(within_hull(request, sides[1].1)?),
+        _ => None,
     };
+    let shape = inset.as_ref().unwrap_or(&shape);
+    let request = Request { shape, ..request };
+    let mesh = request.mesh()?;
     let view = View::of_mesh(&mesh);
     let mediator = Arc::new(FemMediator::new(mesh));
     let weights = weights(&path, &table.weight, &overlap, mediator.nodes())?;
@@ -79,18 +75,7 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         Some(a) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
     };
     let junction = junction(&path, table, mediator.spacing())?;
-    let options = InterfaceOptions {
-        sampling: match table.sampling {
-            Some(SamplingKind::Intersection) => Sampling::Intersection,
-            Some(SamplingKind::Projection) => Sampling::Projection,
-            Some(SamplingKind::Particles) => Sampling::Particles,
-            None if sides[1].1.field.samples().is_some() => Sampling::Particles,
-            None => Sampling::Intersection,
-        },
-        lumped: table.lumped,
-        pin: table.pin.map(Point3::from),
-        ..InterfaceOptions::default()
-    };
+    let options = options(table, sides[1].1);
     Ok(Joint {
         spec: InterfaceSpec {
             name: name.to_owned(),
@@ -104,6 +89,21 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         view,
         absorber,
     })
+}
+
+fn options(table: &Interface, fine: &Body) -> InterfaceOptions<f64> {
+    InterfaceOptions {
+        sampling: match table.sampling {
+            Some(SamplingKind::Intersection) => Sampling::Intersection,
+            Some(SamplingKind::Projection) => Sampling::Projection,
+            Some(SamplingKind::Particles) => Sampling::Particles,
+            None if fine.field.samples().is_some() => Sampling::Particles,
+            None => Sampling::Intersection,
+        },
+        lumped: table.lumped,
+        pin: table.pin.map(Point3::from),
+        ..InterfaceOptions::default()
+    }
 }
 
 fn overlap(path: &str, shape: &OverlapShape) -> Result<Arc<dyn Overlap<f64>>> {

@@ -103,7 +103,7 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
     let run = Coupled::new(subdomains, specs, step_of(scene), Some(guard(scene))).map_err(located)?;
-    let steps = steps_of(scene, run.dt());
+    let steps = steps_of(scene, run.dt())?;
     let frame_every = frames(scene, steps, run.dt());
     Ok(Built {
         run,
@@ -133,12 +133,22 @@ fn step_of(scene: &Scene) -> TimeStep<f64> {
     }
 }
 
+/// Steps that no run lives to see, nor a number of them that counts each.
+const MANY_STEPS: f64 = 1e13;
+
 /// Whole steps up to the end; a step that ends there up to round-off is the last one.
-fn steps_of(scene: &Scene, dt: f64) -> usize {
-    match (scene.time.steps, scene.time.end) {
-        (Some(n), _) => n,
-        (None, end) => ((end.unwrap_or_default() / dt * (1.0 - 1e-12)).ceil() as usize).max(1),
+fn steps_of(scene: &Scene, dt: f64) -> Result<usize> {
+    let end = match (scene.time.steps, scene.time.end) {
+        (Some(n), _) => return Ok(n),
+        (None, end) => end.unwrap_or_default(),
+    };
+    let steps = (end / dt * (1.0 - 1e-12)).ceil();
+    if steps > MANY_STEPS {
+        let rule =
+            format!("is {steps:.1e} steps of {dt:e} s away, more than {MANY_STEPS:e}; choose an earlier end");
+        return Err(value("time.end", end, &rule));
     }
+    Ok((steps as usize).max(1))
 }
 
 /// Steps between two frames: as asked for, or about twenty frames in all.
@@ -188,6 +198,7 @@ fn check_numbers(scene: &Scene) -> Result<()> {
     let counts = [
         ("every", output.every.unwrap_or(1)),
         ("probe_every", output.probe_every),
+        ("checkpoint_every", output.checkpoint_every.unwrap_or(1)),
         ("energy_every", output.energy_every),
     ];
     if let Some((name, _)) = counts.iter().find(|(_, n)| *n == 0) {

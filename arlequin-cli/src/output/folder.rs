@@ -1,9 +1,10 @@
 //! The output folder appears at once or not at all.
 
+use crate::checkpoint;
 use crate::error::{Error, Result, write};
 use std::path::{Path, PathBuf};
 
-/// A folder under construction beside its target; removed unless it is finished.
+/// A folder under construction beside its target; removed unless it is finished or can be resumed.
 #[derive(Debug)]
 pub(crate) struct Folder {
     target: PathBuf,
@@ -13,23 +14,52 @@ pub(crate) struct Folder {
 }
 
 impl Folder {
-    /// Begins a folder that will become `target`; an existing one is replaced only with `force`.
-    pub(crate) fn begin(target: &Path, force: bool) -> Result<Self> {
+    /// Begins a folder that will become `target`; an existing one is replaced only with `force`. A `lasting` one has a
+    /// name that [`Folder::reopen`] finds after the program was killed.
+    pub(crate) fn begin(target: &Path, force: bool, lasting: bool) -> Result<Self> {
         check_free(target, force)?;
-        let name = target.file_name().map(|n| n.to_string_lossy().into_owned());
-        let Some(name) = name else {
+        let Some(unfinished) = unfinished(target) else {
             return Err(crate::error::value(
                 "--out",
                 target.display(),
                 "must name a folder to create",
             ));
         };
-        let partial = target.with_file_name(format!(".{name}.partial-{}", std::process::id()));
+        if unfinished.exists() {
+            std::fs::remove_dir_all(&unfinished).map_err(write(&unfinished))?;
+        }
+        let partial = if lasting {
+            unfinished
+        } else {
+            let name = target.file_name().unwrap_or_default().to_string_lossy();
+            target.with_file_name(format!(".{name}.partial-{}", std::process::id()))
+        };
         std::fs::create_dir_all(&partial).map_err(write(&partial))?;
         Ok(Self {
             target: target.to_owned(),
             partial,
             force,
+            finished: false,
+        })
+    }
+
+    /// Where the checkpoint of a run is that was killed or interrupted.
+    pub(crate) fn left_behind(target: &Path) -> PathBuf {
+        unfinished(target)
+            .filter(|p| p.exists())
+            .unwrap_or_else(|| target.to_owned())
+    }
+
+    /// Goes on with a folder whose run was killed or interrupted.
+    pub(crate) fn reopen(target: &Path) -> Result<Self> {
+        let partial = unfinished(target).unwrap_or_else(|| target.to_owned());
+        if !partial.exists() {
+            std::fs::rename(target, &partial).map_err(write(target))?;
+        }
+        Ok(Self {
+            target: target.to_owned(),
+            partial,
+            force: false,
             finished: false,
         })
     }
@@ -49,7 +79,7 @@ impl Folder {
     /// Moves the folder to its target.
     pub(crate) fn finish(mut self) -> Result<PathBuf> {
         // Someone may have made it in the meantime.
-        check_free(&self.target, self.force)?;
+        refuse_existing(&self.target, self.force)?;
         let old = self.partial.with_extension("old");
         let replace = self.target.exists();
         if replace {
@@ -66,15 +96,32 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        if !self.finished {
-            // Nothing better can be done about a failure here than to leave the hidden folder behind.
+        if !self.finished && !self.partial.join(checkpoint::NAME).exists() {
+            // Nothing better can be done about a failure here than to leave the folder behind.
             let _ = std::fs::remove_dir_all(&self.partial);
         }
     }
 }
 
-/// Refuses an existing target unless it may be replaced.
+/// The folder of a run that writes checkpoints, until it ends.
+fn unfinished(target: &Path) -> Option<PathBuf> {
+    let name = target.file_name()?.to_string_lossy();
+    Some(target.with_file_name(format!("{name}.unfinished")))
+}
+
+/// Refuses an existing target, or a run that could be resumed, unless it may be replaced.
 pub(crate) fn check_free(target: &Path, force: bool) -> Result<()> {
+    refuse_existing(target, force)?;
+    match unfinished(target) {
+        Some(left) if !force && left.join(checkpoint::NAME).exists() => Err(Error::Unfinished {
+            unfinished: left,
+            target: target.to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn refuse_existing(target: &Path, force: bool) -> Result<()> {
     if !target.exists() || (force && target.is_dir()) {
         return Ok(());
     }

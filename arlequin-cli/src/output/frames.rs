@@ -2,7 +2,7 @@
 
 use super::vtu::{self, Array, Entry};
 use crate::build::{Drawn, View};
-use crate::error::{Error, Result, core};
+use crate::error::{Error, Result, core, write};
 use crate::scene::{Material, OutputField};
 use arlequin::core::field::ShapeRow;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
@@ -65,6 +65,29 @@ impl Frames {
             mediators,
             entries: Vec::new(),
         }
+    }
+
+    /// Files written so far.
+    pub(crate) fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// Goes on with the files written before; removes those of later instants.
+    pub(crate) fn resume(&mut self, entries: Vec<Entry>) -> Result<()> {
+        let kept: Vec<_> = entries
+            .iter()
+            .filter_map(|e| Path::new(&e.file).file_name())
+            .collect();
+        for file in std::fs::read_dir(&self.folder)
+            .map_err(write(&self.folder))?
+            .flatten()
+        {
+            if !kept.contains(&file.file_name().as_os_str()) {
+                std::fs::remove_file(file.path()).map_err(write(&file.path()))?;
+            }
+        }
+        self.entries = entries;
+        Ok(())
     }
 
     /// Number of instants written.

@@ -8,6 +8,7 @@ mod vtu;
 
 pub(crate) use folder::{Folder, check_free};
 pub(crate) use frames::Frames;
+pub(crate) use vtu::Entry;
 
 use crate::error::{Result, write};
 use std::fmt::Write as _;

@@ -128,6 +128,17 @@ fn range(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
+/// Abscissae that are shown; zero belongs to a linear axis.
+fn span(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
+    let all = plot.curves.iter().flat_map(|c| c.times.iter());
+    let (first, last) = extremes(all.map(|t| scaled(*t, factor, plot.log[0])));
+    if plot.log[0] {
+        (first, last)
+    } else {
+        (first.min(0.0), last)
+    }
+}
+
 fn extremes(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
         (low.min(v), high.max(v))
@@ -162,14 +173,7 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
     let (fv, vu) = prefixed(top, plot.unit);
     let (low, high) = range(plot, fv);
     let [log_x, log_y] = plot.log;
-    let (mut first, last) = extremes(
-        plot.curves
-            .iter()
-            .flat_map(|c| c.times.iter().map(|t| scaled(*t, ft, log_x))),
-    );
-    if !log_x {
-        first = first.min(0.0);
-    }
+    let (first, last) = span(plot, ft);
     let root = SVGBackend::new(path, (WIDTH, 520)).into_drawing_area();
     root.fill(&WHITE).map_err(|e| text(&e))?;
     // The legend stands beside the curves, never on them.

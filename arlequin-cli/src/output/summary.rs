@@ -18,6 +18,9 @@ pub(crate) struct Summary {
     pub(crate) status: &'static str,
     /// Version of this program.
     pub(crate) version: &'static str,
+    /// Step from which a killed or interrupted run went on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) resumed_at_step: Option<usize>,
     /// Assignments of `--set`.
     pub(crate) set: Vec<String>,
     /// Worker threads.
@@ -36,6 +39,8 @@ pub(crate) struct Summary {
     pub(crate) frames: usize,
     /// Wall time \[s\].
     pub(crate) wall_seconds: WallSeconds,
+    /// Peak of the process's memory \[bytes\]; none where the system does not tell.
+    pub(crate) peak_bytes: Option<usize>,
     /// Energy \[J\].
     pub(crate) energy: Energy,
     /// Interfaces.
@@ -178,6 +183,14 @@ pub(crate) fn findings(run: &Coupled<f64>) -> Vec<String> {
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
     run.watch().into_iter().map(text).collect()
+}
+
+/// A figure of this process's memory \[bytes\], such as `VmRSS:` or `VmHWM:`, where the system tells.
+pub(crate) fn process_bytes(name: &str) -> Option<usize> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with(name))?;
+    let kilobytes: usize = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes * 1024)
 }
 
 /// Models of a run.

@@ -109,7 +109,7 @@ pub(crate) fn write_grid(path: &Path, view: &View, points: &[Array], cells: &[Ar
 }
 
 /// One file of the index.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Entry {
     /// Time \[s\].
     pub(crate) time: f64,

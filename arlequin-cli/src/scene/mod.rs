@@ -2,6 +2,8 @@
 
 mod drive;
 mod effect;
+#[cfg(test)]
+mod fuzz;
 mod interface;
 mod model;
 mod source;
@@ -100,6 +102,8 @@ pub(crate) struct Output {
     pub(crate) probe_every: usize,
     /// Steps between two rows of `energy.csv`.
     pub(crate) energy_every: usize,
+    /// Steps between two checkpoints; none are written otherwise.
+    pub(crate) checkpoint_every: Option<usize>,
     /// Whether plots are drawn.
     pub(crate) plots: bool,
 }
@@ -119,6 +123,7 @@ impl Default for Output {
             probe_every: 1,
             // A row costs two energy evaluations, a fifth of a step each.
             energy_every: 10,
+            checkpoint_every: None,
             plots: true,
         }
     }

@@ -13,6 +13,8 @@ use toml::de::{DeTable, DeValue};
 pub(crate) struct Source {
     /// As given on the command line.
     pub(crate) path: PathBuf,
+    /// Folder to which its paths are relative, if not that of the file.
+    pub(crate) base: Option<PathBuf>,
     /// Its text.
     pub(crate) text: String,
 }
@@ -26,12 +28,25 @@ impl Source {
         })?;
         Ok(Self {
             path: path.to_owned(),
+            base: None,
             text,
         })
     }
 
     /// The scene with assignments `path=value` applied in order.
     pub(crate) fn scene(&self, assignments: &[String]) -> Result<Scene> {
+        self.read_with(assignments).map(|(scene, _)| scene)
+    }
+
+    /// Files that the scene reads, as it names them: the values of all keys `file`.
+    pub(crate) fn files(&self, assignments: &[String]) -> Result<Vec<PathBuf>> {
+        let (_, table) = self.read_with(assignments)?;
+        let mut out = Vec::new();
+        collect_files(&Value::Table(table), &mut out);
+        Ok(out)
+    }
+
+    fn read_with(&self, assignments: &[String]) -> Result<(Scene, toml::Table)> {
         let syntax = |e: toml::de::Error| Error::Syntax {
             message: e.message().to_owned(),
             span: e.span(),
@@ -47,13 +62,14 @@ impl Source {
             assign(&mut table, assignment).map_err(bad)?;
             scene = Scene::deserialize(table.clone()).map_err(|e| bad(e.message().to_owned()))?;
         }
-        finite("", &Value::Table(table))?;
-        Ok(scene)
+        finite("", &Value::Table(table.clone()))?;
+        Ok((scene, table))
     }
 
     /// Folder of the file, to which paths in the scene are relative.
     pub(crate) fn folder(&self) -> &Path {
-        self.path.parent().unwrap_or_else(|| Path::new("."))
+        let beside = || self.path.parent().unwrap_or_else(|| Path::new("."));
+        self.base.as_deref().unwrap_or_else(beside)
     }
 
     /// Bytes of the deepest part of a key path that the text has.
@@ -88,6 +104,21 @@ impl Source {
             at = value;
         }
         found
+    }
+}
+
+fn collect_files(at: &Value, out: &mut Vec<PathBuf>) {
+    match at {
+        Value::Table(t) => {
+            for (key, value) in t {
+                match value {
+                    Value::String(name) if key == "file" => out.push(PathBuf::from(name)),
+                    _ => collect_files(value, out),
+                }
+            }
+        }
+        Value::Array(a) => a.iter().for_each(|v| collect_files(v, out)),
+        _ => {}
     }
 }
 

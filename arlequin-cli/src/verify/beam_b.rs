@@ -177,26 +177,19 @@ fn found(l: &Load, r: &Record) -> [f64; 2] {
 fn alone_rows(kind: &str, l: &Load, r: &Record) -> Vec<Row> {
     let column = if kind == "dem" { 1 } else { 2 };
     let mut rows = Vec::new();
-    let ours = found(l, r);
-    for k in 0..2 {
+    for (k, ours) in found(l, r).into_iter().enumerate() {
         let name = format!("{kind}, {}: {}", l.name, l.units[k]);
         let most = band(kind, l.name)[k];
         rows.push(Row::against(
             name.clone(),
-            ours[k],
+            ours,
             l.truth[k],
             SOLID,
             Accept::Relative(most),
         ));
         let printed = l.printed[k][column].filter(|_| kind != "fem");
         if let Some(p) = printed {
-            rows.push(Row::against(
-                name,
-                ours[k],
-                p,
-                J13,
-                Accept::Relative(most.max(0.08)),
-            ));
+            rows.push(Row::against(name, ours, p, J13, Accept::Relative(most.max(0.08))));
         }
     }
     rows.extend(r.health(&format!("{kind}, {}", l.name)).into_iter().take(1));
@@ -316,39 +309,41 @@ pub(super) fn evaluate(done: &Done) -> Result<Report> {
     })
 }
 
+/// Load, probe, file, headline, vertical axis.
+const PICTURES: [(&str, &str, &str, &str, [&str; 2]); 4] = [
+    (
+        "tension",
+        "pulled",
+        "beam-b-tension",
+        "Beam B: elongation under a sudden axial force",
+        ["displacement", "m"],
+    ),
+    (
+        "bending",
+        "bent",
+        "beam-b-bending",
+        "Beam B: deflection under a sudden transverse force",
+        ["displacement", "m"],
+    ),
+    (
+        "torsion",
+        "twisted",
+        "beam-b-torsion",
+        "Beam B: rotation under a sudden moment",
+        ["rotation", "rad"],
+    ),
+    (
+        "velocity",
+        "pulled",
+        "beam-b-velocity",
+        "Beam B: elongation after an initial velocity",
+        ["displacement", "m"],
+    ),
+];
+
 fn figures(done: &Done) -> Vec<Figure> {
-    let list = [
-        (
-            "tension",
-            "pulled",
-            "beam-b-tension",
-            "Beam B: elongation under a sudden axial force",
-            ["displacement", "m"],
-        ),
-        (
-            "bending",
-            "bent",
-            "beam-b-bending",
-            "Beam B: deflection under a sudden transverse force",
-            ["displacement", "m"],
-        ),
-        (
-            "torsion",
-            "twisted",
-            "beam-b-torsion",
-            "Beam B: rotation under a sudden moment",
-            ["rotation", "rad"],
-        ),
-        (
-            "velocity",
-            "pulled",
-            "beam-b-velocity",
-            "Beam B: elongation after an initial velocity",
-            ["displacement", "m"],
-        ),
-    ];
     let mut out = Vec::new();
-    for (load, probe, file, title, axis) in list {
+    for (load, probe, file, title, axis) in PICTURES {
         let kinds = [
             ("DEM alone", "dem"),
             ("CNEM alone", "cnem"),

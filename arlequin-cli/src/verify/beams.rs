@@ -115,6 +115,7 @@ impl RunSpec {
         let (name, text) = self.deck.text();
         let source = Source {
             path: PathBuf::from(name),
+            base: None,
             text: text.to_owned(),
         };
         let scene = source.scene(&self.set)?;

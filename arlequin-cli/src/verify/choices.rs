@@ -1,7 +1,7 @@
 //! The papers' parameter study on the line: weighting, junction length, mediator, locking.
 
 use super::row::{Accept, Row, short};
-use super::{Done, Figure, Report, at};
+use super::{Done, Figure, Report, Series, at};
 use crate::error::Result;
 use arlequin::core::weight::Profile;
 use arlequin::core::{Result as CoreResult, Weighting};
@@ -87,6 +87,27 @@ fn lengths() -> Vec<f64> {
     waves::wavelengths(0.01, 3.0, 60)
 }
 
+/// Best length over that of the mediator with its condition, and the condition at all lengths.
+fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
+    let mut best = (0.0, f64::INFINITY);
+    let mut curve = Vec::new();
+    for l in lengths() {
+        let line = bench(
+            Profile::Linear,
+            overlap,
+            mediator,
+            0.005,
+            Product::H1(l * mediator),
+        );
+        let c = condition(&line).map_err(at("conditioning"))?;
+        curve.push(c);
+        if c < best.1 {
+            best = (l, c);
+        }
+    }
+    Ok((best, curve))
+}
+
 /// cond(A) against l, the best l by width and mediator, cond(A) against the smallest weight.
 pub(super) fn conditioning(_: &Done) -> Result<Report> {
     let mut rows = Vec::new();
@@ -94,22 +115,7 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
     // Beam A has h_C = 0.47 mm and h_D = 0.1 mm: overlaps of 2, 4, 6 mm are 20, 40, 60 particles.
     for (overlap, published) in [(20.0, [230.0, 0.01]), (40.0, [230.0, 2.2]), (60.0, [238.0, 12.0])] {
         for (mediator, reference, published) in [(4.0, 320.0, published[0]), (1.0, 32.0, published[1])] {
-            let mut best = (0.0, f64::INFINITY);
-            let mut curve = Vec::new();
-            for l in lengths() {
-                let line = bench(
-                    Profile::Linear,
-                    overlap,
-                    mediator,
-                    0.005,
-                    Product::H1(l * mediator),
-                );
-                let c = condition(&line).map_err(at("conditioning"))?;
-                curve.push(c);
-                if c < best.1 {
-                    best = (l, c);
-                }
-            }
+            let (best, curve) = best_length(overlap, mediator)?;
             let (coarse, name) = if mediator > 1.0 {
                 (true, "coarse")
             } else {
@@ -155,7 +161,15 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
         }
     }
     epsilon_rows(&mut rows)?;
-    let figure = Figure {
+    let figure = condition_figure(curves);
+    Ok(Report {
+        rows,
+        figures: vec![figure],
+    })
+}
+
+fn condition_figure(curves: Vec<Series>) -> Figure {
+    Figure {
         file: "conditioning",
         title: "Condition of the multiplier operator against the junction length (L_O = 60 h_D)",
         axes: [["l over h_B", ""], ["cond(A)", ""]],
@@ -165,11 +179,7 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
                see the minimum at 0.2 to 0.7 h_B with the coarse mediator and growth with the fourth power of l beyond: \
                the gradient term outweighs the mass term once l exceeds the shortest wave of the mediator."
             .into(),
-    };
-    Ok(Report {
-        rows,
-        figures: vec![figure],
-    })
+    }
 }
 
 fn epsilon_rows(rows: &mut Vec<Row>) -> Result<()> {
@@ -212,7 +222,7 @@ fn epsilon_rows(rows: &mut Vec<Row>) -> Result<()> {
     Ok(())
 }
 
-/// Largest reflection below the cutoff against h_B, for the papers' three settings.
+/// Largest reflection below the cutoff against `h_B`, for the papers' three settings.
 pub(super) fn mediator(_: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     let mut curves = Vec::new();
@@ -273,7 +283,15 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
         );
         curves.push((name, tried.to_vec(), found));
     }
-    let figure = Figure {
+    let figure = mediator_figure(curves);
+    Ok(Report {
+        rows,
+        figures: vec![figure],
+    })
+}
+
+fn mediator_figure(curves: Vec<Series>) -> Figure {
+    Figure {
         file: "mediator",
         title: "Largest reflected amplitude below the cutoff against the mediator's length",
         axes: [["h_B over h_D", ""], ["largest reflected amplitude", ""]],
@@ -284,11 +302,7 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
                reflects several times as much, since it ties the particles to functions of the bar that end at the \
                border. In an overlap of two coarse elements the choice hardly matters."
             .into(),
-    };
-    Ok(Report {
-        rows,
-        figures: vec![figure],
-    })
+    }
 }
 
 /// A steep pulse crosses the overlap: how far apart the two velocity fields are.

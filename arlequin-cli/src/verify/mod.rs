@@ -48,6 +48,9 @@ pub(crate) struct Args {
     threads: Option<usize>,
 }
 
+/// A curve of a picture: name, abscissae, ordinates.
+pub(crate) type Series = (String, Vec<f64>, Vec<f64>);
+
 /// A picture and what is to be said about it.
 #[derive(Debug, Clone)]
 pub(crate) struct Figure {
@@ -59,8 +62,8 @@ pub(crate) struct Figure {
     pub(crate) axes: [[&'static str; 2]; 2],
     /// Whether they are logarithmic.
     pub(crate) log: [bool; 2],
-    /// Name, abscissae, ordinates.
-    pub(crate) curves: Vec<(String, Vec<f64>, Vec<f64>)>,
+    /// Curves.
+    pub(crate) curves: Vec<Series>,
     /// What the literature says, what we see, why.
     pub(crate) says: String,
 }

@@ -14,7 +14,8 @@ Sources: Jebahi et al. 2013 and 2014 (dynamic coupling of discrete and natural e
 Comput. Mech. 42:511, re-computed), Norma.jl (Sandia, overlapping Schwarz), beam theory with E = 72.5 GPa, nu = 0.17,
 rho = 2200 kg/m3, and a converged three-dimensional solid for the beams. The loads of the beams are not printed; 1 kN,
 1 kN and 10 N m are inferred from the printed deflections. Means and frequencies come from time runs under a Hann window
-(10 periods, 4 in bending), the frequency as the interpolated peak of the windowed transform.
+(10 periods, 4 in bending), the frequency as the interpolated peak of the windowed transform. Spheres: 13 across the
+bar in beams A and B, nothing fitted; H1 junction, coarse mediator, floor 0.05 of the weights, as in the papers.
 
 Run it: `arlequin verify` (everything), `arlequin verify --quick` (under a minute), `arlequin verify --list`.
 ";

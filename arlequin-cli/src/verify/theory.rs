@@ -1,7 +1,7 @@
 //! The acceptance checks of the method on the line: bar and chain of `arlequin_studies`.
 
 use super::row::{Accept, Row};
-use super::{Done, Figure, Report, at};
+use super::{Done, Figure, Report, Series, at};
 use crate::error::Result;
 use arlequin::core::weight::Profile;
 use arlequin::core::{Error as Core, TimeStep};
@@ -160,7 +160,15 @@ pub(super) fn absorber(done: &Done) -> Result<Report> {
         }
         curves.push((name.to_owned(), waves.clone(), back));
     }
-    let figure = Figure {
+    let figure = absorber_figure(curves);
+    Ok(Report {
+        rows: out,
+        figures: vec![figure],
+    })
+}
+
+fn absorber_figure(curves: Vec<Series>) -> Figure {
+    Figure {
         file: "absorber",
         title: "Energy that comes back from the overlap",
         axes: [["wavelength over particle spacing", ""], ["energy reflected over incident", ""]],
@@ -171,11 +179,7 @@ pub(super) fn absorber(done: &Done) -> Result<Report> {
                scheme conserves energy exactly; with the absorber it leaves through a line of the ledger. A coarser \
                space that stays undamped closes the gap just above the cutoff."
             .into(),
-    };
-    Ok(Report {
-        rows: out,
-        figures: vec![figure],
-    })
+    }
 }
 
 /// Check 6.

@@ -16,6 +16,7 @@ pub use prestress::Prestress;
 pub use viscous::{BulkViscosity, LocalDamping, StiffnessDamping};
 
 use crate::model::{DofLayout, Model};
+use crate::snapshot::Record;
 use crate::weight::Weights;
 use crate::{Real, Result};
 use nalgebra::Vector3;
@@ -135,6 +136,20 @@ pub trait Effect<T: Real>: Send {
     /// `None` for loads, whose work is all from outside.
     fn supplied(&self) -> Option<T> {
         None
+    }
+
+    /// What the effect must remember to go on with the same bits: contact histories, the motion of an obstacle.
+    /// Nothing for most.
+    fn save(&self) -> Record<T> {
+        Record::default()
+    }
+
+    /// Goes back to what [`Effect::save`] returned; called after [`Effect::attach`].
+    ///
+    /// # Errors
+    /// A record of another effect.
+    fn restore(&mut self, from: &Record<T>) -> Result<()> {
+        from.expect(self.name(), 0, 0)
     }
 
     /// Figures for reports: names (with units) and values.

@@ -165,7 +165,7 @@ pub struct Interface<T: Real> {
     /// Coupling matrices: coarse, fine.
     pub(crate) coupling: [Coupling<T>; 2],
     operator: Operator<T>,
-    lambda: Vec<T>,
+    pub(crate) lambda: Vec<T>,
     report: InterfaceReport,
     components: usize,
     nodes: Vec<Point3<T>>,

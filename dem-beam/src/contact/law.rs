@@ -178,6 +178,23 @@ pub(crate) struct Spring {
     pub(crate) roll: Vector3<f64>,
 }
 
+impl Spring {
+    /// As numbers, `slide` and `roll`; whether it is on is an integer of its own.
+    pub(crate) fn numbers(&self) -> [f64; 6] {
+        let (s, r) = (self.slide, self.roll);
+        [s.x, s.y, s.z, r.x, r.y, r.z]
+    }
+
+    /// Undoes [`Self::numbers`].
+    pub(crate) fn from_numbers(on: bool, x: [f64; 6]) -> Self {
+        Self {
+            on,
+            slide: Vector3::new(x[0], x[1], x[2]),
+            roll: Vector3::new(x[3], x[4], x[5]),
+        }
+    }
+}
+
 /// What a contact does.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Response {

@@ -28,6 +28,7 @@ use crate::fracture::{SharedLog, locked};
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::{Demand, Effect, Instant, Site};
+use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use neighbours::PairList;
 use rayon::prelude::*;
@@ -266,6 +267,28 @@ impl Effect<f64> for Contact {
         self.measure();
         self.respond(at, f);
         Ok(())
+    }
+
+    fn save(&self) -> Record<f64> {
+        let mut out = Record::default();
+        let counts = [self.calls, self.top_contacts, self.seen];
+        out.integers.extend(counts.map(|c| c as u64));
+        self.list.save(&mut out);
+        out
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+        let list = &mut self.list;
+        let fits = from.integers.split_first_chunk::<3>().and_then(|(head, rest)| {
+            [self.calls, self.top_contacts, self.seen] = head.map(|c| c as usize);
+            list.restore(self.rest.len(), rest, &from.numbers)
+        });
+        self.active.clear();
+        fits.ok_or_else(|| arlequin_core::Error::SizeMismatch {
+            what: "particles in the record of contacts".into(),
+            expected: self.rest.len(),
+            found: from.numbers.len() / 4,
+        })
     }
 
     fn power(&self, v: &[f64]) -> f64 {

@@ -5,6 +5,7 @@ use crate::fracture::state::Incidence;
 use crate::fracture::{Break, BreakLog};
 use crate::packing::cells::{CellList, Sphere};
 use crate::particles::BondedParticles;
+use arlequin_core::snapshot::Record;
 use rayon::prelude::*;
 
 /// Particles per unit of parallel work.
@@ -62,6 +63,60 @@ impl PairList {
             built: Vec::new(),
             cells: CellList::default(),
         }
+    }
+
+    /// What a resumed run must know. Integers: searches, pairs, whether a search was made; ends and state of each pair.
+    /// Numbers: rest distance and springs of each pair, the spheres of the last search, where bonds broke.
+    pub(crate) fn save(&self, out: &mut Record<f64>) {
+        let searched = u64::from(!self.built.is_empty());
+        out.integers
+            .extend([self.searches as u64, self.pairs.len() as u64, searched]);
+        for (p, s) in self.pairs.iter().zip(&self.springs) {
+            out.integers
+                .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.on)]);
+            out.numbers.push(p.rest);
+            out.numbers.extend(s.numbers());
+        }
+        out.numbers.extend(self.built.iter().flatten());
+        // Infinite for whole bonds, which no finite record may hold: -1 stands for them.
+        let distance = |d: &f64| if d.is_finite() { *d } else { -1.0 };
+        out.numbers.extend(self.broken_at.iter().map(distance));
+    }
+
+    /// Undoes [`Self::save`]; `None` for a record of another body of `count` particles.
+    pub(crate) fn restore(&mut self, count: usize, integers: &[u64], numbers: &[f64]) -> Option<()> {
+        let (&[searches, pairs, searched], ends) = integers.split_first_chunk::<3>()?;
+        let (pairs, built) = (
+            usize::try_from(pairs).ok()?,
+            if searched == 1 { count } else { 0 },
+        );
+        let wanted = [
+            3usize.checked_mul(pairs)?,
+            7usize.checked_mul(pairs)? + 4 * built + self.broken_at.len(),
+        ];
+        if [ends.len(), numbers.len()] != wanted {
+            return None;
+        }
+        self.searches = searches as usize;
+        self.pairs.clear();
+        self.springs.clear();
+        let (ends, _) = ends.as_chunks::<3>();
+        let (springs, rest) = numbers.split_at(7 * pairs);
+        for (&[i, j, on], &[rest, a, b, c, d, e, f]) in ends.iter().zip(springs.as_chunks::<7>().0) {
+            if i.max(j) >= count as u64 {
+                return None;
+            }
+            let ends = [i as u32, j as u32];
+            self.pairs.push(Candidate { ends, rest });
+            self.springs
+                .push(Spring::from_numbers(on == 1, [a, b, c, d, e, f]));
+        }
+        let (spheres, broken) = rest.split_at(4 * built);
+        self.built = spheres.as_chunks::<4>().0.to_vec();
+        for (to, d) in self.broken_at.iter_mut().zip(broken) {
+            *to = if *d < 0.0 { f64::INFINITY } else { *d };
+        }
+        Some(())
     }
 
     /// Lists the pair of a bond that just broke.

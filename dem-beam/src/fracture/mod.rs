@@ -26,6 +26,7 @@ pub use criterion::Criterion;
 pub use scatter::Scatter;
 
 use crate::error::{DemError, Result, positive};
+use arlequin_core::snapshot::Record;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 /// When bonds break.
@@ -122,6 +123,45 @@ impl BreakLog {
 
     pub(crate) fn begin(&mut self, bonds: usize) {
         self.broken = vec![false; bonds];
+    }
+
+    /// What a resumed run must know: three numbers and three integers per break, and the number of checks.
+    pub(crate) fn save(&self, out: &mut Record<f64>) {
+        out.integers.push(self.checks as u64);
+        for e in &self.events {
+            out.numbers.extend([e.time, e.released, e.distance]);
+            out.integers.extend([e.bond, e.pair[0], e.pair[1]].map(u64::from));
+        }
+    }
+
+    /// Undoes [`Self::save`]; `false` for a record that is not of this model.
+    pub(crate) fn restore(&mut self, from: &Record<f64>, pairs: &[[u32; 2]]) -> bool {
+        let Some((checks, integers)) = from.integers.split_first() else {
+            return false;
+        };
+        let (numbers, _) = from.numbers.as_chunks::<3>();
+        let (bonds, _) = integers.as_chunks::<3>();
+        self.begin(pairs.len());
+        self.events.clear();
+        self.released = 0.0;
+        self.checks = *checks as usize;
+        for (&[time, released, distance], &[bond, i, j]) in numbers.iter().zip(bonds) {
+            let known = pairs.get(bond as usize).map(|p| p.map(u64::from)) == Some([i, j]);
+            if !known || self.broken[bond as usize] {
+                return false;
+            }
+            let pair = pairs[bond as usize];
+            self.push(Break {
+                time,
+                bond: bond as u32,
+                pair,
+                released,
+                distance,
+            });
+        }
+        numbers.len() * 3 == from.numbers.len()
+            && bonds.len() * 3 == integers.len()
+            && numbers.len() == bonds.len()
     }
 
     pub(crate) fn checked(&mut self) {

@@ -1,11 +1,12 @@
 //! The bonds of one model while they break.
 
 use super::criterion::{Section, Strain};
-use super::{Break, Fracture, SharedLog, writing};
+use super::{Break, Fracture, SharedLog, locked, writing};
 use crate::bond::Twist;
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
 use arlequin_core::model::Evolution;
+use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -88,6 +89,32 @@ impl FractureState {
             now: Vec::with_capacity(64),
             wait: 0,
         }
+    }
+
+    /// Steps since the last check: the first integer of the record, then the log.
+    pub(crate) fn save(&self) -> Record<f64> {
+        let mut out = Record::default();
+        out.integers.push(self.wait as u64);
+        locked(&self.log).save(&mut out);
+        out
+    }
+
+    /// Undoes [`Self::save`] but for the bonds themselves, which [`Self::now`] lists; `false` for a record that is not of
+    /// this model.
+    pub(crate) fn restore(&mut self, mut from: Record<f64>, body: &BondedParticles) -> bool {
+        if from.integers.is_empty() {
+            return false;
+        }
+        self.wait = from.integers.remove(0) as usize;
+        let mut log = writing(&self.log);
+        if !log.restore(&from, body.pairs()) {
+            return false;
+        }
+        self.now = log.events().iter().map(|e| e.bond).collect();
+        for &b in &self.now {
+            self.strength[b as usize] = f64::INFINITY;
+        }
+        true
     }
 
     /// Load of a bond over its strength.

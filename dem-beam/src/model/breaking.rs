@@ -7,6 +7,7 @@ use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use arlequin_core::effect::Finding;
 use arlequin_core::model::Evolution;
+use arlequin_core::snapshot::Record;
 
 /// Rotation (rad) up to which the small-rotation law is good to half a per cent of its forces.
 const SMALL_ROTATION: f64 = 0.1;
@@ -70,19 +71,43 @@ impl DemModel {
         if !fracture.now.is_empty() {
             let (before, now) = (step.q_before, step.q);
             released = fracture.release(&self.body, &mut step, [&self.reader(before), &self.reader(now)]);
-            for &b in &fracture.now {
-                self.body.sever(b as usize);
-            }
-            for &b in &fracture.now {
-                let pair = self.body.pairs()[b as usize];
-                match &mut self.kernel {
-                    Kernel::Linear(k) => k.refresh(pair, &self.body, &fracture.incidence),
-                    Kernel::Finite(k) => k.refresh(pair, &self.body, &fracture.incidence),
-                }
-            }
+            self.sever(&fracture);
         }
         self.fracture = Some(fracture);
         released
+    }
+
+    /// Takes the bonds that break now out of the kernel.
+    fn sever(&mut self, fracture: &FractureState) {
+        for &b in &fracture.now {
+            self.body.sever(b as usize);
+        }
+        for &b in &fracture.now {
+            let pair = self.body.pairs()[b as usize];
+            match &mut self.kernel {
+                Kernel::Linear(k) => k.refresh(pair, &self.body, &fracture.incidence),
+                Kernel::Finite(k) => k.refresh(pair, &self.body, &fracture.incidence),
+            }
+        }
+    }
+
+    pub(super) fn restore_breaks(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+        let Some(mut fracture) = self.fracture.take() else {
+            return from.expect(&self.name, 0, 0);
+        };
+        let fits = fracture.restore(from.clone(), &self.body);
+        if fits {
+            self.sever(&fracture);
+        }
+        self.fracture = Some(fracture);
+        if fits {
+            return Ok(());
+        }
+        let message = "the record of broken bonds is of another body; restore into the run that was saved";
+        Err(arlequin_core::Error::Model {
+            model: self.name.clone(),
+            message: message.into(),
+        })
     }
 
     pub(super) fn fracture_facts(&self) -> Vec<(String, f64)> {

@@ -43,6 +43,7 @@ use arlequin_core::model::{
     CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
 };
 use arlequin_core::parallel;
+use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
 use forces::{Gather, check_rotations};
@@ -407,6 +408,17 @@ impl Model<f64> for DemModel {
 
     fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
         Ok(self.break_bonds(step))
+    }
+
+    fn save(&self) -> Record<f64> {
+        self.fracture
+            .as_ref()
+            .map(FractureState::save)
+            .unwrap_or_default()
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+        self.restore_breaks(from)
     }
 
     fn effects(&self) -> &[&'static str] {

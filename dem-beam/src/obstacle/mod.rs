@@ -16,6 +16,7 @@ use crate::error::{Result, positive};
 use crate::finite;
 use crate::model::DemModel;
 use arlequin_core::effect::{Demand, Effect, Instant, Site};
+use arlequin_core::snapshot::Record;
 use nalgebra::{Point3, Vector3};
 
 /// Where an obstacle pushed in the last step.
@@ -264,6 +265,38 @@ impl Effect<f64> for Obstacle {
         self.advance(at)?;
         self.respond(at, f);
         self.settle(at);
+        Ok(())
+    }
+
+    /// Integers: whether it started, and the state of each contact. Numbers: its motion and balance, then the springs.
+    fn save(&self) -> Record<f64> {
+        let mut out = Record::default();
+        out.integers.push(u64::from(self.started));
+        for v in [self.moved, self.velocity, self.reaction] {
+            out.numbers.extend(v.iter());
+        }
+        out.numbers
+            .extend([self.supplied, self.pending, self.first_energy, self.peak]);
+        for s in &self.springs {
+            out.integers.push(u64::from(s.on));
+            out.numbers.extend(s.numbers());
+        }
+        out
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+        let n = self.springs.len();
+        from.expect(&format!("obstacle '{}'", self.name), 13 + 6 * n, 1 + n)?;
+        let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
+        self.started = from.integers[0] == 1;
+        [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
+        [self.supplied, self.pending, self.first_energy, self.peak] =
+            [9, 10, 11, 12].map(|k: usize| from.numbers[k]);
+        let (numbers, _) = from.numbers[13..].as_chunks::<6>();
+        for ((s, on), x) in self.springs.iter_mut().zip(&from.integers[1..]).zip(numbers) {
+            *s = Spring::from_numbers(*on == 1, *x);
+        }
+        self.active.clear();
         Ok(())
     }
 

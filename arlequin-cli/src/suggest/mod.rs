@@ -1,0 +1,266 @@
+//! `arlequin suggest`: settings of a coupling for an error or a time.
+//!
+//! Errors come from the dispersion of the coarse lattice and the harmonic analysis of the overlap; times from trial steps
+//! on this machine, repeated with what was proposed until proposal and measurement agree.
+
+mod apply;
+mod choose;
+mod measure;
+mod predict;
+mod scenario;
+
+use crate::Input;
+use crate::error::{Error, Result, key, value};
+use apply::Change;
+use choose::{CostModel, Goal, Proposal, Search};
+use measure::measure;
+use scenario::Scenario;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Most scenes that are built.
+const ROUNDS: usize = 4;
+/// A time within this share of the measured one is believed.
+const AGREED: f64 = 0.15;
+/// Step that is proposed, in units of the critical one.
+const FRACTION: f64 = 0.9;
+
+/// What is wished for.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Wish {
+    /// Largest relative error against the fine model everywhere, such as 2%
+    #[arg(long, value_name = "SHARE", conflicts_with = "time")]
+    error: Option<String>,
+    /// Longest time of set-up and steps, such as 30s or 5min
+    #[arg(long, value_name = "TIME")]
+    time: Option<String>,
+    /// Highest frequency of interest [Hz], if loads do not tell
+    #[arg(long, value_name = "HZ")]
+    frequency: Option<f64>,
+    /// Write the scene with the proposed values
+    #[arg(long, value_name = "OUT.toml")]
+    apply: Option<PathBuf>,
+}
+
+/// What is printed.
+#[derive(Debug, Serialize)]
+pub(crate) struct Report {
+    /// Scene.
+    pub(crate) scene: String,
+    /// What was asked for.
+    pub(crate) goal: String,
+    /// Where the spectrum comes from.
+    pub(crate) signal: String,
+    /// The scene as it is.
+    pub(crate) given: Forecast,
+    /// The proposal.
+    pub(crate) proposed: Forecast,
+    /// Changed values.
+    pub(crate) set: Vec<String>,
+    /// What a user should know.
+    pub(crate) notes: Vec<String>,
+}
+
+/// Settings and what is predicted of them.
+#[derive(Debug, Serialize)]
+pub(crate) struct Forecast {
+    /// Settings by name.
+    pub(crate) settings: Vec<(String, String)>,
+    /// Errors.
+    pub(crate) errors: predict::Errors,
+    /// Largest amplitude reflected by the overlap for wavelengths above 4.2 coarse spacings \[–\].
+    pub(crate) top_reflection: f64,
+    /// Set-up and steps \[s\].
+    pub(crate) seconds: f64,
+}
+
+/// A positive number with one of several units.
+fn number(name: &str, text: &str, units: &[(&str, f64)], rule: &str) -> Result<f64> {
+    let text = text.trim();
+    let (digits, factor) = units
+        .iter()
+        .find_map(|(u, f)| Some((text.strip_suffix(u)?, *f)))
+        .unwrap_or((text, 1.0));
+    match digits.trim().parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x * factor),
+        _ => Err(value(name, text, rule)),
+    }
+}
+
+fn goal(wish: &Wish) -> Result<Goal> {
+    match (&wish.error, &wish.time) {
+        (Some(e), None) => {
+            let rule = "must be a positive share, such as 2% or 0.02";
+            number("--error", e, &[("%", 0.01)], rule).map(Goal::Error)
+        }
+        (None, Some(t)) => {
+            let rule = "must be a positive time, such as 30s, 500ms or 5min";
+            let units = [("min", 60.0), ("ms", 1e-3), ("s", 1.0)];
+            number("--time", t, &units, rule).map(Goal::Time)
+        }
+        _ => Err(key("suggest", "needs --error or --time, such as --error 2%")),
+    }
+}
+
+/// Proposes settings.
+pub(crate) fn suggest(input: &Input<'_>, wish: &Wish) -> Result<()> {
+    let goal = goal(wish)?;
+    let s = scenario::scenario(&input.scene)?;
+    if input.scene.interface.values().any(|i| i.lumped) {
+        let rule = "suggest cannot analyse a lumped interface; remove it";
+        return Err(key(format!("interface.{}.lumped", s.names[0]), rule));
+    }
+    let (first, end) = measure(input, &[])?;
+    let spectrum = scenario::spectrum(&input.scene, &s, end, wish.frequency)?;
+    let search = Search::new(&s, &spectrum, end)?;
+    let fraction = s
+        .fraction
+        .unwrap_or(first.dt / first.critical[0].min(first.critical[1]));
+    let as_given = CostModel::new(search.given, first, &s, fraction);
+    let given = search.predict(&search.given, &as_given, first.dt);
+    let costs = CostModel::new(search.given, first, &s, FRACTION);
+    let (proposal, changes) = settle(input, &search, goal, costs)?;
+    if let Some(out) = &wish.apply {
+        apply::write(input.source, input.set, &changes, out)?;
+    }
+    let report = Report {
+        scene: input.source.path.display().to_string(),
+        goal: match goal {
+            Goal::Error(e) => format!("least time within an error of {e}"),
+            Goal::Time(t) => format!("least error within {t} s"),
+        },
+        signal: spectrum.source.clone(),
+        given: forecast(&search, &s, &given, fraction, s.absorber),
+        proposed: forecast(
+            &search,
+            &s,
+            &proposal,
+            FRACTION,
+            s.absorber || apply::needs_absorber(&proposal),
+        ),
+        set: changes.iter().filter_map(Change::assignment).collect(),
+        notes: notes(&s, &proposal),
+    };
+    if input.json {
+        let text = serde_json::to_string_pretty(&report).map_err(|e| Error::System {
+            what: "writing the proposal",
+            message: e.to_string(),
+        })?;
+        crate::report::json(&text);
+    } else {
+        crate::report::proposal(&report, wish.apply.as_deref());
+    }
+    Ok(())
+}
+
+/// Picks, measures what was picked, and picks again with better costs until both agree.
+fn settle(
+    input: &Input<'_>,
+    search: &Search<'_>,
+    goal: Goal,
+    mut costs: CostModel,
+) -> Result<(Proposal, Vec<Change>)> {
+    let s = search.scenario;
+    let mut proposal = pick(search, goal, &costs)?;
+    for round in 1..=ROUNDS {
+        let changes = apply::changes(&input.scene, s, &proposal, FRACTION);
+        let (m, _) = measure(input, &changes)?;
+        costs = CostModel::new(proposal.candidate, m, s, FRACTION);
+        let measured = costs.seconds(&proposal.candidate, s, search.end);
+        let agreed = (proposal.seconds / measured - 1.0).abs() < AGREED;
+        proposal.seconds = measured;
+        let kept = match goal {
+            Goal::Error(_) => true,
+            Goal::Time(t) => measured <= t,
+        };
+        let next = pick(search, goal, &costs)?;
+        if round == ROUNDS || (agreed && kept) || next.candidate == proposal.candidate {
+            return Ok((proposal, changes));
+        }
+        proposal = next;
+    }
+    pick(search, goal, &costs).map(|p| (p, Vec::new()))
+}
+
+fn pick(search: &Search<'_>, goal: Goal, costs: &CostModel) -> Result<Proposal> {
+    search.best(goal, costs).map_err(|nearest| {
+        let closest = |p: Proposal| {
+            format!(
+                "the closest is an error of {:.2e} in {:.2e} s with a coarse spacing of {:.2e} m",
+                p.errors.worst(),
+                p.seconds,
+                p.candidate.h
+            )
+        };
+        let none = || "no coarse spacing fits between the fine spacing and the body".to_owned();
+        let nearest = nearest.map_or_else(none, closest);
+        match goal {
+            Goal::Error(e) => value(
+                "--error",
+                e,
+                &format!("is out of reach: {nearest}; ask for a larger error"),
+            ),
+            Goal::Time(t) => value(
+                "--time",
+                t,
+                &format!("is out of reach: {nearest}; ask for a longer time [s]"),
+            ),
+        }
+    })
+}
+
+fn forecast(search: &Search<'_>, s: &Scenario, p: &Proposal, fraction: f64, absorber: bool) -> Forecast {
+    let c = &p.candidate;
+    let mut settings = vec![
+        ("h_C [m]".to_owned(), format!("{:.4e}", c.h)),
+        ("h_B [m]".to_owned(), format!("{:.4e}", c.h_b)),
+        ("L_O [m]".to_owned(), format!("{:.4e}", c.overlap)),
+        ("weight".to_owned(), predict::weight_name(c.profile).to_owned()),
+        (
+            "junction".to_owned(),
+            predict::junction_name(s.junction).to_owned(),
+        ),
+        ("step / critical".to_owned(), format!("{fraction:.3}")),
+    ];
+    if let Some(l) = c.length_ratio {
+        settings.push(("l [m]".to_owned(), format!("{:.4e}", l * c.h_b)));
+    }
+    settings.push((
+        "absorber".to_owned(),
+        if absorber { "on" } else { "off" }.to_owned(),
+    ));
+    Forecast {
+        settings,
+        errors: p.errors,
+        top_reflection: search.tables[c.table].top_reflection,
+        seconds: p.seconds,
+    }
+}
+
+fn notes(s: &Scenario, p: &Proposal) -> Vec<String> {
+    let mut out = Vec::new();
+    if !s.movable {
+        out.push(
+            "the width of the overlap stays: bodies do not end at its borders, the mediator has a shape of its own, or the \
+             fine model is given by a count"
+                .into(),
+        );
+    }
+    if s.across.is_some() {
+        out.push(
+            "errors are those of waves along the overlap; what happens across the body is not in them".into(),
+        );
+    }
+    if s.particles {
+        out.push(
+            "a random packing differs from the material it stands for; that is not in the prediction".into(),
+        );
+    }
+    if apply::needs_absorber(p) {
+        out.push(format!(
+            "{:.1e} of the signal's energy is above what the coarse model carries: the absorber takes it out",
+            p.errors.above_cutoff
+        ));
+    }
+    out
+}

@@ -1,0 +1,272 @@
+//! What of a scene decides how accurate and how dear a coupling is.
+
+use crate::build::Kind;
+use crate::error::{Error, Result, key};
+use crate::scene::{
+    Interface, JunctionKind, ModelTable, OverlapShape, ProfileKind, Scene, Shape, StepChoice, TimeShape,
+};
+use std::f64::consts::PI;
+
+/// Samples of a signal from which its spectrum is read.
+const SAMPLES: usize = 1024;
+
+/// A scene with one interface, reduced to lengths along its overlap.
+#[derive(Debug, Clone)]
+pub(crate) struct Scenario {
+    /// Names of interface, coarse and fine model.
+    pub(crate) names: [String; 3],
+    /// Axis of the overlap.
+    pub(crate) axis: usize,
+    /// Where the fine model's own region ends \[m\].
+    pub(crate) border: f64,
+    /// Direction from there into the coarse model, ±1.
+    pub(crate) inward: f64,
+    /// Width of the overlap \[m\].
+    pub(crate) overlap: f64,
+    /// Whether the overlap's width follows from two numbers of the scene.
+    pub(crate) movable: bool,
+    /// Lengths of the coarse body and of the fine model's own region along the axis \[m\].
+    pub(crate) lengths: [f64; 2],
+    /// Spacings of the coarse model, the fine model and the mediator \[m\].
+    pub(crate) spacings: [f64; 3],
+    /// Smallest size across the axis \[m\]; none for lines.
+    pub(crate) across: Option<f64>,
+    /// Weight.
+    pub(crate) profile: ProfileKind,
+    /// Junction.
+    pub(crate) junction: JunctionKind,
+    /// Whether an absorber is there already.
+    pub(crate) absorber: bool,
+    /// Whether the fine model is a random packing.
+    pub(crate) particles: bool,
+    /// Speed of long axial waves \[m/s\].
+    pub(crate) speed: f64,
+    /// Length of the run \[s\], if the scene gives it.
+    pub(crate) end: Option<f64>,
+    /// Step in units of the critical one, if given so.
+    pub(crate) fraction: Option<f64>,
+}
+
+/// Reads a scene.
+pub(crate) fn scenario(scene: &Scene) -> Result<Scenario> {
+    let mut all = scene.interface.iter();
+    let (Some((name, table)), None) = (all.next(), all.next()) else {
+        let rule = format!(
+            "has {} entries; suggest speaks of scenes with one interface between two models",
+            scene.interface.len()
+        );
+        return Err(key("interface", rule));
+    };
+    let OverlapShape::Slab { fine, coarse } = &table.overlap else {
+        let rule = "is no slab; suggest needs one along x, y or z";
+        return Err(key(format!("interface.{name}.overlap"), rule));
+    };
+    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
+    let &[axis] = apart.as_slice() else {
+        let rule = "is not normal to x, y or z; suggest needs a slab that is";
+        return Err(key(format!("interface.{name}.overlap.slab"), rule));
+    };
+    let model = |role: &str, n: &String| {
+        scene.model.get(n).ok_or_else(|| {
+            crate::error::unknown(format!("interface.{name}.{role}"), n, "model", scene.model.keys())
+        })
+    };
+    let (c, f) = (model("coarse", &table.coarse)?, model("fine", &table.fine)?);
+    let (ce, fe) = (extent(&table.coarse, c, axis)?, extent(&table.fine, f, axis)?);
+    let inward = (coarse[axis] - fine[axis]).signum();
+    let overlap = (coarse[axis] - fine[axis]).abs();
+    let far = |e: [f64; 2], towards: f64| if towards > 0.0 { e[1] } else { e[0] };
+    let tolerance = 1e-6 * overlap;
+    let meets = (far(fe, inward) - coarse[axis]).abs() < tolerance
+        && (far(ce, -inward) - fine[axis]).abs() < tolerance;
+    let movable = meets && table.mediator.shape.is_none() && f.dem.count.is_none() && f.divisions.is_none();
+    let spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
+    Ok(Scenario {
+        names: [name.clone(), table.coarse.clone(), table.fine.clone()],
+        axis,
+        border: fine[axis],
+        inward,
+        overlap,
+        movable,
+        lengths: [ce[1] - ce[0], (fe[1] - fe[0] - overlap).max(0.0)],
+        spacings,
+        across: across(&c.shape, axis),
+        profile: table.weight.profile,
+        junction: table.junction.kind,
+        absorber: table.absorber.is_some(),
+        particles: f.kind == Kind::Dem,
+        speed: (c.material.young / c.material.density).sqrt(),
+        end: scene.time.end,
+        fraction: match scene.time.step {
+            StepChoice::Fraction(x) => Some(x),
+            StepChoice::Seconds(_) => None,
+        },
+    })
+}
+
+/// Where a body begins and ends along an axis.
+fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
+    match &model.shape {
+        Shape::Box { low, high } => Ok([low[axis], high[axis]]),
+        Shape::Cylinder { from, length, .. } if axis == 0 => Ok([from[0], from[0] + length]),
+        Shape::Bar { from, to, .. } if axis == 0 => Ok([*from, *to]),
+        other => Err(key(
+            format!("model.{name}.shape"),
+            format!(
+                "suggest cannot read lengths from the shape {}; use box, cylinder or bar",
+                other.name()
+            ),
+        )),
+    }
+}
+
+fn across(shape: &Shape, axis: usize) -> Option<f64> {
+    match shape {
+        Shape::Box { low, high } => (0..3)
+            .filter(|c| *c != axis)
+            .map(|c| high[c] - low[c])
+            .reduce(f64::min),
+        Shape::Cylinder { radius, .. } => Some(2.0 * radius),
+        _ => None,
+    }
+}
+
+/// Spacings of coarse model, fine model and mediator as the scene has them.
+fn spacings(
+    table: &Interface,
+    c: &ModelTable,
+    f: &ModelTable,
+    extents: [[f64; 2]; 2],
+    overlap: f64,
+    axis: usize,
+) -> Result<[f64; 3]> {
+    let of = |name: &str, m: &ModelTable, e: [f64; 2]| {
+        let divided = m
+            .divisions
+            .as_ref()
+            .and_then(|d| d.get(axis))
+            .map(|n| (e[1] - e[0]) / *n as f64);
+        // As many spheres as fill the body at the density of a jammed packing.
+        let counted = m.dem.count.and_then(|n| {
+            let volume = match &m.shape {
+                Shape::Box { low, high } => (0..3).map(|k| high[k] - low[k]).product::<f64>(),
+                Shape::Cylinder { length, radius, .. } => PI * radius * radius * length,
+                _ => return None,
+            };
+            Some((0.615 * volume * 6.0 / (PI * n as f64)).cbrt())
+        });
+        let given = m.spacing.or(divided).or(counted);
+        given.ok_or_else(|| key(format!("model.{name}"), "suggest needs its spacing [m]; give it"))
+    };
+    let coarse = of(&table.coarse, c, extents[0])?;
+    let divided = table.mediator.divisions.as_ref().and_then(|d| d.get(axis));
+    let mediator = table.mediator.spacing.or(divided.map(|n| overlap / *n as f64));
+    Ok([
+        coarse,
+        of(&table.fine, f, extents[1])?,
+        mediator.unwrap_or(coarse),
+    ])
+}
+
+/// Amplitudes of the velocity signal at equidistant frequencies.
+#[derive(Debug, Clone)]
+pub(crate) struct Spectrum {
+    /// Angular frequencies \[rad/s\].
+    pub(crate) omega: Vec<f64>,
+    /// Amplitudes of the velocity, any unit.
+    pub(crate) velocity: Vec<f64>,
+    /// Where it comes from.
+    pub(crate) source: String,
+}
+
+/// The spectrum of what the scene sends out: of `frequency` \[Hz\] as a pulse that long, else of the shortest pulse, ramp
+/// or wave.
+pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<f64>) -> Result<Spectrum> {
+    let pulse = |t: f64| (PI * t).sin().powi(2);
+    let mut found: Option<(f64, String, Signal)> = None;
+    let mut offer = |duration: f64, source: String, signal: Signal| {
+        if found.as_ref().is_none_or(|f| duration < f.0) {
+            found = Some((duration, source, signal));
+        }
+    };
+    if let Some(f) = frequency {
+        if !(f > 0.0 && f.is_finite()) {
+            return Err(crate::error::value("--frequency", f, "must be positive [Hz]"));
+        }
+        offer(
+            2.0 / f,
+            format!("a pulse of {:.3e} s (--frequency {f:e})", 2.0 / f),
+            Box::new(pulse),
+        );
+    } else {
+        for (k, l) in scene.load.iter().enumerate() {
+            let name = l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1));
+            match l.time {
+                TimeShape::Pulse { duration } => {
+                    offer(
+                        duration,
+                        format!("the pulse of load '{name}', {duration:.3e} s"),
+                        Box::new(pulse),
+                    );
+                }
+                // A ramp is a step of rounded velocity: its derivative is a block of its length.
+                TimeShape::Ramp { duration } => {
+                    offer(
+                        2.0 * duration,
+                        format!("the ramp of load '{name}', {duration:.3e} s"),
+                        Box::new(ramp),
+                    );
+                }
+                TimeShape::Step | TimeShape::Table(_) => {}
+            }
+        }
+        for w in scene.initial.iter().filter_map(|i| i.wave.as_ref()) {
+            let duration = w.width / w.speed.map_or(s.speed, f64::abs).max(f64::MIN_POSITIVE);
+            let signal = Box::new(|t: f64| (2.0 * PI * t).sin());
+            offer(
+                duration,
+                format!("the initial wave, {duration:.3e} s long"),
+                signal,
+            );
+        }
+    }
+    let Some((duration, source, signal)) = found else {
+        let rule = "no load has a pulse or ramp and there is no initial wave: steps have no highest frequency; give the \
+                    highest one of interest, such as --frequency 2e5";
+        return Err(Error::Key {
+            key: "load".into(),
+            rule: rule.into(),
+        });
+    };
+    Ok(transform(&*signal, duration, end, source))
+}
+
+type Signal = Box<dyn Fn(f64) -> f64>;
+
+/// Velocity behind a ramped front, over twice the ramp's time; it then stays.
+fn ramp(t: f64) -> f64 {
+    (2.0 * t).min(1.0) * if t < 0.75 { 1.0 } else { 4.0 * (1.0 - t) }
+}
+
+/// Discrete Fourier transform of a signal on [0, 1] stretched to `duration`, up to twenty over its duration.
+fn transform(signal: &dyn Fn(f64) -> f64, duration: f64, end: f64, source: String) -> Spectrum {
+    let step = (0.5 / end.max(duration)).max(20.0 / duration / 2000.0);
+    let count = (20.0 / duration / step).ceil() as usize;
+    let values: Vec<f64> = (0..SAMPLES)
+        .map(|k| signal((k as f64 + 0.5) / SAMPLES as f64))
+        .collect();
+    let omega: Vec<f64> = (1..=count).map(|n| 2.0 * PI * n as f64 * step).collect();
+    let amplitude = |w: &f64| {
+        let turn = w * duration / SAMPLES as f64;
+        let sum = values.iter().enumerate().fold([0.0; 2], |s, (k, v)| {
+            let (sin, cos) = (turn * k as f64).sin_cos();
+            [s[0] + v * cos, s[1] + v * sin]
+        });
+        sum[0].hypot(sum[1])
+    };
+    Spectrum {
+        velocity: omega.iter().map(amplitude).collect(),
+        omega,
+        source,
+    }
+}

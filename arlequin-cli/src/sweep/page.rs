@@ -1,0 +1,152 @@
+//! The report: one page that needs nothing else, neither scripts nor addresses.
+
+use super::conclude::{self, percent, seconds};
+use super::picture;
+use super::result::{PHASES, Run, Sweep};
+use std::fmt::Write as _;
+
+const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:1120px;margin:2em auto;padding:0 1em;color:#222}\
+h1{font-size:1.6em}h2{font-size:1.2em;margin-top:2em}svg{max-width:100%;height:auto}\
+.wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px}\
+th,td{padding:.25em .6em;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}\
+th:first-child,td:first-child{text-align:left}tr.front td{background:#e8f2fa}tr.failed td{background:#fbe9e0}\
+li{margin:.4em 0}.note{color:#555;font-size:14px}";
+
+/// Text of an element.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}
+
+/// The whole page; pictures by name.
+pub(crate) fn page(s: &Sweep, pictures: &[(String, String)]) -> String {
+    let mut out = String::new();
+    let title = escaped(&s.title);
+    out += "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n";
+    // An empty icon keeps browsers from asking the server for one.
+    out += "<link rel=\"icon\" href=\"data:,\"/>\n";
+    let _ = writeln!(
+        out,
+        "<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>"
+    );
+    out += "<h2>Conclusion</h2>\n<ul>\n";
+    for line in &s.conclusion {
+        let _ = writeln!(out, "<li>{}</li>", escaped(line));
+    }
+    out += "</ul>\n";
+    let _ = writeln!(
+        out,
+        "<p class=\"note\">What decides: the {}, relative L2 over the time of all probes, against {}; the time of {}, \
+         the least of {} runs, one after another on the same machine. Times of another machine differ, ratios less so.</p>",
+        s.judge,
+        escaped(s.reference.as_deref().unwrap_or("nothing")),
+        s.cost,
+        s.repeat
+    );
+    out += "<h2>Error against time</h2>\n";
+    for (_, svg) in pictures {
+        out += &picture::inline(svg);
+        out.push('\n');
+    }
+    if let Some(f) = s.floor_seconds {
+        let _ = writeln!(
+            out,
+            "<p class=\"note\">The dashed grey line is the least time of the fine model alone, {}: no choice on the coarse \
+             side goes below.</p>",
+            seconds(f)
+        );
+    }
+    knob_table(&mut out, s);
+    run_table(&mut out, s);
+    out += "</body>\n</html>\n";
+    out
+}
+
+fn knob_table(out: &mut String, s: &Sweep) {
+    let knobs = conclude::knobs(&s.runs);
+    if knobs.is_empty() {
+        return;
+    }
+    *out += "<h2>Which knobs matter</h2>\n<div class=\"wide\"><table>\n<tr><th>axis</th><th>error, largest/smallest</th>\
+             <th>time, largest/smallest</th><th>smallest error at</th></tr>\n";
+    for k in knobs {
+        let _ = writeln!(
+            out,
+            "<tr><td>{}</td><td>{:.2}</td><td>{:.2}</td><td>{}</td></tr>",
+            escaped(&k.axis),
+            k.error_ratio,
+            k.cost_ratio,
+            escaped(&k.best)
+        );
+    }
+    *out += "</table></div>\n";
+}
+
+fn run_table(out: &mut String, s: &Sweep) {
+    let phases: Vec<&str> = PHASES
+        .into_iter()
+        .filter(|p| s.runs.iter().any(|r| r.seconds.per_step.contains_key(*p)))
+        .collect();
+    let mut back: Vec<&String> = s.runs.iter().flat_map(|r| r.reflected_energy.keys()).collect();
+    back.sort();
+    back.dedup();
+    *out += "<h2>Runs</h2>\n<p class=\"note\">Blue rows: no other run is both faster and more accurate.</p>\n\
+             <div class=\"wide\"><table>\n<tr><th>run</th><th>unknowns</th><th>steps</th><th>set-up</th><th>stepping</th>";
+    for p in &phases {
+        let _ = write!(out, "<th>{p} per step</th>");
+    }
+    *out += "<th>peak memory</th><th>error u</th><th>error v</th>";
+    for b in &back {
+        let _ = write!(out, "<th>comes back: {}</th>", escaped(b));
+    }
+    *out += "<th>H drift</th><th>cond(A)</th></tr>\n";
+    let columns = 8 + phases.len() + back.len() + 1;
+    for r in &s.runs {
+        row(out, r, &phases, &back, columns);
+    }
+    *out += "</table></div>\n";
+}
+
+fn row(out: &mut String, r: &Run, phases: &[&str], back: &[&String], columns: usize) {
+    let label = escaped(&r.label);
+    if r.status != "complete" {
+        let _ = writeln!(
+            out,
+            "<tr class=\"failed\"><td>{label}</td><td colspan=\"{columns}\" style=\"text-align:left;white-space:normal\">{} {}\
+             </td></tr>",
+            r.status,
+            escaped(r.error.as_deref().unwrap_or(""))
+        );
+        return;
+    }
+    let class = if r.pareto { " class=\"front\"" } else { "" };
+    let _ = write!(out, "<tr{class}><td>{label}</td>");
+    let dash = || "–".to_owned();
+    let time = |x: Option<f64>| x.map_or_else(dash, seconds);
+    let share = |x: Option<f64>| x.map_or_else(dash, percent);
+    let small = |x: Option<f64>| x.map_or_else(dash, |x| format!("{x:.1e}"));
+    let count = |x: Option<u64>| x.map_or_else(dash, |x| x.to_string());
+    let mut cell = |text: String| {
+        let _ = write!(out, "<td>{text}</td>");
+    };
+    cell(count(r.unknowns));
+    cell(count(r.steps));
+    cell(time(r.seconds.setup));
+    cell(time(r.seconds.stepping));
+    for p in phases {
+        cell(time(r.seconds.per_step.get(*p).copied()));
+    }
+    cell(
+        r.peak_bytes
+            .map_or_else(dash, |b| format!("{:.0} MB", b as f64 / 1e6)),
+    );
+    cell(share(r.errors.displacement));
+    cell(share(r.errors.velocity));
+    for b in back {
+        cell(share(r.reflected_energy.get(*b).copied()));
+    }
+    cell(small(r.h_drift));
+    cell(small(r.condition));
+    *out += "</tr>\n";
+}

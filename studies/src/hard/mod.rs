@@ -1,0 +1,146 @@
+//! Hard cases: what makes each hard, what naive code does with it (measured), what we promise, and whether the promise
+//! holds.
+//!
+//! The promise is the same everywhere: a bounded invariant, or a named error before the first step; never a number that is
+//! not finite, never silence. Cases marked fast run in the tests, all of them in `arlequin verify --hard`.
+
+mod line;
+mod material;
+pub mod naive;
+mod natural;
+mod particles;
+mod place;
+mod precision;
+mod resume;
+mod time;
+mod weights;
+
+use arlequin::core::{Coupled, Error, Real, Result};
+use std::ops::RangeInclusive;
+
+/// One measured number and the range it must lie in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// What was measured.
+    pub what: String,
+    /// Its value; NaN never holds.
+    pub value: f64,
+    /// Smallest and largest accepted value.
+    pub range: [f64; 2],
+}
+
+impl Figure {
+    /// Whether the value lies in its range.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.value >= self.range[0] && self.value <= self.range[1]
+    }
+}
+
+/// What a case measured.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Outcome {
+    /// Figures of the broken variants, with the range in which we found them.
+    pub naive: Vec<Figure>,
+    /// Figures of the library, with the promised range.
+    pub ours: Vec<Figure>,
+}
+
+impl Outcome {
+    /// Whether every figure lies in its range and there is one of each sort.
+    #[must_use]
+    pub fn pass(&self) -> bool {
+        let all = |f: &[Figure]| !f.is_empty() && f.iter().all(Figure::holds);
+        all(&self.naive) && all(&self.ours)
+    }
+
+    fn add_naive(&mut self, what: impl Into<String>, value: f64, range: RangeInclusive<f64>) {
+        self.naive.push(figure(what, value, &range));
+    }
+
+    fn add(&mut self, what: impl Into<String>, value: f64, range: RangeInclusive<f64>) {
+        self.ours.push(figure(what, value, &range));
+    }
+
+    /// A named error before the first step: 1 if the set-up failed with the expected one.
+    fn add_refusal<T: Real>(&mut self, what: &str, result: Result<Coupled<T>>, expected: fn(&Error) -> bool) {
+        let (text, value) = match result {
+            Ok(_) => ("was accepted".to_owned(), 0.0),
+            Err(e) => (e.to_string(), f64::from(u8::from(expected(&e)))),
+        };
+        self.ours
+            .push(figure(format!("{what} is refused: {text}"), value, &(1.0..=1.0)));
+    }
+}
+
+fn figure(what: impl Into<String>, value: f64, range: &RangeInclusive<f64>) -> Figure {
+    Figure {
+        what: what.into(),
+        value,
+        range: [*range.start(), *range.end()],
+    }
+}
+
+/// One hard case.
+#[derive(Debug, Clone, Copy)]
+pub struct HardCase {
+    /// Short name.
+    pub name: &'static str,
+    /// What makes it hard.
+    pub why: &'static str,
+    /// What naive code does.
+    pub naive: &'static str,
+    /// What we promise.
+    pub promise: &'static str,
+    /// Whether it takes less than some seconds.
+    pub fast: bool,
+    /// Measures it.
+    pub run: fn() -> Result<Outcome>,
+}
+
+/// All hard cases, in the order of `docs/hard-cases.md`.
+#[must_use]
+pub fn cases() -> Vec<HardCase> {
+    [
+        weights::CASES,
+        line::CASES,
+        place::CASES,
+        material::CASES,
+        natural::CASES,
+        particles::CASES,
+        time::CASES,
+        precision::CASES,
+        resume::CASES,
+    ]
+    .concat()
+}
+
+/// Step at which a run that must not survive is stopped by the guard; infinite if it survives `steps`.
+fn step_of_blow_up(run: &mut Coupled<f64>, steps: usize) -> Result<f64> {
+    match run.run(steps, &mut arlequin::core::observer::Silent) {
+        Ok(_) => Ok(f64::INFINITY),
+        Err(Error::EnergyGrowth { step, .. } | Error::Diverged { step, .. }) => Ok(step as f64),
+        Err(e) => Err(e),
+    }
+}
+
+/// Smallest critical step of a run \[s\].
+fn critical<T: Real>(run: &Coupled<T>) -> f64 {
+    run.critical_steps()
+        .iter()
+        .fold(f64::INFINITY, |a, b| a.min(b.as_f64()))
+}
+
+/// Random velocities in every model.
+fn shaken<T: Real>(
+    subdomains: impl IntoIterator<Item = arlequin::core::Subdomain<T>>,
+    seed: u64,
+) -> Result<Vec<arlequin::core::Subdomain<T>>> {
+    let mut next = crate::noise(seed);
+    let shake = |s: arlequin::core::Subdomain<T>| {
+        let n = s.model().layout().dofs();
+        let v = (0..n).map(|_| T::of(next())).collect();
+        s.with_initial(vec![T::zero(); n], v)
+    };
+    subdomains.into_iter().map(shake).collect()
+}
