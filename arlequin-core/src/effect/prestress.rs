@@ -1,6 +1,7 @@
 //! Prestress: what the internal forces are at the start counts as equilibrium.
 
 use super::{Effect, Instant, Site, dot};
+use crate::snapshot::Record;
 use crate::{Real, Result};
 
 /// Subtracts the internal forces of the initial displacements for ever, `F = −F_int(q_0)`: the body starts in
@@ -42,5 +43,19 @@ impl<T: Real> Effect<T> for Prestress<T> {
 
     fn power(&self, v: &[T]) -> T {
         dot(&self.force, v)
+    }
+
+    /// The subtracted forces.
+    fn save(&self) -> Record<T> {
+        Record {
+            numbers: self.force.clone(),
+            integers: Vec::new(),
+        }
+    }
+
+    fn restore(&mut self, from: &Record<T>) -> Result<()> {
+        from.expect("prestress", self.force.len(), 0)?;
+        self.force.copy_from_slice(&from.numbers);
+        Ok(())
     }
 }
