@@ -4,6 +4,7 @@ mod beam_a;
 mod beam_b;
 mod beams;
 mod choices;
+mod hard;
 mod page;
 mod row;
 mod solids;
@@ -25,6 +26,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub(crate) struct Args {
     /// Cases to run [default: all]
     cases: Vec<String>,
+    /// Run the hard cases instead: what naive code does with them, and whether our promises hold.
+    #[arg(long, conflicts_with_all = ["out", "docs", "resume"])]
+    hard: bool,
     /// Print the rows as JSON.
     #[arg(long)]
     json: bool,
@@ -208,6 +212,14 @@ const CASES: [Case; 16] = [
 
 /// Runs the command.
 pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
+    let threads = match args.threads {
+        Some(0) => return Err(crate::error::value("--threads", 0, "must be at least 1")),
+        Some(n) => n,
+        None => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+    };
+    if args.hard {
+        return hard::run(args, threads);
+    }
     if args.list {
         for case in &CASES {
             report::line(&format!("{:<14} {}", case.name, case.about));
@@ -215,11 +227,6 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let chosen = choose(&args.cases)?;
-    let threads = match args.threads {
-        Some(0) => return Err(crate::error::value("--threads", 0, "must be at least 1")),
-        Some(n) => n,
-        None => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
-    };
     let begin = std::time::Instant::now();
     let done = run_scenes(&chosen, args.quick, threads, args.resume.as_deref())?;
     let reports = in_parallel(&chosen, threads, "cases", |case| {

@@ -5,8 +5,9 @@ use crate::solid;
 use arlequin::core::interface::InterfaceOptions;
 use arlequin::core::junction::{H1Gradient, Junction, L2};
 use arlequin::core::observer::Silent;
+use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Result, TimeStep};
+use arlequin::core::{Coupled, Error, Result, TimeStep};
 use arlequin::fem_ref::ElementKind;
 
 pub(super) const CASES: &[HardCase] = &[
@@ -21,8 +22,8 @@ pub(super) const CASES: &[HardCase] = &[
     HardCase {
         name: "32-bit numbers, 100 000 steps",
         why: "round-off adds up",
-        naive: "the rank tolerance of 64 bits, as above",
-        promise: "drift stays below one per cent",
+        naive: "a body that is free to leave: digits of the strains go to the way it has made",
+        promise: "drift of a held body stays below one per cent; a free one is ended by the guard",
         fast: false,
         run: single_long,
     },
@@ -96,14 +97,36 @@ fn single() -> Result<Outcome> {
 
 fn single_long() -> Result<Outcome> {
     let mut out = Outcome::default();
-    let mut c = coupled(1e-6, [2, 2, 2], Box::new(L2), None)?;
-    c.run(100_000, &mut Silent)?;
-    out.add("drift", f64::from(c.drift()), 0.0..=1e-2);
-    out.add("velocity jump", f64::from(c.constraint_residual()), 0.0..=1e-3);
+    let steps = 100_000;
+    let [left, right] = solid::bodies::<f32>(Profile::Cubic, 1e-6)?;
+    let wall = left
+        .model()
+        .nodes()
+        .iter()
+        .enumerate()
+        .filter(|(_, x)| x.x < 1e-6);
+    let fixed = wall.flat_map(|(k, _)| 3 * k..3 * k + 3).collect();
+    let left = left.with_support(PrescribedMotion::fixed(fixed));
+    let mediator = solid::mediator::<f32>(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
+    let interface = solid::spec(mediator, Box::new(L2));
+    let mut held = Coupled::new(
+        shaken([left, right], 7)?,
+        vec![interface],
+        TimeStep::Fraction(0.8),
+        None,
+    )?;
+    held.run(steps, &mut Silent)?;
+    out.add("drift", f64::from(held.drift()), 0.0..=1e-2);
+    out.add("velocity jump", f64::from(held.constraint_residual()), 0.0..=1e-3);
+    let mut free = coupled(1e-6, [2, 2, 2], Box::new(L2), None)?;
+    let end = match free.run(steps, &mut Silent) {
+        Err(Error::EnergyGrowth { step, .. } | Error::Diverged { step, .. }) => step as f64,
+        other => other.map(|_| f64::INFINITY)?,
+    };
     out.add_naive(
-        "condition of what is inverted (infinite: the run ends)",
-        naive_residual()?,
-        1.0..=f64::INFINITY,
+        "step at which the guard ends the run of a free body",
+        end,
+        1.0..=100_000.0,
     );
     Ok(out)
 }
