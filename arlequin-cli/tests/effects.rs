@@ -164,6 +164,23 @@ fn dampings_of_solids_take_energy_and_the_ledger_closes() {
     }
 }
 
+#[test]
+fn prestress_makes_the_initial_shape_an_equilibrium() {
+    let folder = scratch("effects-prestress");
+    let initial = "[[initial]]\ndisplacement.polynomial = { component = \"x\", along = \"x\", coefficients = [0.0, 1e-3] }\n";
+    let cut = common::SMALL.find("[[load]]").expect("load");
+    let end = common::SMALL.find("[time]").expect("time");
+    let bare = format!("{}{initial}{}", &common::SMALL[..cut], &common::SMALL[end..]);
+    let moved = |scene: &str| {
+        let s = run(&folder, scene, &["--set", "time.steps=200"]);
+        assert!(number(&s, "/energy/h_drift_max") < 1e-10);
+        number(&s, "/probes/tip/max") - number(&s, "/probes/tip/min")
+    };
+    let free = moved(&bare);
+    let held = moved(&format!("{bare}\n[[effect]]\nprestress = {{}}\n"));
+    assert!(free > 1e-3 && held < 1e-12, "{free} {held}");
+}
+
 /// The three scenes of `docs/effects.md`, shortened.
 #[test]
 fn shipped_scenes_with_breakage_close_their_balance() {

@@ -338,11 +338,11 @@ fn wishes_that_make_no_sense_are_named() {
     let alone = path.join("alone.toml");
     let cases: [(&[&str], &str); 6] = [
         (&["suggest", text(&scene)], "--error or --time"),
-        (&["suggest", text(&scene), "--error", "-2%"], "--error"),
+        (&["suggest", text(&scene), "--error=-2%"], "--error"),
         (&["suggest", text(&scene), "--time", "soon"], "--time"),
         (&["suggest", text(&scene), "--error", "1e-9"], "out of reach"),
         (
-            &["suggest", text(&scene), "--error", "5%", "--frequency", "-1"],
+            &["suggest", text(&scene), "--error", "5%", "--frequency=-1"],
             "--frequency",
         ),
         (&["suggest", text(&alone), "--error", "5%"], "interface"),

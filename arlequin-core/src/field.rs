@@ -269,7 +269,10 @@ mod tests {
             next = next.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             (next >> 40) as f64 / (1u64 << 24) as f64 - 0.5
         };
-        let mut centres: Vec<_> = (0..9).map(|_| Point3::new(noise(), noise(), noise())).collect();
+        let mut shaken = |x: f64| x + 0.6 * noise();
+        let mut centres = vec![Point3::origin()];
+        let corners = (0..8).map(|k| [k & 1, (k >> 1) & 1, k >> 2].map(|b| f64::from(2 * b - 1)));
+        centres.extend(corners.map(|[x, y, z]| Point3::new(shaken(x), shaken(y), shaken(z))));
         // Three particles in a plane of their own.
         centres.extend([0.0, 1.0, 2.0].map(|y: f64| Point3::new(10.0, y, y * y)));
         let mut pairs: Vec<[u32; 2]> = (1..9).map(|j| [0, j]).collect();

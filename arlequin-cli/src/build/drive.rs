@@ -6,7 +6,7 @@ use crate::error::{Result, core, key, unknown, value};
 use crate::scene::{Axis, Effect, Field, Initial, Load, Motion, Scene, Support, TimeShape, Wave};
 use arlequin::core::Subdomain;
 use arlequin::core::effect::{
-    self, BodyForce, BulkViscosity, LocalDamping, MassDamping, StiffnessDamping, SurfaceFacet,
+    self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping, SurfaceFacet,
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::subdomain::PrescribedMotion;
@@ -266,6 +266,9 @@ fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect
         let made = LocalDamping::new(d.share);
         return Ok(Box::new(made.map_err(core(at("local_damping.share")))?));
     }
+    if e.prestress.is_some() {
+        return Ok(Box::new(Prestress::new()));
+    }
     let coefficient = e.bulk_viscosity.map_or(0.0, |b| b.coefficient);
     let m = &body.material;
     let nu = m.poisson.unwrap_or(0.0);
@@ -282,7 +285,7 @@ pub(crate) fn effect_models(k: usize, e: &Effect, scene: &Scene) -> Result<Vec<u
     let given = e.given();
     if given.len() != 1 {
         let rule = "needs exactly one of body_force, mass_damping, stiffness_damping, local_damping, bulk_viscosity, \
-                    fracture, contact, obstacle";
+                    prestress, fracture, contact, obstacle";
         return Err(key(path, rule));
     }
     let kind = |m: usize| scene.model.values().nth(m).map(|t| t.kind);

@@ -22,6 +22,8 @@ pub(crate) struct Effect {
     pub(crate) local_damping: Option<LocalDamping>,
     /// Bulk viscosity.
     pub(crate) bulk_viscosity: Option<BulkViscosity>,
+    /// Initial displacements count as equilibrium.
+    pub(crate) prestress: Option<Prestress>,
     /// Bonds that break.
     pub(crate) fracture: Option<Fracture>,
     /// Contact between unbonded particles.
@@ -43,6 +45,7 @@ impl Effect {
             ("stiffness_damping", self.stiffness_damping.is_some()),
             ("local_damping", self.local_damping.is_some()),
             ("bulk_viscosity", self.bulk_viscosity.is_some()),
+            ("prestress", self.prestress.is_some()),
             ("fracture", self.fracture.is_some()),
             ("contact", self.contact.is_some()),
             ("obstacle", self.obstacle.is_some()),
@@ -79,6 +82,11 @@ pub(crate) struct MassDamping {
     /// Rate \[1/s\].
     pub(crate) rate: f64,
 }
+
+/// Initial displacements count as equilibrium; nothing to choose.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Prestress {}
 
 /// Stiffness-proportional damping.
 #[derive(Debug, Clone, Copy, Deserialize)]

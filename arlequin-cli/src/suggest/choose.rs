@@ -12,7 +12,7 @@ const MEDIATORS: [f64; 2] = [1.0, 0.5];
 /// Weights that are tried.
 const PROFILES: [ProfileKind; 3] = [ProfileKind::Cubic, ProfileKind::Quintic, ProfileKind::Linear];
 /// Junction lengths that are tried, in mediator spacings: past half of one, the condition grows as the fourth power.
-const LENGTHS: [f64; 2] = [0.3, 0.5];
+const LENGTHS: [f64; 2] = [0.25, 0.5];
 /// Ratio of neighbouring coarse spacings that are tried.
 const SPACING_STEP: f64 = 1.12;
 
@@ -130,7 +130,7 @@ impl<'a> Search<'a> {
             overlap: s.overlap / h,
             profile: s.profile,
             junction: s.junction,
-            length_ratio: (s.junction != JunctionKind::L2).then_some(1.0),
+            length_ratio: (s.junction != JunctionKind::L2).then_some(s.length_ratio),
         }];
         let given = candidate(&forms[0], h, 0);
         let mut candidates = Vec::new();

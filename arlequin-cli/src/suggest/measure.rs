@@ -61,9 +61,10 @@ pub(crate) fn measure(input: &Input<'_>, changes: &[Change]) -> Result<(Measured
 fn share(clock: &PhaseClock, run: &arlequin::core::Coupled<f64>, s: &Scenario) -> [f64; 4] {
     let mut out = [0.0; 4];
     for (name, seconds) in clock.phases(run) {
-        let at = match name.rsplit_once('/') {
-            Some((_, m)) if m == s.names[1] => 0,
-            Some((_, m)) if m == s.names[2] => 1,
+        // predict/MODEL or effect/MODEL/NAME.
+        let at = match name.split('/').nth(1) {
+            Some(m) if m == s.names[1] => 0,
+            Some(m) if m == s.names[2] => 1,
             _ if name == "interface" => 2,
             _ => 3,
         };

@@ -35,6 +35,8 @@ pub(crate) struct Scenario {
     pub(crate) profile: ProfileKind,
     /// Junction.
     pub(crate) junction: JunctionKind,
+    /// Junction length over mediator spacing.
+    pub(crate) length_ratio: f64,
     /// Whether an absorber is there already.
     pub(crate) absorber: bool,
     /// Whether the fine model is a random packing.
@@ -93,6 +95,8 @@ pub(crate) fn scenario(scene: &Scene) -> Result<Scenario> {
         across: across(&c.shape, axis),
         profile: table.weight.profile,
         junction: table.junction.kind,
+        // A quarter of the mediator's spacing is the default of scenes.
+        length_ratio: table.junction.length.map_or(0.25, |l| l / spacings[2]),
         absorber: table.absorber.is_some(),
         particles: f.kind == Kind::Dem,
         speed: (c.material.young / c.material.density).sqrt(),

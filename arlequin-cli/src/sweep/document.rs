@@ -30,9 +30,14 @@ another. Times of another machine differ; ratios less so. How to read and make s
 coarse elements are what is paid for, towards a floor, the time of the fine region and the overlap, below which no coarse
 choice goes. But an overlap of a fixed number of elements, `L_O = k h`, is filled with fine particles of spacing `r` too,
 so a coarser mesh makes it wider and the time rises again. With equal costs per coarse and fine unknown the least time is
-at `h* = sqrt(r L_C/k)` on a line and `h* = (3 r^3 L_C/k)^(1/4)` in space; where a coupled fine particle costs more than a
-coarse node (it always does: the interface is solved in addition), the least time is at a smaller `h`. Right of it a
-coupled run is both slower and less accurate: never go there.
+at `h* = sqrt(r L_C/k)` on a line and `h* = (3 r^3 L_C/k)^(1/4)` in space. What is measured lies beside it: a fine particle
+in the overlap also pays for the interface, which moves the least time to smaller `h`; multipliers and coarse nodes in the
+overlap pay for it too, which in space moves it to larger `h`. Right of the least time a coupled run is both slower and less
+accurate: never go there.
+
+**Honest comparison.** The undivided coarse model stands on the same axes. For a homogeneous linear body it is cheaper at
+equal error, for it needs no interface and may take larger steps: coupling pays where the fine model does what the coarse
+one cannot.
 ";
 
 /// Writes the page.

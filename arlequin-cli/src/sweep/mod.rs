@@ -23,7 +23,7 @@ use spec::{Reference, SweepFile};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Exit code of a sweep that the user ended (128 + SIGINT).
 const INTERRUPTED: u8 = 130;
@@ -71,8 +71,10 @@ pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode> {
     let stem = arguments.sweep.file_stem().unwrap_or_default();
     let out = arguments.out.clone();
     let out = out.unwrap_or_else(|| Path::new("results").join(stem));
-    let made = prepare(&source, &file)
-        .and_then(|(members, curves)| make(&file, &members, curves, &out, arguments.fresh));
+    let made = prepare(&source, &file).and_then(|(members, curves)| {
+        let stop = crate::run::watch_interrupt()?;
+        make(&file, &members, curves, &out, arguments.fresh, &stop)
+    });
     let (sweep, status) = made.map_err(|e| located(&source, &e))?;
     write_all(&out, &file, &sweep)?;
     if arguments.json {
@@ -103,14 +105,14 @@ fn make(
     mut curves: BTreeMap<String, Curve>,
     out: &Path,
     fresh: bool,
+    stop: &AtomicBool,
 ) -> Result<(Sweep, ExitCode)> {
     if out.exists() && !out.is_dir() {
         let rule = "is a file; choose another folder";
         return Err(crate::error::value("--out", out.display(), rule));
     }
-    let stop = crate::run::watch_interrupt()?;
     let folder = out.join("runs");
-    let runner = Runner::new(folder.clone(), file.repeat, file.threads, &stop)?;
+    let runner = Runner::new(folder.clone(), file.repeat, file.threads, stop)?;
     let progress = say::Bar::new(members.len());
     let mut runs: Vec<Run> = members.iter().map(Run::planned).collect();
     for (k, (m, r)) in members.iter().zip(&mut runs).enumerate() {
@@ -223,7 +225,7 @@ fn pictures(file: &SweepFile, sweep: &Sweep) -> Result<Vec<(String, String)>> {
 fn reopen(path: &Path, out: &Path) -> Result<(SweepFile, Sweep)> {
     let (source, file) = open(path)?;
     let (members, curves) = prepare(&source, &file).map_err(|e| located(&source, &e))?;
-    let never = std::sync::atomic::AtomicBool::new(false);
+    let never = AtomicBool::new(false);
     let folder = out.join("runs");
     let runner = Runner::new(folder, file.repeat, file.threads, &never)?;
     if let Some(m) = members.iter().find(|m| runner.finished(m).is_none()) {
@@ -235,6 +237,6 @@ fn reopen(path: &Path, out: &Path) -> Result<(SweepFile, Sweep)> {
         );
         return Err(key(out.display().to_string(), rule));
     }
-    let (sweep, _) = make(&file, &members, curves, out, false)?;
+    let (sweep, _) = make(&file, &members, curves, out, false, &never)?;
     Ok((file, sweep))
 }

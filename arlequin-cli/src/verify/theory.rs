@@ -249,9 +249,10 @@ pub(super) fn reflection(_: &Done) -> Result<Report> {
         axes: [["frequency over the coarse cutoff", ""], ["amplitude over incident", ""]],
         log: [false, true],
         curves,
-        says: "The papers find that results improve as the overlap widens. We see the same and why: the reflected \
-               amplitude below the cutoff falls with about the square of the width, from 8 % to 0.7 %; close to the \
-               cutoff every width reflects everything."
+        says: "The papers find that results improve as the overlap widens. We see the same and why: the largest reflected \
+               amplitude up to three quarters of the cutoff falls with about the square of the width, from 8 % to 0.7 %; at \
+               the cutoff it rises steeply for every width, and beyond it all comes back. The transmitted amplitude exceeds \
+               one there because the coarse lattice carries the same power with a larger motion."
             .into(),
     };
     Ok(Report {

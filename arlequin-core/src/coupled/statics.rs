@@ -5,7 +5,7 @@
 
 use super::Coupled;
 use crate::effect::Instant;
-use crate::{Error, Real, Result};
+use crate::{Error, Real, Result, Subdomain};
 use sprs::TriMat;
 
 /// Static equilibrium.
@@ -24,93 +24,113 @@ pub struct Equilibrium<T> {
 /// Relative residual above which a solution is not one.
 const RESIDUAL_LIMIT: f64 = 1e-6;
 
+/// The saddle-point system before supports are taken out.
+struct System<T> {
+    matrix: TriMat<T>,
+    rhs: Vec<T>,
+    fixed: Vec<bool>,
+    /// Displacements of the fixed unknowns.
+    values: Vec<T>,
+    /// Largest entry of the stiffness.
+    scale: T,
+}
+
+impl<T: Real> System<T> {
+    fn new(size: usize) -> Self {
+        Self {
+            matrix: TriMat::new((size, size)),
+            rhs: vec![T::zero(); size],
+            fixed: vec![false; size],
+            values: vec![T::zero(); size],
+            scale: T::zero(),
+        }
+    }
+
+    /// Stiffness, loads and supports of a subdomain whose unknowns begin at `start`.
+    fn add(&mut self, s: &mut Subdomain<T>, start: usize, t: T) -> Result<()> {
+        let Some(linear) = s.model().as_linear() else {
+            let what = "be solved statically: it is not linear".into();
+            return Err(Error::Unsupported {
+                model: s.model().name().into(),
+                what,
+            });
+        };
+        for (v, (i, j)) in linear.stiffness().iter() {
+            self.matrix.add_triplet(start + i, start + j, *v);
+            self.scale = self.scale.max(v.abs());
+        }
+        let n = s.model().layout().dofs();
+        let rest = vec![T::zero(); n];
+        let at = Instant {
+            time: t,
+            q: &rest,
+            v_half: &rest,
+            dt: T::zero(),
+            internal: &rest,
+            internal_before: &rest,
+        };
+        for e in &mut s.effects {
+            e.add_forces(&at, &mut self.rhs[start..start + n])?;
+        }
+        for motion in s.supports() {
+            for &d in &motion.dofs {
+                self.fixed[start + d] = true;
+                self.values[start + d] = motion.amplitude * motion.time.at(t);
+            }
+        }
+        Ok(())
+    }
+}
+
 impl<T: Real> Coupled<T> {
     /// Equilibrium under the loads and prescribed displacements of time `t`, velocities zero.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for a model that is not linear; [`Error::SingularSystem`] where rigid motions are free.
     pub fn equilibrium(&mut self, t: T) -> Result<Equilibrium<T>> {
-        let starts: Vec<usize> = self
-            .subdomains
-            .iter()
-            .map(|s| s.model().layout().dofs())
-            .chain(self.interfaces.iter().map(|i| i.multipliers().len()))
-            .scan(0, |sum, n| {
-                let start = *sum;
-                *sum += n;
-                Some(start)
-            })
-            .collect();
-        let size = starts.last().copied().unwrap_or(0)
-            + self.interfaces.last().map_or_else(
-                || self.subdomains[starts.len() - 1].model().layout().dofs(),
-                |i| i.multipliers().len(),
-            );
-        let mut rhs = vec![T::zero(); size];
-        let mut fixed = vec![false; size];
-        let mut values = vec![T::zero(); size];
-        let mut matrix = TriMat::new((size, size));
-        let mut scale = T::zero();
+        let (starts, size) = self.places();
+        let mut system = System::new(size);
         for (s, &start) in self.subdomains.iter_mut().zip(&starts) {
-            let Some(linear) = s.model().as_linear() else {
-                let what = "be solved statically: it is not linear".into();
-                return Err(Error::Unsupported {
-                    model: s.model().name().into(),
-                    what,
-                });
-            };
-            for (v, (i, j)) in linear.stiffness().iter() {
-                matrix.add_triplet(start + i, start + j, *v);
-                scale = scale.max(v.abs());
-            }
-            let n = s.model().layout().dofs();
-            let rest = vec![T::zero(); n];
-            let at = Instant {
-                time: t,
-                q: &rest,
-                v_half: &rest,
-                dt: T::zero(),
-                internal: &rest,
-                internal_before: &rest,
-            };
-            for e in &mut s.effects {
-                e.add_forces(&at, &mut rhs[start..start + n])?;
-            }
-            for motion in s.supports() {
-                for &d in &motion.dofs {
-                    fixed[start + d] = true;
-                    values[start + d] = motion.amplitude * motion.time.at(t);
-                }
-            }
+            system.add(s, start, t)?;
         }
-        self.add_constraints(&starts, scale, &mut matrix);
-        let q = solve_with_supports(&matrix, &rhs, &fixed, &values, scale)?;
-        let cut = |k: usize, n: usize| q.0[starts[k]..starts[k] + n].to_vec();
+        self.add_constraints(&starts, system.scale, &mut system.matrix);
+        let (q, residual) = solve_with_supports(
+            &system.matrix,
+            &system.rhs,
+            &system.fixed,
+            &system.values,
+            system.scale,
+        )?;
+        let cut = |k: usize, n: usize| q[starts[k]..starts[k] + n].to_vec();
+        let bodies = self.subdomains.iter().enumerate();
+        let displacements: Vec<Vec<T>> = bodies.map(|(k, s)| cut(k, s.model().layout().dofs())).collect();
+        let moved = self.subdomains.iter().zip(&displacements);
+        let energy = moved.map(|(s, q)| s.model().internal_energy(q)).sum();
         let count = self.subdomains.len();
-        let displacements: Vec<Vec<T>> = self
-            .subdomains
-            .iter()
-            .enumerate()
-            .map(|(k, s)| cut(k, s.model().layout().dofs()))
-            .collect();
-        let energy = self
-            .subdomains
-            .iter()
-            .zip(&displacements)
-            .map(|(s, q)| s.model().internal_energy(q))
-            .sum();
-        let multipliers = self
-            .interfaces
-            .iter()
-            .enumerate()
+        let joints = self.interfaces.iter().enumerate();
+        let multipliers = joints
             .map(|(k, i)| cut(count + k, i.multipliers().len()))
             .collect();
         Ok(Equilibrium {
             displacements,
             multipliers,
             energy,
-            residual: q.1,
+            residual,
         })
+    }
+
+    /// First unknown of every subdomain and every interface, and the number of all.
+    fn places(&self) -> (Vec<usize>, usize) {
+        let mut size = 0;
+        let bodies = self.subdomains.iter().map(|s| s.model().layout().dofs());
+        let counts = bodies.chain(self.interfaces.iter().map(|i| i.multipliers().len()));
+        let starts = counts
+            .map(|n| {
+                size += n;
+                size - n
+            })
+            .collect();
+        (starts, size)
     }
 
     /// Constraint blocks, scaled to the stiffness so that pivoting compares like with like. Dependent multipliers get

@@ -5,12 +5,14 @@
 mod absorber;
 mod account;
 mod load;
+mod prestress;
 mod viscous;
 
 pub use absorber::{Absorber, RateField};
 pub use account::EffectLine;
 pub(crate) use account::shortened;
 pub use load::{Load, SurfaceFacet};
+pub use prestress::Prestress;
 pub use viscous::{BulkViscosity, LocalDamping, StiffnessDamping};
 
 use crate::model::{DofLayout, Model};

@@ -1,0 +1,54 @@
+//! Effects that are on allocate nothing in a step without a break or a search. Alone in its file: the counter is global.
+#![allow(clippy::unwrap_used, reason = "a test may")]
+
+use arlequin_core::observer::Silent;
+use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use dem_beam::packing::{Lattice, lattice};
+use dem_beam::{BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Shape};
+use nalgebra::{Point3, Vector3};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+use std::alloc::System;
+
+#[global_allocator]
+static GLOBAL: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+#[test]
+fn steps_with_fracture_contact_and_an_obstacle_allocate_nothing() {
+    let packing = lattice(Lattice::Cubic, [6, 6, 6], 1e-3).unwrap();
+    let model = DemModel::new("cube", &packing, BeamMaterial::SILICA, 2200.0)
+        .unwrap()
+        .with_fracture(Fracture::new(Criterion::Rankine, 1e9))
+        .unwrap();
+    let law = ContactLaw {
+        friction: 0.3,
+        ..ContactLaw::elastic(70e9)
+    };
+    let bottom = model.nodes().iter().fold(f64::INFINITY, |m, x| m.min(x.z)) - 1e-3;
+    let plane = Shape::Plane {
+        point: Point3::new(0.0, 0.0, bottom),
+        normal: Vector3::z(),
+    };
+    let contact = Contact::new(&model, law).unwrap();
+    let floor = Obstacle::new("floor", &model, plane, Motion::Fixed, law).unwrap();
+    let n = model.layout().dofs();
+    let mut v = vec![0.0; n];
+    (0..n / 6).for_each(|i| v[3 * i + 2] = -0.1);
+    let subdomain = Subdomain::fine(model, Weights::uncoupled())
+        .with_effect(Box::new(contact))
+        .with_effect(Box::new(floor))
+        .with_initial(vec![0.0; n], v)
+        .unwrap();
+    let mut run = Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
+    // The lists find their size.
+    run.run(20, &mut Silent).unwrap();
+    let region = Region::new(GLOBAL);
+    run.run(50, &mut Silent).unwrap();
+    assert_eq!(region.change().allocations, 0);
+    let contacts = run.effects()[2]
+        .facts
+        .iter()
+        .find(|f| f.0 == "contacts")
+        .unwrap()
+        .1;
+    assert!(contacts > 0.0, "the floor is touched");
+}
