@@ -28,7 +28,7 @@ type NamedJob<'a> = (&'static str, Box<dyn FnMut(usize) + Send + 'a>);
 /// Best time per call (ns per bond) of several jobs, taken in turns so that all see the same machine.
 fn best(jobs: &mut [NamedJob<'_>], calls: usize, bonds: usize) -> Vec<f64> {
     let mut out = vec![f64::INFINITY; jobs.len()];
-    for _ in 0..200 {
+    for _ in 0..60 {
         for ((_, job), best) in jobs.iter_mut().zip(&mut out) {
             let start = Instant::now();
             job(calls);
@@ -70,7 +70,7 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
         growth: 0.05,
     };
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard))?;
-    let calls = (80_000 / body.len()).clamp(2, 100);
+    let calls = (400_000 / body.len()).clamp(2, 100);
     let mut jobs: Vec<NamedJob<'_>> = vec![
         ("bare kernel, whole step", Box::new(|k| bare.run(k - 1))),
         (

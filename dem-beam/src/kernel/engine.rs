@@ -395,6 +395,11 @@ impl<L: Lanes<T = f64>, W: RotationVector, const FETCH: bool> Job for With<L, Ad
         let parts = linear.chunks_mut(3 * LANES).zip(angular.chunks_mut(3 * LANES));
         for (b, (linear, angular)) in parts.enumerate() {
             let block = j.first + b;
+            if FETCH || W::LIGHT {
+                for to in [&*linear, &*angular] {
+                    prefetch_lines(l, to.as_ptr().wrapping_add(3 * LANES), 3 * LANES);
+                }
+            }
             let (own, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
             let mut force = [f[0], f[1], f[2]];
             let mut torque = W::generalised(l, &own, [f[3], f[4], f[5]]);
