@@ -241,46 +241,8 @@ fn draw_work(
             .map_err(|e| text(&e))?;
         legend.entry(Symbol::Dashes(colour), words)?;
     }
-    let mut seen = [false; 4];
-    for (r, p) in points {
-        let on_front = own.contains(p);
-        let kind = match r.mark {
-            Some(Mark::AllFine) => {
-                chart
-                    .draw_series([TriangleMarker::new(*p, 7, GREEN.filled())])
-                    .map_err(|e| text(&e))?;
-                0
-            }
-            Some(Mark::AllCoarse) => {
-                let square = EmptyElement::at(*p) + Rectangle::new([(-5, -5), (5, 5)], ORANGE.filled());
-                chart.draw_series([square]).map_err(|e| text(&e))?;
-                1
-            }
-            None if on_front => {
-                chart
-                    .draw_series([Circle::new(*p, 6, BLUE.filled())])
-                    .map_err(|e| text(&e))?;
-                2
-            }
-            None => {
-                chart
-                    .draw_series([Circle::new(*p, 5, BLUE.stroke_width(2))])
-                    .map_err(|e| text(&e))?;
-                3
-            }
-        };
-        seen[kind] = true;
-    }
-    let kinds = [
-        (Symbol::Triangle(GREEN), "all-fine"),
-        (Symbol::Square(ORANGE), "all-coarse"),
-        (Symbol::Disc(BLUE), "coupled, best of them"),
-        (Symbol::Circle(BLUE), "coupled"),
-    ];
-    for (k, (mark, words)) in kinds.into_iter().enumerate().filter(|(k, _)| seen[*k]) {
-        let _ = k;
-        legend.entry(mark, words)?;
-    }
+    let seen = draw_points(&mut chart, points, &own)?;
+    name_points(&mut legend, seen)?;
     if own.len() > 1 {
         legend.entry(Symbol::Line(BLUE), "front of the coupled runs")?;
     }
@@ -288,6 +250,58 @@ fn draw_work(
         legend.entry(Symbol::Line(GREY), "front of all runs")?;
     }
     root.present().map_err(|e| text(&e))
+}
+
+/// Marks every run; which of the four kinds of [`name_points`] there are.
+fn draw_points(
+    chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<Decades, Decades>>,
+    points: &[(&Run, (f64, f64))],
+    own: &Points,
+) -> std::result::Result<[bool; 4], String> {
+    let mut seen = [false; 4];
+    for (r, p) in points {
+        let on_front = own.contains(p);
+        let kind = match r.mark {
+            Some(Mark::AllFine) => {
+                chart
+                    .draw_series([TriangleMarker::new(*p, 7, GREEN.filled())])
+                    .map_err(|e| e.to_string())?;
+                0
+            }
+            Some(Mark::AllCoarse) => {
+                let square = EmptyElement::at(*p) + Rectangle::new([(-5, -5), (5, 5)], ORANGE.filled());
+                chart.draw_series([square]).map_err(|e| e.to_string())?;
+                1
+            }
+            None if on_front => {
+                chart
+                    .draw_series([Circle::new(*p, 6, BLUE.filled())])
+                    .map_err(|e| e.to_string())?;
+                2
+            }
+            None => {
+                chart
+                    .draw_series([Circle::new(*p, 5, BLUE.stroke_width(2))])
+                    .map_err(|e| e.to_string())?;
+                3
+            }
+        };
+        seen[kind] = true;
+    }
+    Ok(seen)
+}
+
+fn name_points(legend: &mut Legend<'_, '_>, seen: [bool; 4]) -> std::result::Result<(), String> {
+    let kinds = [
+        (Symbol::Triangle(GREEN), "all-fine"),
+        (Symbol::Square(ORANGE), "all-coarse"),
+        (Symbol::Disc(BLUE), "coupled, best of them"),
+        (Symbol::Circle(BLUE), "coupled"),
+    ];
+    for ((mark, words), _) in kinds.into_iter().zip(seen).filter(|(_, seen)| *seen) {
+        legend.entry(mark, words)?;
+    }
+    Ok(())
 }
 
 /// The points that no other beats in this picture, by rising time.

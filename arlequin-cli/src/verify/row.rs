@@ -181,9 +181,11 @@ pub(crate) fn markdown(rows: &[&Row]) -> String {
         } else {
             format!(" ({})", row.note)
         };
+        // A bar would end the cell.
+        let cell = format!("{}{note}", c[1]).replace('|', "\\|");
         out += &format!(
-            "| {}{note} | {} | {} | {} | {} | {} | {} |\n",
-            c[1], c[2], c[3], c[4], c[5], c[6], c[7]
+            "| {cell} | {} | {} | {} | {} | {} | {} |\n",
+            c[2], c[3], c[4], c[5], c[6], c[7]
         );
     }
     out
