@@ -51,7 +51,7 @@ pub(crate) struct Plan {
     pub(crate) warnings: Vec<String>,
     /// The plan for the time in which a model sleeps.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) asleep: Option<Box<Plan>>,
+    pub(crate) asleep: Option<Box<Self>>,
 }
 
 /// Checks a scene.
