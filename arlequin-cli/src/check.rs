@@ -7,6 +7,8 @@ use crate::output::Frames;
 use crate::output::summary::{self, InterfaceLine, ModelLine};
 use crate::recorder::PhaseClock;
 use crate::report;
+use crate::scene::Scene;
+use crate::wake;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -47,11 +49,38 @@ pub(crate) struct Plan {
     pub(crate) stepping_seconds: Option<f64>,
     /// What a user should know.
     pub(crate) warnings: Vec<String>,
+    /// The plan for the time in which a model sleeps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) asleep: Option<Box<Self>>,
 }
 
 /// Checks a scene.
 pub(crate) fn check(input: &Input<'_>) -> Result<()> {
     let begin = Instant::now();
+    let (asleep, built) = match &input.scene.wake {
+        None => (None, build::build(&input.scene, input.source.folder())?),
+        Some(w) => {
+            let (scene, asleep, built) = wake::both(input, w)?;
+            (Some((scene, asleep)), built)
+        }
+    };
+    let setup = begin.elapsed().as_secs_f64();
+    let mut out = plan(input, &input.scene, built, setup);
+    out.asleep = asleep.map(|(scene, built)| Box::new(plan(input, &scene, built, setup)));
+    if input.json {
+        let text = serde_json::to_string_pretty(&out).map_err(|e| Error::System {
+            what: "writing the plan",
+            message: e.to_string(),
+        })?;
+        report::json(&text);
+    } else {
+        report::plan(&out);
+    }
+    Ok(())
+}
+
+/// The plan of what is built, with trial steps.
+fn plan(input: &Input<'_>, scene: &Scene, built: Built, setup_seconds: f64) -> Plan {
     let Built {
         mut run,
         drawn,
@@ -59,15 +88,14 @@ pub(crate) fn check(input: &Input<'_>) -> Result<()> {
         steps,
         frame_every,
         ..
-    } = build::build(&input.scene, input.source.folder())?;
-    let setup_seconds = begin.elapsed().as_secs_f64();
+    } = built;
     // Nothing is written: the folder is only a name.
-    let frames = Frames::new(PathBuf::new(), &input.scene.output.fields, &run, drawn, mediators);
+    let frames = Frames::new(PathBuf::new(), &scene.output.fields, &run, drawn, mediators);
     let plan = run.plan();
     let count = 1 + steps.div_ceil(frame_every);
-    let mut out = Plan {
+    Plan {
         scene: input.source.path.display().to_string(),
-        title: input.scene.title.clone(),
+        title: scene.title.clone(),
         models: summary::models(&run),
         interface: summary::interfaces(&run, &[]),
         effects: plan.effects.clone(),
@@ -79,20 +107,10 @@ pub(crate) fn check(input: &Input<'_>) -> Result<()> {
         output_bytes: count * frames.bytes_per_frame(),
         memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
         setup_seconds,
-        stepping_seconds: None,
         warnings: summary::warnings(&run),
-    };
-    out.stepping_seconds = trial(&mut run, steps);
-    if input.json {
-        let text = serde_json::to_string_pretty(&out).map_err(|e| Error::System {
-            what: "writing the plan",
-            message: e.to_string(),
-        })?;
-        report::json(&text);
-    } else {
-        report::plan(&out);
+        asleep: None,
+        stepping_seconds: trial(&mut run, steps),
     }
-    Ok(())
 }
 
 /// Seconds for all steps, extrapolated from a few.

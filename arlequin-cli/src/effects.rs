@@ -54,6 +54,7 @@ struct Trace {
 
 /// Compares and prints.
 pub(crate) fn effects(input: &Input<'_>) -> Result<()> {
+    crate::wake::refuse(&input.scene, "effects")?;
     let folder = input.source.folder();
     if input.scene.probe.is_empty() {
         let rule = "is empty; effects are judged by what they change there, so name at least one probe";

@@ -2,6 +2,7 @@
 
 mod build;
 mod calibrate;
+mod cells;
 #[allow(dead_code, reason = "the example offers more than a scene asks for")]
 #[path = "../../examples/chain/model.rs"]
 mod chain;
@@ -18,6 +19,7 @@ mod spectrum;
 mod suggest;
 mod sweep;
 mod verify;
+mod wake;
 
 use clap::{Args, Parser, Subcommand};
 use error::{Error, Result};

@@ -7,7 +7,7 @@
 
 use crate::check::Plan;
 use crate::effects::Comparison;
-use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, Summary};
+use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, Summary, WakeReport};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::Path;
@@ -114,6 +114,9 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
             p.quantity, p.mean, p.last
         );
     }
+    if let Some(w) = &s.wake {
+        wake(w);
+    }
     warnings(&s.warnings);
     let w = &s.wall_seconds;
     println!(
@@ -132,12 +135,58 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     }
 }
 
+/// Prints whether and how a sleeping model woke.
+fn wake(w: &WakeReport) {
+    let place = w.place.unwrap_or_default().map(|x| format!("{x:.4e}")).join(", ");
+    let value = w.value.unwrap_or_default();
+    let (Some(time), Some(before), Some(jump)) = (w.time, w.energy_before, w.jump) else {
+        println!(
+            "wake       '{}' was asleep to the end: the largest {} of '{}' was {value:.4e} at [{place}] m, the limit {:.4e}",
+            w.model, w.criterion, w.by, w.limit
+        );
+        return;
+    };
+    println!(
+        "wake       '{}' woke at t = {time:.4e} s, step {}: {} of '{}' {value:.4e} at [{place}] m, limit {:.4e}",
+        w.model,
+        w.step.unwrap_or_default(),
+        w.criterion,
+        w.by,
+        w.limit
+    );
+    println!(
+        "           energy {before:.6e} J before, {:.6e} J after: a jump of {:.3} %",
+        before + jump,
+        100.0 * jump / before.abs().max(f64::MIN_POSITIVE)
+    );
+    if let (Some(b), Some(a)) = (w.momentum_before, w.momentum_after) {
+        let change = |b: [f64; 3], a: [f64; 3]| {
+            let square = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let gap = square([a[0] - b[0], a[1] - b[1], a[2] - b[2]]);
+            (square(b), gap)
+        };
+        let ((size, gap), (spin, slip)) = (change(b.linear, a.linear), change(b.angular, a.angular));
+        println!(
+            "           momentum {size:.4e} kg m/s changed by {gap:.1e}, angular {spin:.4e} kg m²/s by {slip:.1e}"
+        );
+    }
+}
+
 /// Prints the plan of a run.
 pub(crate) fn plan(p: &Plan) {
     println!("scene      {}", p.scene);
     if let Some(title) = &p.title {
         println!("title      {title}");
     }
+    if let Some(a) = &p.asleep {
+        println!("asleep     until a model wakes:");
+        sizes(a);
+        println!("awake");
+    }
+    sizes(p);
+}
+
+fn sizes(p: &Plan) {
     models(&p.models);
     interfaces(&p.interface);
     if p.effects.is_empty() {

@@ -5,12 +5,13 @@ use crate::build::{self, Built};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result, write};
 use crate::output::plots::{self, Curve, Plot};
-use crate::output::summary::{self, Energy, ProbeLine, Summary, WallSeconds};
+use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, check_free, csv};
 use crate::recorder::{self, ENERGY_COLUMNS, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::Quantity;
 use crate::spectrum;
+use crate::wake;
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::path::{Path, PathBuf};
@@ -27,6 +28,9 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
     let begin = Instant::now();
     let target = out.map_or_else(|| default_folder(input), Path::to_owned);
     check_free(&target, force)?;
+    if let Some(asleep) = &input.scene.wake {
+        return wake::run(input, asleep, &target, force);
+    }
     let origin = Origin::of(input.source, input.set)?;
     let built = build::build(&input.scene, input.source.folder())?;
     // Made only now: Ctrl-C during the set-up leaves nothing behind.
@@ -34,7 +38,7 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
     let lasting = input.scene.output.checkpoint_every.is_some();
     let folder = Folder::begin(&target, force, lasting)?;
     let mut session = Session::new(input, built, folder, origin)?;
-    session.setup = begin.elapsed().as_secs_f64();
+    session.begun(begin);
     session.complete(&stop)
 }
 
@@ -74,12 +78,33 @@ pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCo
         })?;
     session.recorder.resume(saved.records)?;
     session.resumed_at = Some(saved.snapshot.step);
-    session.setup = begin.elapsed().as_secs_f64();
+    session.begun(begin);
     session.complete(&stop)
 }
 
+/// Why the steps ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum End {
+    /// All are made.
+    Complete,
+    /// The user ended them.
+    Interrupted,
+    /// A sleeping model wakes.
+    Woken,
+}
+
+impl End {
+    fn status(self) -> &'static str {
+        match self {
+            Self::Complete => "complete",
+            Self::Interrupted => "interrupted",
+            Self::Woken => "woken",
+        }
+    }
+}
+
 /// A run with everything that records it.
-struct Session<'a> {
+pub(crate) struct Session<'a> {
     input: &'a Input<'a>,
     run: Coupled<f64>,
     steps: usize,
@@ -93,7 +118,8 @@ struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    fn new(input: &'a Input<'a>, built: Built, folder: Folder, origin: Origin) -> Result<Self> {
+    /// Records the state before the first step.
+    pub(crate) fn new(input: &'a Input<'a>, built: Built, folder: Folder, origin: Origin) -> Result<Self> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
@@ -118,13 +144,53 @@ impl<'a> Session<'a> {
         })
     }
 
+    /// Ends the set-up that began then.
+    pub(crate) fn begun(&mut self, then: Instant) {
+        self.setup = then.elapsed().as_secs_f64();
+    }
+
+    /// The run.
+    pub(crate) fn coupled(&self) -> &Coupled<f64> {
+        &self.run
+    }
+
     /// Makes the steps that are left and writes the results.
     fn complete(mut self, stop: &AtomicBool) -> Result<ExitCode> {
-        let interrupted = self.advance(stop)?;
-        let after = Instant::now();
-        if interrupted {
+        let end = self.advance(stop, &mut |_| false)?;
+        if end == End::Interrupted {
             self.save()?;
         }
+        self.conclude(end, None)
+    }
+
+    /// Writes the results of the steps made and ends the folder.
+    pub(crate) fn conclude(mut self, end: End, wake: Option<WakeReport>) -> Result<ExitCode> {
+        let (summary, text) = self.write_results(end, wake)?;
+        if end == End::Complete {
+            checkpoint::remove(self.folder.path())?;
+        }
+        let place = self.folder.finish()?;
+        if self.input.json {
+            report::json(&text);
+        } else {
+            report::finished(&summary, &place, self.steps);
+        }
+        Ok(if end == End::Interrupted {
+            ExitCode::from(INTERRUPTED)
+        } else {
+            ExitCode::SUCCESS
+        })
+    }
+
+    /// Writes the results of the steps made and moves them into a folder inside; the folder is free for another run.
+    pub(crate) fn put_aside(mut self, name: &str) -> Result<Folder> {
+        self.write_results(End::Woken, None)?;
+        self.folder.put_aside(name)?;
+        Ok(self.folder)
+    }
+
+    fn write_results(&mut self, end: End, wake: Option<WakeReport>) -> Result<(Summary, String)> {
+        let after = Instant::now();
         self.recorder.finish(&self.run)?;
         write_tables(self.folder.path(), &self.recorder)?;
         write_breaks(self.folder.path(), &self.run, &self.breaks)?;
@@ -141,35 +207,28 @@ impl<'a> Session<'a> {
             output: observing + after.elapsed().as_secs_f64(),
             phases: self.clock.phases(&self.run),
         };
-        let mut summary = summarise(self.input, &self.run, &self.recorder, wall, interrupted);
+        let mut summary = summarise(self.input, &self.run, &self.recorder, wall, end);
         summary.resumed_at_step = self.resumed_at;
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        summary.wake = wake;
         let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
             what: "writing summary.json",
             message: e.to_string(),
         })?;
         let path = self.folder.path().join("summary.json");
         std::fs::write(&path, &text).map_err(write(&path))?;
-        if !interrupted {
-            checkpoint::remove(self.folder.path())?;
-        }
-        let place = self.folder.finish()?;
-        if self.input.json {
-            report::json(&text);
-        } else {
-            report::finished(&summary, &place, self.steps);
-        }
-        Ok(if interrupted {
-            ExitCode::from(INTERRUPTED)
-        } else {
-            ExitCode::SUCCESS
-        })
+        Ok((summary, text))
     }
 
-    /// Makes the steps; whether the user ended them early.
-    fn advance(&mut self, stop: &AtomicBool) -> Result<bool> {
+    /// Makes the steps, until the user ends them or `woken` says so after one that is not the last.
+    pub(crate) fn advance(
+        &mut self,
+        stop: &AtomicBool,
+        woken: &mut dyn FnMut(&Coupled<f64>) -> bool,
+    ) -> Result<End> {
         let every = self.input.scene.output.checkpoint_every;
         let progress = Progress::new(self.steps);
+        let mut end = End::Complete;
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             self.recorder.observe(&mut self.run, energy)?;
@@ -177,13 +236,17 @@ impl<'a> Session<'a> {
                 self.save()?;
             }
             progress.set(made);
-            if stop.load(Ordering::Relaxed) {
-                self.clock.enter(None);
-                return Ok(made < self.steps);
+            if made < self.steps && stop.load(Ordering::Relaxed) {
+                end = End::Interrupted;
+                break;
+            }
+            if made < self.steps && woken(&self.run) {
+                end = End::Woken;
+                break;
             }
         }
         self.clock.enter(None);
-        Ok(false)
+        Ok(end)
     }
 
     fn save(&self) -> Result<()> {
@@ -328,15 +391,16 @@ fn summarise(
     run: &Coupled<f64>,
     r: &Recorder,
     wall_seconds: WallSeconds,
-    interrupted: bool,
+    end: End,
 ) -> Summary {
     let plan = run.plan();
     Summary {
         scene: input.source.path.display().to_string(),
         title: input.scene.title.clone(),
-        status: if interrupted { "interrupted" } else { "complete" },
+        status: end.status(),
         version: env!("CARGO_PKG_VERSION"),
         resumed_at_step: None,
+        wake: None,
         set: input.set.to_vec(),
         threads: input.threads,
         models: summary::models(run),

@@ -32,8 +32,9 @@ impl<T: Real> PrescribedMotion<T> {
         }
     }
 
-    /// Central differences of the motion: with these as velocity and acceleration, velocity Verlet follows it exactly.
-    pub(crate) fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
+    /// Position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\], as central differences over `dt` \[s\]: with
+    /// these velocity Verlet follows the motion exactly.
+    pub fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
         let (before, now, after) = (self.at(t - dt), self.at(t), self.at(t + dt));
         (
             now,

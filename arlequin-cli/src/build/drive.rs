@@ -313,7 +313,7 @@ pub(crate) fn effect_models(k: usize, e: &Effect, scene: &Scene) -> Result<Vec<u
 }
 
 /// Initial displacements and velocities of model `m`.
-pub(crate) fn initial(scene: &Scene, m: usize, body: &Body) -> Result<(Vec<f64>, Vec<f64>)> {
+pub(crate) fn initial(scene: &Scene, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
     let layout = body.model.layout();
     let (mut q, mut v) = (vec![0.0; layout.dofs()], vec![0.0; layout.dofs()]);
     for (k, i) in scene.initial.iter().enumerate() {
@@ -342,7 +342,7 @@ pub(crate) fn initial(scene: &Scene, m: usize, body: &Body) -> Result<(Vec<f64>,
             }
         }
     }
-    Ok((q, v))
+    Ok([q, v])
 }
 
 fn check_initial(path: &str, i: &Initial) -> Result<()> {

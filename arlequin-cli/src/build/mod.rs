@@ -11,6 +11,7 @@ mod particles;
 mod probe;
 mod select;
 
+pub(crate) use drive::{effect_models, model_index};
 pub(crate) use kinds::{Body, Kind};
 pub(crate) use mesh::View;
 pub(crate) use probe::Reader;
@@ -36,6 +37,17 @@ pub(crate) struct Drawn {
     pub(crate) material: Material,
     /// What broke, where bonds can.
     pub(crate) breaks: Option<SharedLog>,
+    /// Distance of nodes or particles \[m\].
+    pub(crate) spacing: f64,
+}
+
+/// The state from which a run starts, if not that of `[[initial]]` at time zero.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Start {
+    /// Time \[s\].
+    pub(crate) time: f64,
+    /// Displacements and velocities of every model.
+    pub(crate) states: Vec<[Vec<f64>; 2]>,
 }
 
 /// A run that is ready to step.
@@ -56,6 +68,11 @@ pub(crate) struct Built {
 
 /// Builds everything a scene asks for.
 pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
+    build_from(scene, folder, None)
+}
+
+/// The same with a state of its own to start from.
+pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result<Built> {
     check_numbers(scene)?;
     check_names(scene)?;
     let effects = effects_by_model(scene)?;
@@ -97,13 +114,20 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
             field: body.field.clone(),
             material: body.material,
             breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
+            spacing: body.spacing,
         });
-        subdomains.push(subdomain(scene, m, body, &joints, &mut attachments)?);
+        let state = match start {
+            Some(s) => s.states[m].clone(),
+            None => drive::initial(scene, m, &body)?,
+        };
+        subdomains.push(subdomain(m, body, state, &joints, &mut attachments)?);
     }
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
-    let run = Coupled::new(subdomains, specs, step_of(scene), Some(guard(scene))).map_err(located)?;
-    let steps = steps_of(scene, run.dt())?;
+    let begin = start.map_or(0.0, |s| s.time);
+    let run = Coupled::starting_at(begin, subdomains, specs, step_of(scene), Some(guard(scene)))
+        .map_err(located)?;
+    let steps = steps_of(scene, begin, run.dt())?;
     let frame_every = frames(scene, steps, run.dt());
     Ok(Built {
         run,
@@ -119,7 +143,7 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
 fn effects_by_model(scene: &Scene) -> Result<Vec<Vec<(usize, &Effect)>>> {
     let mut out = vec![Vec::new(); scene.model.len()];
     for (k, e) in scene.effect.iter().enumerate() {
-        for m in drive::effect_models(k, e, scene)? {
+        for m in effect_models(k, e, scene)? {
             out[m].push((k, e));
         }
     }
@@ -137,12 +161,12 @@ fn step_of(scene: &Scene) -> TimeStep<f64> {
 const MANY_STEPS: f64 = 1e13;
 
 /// Whole steps up to the end; a step that ends there up to round-off is the last one.
-fn steps_of(scene: &Scene, dt: f64) -> Result<usize> {
+fn steps_of(scene: &Scene, begin: f64, dt: f64) -> Result<usize> {
     let end = match (scene.time.steps, scene.time.end) {
         (Some(n), _) => return Ok(n),
         (None, end) => end.unwrap_or_default(),
     };
-    let steps = (end / dt * (1.0 - 1e-12)).ceil();
+    let steps = ((end - begin) / dt * (1.0 - 1e-12)).ceil();
     if steps > MANY_STEPS {
         let rule =
             format!("is {steps:.1e} steps of {dt:e} s away, more than {MANY_STEPS:e}; choose an earlier end");
@@ -236,7 +260,7 @@ fn sides_of(name: &str, table: &Interface, scene: &Scene) -> Result<[usize; 2]> 
     let mut out = [0; 2];
     let wanted = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
     for (slot, (model, role)) in out.iter_mut().zip(wanted) {
-        *slot = drive::model_index(&format!("{path}.{}", role.name()), model, scene)?;
+        *slot = model_index(&format!("{path}.{}", role.name()), model, scene)?;
     }
     if out[0] == out[1] {
         let rule = format!(
@@ -255,9 +279,9 @@ fn sides_of(name: &str, table: &Interface, scene: &Scene) -> Result<[usize; 2]> 
 }
 
 fn subdomain(
-    scene: &Scene,
     m: usize,
     body: Body,
+    [q, v]: [Vec<f64>; 2],
     joints: &[Joint],
     attachments: &mut Attachments,
 ) -> Result<Subdomain<f64>> {
@@ -285,7 +309,6 @@ fn subdomain(
     } else {
         Role::Coarse
     };
-    let (q, v) = drive::initial(scene, m, &body)?;
     let subdomain = Subdomain::new(body.model, role, body.field, weights);
     let subdomain = attachments.attach(m, subdomain);
     subdomain

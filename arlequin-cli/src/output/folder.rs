@@ -76,6 +76,20 @@ impl Folder {
         Ok(path)
     }
 
+    /// Moves everything in it into a folder inside.
+    pub(crate) fn put_aside(&self, name: &str) -> Result<()> {
+        let into = self.partial.join(name);
+        let all: Vec<_> = std::fs::read_dir(&self.partial)
+            .and_then(Iterator::collect::<std::io::Result<_>>)
+            .map_err(write(&self.partial))?;
+        std::fs::create_dir(&into).map_err(write(&into))?;
+        for entry in all {
+            let to = into.join(entry.file_name());
+            std::fs::rename(entry.path(), &to).map_err(write(&to))?;
+        }
+        Ok(())
+    }
+
     /// Moves the folder to its target.
     pub(crate) fn finish(mut self) -> Result<PathBuf> {
         // Someone may have made it in the meantime.

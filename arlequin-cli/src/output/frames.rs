@@ -2,16 +2,12 @@
 
 use super::vtu::{self, Array, Entry};
 use crate::build::{Drawn, View};
-use crate::error::{Error, Result, core, write};
+use crate::cells::{self, Cell};
+use crate::error::{Error, Result, write};
 use crate::scene::{Material, OutputField};
-use arlequin::core::field::ShapeRow;
-use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
-
-/// Shape gradients at the centre of one cell.
-type CentreRow = Vec<(usize, Vector3<f64>)>;
 
 /// Writes frames and, at the end, their index.
 pub(crate) struct Frames {
@@ -27,7 +23,7 @@ struct Painter {
     view: View,
     material: Material,
     /// Empty if the energy density is not wanted or the field has no gradient.
-    centres: Vec<CentreRow>,
+    centres: Vec<Cell>,
     weights: Vec<Array>,
     /// What broke, where bonds can.
     breaks: Option<SharedLog>,
@@ -48,7 +44,7 @@ impl Frames {
             .zip(run.subdomains())
             .map(|(d, s)| Painter {
                 centres: if density {
-                    centres(&d).unwrap_or_default()
+                    cells::cells("output.fields", &d).unwrap_or_default()
                 } else {
                     Vec::new()
                 },
@@ -177,7 +173,7 @@ impl Painter {
                     values: self
                         .centres
                         .iter()
-                        .map(|row| self.density(row, &s.state().q, count))
+                        .map(|cell| self.density(cell, &s.state().q, count))
                         .collect(),
                 }),
                 OutputField::EnergyDensity | OutputField::Multipliers => {}
@@ -214,49 +210,15 @@ impl Painter {
     }
 
     /// Unweighted strain energy density `½ σ:ε` at a cell centre.
-    fn density(&self, row: &CentreRow, q: &[f64], count: usize) -> f64 {
-        let Material { young, poisson, .. } = self.material;
-        let mut h = Matrix3::zeros();
-        for (node, g) in row {
-            for c in 0..count {
-                for k in 0..3 {
-                    h[(c, k)] += q[node * count + c] * g[k];
-                }
-            }
-        }
+    fn density(&self, cell: &Cell, q: &[f64], count: usize) -> f64 {
+        let h = cell.gradient(q, count);
         if count == 1 {
-            return 0.5 * young * h[(0, 0)] * h[(0, 0)];
+            return 0.5 * self.material.young * h[(0, 0)] * h[(0, 0)];
         }
-        let nu = poisson.unwrap_or(0.0);
+        let [lambda, mu] = cells::lame(&self.material);
         let strain = (h + h.transpose()) * 0.5;
-        let mu = young / (2.0 * (1.0 + nu));
-        let lambda = young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu));
         0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
     }
-}
-
-fn centres(d: &Drawn) -> Result<Vec<CentreRow>> {
-    let mut row = ShapeRow::default();
-    let one = |cell: &[u32]| {
-        let sum = cell
-            .iter()
-            .fold(Vector3::zeros(), |s, &k| s + d.view.points[k as usize].coords);
-        let centre = Point3::from(sum / cell.len() as f64);
-        d.field
-            .shape_at(&centre, true, &mut row)
-            .map_err(core("output.fields"))?;
-        Ok(row
-            .nodes
-            .iter()
-            .copied()
-            .zip(row.gradients.iter().copied())
-            .collect())
-    };
-    d.view
-        .connectivity
-        .chunks_exact(d.view.corners)
-        .map(one)
-        .collect()
 }
 
 fn weights(s: &Subdomain<f64>) -> Vec<Array> {

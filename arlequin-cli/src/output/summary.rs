@@ -14,13 +14,16 @@ pub(crate) struct Summary {
     pub(crate) scene: String,
     /// Its title.
     pub(crate) title: Option<String>,
-    /// "complete" or "interrupted".
+    /// "complete" or "interrupted"; "woken" for the part of a run in which a model slept.
     pub(crate) status: &'static str,
     /// Version of this program.
     pub(crate) version: &'static str,
     /// Step from which a killed or interrupted run went on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) resumed_at_step: Option<usize>,
+    /// The sleeping model and what woke it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) wake: Option<WakeReport>,
     /// Assignments of `--set`.
     pub(crate) set: Vec<String>,
     /// Worker threads.
@@ -53,6 +56,59 @@ pub(crate) struct Summary {
     pub(crate) probes: BTreeMap<String, ProbeLine>,
     /// What a user should know.
     pub(crate) warnings: Vec<String>,
+}
+
+/// A model that slept, and what its waking did.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct WakeReport {
+    /// Whether it woke.
+    pub(crate) woken: bool,
+    /// The model.
+    pub(crate) model: String,
+    /// Its carrier.
+    pub(crate) by: String,
+    /// What is compared, with its unit.
+    pub(crate) criterion: &'static str,
+    /// Its limit.
+    pub(crate) limit: f64,
+    /// Value that woke the model, or the largest one seen; none before the first look.
+    pub(crate) value: Option<f64>,
+    /// Where \[m\].
+    pub(crate) place: Option<[f64; 3]>,
+    /// When it woke \[s\].
+    pub(crate) time: Option<f64>,
+    /// After how many steps.
+    pub(crate) step: Option<usize>,
+    /// Kinetic plus internal energy before \[J\].
+    pub(crate) energy_before: Option<f64>,
+    /// The same after.
+    pub(crate) energy_after: Option<f64>,
+    /// Their difference.
+    pub(crate) jump: Option<f64>,
+    /// Momentum before.
+    pub(crate) momentum_before: Option<Momentum>,
+    /// Momentum after.
+    pub(crate) momentum_after: Option<Momentum>,
+}
+
+/// Momentum of all models.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(crate) struct Momentum {
+    /// Linear \[kg m/s\].
+    pub(crate) linear: [f64; 3],
+    /// Angular about the origin \[kg m²/s\].
+    pub(crate) angular: [f64; 3],
+}
+
+impl Momentum {
+    /// Of a run.
+    pub(crate) fn of(run: &Coupled<f64>) -> Self {
+        let [linear, angular] = run.momentum();
+        Self {
+            linear: linear.into(),
+            angular: angular.into(),
+        }
+    }
 }
 
 /// A model.

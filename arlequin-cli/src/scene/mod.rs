@@ -7,6 +7,7 @@ mod fuzz;
 mod interface;
 mod model;
 mod source;
+mod wake;
 
 pub(crate) use drive::{
     Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Support, TimeShape, Wave,
@@ -21,6 +22,7 @@ pub(crate) use model::{
     RoleKind, Shape,
 };
 pub(crate) use source::Source;
+pub(crate) use wake::{Near, Wake};
 
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -56,6 +58,8 @@ pub(crate) struct Scene {
     /// What is written, and how often.
     #[serde(default)]
     pub(crate) output: Output,
+    /// A model that sleeps at first.
+    pub(crate) wake: Option<Wake>,
 }
 
 /// Length of the run and of its steps.

@@ -104,6 +104,7 @@ fn goal(wish: &Wish) -> Result<Goal> {
 
 /// Proposes settings.
 pub(crate) fn suggest(input: &Input<'_>, wish: &Wish) -> Result<()> {
+    crate::wake::refuse(&input.scene, "suggest")?;
     let goal = goal(wish)?;
     let s = scenario::scenario(&input.scene)?;
     if input.scene.interface.values().any(|i| i.lumped) {

@@ -66,11 +66,29 @@ impl<T: Real> Coupled<T> {
     /// # Errors
     /// Every set-up check of models, effects and interfaces; [`Error::UnstableStep`]; [`Error::SharedNode`].
     pub fn new(
+        subdomains: Vec<Subdomain<T>>,
+        interfaces: Vec<InterfaceSpec<T>>,
+        step: TimeStep<T>,
+        guard: Option<Guard<T>>,
+    ) -> Result<Self> {
+        Self::starting_at(T::zero(), subdomains, interfaces, step, guard)
+    }
+
+    /// The same for a run whose initial state is that of time `start` \[s\]: loads and prescribed motions see that time
+    /// from the first evaluation on, and steps are counted from there.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`]; [`Error::InvalidParameter`] for a start that is not finite.
+    pub fn starting_at(
+        start: T,
         mut subdomains: Vec<Subdomain<T>>,
         interfaces: Vec<InterfaceSpec<T>>,
         step: TimeStep<T>,
         guard: Option<Guard<T>>,
     ) -> Result<Self> {
+        if !start.is_finite() {
+            return Err(invalid("start time", start, "must be finite [s]"));
+        }
         if subdomains.is_empty() {
             return Err(invalid("subdomains", 0, "a run needs at least one model"));
         }
@@ -91,29 +109,14 @@ impl<T: Real> Coupled<T> {
             )?);
         }
         check_disjoint(&built, &subdomains)?;
-        let nodal = subdomains
-            .iter()
-            .any(|s| s.weights().weighting == Weighting::Nodal);
-        let weighting = if nodal {
-            Weighting::Nodal
-        } else {
-            Weighting::Energy
-        };
-        let guard = guard.unwrap_or_else(|| Guard::for_weighting(weighting));
-        if guard.interval == 0 || !guard.growth.is_finite() || guard.growth <= T::zero() {
-            return Err(invalid(
-                "guard",
-                format_args!("{guard:?}"),
-                "interval and growth must be positive",
-            ));
-        }
+        let guard = checked_guard(guard, &subdomains)?;
         let mut run = Self {
             subdomains,
             interfaces: built,
             critical,
             dt,
-            time: T::zero(),
-            start_time: T::zero(),
+            time: start,
+            start_time: start,
             step: 0,
             guard,
             ledger: Ledger::new(),
@@ -181,6 +184,27 @@ fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize)
         layout: all[k].model().layout(),
         inverse_inertia: all[k].inverse_inertia(),
     })
+}
+
+/// The guard that is given, or that of the weighting.
+fn checked_guard<T: Real>(given: Option<Guard<T>>, subdomains: &[Subdomain<T>]) -> Result<Guard<T>> {
+    let nodal = subdomains
+        .iter()
+        .any(|s| s.weights().weighting == Weighting::Nodal);
+    let weighting = if nodal {
+        Weighting::Nodal
+    } else {
+        Weighting::Energy
+    };
+    let guard = given.unwrap_or_else(|| Guard::for_weighting(weighting));
+    if guard.interval == 0 || !guard.growth.is_finite() || guard.growth <= T::zero() {
+        return Err(invalid(
+            "guard",
+            format_args!("{guard:?}"),
+            "interval and growth must be positive",
+        ));
+    }
+    Ok(guard)
 }
 
 fn choose_step<T: Real>(step: TimeStep<T>, critical: &[T], subdomains: &[Subdomain<T>]) -> Result<T> {

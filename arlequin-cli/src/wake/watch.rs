@@ -1,0 +1,94 @@
+//! Looks at the carrier until the criterion is met.
+
+use super::sleep::has_strain;
+use crate::build::{Drawn, Kind};
+use crate::cells::{self, Cell};
+use crate::error::{Result, key, value};
+use crate::scene::{Material, Near, Wake};
+use arlequin::core::Coupled;
+use arlequin::core::nalgebra::{Matrix3, Point3};
+
+/// The criterion and where it is looked at.
+pub(crate) struct Watch {
+    carrier: usize,
+    cells: Vec<Cell>,
+    material: Material,
+    stress: bool,
+    limit: f64,
+    every: usize,
+    /// Largest value seen and where \[m\].
+    pub(crate) highest: (f64, Point3<f64>),
+}
+
+impl Watch {
+    /// Prepares the watch over model number `carrier` of the sleeping scene.
+    pub(crate) fn new(wake: &Wake, carrier: usize, kind: Kind, drawn: &Drawn) -> Result<Self> {
+        if !has_strain(kind) {
+            let rule = "has no elements in which a strain could be looked at; use kind = \"fem\" or \"cnem\"";
+            return Err(value("wake.by", &wake.by, rule));
+        }
+        let near = |c: &Cell| match &wake.near {
+            None => true,
+            Some(Near::Box { low, high }) => (0..3).all(|k| c.centre[k] >= low[k] && c.centre[k] <= high[k]),
+        };
+        let cells: Vec<Cell> = cells::cells("wake.by", drawn)?.into_iter().filter(near).collect();
+        let Some(first) = cells.first() else {
+            let rule = format!(
+                "holds no element centre of '{}'; enlarge it or check the units (m)",
+                wake.by
+            );
+            return Err(key("wake.near", rule));
+        };
+        let c = wake.criterion;
+        Ok(Self {
+            carrier,
+            material: drawn.material,
+            stress: c.stress.is_some(),
+            limit: c.stress.or(c.strain).unwrap_or(f64::INFINITY),
+            every: wake.every,
+            highest: (f64::NEG_INFINITY, first.centre),
+            cells,
+        })
+    }
+
+    /// What is compared, with its unit.
+    pub(crate) fn criterion(&self) -> &'static str {
+        if self.stress { "stress [Pa]" } else { "strain [-]" }
+    }
+
+    /// The limit.
+    pub(crate) fn limit(&self) -> f64 {
+        self.limit
+    }
+
+    /// Looks, if it is time to; whether the criterion is met.
+    pub(crate) fn look(&mut self, run: &Coupled<f64>) -> bool {
+        if !run.steps().is_multiple_of(self.every) {
+            return false;
+        }
+        let s = &run.subdomains()[self.carrier];
+        let count = s.model().layout().components;
+        for cell in &self.cells {
+            let value = self.value(&cell.gradient(&s.state().q, count), count);
+            if value > self.highest.0 {
+                self.highest = (value, cell.centre);
+            }
+        }
+        self.highest.0 >= self.limit
+    }
+
+    /// Largest principal strain, or stress `λ tr ε + 2 μ ε` of it; along the line for what moves on one.
+    fn value(&self, h: &Matrix3<f64>, count: usize) -> f64 {
+        if count == 1 {
+            return h[(0, 0)] * if self.stress { self.material.young } else { 1.0 };
+        }
+        let strain = (h + h.transpose()) * 0.5;
+        let top = strain.symmetric_eigenvalues().max();
+        if self.stress {
+            let [lambda, mu] = cells::lame(&self.material);
+            lambda * strain.trace() + 2.0 * mu * top
+        } else {
+            top
+        }
+    }
+}
