@@ -96,7 +96,7 @@ fn wakes_as_the_pulse_arrives() {
     assert!(said.contains("'right' woke at t ="), "{said}");
     let [time, x] = [number(&s, "/wake/time"), number(&s, "/wake/place/0")];
     let value = number(&s, "/wake/value");
-    assert!(value >= 5e-4 && value < 7e-4, "{value}");
+    assert!((5e-4..7e-4).contains(&value), "{value}");
     let expected = arrival(x, 1.0, value / 1e-3, 10.0);
     assert!(
         (time / expected - 1.0).abs() < 0.02,
