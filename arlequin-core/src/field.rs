@@ -92,8 +92,41 @@ pub struct ParticleField<T: Real> {
     centres: Vec<Point3<T>>,
     samples: Vec<Sample<T>>,
     index: HashMap<[u64; 3], usize>,
-    /// Per particle: neighbours and the gradient of each one's value; empty where no gradient is defined.
-    gradients: Vec<Vec<(usize, Vector3<T>)>>,
+    neighbours: Option<Neighbours>,
+}
+
+/// Neighbours of every particle, compressed rows. Gradients are computed from them when asked for, which happens once per
+/// particle of an overlap: storing them for all would take 250 bytes each.
+#[derive(Debug, Clone)]
+struct Neighbours {
+    start: Vec<u32>,
+    list: Vec<u32>,
+}
+
+impl Neighbours {
+    fn new(count: usize, pairs: &[[u32; 2]]) -> Self {
+        let mut start = vec![0_u32; count + 1];
+        for e in pairs.iter().flatten() {
+            start[*e as usize + 1] += 1;
+        }
+        for k in 0..count {
+            start[k + 1] += start[k];
+        }
+        let mut next = start.clone();
+        let mut list = vec![0; 2 * pairs.len()];
+        for &[i, j] in pairs {
+            for (a, o) in [(i, j), (j, i)] {
+                list[next[a as usize] as usize] = o;
+                next[a as usize] += 1;
+            }
+        }
+        Self { start, list }
+    }
+
+    fn of(&self, i: usize) -> impl Iterator<Item = usize> {
+        let range = self.start[i] as usize..self.start[i + 1] as usize;
+        self.list[range].iter().map(|j| *j as usize)
+    }
 }
 
 impl<T: Real> ParticleField<T> {
@@ -137,7 +170,7 @@ impl<T: Real> ParticleField<T> {
             centres,
             samples,
             index,
-            gradients: Vec::new(),
+            neighbours: None,
         })
     }
 
@@ -153,36 +186,33 @@ impl<T: Real> ParticleField<T> {
     /// [`Error::SizeMismatch`] for a pair beyond the particles.
     pub fn with_gradients(mut self, pairs: &[[u32; 2]]) -> Result<Self> {
         let count = self.centres.len();
-        let mut around: Vec<Vec<usize>> = vec![Vec::new(); count];
-        for &[i, j] in pairs {
-            let (i, j) = (i as usize, j as usize);
-            if i.max(j) >= count {
-                return Err(Error::SizeMismatch {
-                    what: "neighbours of particles".into(),
-                    expected: count,
-                    found: i.max(j) + 1,
-                });
-            }
-            around[i].push(j);
-            around[j].push(i);
+        if let Some(beyond) = pairs.iter().flatten().find(|e| **e as usize >= count) {
+            return Err(Error::SizeMismatch {
+                what: "neighbours of particles".into(),
+                expected: count,
+                found: *beyond as usize + 1,
+            });
         }
-        // Chains of loosely bonded particles on a surface need more than the second ring.
-        let own = |i: usize| {
-            let mut wide = around[i].clone();
-            for _ in 0..RINGS {
-                if let Some(row) = self.least_squares(i, &wide) {
-                    return Some(row);
-                }
-                let next: Vec<usize> = wide.iter().flat_map(|&j| around[j].iter().copied()).collect();
-                wide.extend(next);
-                wide.sort_unstable();
-                wide.dedup();
-                wide.retain(|&j| j != i);
-            }
-            None
-        };
-        self.gradients = (0..count).map(|i| own(i).unwrap_or_default()).collect();
+        self.neighbours = Some(Neighbours::new(count, pairs));
         Ok(self)
+    }
+
+    /// Gradient at particle `i`, if there are neighbours and they span space.
+    fn gradient(&self, i: usize) -> Option<Vec<(usize, Vector3<T>)>> {
+        let around = self.neighbours.as_ref()?;
+        let mut wide: Vec<usize> = around.of(i).collect();
+        // Chains of loosely bonded particles on a surface need more than the second ring.
+        for _ in 0..RINGS {
+            if let Some(row) = self.least_squares(i, &wide) {
+                return Some(row);
+            }
+            let next: Vec<usize> = wide.iter().flat_map(|&j| around.of(j)).collect();
+            wide.extend(next);
+            wide.sort_unstable();
+            wide.dedup();
+            wide.retain(|&j| j != i);
+        }
+        None
     }
 
     /// Gradient of the value of every neighbour, and of the particle's own; none unless they span space.
@@ -227,14 +257,13 @@ impl<T: Real> Interpolation<T> for ParticleField<T> {
             row.push(k, T::one());
             return Ok(());
         }
-        let own = self.gradients.get(k).filter(|g| !g.is_empty());
-        let Some(own) = own else {
+        let Some(own) = self.gradient(k) else {
             return Err(Error::NoGradient {
                 role: self.kind().into(),
                 junction: "H1".into(),
             });
         };
-        for &(j, g) in own {
+        for (j, g) in own {
             let value = if j == k { T::one() } else { T::zero() };
             row.push_with_gradient(j, value, g);
         }
