@@ -6,7 +6,7 @@
 //! ```
 
 use crate::bond::{BeamRigidity, LinearBond, Twist};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Where a particle is relative to its place at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,20 +17,52 @@ pub struct Pose {
     pub rotation: UnitQuaternion<f64>,
 }
 
+/// A bond between two particles that moved.
+pub(crate) struct Deformed {
+    /// One over the length at rest.
+    pub(crate) inverse: f64,
+    /// Distance of the centres and its direction.
+    pub(crate) length: f64,
+    pub(crate) n: Vector3<f64>,
+    /// `l - l0 = (d + d0).du/(l + l0)`, without cancellation for small strains.
+    pub(crate) stretch: f64,
+    /// The axis at rest, turned with either particle.
+    pub(crate) t: [Vector3<f64>; 2],
+    /// Rotation of the second particle relative to the first.
+    pub(crate) relative: Quaternion<f64>,
+}
+
+impl Deformed {
+    #[inline]
+    pub(crate) fn of(bond: &LinearBond, i: &Pose, j: &Pose) -> Self {
+        let inverse = bond.axis.norm();
+        let (n0, rest) = (bond.axis / inverse, 1.0 / inverse);
+        let du = j.displacement - i.displacement;
+        let d = n0 * rest + du;
+        let length = d.norm();
+        Self {
+            inverse,
+            length,
+            n: d / length,
+            stretch: (n0 * rest + d).dot(&du) / (length + rest),
+            t: [i.rotation * n0, j.rotation * n0],
+            relative: j.rotation.quaternion() * i.rotation.quaternion().conjugate(),
+        }
+    }
+}
+
 /// Elastic energy of a bond between two particles (J).
 #[must_use]
 pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
-    let inverse = bond.axis.norm();
+    let Deformed {
+        inverse,
+        n,
+        stretch,
+        t: [ti, tj],
+        relative,
+        ..
+    } = Deformed::of(bond, i, j);
     let scale = bond.scale * inverse * inverse;
-    let n0 = bond.axis / inverse;
-    let rest = 1.0 / inverse;
-    let du = j.displacement - i.displacement;
-    let d = n0 * rest + du;
-    let length = d.norm();
-    let n = d / length;
-    let stretch = (n0 * rest + d).dot(&du) / (length + rest);
-    let (ti, tj) = (i.rotation * n0, j.rotation * n0);
-    let relative = j.rotation.quaternion() * i.rotation.quaternion().conjugate();
     let twist = 2.0 * n.dot(&relative.imag());
     // Transverse parts: 1 - c^2 = |e|^2 and t_i.t_j - c_i c_j = e_i.e_j, without cancellation.
     let (ei, ej) = (ti - n * n.dot(&ti), tj - n * n.dot(&tj));
@@ -44,17 +76,15 @@ pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
 /// spins.
 #[must_use]
 pub fn wrenches(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> (Twist, Twist) {
-    let inverse = bond.axis.norm();
+    let Deformed {
+        inverse,
+        length,
+        n,
+        stretch,
+        t: [ti, tj],
+        relative,
+    } = Deformed::of(bond, i, j);
     let scale = bond.scale * inverse * inverse;
-    let n0 = bond.axis / inverse;
-    let rest = 1.0 / inverse;
-    let du = j.displacement - i.displacement;
-    let d = n0 * rest + du;
-    let length = d.norm();
-    let n = d / length;
-    let stretch = (n0 * rest + d).dot(&du) / (length + rest);
-    let (ti, tj) = (i.rotation * n0, j.rotation * n0);
-    let relative = j.rotation.quaternion() * i.rotation.quaternion().conjugate();
     let (r, r0) = (relative.imag(), relative.scalar());
     let twist = 2.0 * n.dot(&r);
     let (ci, cj) = (n.dot(&ti), n.dot(&tj));

@@ -234,22 +234,32 @@ impl Contact {
     }
 }
 
+/// Weighted mass of every particle (kg) and its share of the whole mass `full`.
+pub(crate) fn masses(
+    site: &Site<'_, f64>,
+    of: &str,
+    full: &[f64],
+) -> arlequin_core::Result<(Vec<f64>, Vec<f64>)> {
+    let found = site.model.layout().nodes;
+    if found != full.len() {
+        return Err(arlequin_core::Error::SizeMismatch {
+            what: format!("particles of {of}"),
+            expected: full.len(),
+            found,
+        });
+    }
+    let mass: Vec<f64> = (0..found).map(|i| site.inertia[3 * i]).collect();
+    let share = mass.iter().zip(full).map(|(m, f)| m / f).collect();
+    Ok((mass, share))
+}
+
 impl Effect<f64> for Contact {
     fn name(&self) -> &str {
         "contact"
     }
 
     fn attach(&mut self, site: &Site<'_, f64>) -> arlequin_core::Result<()> {
-        let n = self.rest.len();
-        if site.model.layout().nodes != n {
-            return Err(arlequin_core::Error::SizeMismatch {
-                what: format!("particles of contact on '{}'", site.model.name()),
-                expected: n,
-                found: site.model.layout().nodes,
-            });
-        }
-        self.mass = (0..n).map(|i| site.inertia[3 * i]).collect();
-        self.share = self.mass.iter().zip(&self.full).map(|(m, f)| m / f).collect();
+        (self.mass, self.share) = masses(site, &format!("contact on '{}'", site.model.name()), &self.full)?;
         Ok(())
     }
 

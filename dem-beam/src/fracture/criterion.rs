@@ -1,7 +1,7 @@
 //! How hard a bond is loaded.
 
 use crate::bond::{BeamRigidity, LinearBond, Twist};
-use crate::finite::Pose;
+use crate::finite::{Deformed, Pose};
 use nalgebra::Vector3;
 
 /// What is compared with the strength of a bond; formulas in [`crate::fracture`].
@@ -70,17 +70,17 @@ impl Strain {
     }
 
     pub(crate) fn finite(bond: &LinearBond, i: &Pose, j: &Pose) -> Self {
-        let inverse = bond.axis.norm();
-        let (n0, rest) = (bond.axis / inverse, 1.0 / inverse);
-        let du = j.displacement - i.displacement;
-        let d = n0 * rest + du;
-        let length = d.norm();
-        let n = d / length;
-        let (ti, tj) = (i.rotation * n0, j.rotation * n0);
-        let relative = j.rotation.quaternion() * i.rotation.quaternion().conjugate();
+        let Deformed {
+            inverse,
+            n,
+            stretch,
+            t: [ti, tj],
+            relative,
+            ..
+        } = Deformed::of(bond, i, j);
         Self {
-            length: rest,
-            axial: (n0 * rest + d).dot(&du) / (length + rest) * inverse,
+            length: 1.0 / inverse,
+            axial: stretch * inverse,
             twist: 2.0 * n.dot(&relative.imag()) * inverse,
             a: ti - n * n.dot(&ti),
             b: tj - n * n.dot(&tj),

@@ -11,7 +11,7 @@ mod shape;
 pub use shape::{Motion, Shape};
 
 use crate::bond::Twist;
-use crate::contact::{ContactLaw, Pair, Spring};
+use crate::contact::{ContactLaw, Pair, Spring, masses};
 use crate::error::{Result, positive};
 use crate::finite;
 use crate::model::DemModel;
@@ -248,16 +248,7 @@ impl Effect<f64> for Obstacle {
     }
 
     fn attach(&mut self, site: &Site<'_, f64>) -> arlequin_core::Result<()> {
-        let n = self.rest.len();
-        if site.model.layout().nodes != n {
-            return Err(arlequin_core::Error::SizeMismatch {
-                what: format!("particles of obstacle '{}'", self.name),
-                expected: n,
-                found: site.model.layout().nodes,
-            });
-        }
-        self.mass = (0..n).map(|i| site.inertia[3 * i]).collect();
-        self.share = self.mass.iter().zip(&self.full).map(|(m, f)| m / f).collect();
+        (self.mass, self.share) = masses(site, &format!("obstacle '{}'", self.name), &self.full)?;
         Ok(())
     }
 
