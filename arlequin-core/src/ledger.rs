@@ -1,6 +1,6 @@
 //! The energy ledger: where energy is, where it came from, and what is left unexplained.
 
-use crate::Real;
+use crate::{Real, narrow};
 
 /// One line of the ledger: an effect and the work it has done since the start \[J\].
 #[derive(Debug, Clone, PartialEq)]
@@ -69,6 +69,21 @@ impl<T: Real> Ledger<T> {
             top_drift: z,
             top_residual: z,
             top_velocity: z,
+            last: None,
+        }
+    }
+
+    /// The same sums in single precision.
+    pub(crate) fn narrowed(&self) -> Ledger<f32> {
+        let one = narrow::to::<T, f32>;
+        Ledger {
+            supports: one(self.supports),
+            constraint: one(self.constraint),
+            start: self.start.map(one),
+            scale: one(self.scale),
+            top_drift: one(self.top_drift),
+            top_residual: one(self.top_residual),
+            top_velocity: one(self.top_velocity),
             last: None,
         }
     }

@@ -160,6 +160,11 @@ pub trait Model<T: Real>: Send {
         Vec::new()
     }
 
+    /// Whether [`Model::watch`] looks at anything.
+    fn watches(&self) -> bool {
+        false
+    }
+
     /// What the model must remember to go on with the same bits: bonds that broke. Nothing for most.
     fn save(&self) -> Record<T> {
         Record::default()

@@ -35,11 +35,18 @@ impl<T: Real> PrescribedMotion<T> {
     /// Position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\], as central differences over `dt` \[s\]: with
     /// these velocity Verlet follows the motion exactly.
     pub fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
-        let (before, now, after) = (self.at(t - dt), self.at(t), self.at(t + dt));
+        // In double precision whatever `T` is: the differences are many digits below the values.
+        let amplitude = self.amplitude.as_f64();
+        if amplitude == 0.0 {
+            return (T::zero(), T::zero(), T::zero());
+        }
+        let (t, dt) = (t.as_f64(), dt.as_f64());
+        let at = |t: f64| amplitude * self.time.at_wide(t);
+        let (before, now, after) = (at(t - dt), at(t), at(t + dt));
         (
-            now,
-            (after - before) / (dt + dt),
-            (after - now - now + before) / (dt * dt),
+            T::of(now),
+            T::of((after - before) / (dt + dt)),
+            T::of((after - now - now + before) / (dt * dt)),
         )
     }
 }

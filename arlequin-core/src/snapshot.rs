@@ -5,7 +5,7 @@
 
 use crate::coupled::Coupled;
 use crate::scalar::check_finite;
-use crate::{Error, Real, Result, Subdomain};
+use crate::{Error, Real, Result, Subdomain, narrow};
 
 /// Numbers and counts of an object whose layout only the object knows: an effect with a history, a model that evolved.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -78,6 +78,35 @@ pub struct Snapshot<T> {
     pub subdomains: Vec<SubdomainSnapshot<T>>,
     /// Multipliers of every interface.
     pub multipliers: Vec<Vec<T>>,
+}
+
+impl<T: Real> Snapshot<T> {
+    /// The same snapshot in another precision: from single to double and back nothing is lost.
+    #[must_use]
+    pub fn rounded<S: Real>(&self) -> Snapshot<S> {
+        let record = |r: &Record<T>| Record {
+            numbers: narrow::all(&r.numbers),
+            integers: r.integers.clone(),
+        };
+        let one = |s: &SubdomainSnapshot<T>| SubdomainSnapshot {
+            q: narrow::all(&s.q),
+            v: narrow::all(&s.v),
+            a: narrow::all(&s.a),
+            internal: narrow::all(&s.internal),
+            works: narrow::all(&s.works),
+            evolved: s.evolved.map(narrow::to),
+            model: record(&s.model),
+            effects: s.effects.iter().map(record).collect(),
+        };
+        Snapshot {
+            step: self.step,
+            dt: narrow::to(self.dt),
+            start_loss: narrow::to(self.start_loss),
+            ledger: narrow::all(&self.ledger),
+            subdomains: self.subdomains.iter().map(one).collect(),
+            multipliers: self.multipliers.iter().map(|m| narrow::all(m)).collect(),
+        }
+    }
 }
 
 impl<T: Real> Coupled<T> {

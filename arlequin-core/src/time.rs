@@ -1,7 +1,7 @@
 //! Time functions of loads and prescribed motions.
 
 use crate::error::invalid;
-use crate::{Real, Result};
+use crate::{Real, Result, narrow};
 
 /// A dimensionless function of time.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,34 +57,52 @@ impl<T: Real> TimeFunction<T> {
         }
     }
 
+    /// The function in another precision.
+    pub(crate) fn rounded<S: Real>(&self) -> TimeFunction<S> {
+        match self {
+            Self::Step => TimeFunction::Step,
+            Self::Ramp { duration } => TimeFunction::Ramp {
+                duration: narrow::to(*duration),
+            },
+            Self::SmoothPulse { duration } => TimeFunction::SmoothPulse {
+                duration: narrow::to(*duration),
+            },
+            Self::Table(rows) => TimeFunction::Table(
+                rows.iter()
+                    .map(|(t, v)| (narrow::to(*t), narrow::to(*v)))
+                    .collect(),
+            ),
+        }
+    }
+
     /// Value at time `t` \[s\]; zero before time zero except for tables.
     pub fn at(&self, t: T) -> T {
-        let (zero, one) = (T::zero(), T::one());
+        T::of(self.at_wide(t.as_f64()))
+    }
+
+    /// The same in double precision: prescribed motions take differences over a step, of which single precision would
+    /// leave nothing.
+    pub(crate) fn at_wide(&self, t: f64) -> f64 {
         match self {
-            Self::Step => {
-                if t >= zero {
-                    one
-                } else {
-                    zero
-                }
-            }
-            Self::Ramp { duration } => (t / *duration).clamp(zero, one),
+            Self::Step => f64::from(u8::from(t >= 0.0)),
+            Self::Ramp { duration } => (t / duration.as_f64()).clamp(0.0, 1.0),
             Self::SmoothPulse { duration } => {
-                if t <= zero || t >= *duration {
-                    zero
+                let duration = duration.as_f64();
+                if t <= 0.0 || t >= duration {
+                    0.0
                 } else {
-                    let s = (T::pi() * t / *duration).sin();
+                    let s = (std::f64::consts::PI * t / duration).sin();
                     s * s
                 }
             }
             Self::Table(rows) => {
-                let k = rows.partition_point(|r| r.0 <= t);
+                let k = rows.partition_point(|r| r.0.as_f64() <= t);
                 if k == 0 {
-                    rows[0].1
+                    rows[0].1.as_f64()
                 } else if k == rows.len() {
-                    rows[k - 1].1
+                    rows[k - 1].1.as_f64()
                 } else {
-                    let ((t0, v0), (t1, v1)) = (rows[k - 1], rows[k]);
+                    let [(t0, v0), (t1, v1)] = [rows[k - 1], rows[k]].map(|(t, v)| (t.as_f64(), v.as_f64()));
                     v0 + (v1 - v0) * (t - t0) / (t1 - t0)
                 }
             }

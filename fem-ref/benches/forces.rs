@@ -7,7 +7,7 @@
 
 use arlequin_core::nalgebra::Point3;
 use divan::{Bencher, black_box};
-use fem_ref::kernel::{BlockMatrix, ElementLoop};
+use fem_ref::kernel::{ElementLoop, stiffness};
 use fem_ref::{Elastic, ElementKind, Mesh, generate};
 
 fn main() {
@@ -36,7 +36,7 @@ fn displacements(mesh: &Mesh<f64>) -> Vec<f64> {
 #[divan::bench(args = KINDS, consts = SIZES)]
 fn blocks<const N: usize>(bencher: Bencher<'_, '_>, kind: ElementKind) {
     let (mesh, material, ones) = cube(kind, N);
-    let kernel = BlockMatrix::new(&mesh, &material, &ones);
+    let kernel = stiffness(&mesh, &material, &ones);
     let q = displacements(&mesh);
     let mut f = vec![0.0; q.len()];
     bencher.bench_local(|| kernel.subtract_product(black_box(&q), None, &mut f));
@@ -54,5 +54,5 @@ fn elements<const N: usize>(bencher: Bencher<'_, '_>, kind: ElementKind) {
 #[divan::bench(args = KINDS, sample_count = 10)]
 fn assembly(bencher: Bencher<'_, '_>, kind: ElementKind) {
     let (mesh, material, ones) = cube(kind, 16);
-    bencher.bench_local(|| BlockMatrix::new(&mesh, &material, &ones));
+    bencher.bench_local(|| stiffness(&mesh, &material, &ones));
 }

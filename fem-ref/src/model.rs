@@ -8,7 +8,7 @@
 use crate::element::{self, ElementKind};
 use crate::error::{Error, Result};
 use crate::field::FemField;
-use crate::kernel::BlockMatrix;
+use crate::kernel::{self, BlockMatrix};
 use crate::mesh::Mesh;
 use arlequin_core::Real;
 use arlequin_core::field::Interpolation;
@@ -60,7 +60,7 @@ impl<T: Real> FemModel<T> {
         let ones = vec![T::one(); mesh.element_count()];
         Ok(Self {
             name: name.to_owned(),
-            stiffness: BlockMatrix::new(&mesh, &material, &ones),
+            stiffness: kernel::stiffness(&mesh, &material, &ones),
             field: Arc::new(FemField::new(mesh)),
             material,
             masses,
@@ -184,7 +184,7 @@ impl<T: Real> Model<T> for FemModel<T> {
         };
         arlequin_core::scalar::check_finite("element weights", &means)?;
         arlequin_core::scalar::check_finite("nodal weights", factors.as_deref().unwrap_or_default())?;
-        self.stiffness.assemble(self.field.mesh(), &self.material, &means);
+        kernel::assemble(&mut self.stiffness, self.field.mesh(), &self.material, &means);
         self.factors = factors;
         Ok(())
     }

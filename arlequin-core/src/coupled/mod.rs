@@ -25,15 +25,15 @@ use std::ops::ControlFlow;
 pub struct Coupled<T: Real> {
     pub(crate) subdomains: Vec<Subdomain<T>>,
     pub(crate) interfaces: Vec<Interface<T>>,
-    critical: Vec<T>,
+    pub(crate) critical: Vec<T>,
     pub(crate) dt: T,
     pub(crate) time: T,
     pub(crate) start_time: T,
     pub(crate) step: usize,
-    guard: Guard<T>,
+    pub(crate) guard: Guard<T>,
     pub(crate) ledger: Ledger<T>,
     pub(crate) start_loss: T,
-    work: Vec<T>,
+    pub(crate) work: Vec<T>,
 }
 
 impl<T: Real> Coupled<T> {

@@ -68,7 +68,7 @@ impl<T: Real> Coupled<T> {
         let of = |s: &Subdomain<T>| {
             let on =
                 |name: &str| s.effects().any(|e| e.name() == name) || s.model().effects().contains(&name);
-            let found = s.model().watch(s.state());
+            let found = s.watch();
             found
                 .into_iter()
                 .filter(|f| !on(f.effect))

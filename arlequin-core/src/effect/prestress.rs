@@ -1,6 +1,7 @@
 //! Prestress: what the internal forces are at the start counts as equilibrium.
 
 use super::{Effect, Instant, Site, dot};
+use crate::narrow;
 use crate::snapshot::Record;
 use crate::{Real, Result};
 
@@ -43,6 +44,12 @@ impl<T: Real> Effect<T> for Prestress<T> {
 
     fn power(&self, v: &[T]) -> T {
         dot(&self.force, v)
+    }
+
+    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
+        Some(Box::new(Prestress {
+            force: narrow::all(&self.force),
+        }))
     }
 
     /// The subtracted forces.

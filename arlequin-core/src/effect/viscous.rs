@@ -4,6 +4,7 @@ use super::{Demand, Effect, Instant, Site, dot};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{Cell, Sample};
+use crate::narrow;
 use crate::spectrum;
 use crate::{Error, Real, Result};
 use nalgebra::Vector3;
@@ -70,6 +71,13 @@ impl<T: Real> Effect<T> for StiffnessDamping<T> {
             viscosity: self.time,
             ..Demand::none()
         }
+    }
+
+    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
+        Some(Box::new(StiffnessDamping {
+            time: narrow::to(self.time),
+            force: narrow::all(&self.force),
+        }))
     }
 
     fn supplied(&self) -> Option<T> {
@@ -209,6 +217,21 @@ impl<T: Real> Effect<T> for BulkViscosity<T> {
         Demand::damping(self.top_rate)
     }
 
+    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
+        let rounded = |c: &ViscousCell<T>| ViscousCell {
+            gradients: c.gradients.iter().map(|(k, g)| (*k, g.map(narrow::to))).collect(),
+            factor: narrow::to(c.factor),
+        };
+        Some(Box::new(BulkViscosity {
+            field: Arc::new(narrow::RoundedField::new(self.field.clone())),
+            coefficient: narrow::to(self.coefficient),
+            impedance: narrow::to(self.impedance),
+            cells: self.cells.iter().map(rounded).collect(),
+            force: narrow::all(&self.force),
+            top_rate: narrow::to(self.top_rate),
+        }))
+    }
+
     fn supplied(&self) -> Option<T> {
         Some(T::zero())
     }
@@ -274,6 +297,13 @@ impl<T: Real> Effect<T> for LocalDamping<T> {
             gain: T::one() + self.share,
             ..Demand::none()
         }
+    }
+
+    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
+        Some(Box::new(LocalDamping {
+            share: narrow::to(self.share),
+            force: narrow::all(&self.force),
+        }))
     }
 
     fn supplied(&self) -> Option<T> {

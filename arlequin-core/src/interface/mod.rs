@@ -22,7 +22,7 @@ use crate::field::Interpolation;
 use crate::junction::Junction;
 use crate::mediator::Mediator;
 use crate::model::DofLayout;
-use crate::{Error, Real, Result};
+use crate::{Error, Real, Result, narrow};
 use nalgebra::Point3;
 use operator::Operator;
 use sprs::CsMat;
@@ -64,6 +64,17 @@ pub struct InterfaceOptions<T: Real> {
     pub rank_tolerance: T,
     /// Point at which the models are pinned together; needed by a seminorm. `None` takes the first mediator node.
     pub pin: Option<Point3<T>>,
+}
+
+impl<T: Real> InterfaceOptions<T> {
+    /// The same choices for a run that will step in 32-bit numbers: multipliers that are dependent up to their round-off
+    /// are dropped.
+    #[must_use]
+    pub fn single(mut self) -> Self {
+        let bound = InterfaceOptions::<f32>::default().rank_tolerance;
+        self.rank_tolerance = self.rank_tolerance.max(narrow::to(bound));
+        self
+    }
 }
 
 impl<T: Real> Default for InterfaceOptions<T> {
@@ -222,6 +233,23 @@ impl<T: Real> Interface<T> {
             report,
             components,
             nodes: spec.mediator.nodes().to_vec(),
+        })
+    }
+
+    /// The interface in 32-bit numbers.
+    pub(crate) fn narrowed(&self) -> Result<Interface<f32>> {
+        let coupling = self.coupling.each_ref().map(|c| Coupling {
+            matrix: narrow::matrix(&c.matrix),
+            shared: c.shared,
+        });
+        Ok(Interface {
+            sides: self.sides,
+            coupling,
+            operator: self.operator.narrowed(&self.report.name)?,
+            lambda: narrow::all(&self.lambda),
+            report: self.report.clone(),
+            components: self.components,
+            nodes: self.nodes.iter().map(narrow::point).collect(),
         })
     }
 

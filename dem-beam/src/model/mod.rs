@@ -434,6 +434,10 @@ impl Model<f64> for DemModel {
         self.fracture_facts()
     }
 
+    fn watches(&self) -> bool {
+        true
+    }
+
     fn watch(&self, state: &State<f64>) -> Vec<Finding> {
         self.findings(&state.q)
     }

@@ -7,7 +7,8 @@
 mod blocks;
 mod elements;
 
-pub use blocks::BlockMatrix;
+pub use arlequin_core::blocks::BlockMatrix;
+pub use blocks::{assemble, stiffness};
 pub use elements::ElementLoop;
 
 use crate::element::{self, ElementKind, MAX_CORNERS};

@@ -1,0 +1,206 @@
+//! Sparse matrices in rows of small square blocks, and the internal forces `−K q` they give.
+//!
+//! For models that store an assembled stiffness. Every row is gathered by itself and in a fixed order: results have the
+//! same bits for any number of threads.
+
+use crate::Real;
+use rayon::prelude::*;
+use sprs::CsMat;
+use std::ops::Range;
+
+/// Block rows per parallel task.
+const CHUNK: usize = 512;
+
+/// Matrices with fewer block rows are multiplied on the calling thread: waking others costs more than it saves.
+const SERIAL: usize = 2048;
+
+/// A square matrix in compressed rows of square blocks: 3 × 3, or single numbers.
+#[derive(Debug, Clone)]
+pub struct BlockMatrix<T> {
+    /// Rows and columns of a block.
+    size: usize,
+    starts: Vec<usize>,
+    columns: Vec<u32>,
+    values: Vec<T>,
+}
+
+impl<T: Real> BlockMatrix<T> {
+    /// The zero matrix with blocks of `size` (3 or 1) where the pattern says: block row `i` has the ascending block
+    /// columns `columns[starts[i]..starts[i + 1]]`.
+    #[must_use]
+    pub fn zeros(size: usize, starts: Vec<usize>, columns: Vec<u32>) -> Self {
+        Self {
+            size,
+            values: vec![T::zero(); columns.len() * size * size],
+            starts,
+            columns,
+        }
+    }
+
+    /// A matrix of scalar rows rounded to `T`, in blocks of 3 where its size is a multiple of 3.
+    #[must_use]
+    pub fn of_csr<S: Real>(matrix: &CsMat<S>) -> Self {
+        let matrix = if matrix.is_csr() {
+            matrix.clone()
+        } else {
+            matrix.to_csr()
+        };
+        let size = if matrix.rows().is_multiple_of(3) { 3 } else { 1 };
+        let (mut starts, mut columns) = (vec![0], Vec::new());
+        let mut row: Vec<u32> = Vec::new();
+        for i in 0..matrix.rows() / size {
+            row.clear();
+            for a in 0..size {
+                let scalars = matrix.outer_view(size * i + a);
+                row.extend(
+                    scalars
+                        .iter()
+                        .flat_map(|r| r.indices())
+                        .map(|&j| (j / size) as u32),
+                );
+            }
+            row.sort_unstable();
+            row.dedup();
+            columns.extend_from_slice(&row);
+            starts.push(columns.len());
+        }
+        let mut out = Self::zeros(size, starts, columns);
+        for (v, (i, j)) in &matrix {
+            let at = out.position(i / size, (j / size) as u32);
+            out.values[(at * size + i % size) * size + j % size] += T::of(v.as_f64());
+        }
+        out
+    }
+
+    /// Sets all values to zero.
+    pub fn clear(&mut self) {
+        self.values.fill(T::zero());
+    }
+
+    fn position(&self, i: usize, j: u32) -> usize {
+        let row = &self.columns[self.starts[i]..self.starts[i + 1]];
+        self.starts[i] + row.partition_point(|&k| k < j)
+    }
+
+    /// Adds `weight · block` at block row `i` and block column `j`, which the pattern must hold.
+    pub fn add(&mut self, i: usize, j: u32, block: &nalgebra::Matrix3<T>, weight: T) {
+        let (c, at) = (self.size, self.position(i, j));
+        let values = &mut self.values[at * c * c..(at + 1) * c * c];
+        for a in 0..c {
+            for b in 0..c {
+                values[a * c + b] += block[(a, b)] * weight;
+            }
+        }
+    }
+
+    /// Subtracts `D K q` from `f` \[N\], with an optional factor `D` per node. Allocates nothing.
+    pub fn subtract_product(&self, q: &[T], factors: Option<&[T]>, f: &mut [T]) {
+        match self.size {
+            1 => self.rows::<1>(q, factors, f),
+            _ => self.rows::<3>(q, factors, f),
+        }
+    }
+
+    fn rows<const C: usize>(&self, q: &[T], factors: Option<&[T]>, f: &mut [T]) {
+        let q = q.as_chunks::<C>().0;
+        let work = |chunk: usize, f: &mut [T]| {
+            for (k, out) in f.as_chunks_mut::<C>().0.iter_mut().enumerate() {
+                let i = chunk * CHUNK + k;
+                let y = self.row::<C>(i, q);
+                let d = factors.map_or(T::one(), |d| d[i]);
+                for (o, y) in out.iter_mut().zip(y) {
+                    *o -= y * d;
+                }
+            }
+        };
+        if q.len() < SERIAL {
+            f.chunks_mut(CHUNK * C).enumerate().for_each(|(k, f)| work(k, f));
+        } else {
+            f.par_chunks_mut(CHUNK * C)
+                .enumerate()
+                .for_each(|(k, f)| work(k, f));
+        }
+    }
+
+    /// Block row `i` of `K q`.
+    #[inline]
+    fn row<const C: usize>(&self, i: usize, q: &[[T; C]]) -> [T; C] {
+        let range = self.starts[i]..self.starts[i + 1];
+        // Nested arrays of a generic size cannot be sliced flat, so a block is C rows of C values.
+        let values = self.values[range.start * C * C..range.end * C * C]
+            .as_chunks::<C>()
+            .0;
+        let mut y = [T::zero(); C];
+        for (j, block) in self.columns[range].iter().zip(values.chunks_exact(C)) {
+            let x = &q[*j as usize];
+            for (y, a) in y.iter_mut().zip(block) {
+                let mut s = T::zero();
+                for (a, x) in a.iter().zip(x) {
+                    s += *a * *x;
+                }
+                *y += s;
+            }
+        }
+        y
+    }
+
+    /// `½ qᵀ D K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
+    pub fn energy(&self, q: &[T], factors: Option<&[T]>) -> T {
+        let sum = match self.size {
+            1 => self.energy_of::<1>(0..q.len(), q.as_chunks().0, factors),
+            _ => self.energy_of::<3>(0..q.len() / 3, q.as_chunks().0, factors),
+        };
+        sum * T::of(0.5)
+    }
+
+    fn energy_of<const C: usize>(&self, rows: Range<usize>, q: &[[T; C]], factors: Option<&[T]>) -> T {
+        if rows.len() <= CHUNK {
+            return rows.fold(T::zero(), |sum, i| {
+                let y = self.row::<C>(i, q);
+                let dot = y.iter().zip(&q[i]).fold(T::zero(), |s, (a, b)| s + *a * *b);
+                sum + dot * factors.map_or(T::one(), |d| d[i])
+            });
+        }
+        let middle = rows.start + rows.len() / 2;
+        let (low, high) = (rows.start..middle, middle..rows.end);
+        let (a, b) = if rows.len() < SERIAL {
+            (
+                self.energy_of::<C>(low, q, factors),
+                self.energy_of::<C>(high, q, factors),
+            )
+        } else {
+            rayon::join(
+                || self.energy_of::<C>(low, q, factors),
+                || self.energy_of::<C>(high, q, factors),
+            )
+        };
+        a + b
+    }
+
+    /// The same matrix in scalar compressed rows.
+    pub fn to_csr(&self) -> CsMat<T> {
+        let c = self.size;
+        let rows = self.starts.len() - 1;
+        let mut starts = Vec::with_capacity(rows * c + 1);
+        let mut columns = Vec::with_capacity(self.values.len());
+        let mut values = Vec::with_capacity(self.values.len());
+        starts.push(0);
+        for i in 0..rows {
+            for a in 0..c {
+                for at in self.starts[i]..self.starts[i + 1] {
+                    for b in 0..c {
+                        columns.push(self.columns[at] as usize * c + b);
+                        values.push(self.values[at * c * c + a * c + b]);
+                    }
+                }
+                starts.push(columns.len());
+            }
+        }
+        CsMat::new((rows * c, rows * c), starts, columns, values)
+    }
+
+    /// Number of stored values.
+    pub fn stored(&self) -> usize {
+        self.values.len()
+    }
+}
