@@ -7,8 +7,9 @@ use crate::output::Frames;
 use crate::output::summary::{self, InterfaceLine, ModelLine};
 use crate::recorder::PhaseClock;
 use crate::report;
-use crate::scene::Scene;
+use crate::scene::{Precision, Scene};
 use crate::wake;
+use arlequin::core::{Coupled, Real};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -65,7 +66,10 @@ pub(crate) fn check(input: &Input<'_>) -> Result<()> {
         }
     };
     let setup = begin.elapsed().as_secs_f64();
-    let mut out = plan(input, &input.scene, built, setup);
+    let mut out = match input.scene.time.precision {
+        Precision::Double => plan(input, &input.scene, built, setup),
+        Precision::Single => plan(input, &input.scene, built.narrowed()?, setup),
+    };
     out.asleep = asleep.map(|(scene, built)| Box::new(plan(input, &scene, built, setup)));
     if input.json {
         let text = serde_json::to_string_pretty(&out).map_err(|e| Error::System {
@@ -80,7 +84,7 @@ pub(crate) fn check(input: &Input<'_>) -> Result<()> {
 }
 
 /// The plan of what is built, with trial steps.
-fn plan(input: &Input<'_>, scene: &Scene, built: Built, setup_seconds: f64) -> Plan {
+fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_seconds: f64) -> Plan {
     let Built {
         mut run,
         drawn,
@@ -114,7 +118,7 @@ fn plan(input: &Input<'_>, scene: &Scene, built: Built, setup_seconds: f64) -> P
 }
 
 /// Seconds for all steps, extrapolated from a few.
-fn trial(run: &mut arlequin::core::Coupled<f64>, steps: usize) -> Option<f64> {
+fn trial<T: Real>(run: &mut Coupled<T>, steps: usize) -> Option<f64> {
     let mut clock = PhaseClock::new();
     // The first step warms the caches.
     run.advance(&mut clock).ok()?;

@@ -5,7 +5,8 @@ use crate::build::{self, Built};
 use crate::error::{Error, Result, core, key};
 use crate::recorder::PhaseClock;
 use crate::report;
-use crate::scene::Scene;
+use crate::scene::{Precision, Scene};
+use arlequin::core::Real;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -132,12 +133,20 @@ fn variants(scene: &Scene) -> Vec<(String, Scene)> {
 }
 
 fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
+    let built = build::build(scene, folder)?;
+    match scene.time.precision {
+        Precision::Double => steps(built),
+        Precision::Single => steps(built.narrowed()?),
+    }
+}
+
+fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
     let Built {
         mut run,
         probes,
         steps,
         ..
-    } = build::build(scene, folder)?;
+    } = built;
     let mut clock = PhaseClock::new();
     let mut out = Trace {
         times: Vec::with_capacity(steps),
@@ -154,7 +163,7 @@ fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
             out.failed = Some(core("time")(e));
             break;
         }
-        out.times.push(run.time());
+        out.times.push(run.time().as_f64());
         for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
             values.push(reader.read(run.subdomains()));
         }

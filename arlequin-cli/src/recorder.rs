@@ -4,9 +4,9 @@ use crate::build::Reader;
 use crate::error::{Error, Result, core};
 use crate::output::Entry;
 use crate::output::Frames;
-use arlequin::core::Coupled;
 use arlequin::core::ledger::EnergySample;
 use arlequin::core::observer::{Observer, Phase, StepReport};
+use arlequin::core::{Coupled, Real};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -45,7 +45,7 @@ impl PhaseClock {
     }
 
     /// Seconds by phase; models by name.
-    pub(crate) fn phases(&self, run: &Coupled<f64>) -> BTreeMap<String, f64> {
+    pub(crate) fn phases<T: Real>(&self, run: &Coupled<T>) -> BTreeMap<String, f64> {
         let name = |p: Phase| match p {
             Phase::Predict(k) => format!("predict/{}", run.subdomains()[k].model().name()),
             Phase::Evolve(k) => format!("evolve/{}", run.subdomains()[k].model().name()),
@@ -76,12 +76,12 @@ impl PhaseClock {
     }
 }
 
-impl Observer<f64> for PhaseClock {
+impl<T: Real> Observer<T> for PhaseClock {
     fn phase(&mut self, phase: Phase) {
         self.enter(Some(phase));
     }
 
-    fn observe(&mut self, _: &Coupled<f64>, _: &StepReport<f64>) -> arlequin::core::Result<ControlFlow<()>> {
+    fn observe(&mut self, _: &Coupled<T>, _: &StepReport<T>) -> arlequin::core::Result<ControlFlow<()>> {
         Ok(ControlFlow::Continue(()))
     }
 }
@@ -159,8 +159,8 @@ pub(crate) struct Recorder {
 
 impl Recorder {
     /// Records the state before the first step.
-    pub(crate) fn new(
-        run: &Coupled<f64>,
+    pub(crate) fn new<T: Real>(
+        run: &Coupled<T>,
         readers: Vec<Reader>,
         mut frames: Frames,
         probe_every: usize,
@@ -177,7 +177,7 @@ impl Recorder {
             frames,
             residuals: Vec::new(),
             top_speed: 0.0,
-            initial_energy: run.energy(),
+            initial_energy: run.energy().as_f64(),
             probe_every,
             frame_every,
         };
@@ -210,10 +210,10 @@ impl Recorder {
     }
 
     /// Records the step just made.
-    pub(crate) fn observe(
+    pub(crate) fn observe<T: Real>(
         &mut self,
-        run: &mut Coupled<f64>,
-        energy: Option<EnergySample<f64>>,
+        run: &mut Coupled<T>,
+        energy: Option<EnergySample<T>>,
     ) -> Result<()> {
         if run.steps().is_multiple_of(self.probe_every) {
             self.read_probes(run)?;
@@ -228,26 +228,26 @@ impl Recorder {
     }
 
     /// Records the last state, if it was not yet.
-    pub(crate) fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
+    pub(crate) fn finish<T: Real>(&mut self, run: &Coupled<T>) -> Result<()> {
         if run.steps().is_multiple_of(self.frame_every) {
             return Ok(());
         }
         self.frames.write(run)
     }
 
-    fn read_probes(&mut self, run: &Coupled<f64>) -> Result<()> {
+    fn read_probes<T: Real>(&mut self, run: &Coupled<T>) -> Result<()> {
         let values: Vec<f64> = self.readers.iter().map(|r| r.read(run.subdomains())).collect();
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {
                 what: format!("probe '{}'", self.readers[k].name),
-                time: run.time(),
+                time: run.time().as_f64(),
             });
         }
-        self.probes.push(run.time(), values.into_iter());
+        self.probes.push(run.time().as_f64(), values.into_iter());
         Ok(())
     }
 
-    fn draw_energy(&mut self, run: &mut Coupled<f64>, s: &EnergySample<f64>) {
+    fn draw_energy<T: Real>(&mut self, run: &mut Coupled<T>, s: &EnergySample<T>) {
         let fixed = [
             s.kinetic,
             s.internal,
@@ -258,18 +258,19 @@ impl Recorder {
             s.relative_drift,
             s.constraint_residual,
         ];
-        let works = run.works().into_iter().map(|w| w.work);
-        self.energy.push(s.time, fixed.into_iter().chain(works));
+        let works = run.works().into_iter().map(|w| w.work.as_f64());
+        self.energy
+            .push(s.time.as_f64(), fixed.into_iter().map(Real::as_f64).chain(works));
         if !self.fact_names.is_empty() {
-            self.facts.push(s.time, facts(run).map(|f| f.1));
+            self.facts.push(s.time.as_f64(), facts(run).map(|f| f.1));
         }
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
-            self.top_speed = moving.iter().fold(self.top_speed, |m, v| m.max(v.abs()));
+            self.top_speed = moving.iter().fold(self.top_speed, |m, v| m.max(v.as_f64().abs()));
         }
         self.residuals.resize(run.interfaces().len(), 0.0);
         for k in 0..run.interfaces().len() {
-            let [jump, _] = run.jumps(k);
+            let jump = run.jumps(k)[0].as_f64();
             if self.top_speed > 0.0 {
                 self.residuals[k] = self.residuals[k].max(jump / self.top_speed);
             }
@@ -278,7 +279,7 @@ impl Recorder {
 }
 
 /// Figures of all effects: name with the effect in front, value.
-fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
+fn facts<T: Real>(run: &Coupled<T>) -> impl Iterator<Item = (String, f64)> {
     run.effects().into_iter().flat_map(|e| {
         let name = e.name;
         e.facts
@@ -288,7 +289,7 @@ fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
 }
 
 /// Makes one step under the clock.
-pub(crate) fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
+pub(crate) fn step<T: Real>(run: &mut Coupled<T>, clock: &mut PhaseClock) -> Result<Option<EnergySample<T>>> {
     let report = run.advance(clock).map_err(core("time"))?;
     clock.enter(Some(Phase::Observe));
     Ok(report.energy)

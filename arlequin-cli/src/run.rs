@@ -9,10 +9,10 @@ use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallS
 use crate::output::{Folder, Frames, check_free, csv};
 use crate::recorder::{self, ENERGY_COLUMNS, PhaseClock, Recorder};
 use crate::report::{self, Progress};
-use crate::scene::Quantity;
+use crate::scene::{Precision, Quantity};
 use crate::spectrum;
 use crate::wake;
-use arlequin::core::Coupled;
+use arlequin::core::{Coupled, Real};
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -36,10 +36,14 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
     // Made only now: Ctrl-C during the set-up leaves nothing behind.
     let stop = watch_interrupt()?;
     let lasting = input.scene.output.checkpoint_every.is_some();
-    let folder = Folder::begin(&target, force, lasting)?;
-    let mut session = Session::new(input, built, folder, origin)?;
-    session.begun(begin);
-    session.complete(&stop)
+    let start = |lasting| Folder::begin(&target, force, lasting);
+    match input.scene.time.precision {
+        Precision::Double => Session::new(input, built, start(lasting)?, origin)?.whole(begin, &stop),
+        Precision::Single => {
+            let built = built.narrowed()?;
+            Session::new(input, built, start(lasting)?, origin)?.whole(begin, &stop)
+        }
+    }
 }
 
 /// Goes on with the run of a folder from its last checkpoint.
@@ -57,29 +61,25 @@ pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCo
             ),
         });
     }
-    let source = saved.origin.source()?;
+    let (source, set) = (saved.origin.source()?, saved.origin.set.clone());
     let input = Input {
         scene: source.scene(&saved.origin.set)?,
         source: &source,
-        set: &saved.origin.set,
+        set: &set,
         threads,
         json,
     };
     let built = build::build(&input.scene, source.folder())?;
     let stop = watch_interrupt()?;
-    let folder = Folder::reopen(target)?;
-    let mut session = Session::new(&input, built, folder, saved.origin.clone())?;
-    session
-        .run
-        .restore(&saved.snapshot)
-        .map_err(|e| Error::Checkpoint {
-            path: place.join(checkpoint::NAME),
-            reason: format!("does not fit the run that its scene gives: {e}"),
-        })?;
-    session.recorder.resume(saved.records)?;
-    session.resumed_at = Some(saved.snapshot.step);
-    session.begun(begin);
-    session.complete(&stop)
+    let origin = saved.origin.clone();
+    let open = || Folder::reopen(target);
+    match input.scene.time.precision {
+        Precision::Double => Session::new(&input, built, open()?, origin)?.rest(saved, begin, &stop),
+        Precision::Single => {
+            let built = built.narrowed()?;
+            Session::new(&input, built, open()?, origin)?.rest(saved, begin, &stop)
+        }
+    }
 }
 
 /// Why the steps ended.
@@ -104,9 +104,9 @@ impl End {
 }
 
 /// A run with everything that records it.
-pub(crate) struct Session<'a> {
+pub(crate) struct Session<'a, T: Real> {
     input: &'a Input<'a>,
-    run: Coupled<f64>,
+    run: Coupled<T>,
     steps: usize,
     recorder: Recorder,
     clock: PhaseClock,
@@ -117,9 +117,9 @@ pub(crate) struct Session<'a> {
     breaks: Vec<Option<SharedLog>>,
 }
 
-impl<'a> Session<'a> {
+impl<'a, T: Real> Session<'a, T> {
     /// Records the state before the first step.
-    pub(crate) fn new(input: &'a Input<'a>, built: Built, folder: Folder, origin: Origin) -> Result<Self> {
+    pub(crate) fn new(input: &'a Input<'a>, built: Built<T>, folder: Folder, origin: Origin) -> Result<Self> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
@@ -150,8 +150,26 @@ impl<'a> Session<'a> {
     }
 
     /// The run.
-    pub(crate) fn coupled(&self) -> &Coupled<f64> {
+    pub(crate) fn coupled(&self) -> &Coupled<T> {
         &self.run
+    }
+
+    /// Makes all steps of a run whose set-up began then, and writes the results.
+    fn whole(mut self, begin: Instant, stop: &AtomicBool) -> Result<ExitCode> {
+        self.begun(begin);
+        self.complete(stop)
+    }
+
+    /// Goes on from a checkpoint likewise.
+    fn rest(mut self, saved: Checkpoint, begin: Instant, stop: &AtomicBool) -> Result<ExitCode> {
+        let restored = self.run.restore(&saved.snapshot.rounded());
+        restored.map_err(|e| Error::Checkpoint {
+            path: self.folder.path().join(checkpoint::NAME),
+            reason: format!("does not fit the run that its scene gives: {e}"),
+        })?;
+        self.recorder.resume(saved.records)?;
+        self.resumed_at = Some(saved.snapshot.step);
+        self.whole(begin, stop)
     }
 
     /// Makes the steps that are left and writes the results.
@@ -224,7 +242,7 @@ impl<'a> Session<'a> {
     pub(crate) fn advance(
         &mut self,
         stop: &AtomicBool,
-        woken: &mut dyn FnMut(&Coupled<f64>) -> bool,
+        woken: &mut dyn FnMut(&Coupled<T>) -> bool,
     ) -> Result<End> {
         let every = self.input.scene.output.checkpoint_every;
         let progress = Progress::new(self.steps);
@@ -253,7 +271,7 @@ impl<'a> Session<'a> {
         Checkpoint {
             version: env!("CARGO_PKG_VERSION").into(),
             origin: self.origin.clone(),
-            snapshot: self.run.snapshot(),
+            snapshot: self.run.snapshot().rounded(),
             records: self.recorder.records(),
         }
         .write(self.folder.path())
@@ -301,7 +319,7 @@ fn write_tables(folder: &Path, r: &Recorder) -> Result<()> {
 }
 
 /// One table of broken bonds per model whose bonds can break.
-fn write_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<()> {
+fn write_breaks<T: Real>(folder: &Path, run: &Coupled<T>, breaks: &[Option<SharedLog>]) -> Result<()> {
     let names = [
         "time [s]",
         "bond [-]",
@@ -386,9 +404,9 @@ fn headline(title: &str, what: &str) -> String {
     }
 }
 
-fn summarise(
+fn summarise<T: Real>(
     input: &Input<'_>,
-    run: &Coupled<f64>,
+    run: &Coupled<T>,
     r: &Recorder,
     wall_seconds: WallSeconds,
     end: End,
@@ -404,19 +422,24 @@ fn summarise(
         set: input.set.to_vec(),
         threads: input.threads,
         models: summary::models(run),
+        precision: input.scene.time.precision.name(),
         dt: plan.dt,
         critical_dt: plan.critical_dt,
         steps: run.steps(),
-        time: run.time(),
+        time: run.time().as_f64(),
         frames: r.frames.count(),
         wall_seconds,
         peak_bytes: summary::process_bytes("VmHWM:"),
         energy: Energy {
             initial: r.initial_energy,
-            last: run.energy(),
-            h_drift_max: run.drift(),
-            start_loss: run.start_loss(),
-            ledger: run.works().into_iter().map(|w| (w.name, w.work)).collect(),
+            last: run.energy().as_f64(),
+            h_drift_max: run.drift().as_f64(),
+            start_loss: run.start_loss().as_f64(),
+            ledger: run
+                .works()
+                .into_iter()
+                .map(|w| (w.name, w.work.as_f64()))
+                .collect(),
         },
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,

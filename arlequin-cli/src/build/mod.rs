@@ -17,10 +17,10 @@ pub(crate) use mesh::View;
 pub(crate) use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
-use crate::scene::{Effect, Interface, Material, RoleKind, Scene, StepChoice};
+use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
 use arlequin::core::field::Interpolation;
 use arlequin::core::subdomain::Role;
-use arlequin::core::{Coupled, Guard, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
 use joint::Joint;
@@ -51,9 +51,9 @@ pub(crate) struct Start {
 }
 
 /// A run that is ready to step.
-pub(crate) struct Built {
+pub(crate) struct Built<T: Real = f64> {
     /// The run.
-    pub(crate) run: Coupled<f64>,
+    pub(crate) run: Coupled<T>,
     /// Pictures of the models.
     pub(crate) drawn: Vec<Drawn>,
     /// Pictures of the mediators.
@@ -66,7 +66,21 @@ pub(crate) struct Built {
     pub(crate) frame_every: usize,
 }
 
-/// Builds everything a scene asks for.
+impl Built {
+    /// The same with states and forces in 32-bit numbers.
+    pub(crate) fn narrowed(self) -> Result<Built<f32>> {
+        Ok(Built {
+            run: self.run.narrowed().map_err(located)?,
+            drawn: self.drawn,
+            mediators: self.mediators,
+            probes: self.probes,
+            steps: self.steps,
+            frame_every: self.frame_every,
+        })
+    }
+}
+
+/// Builds everything a scene asks for, in double precision; see [`Built::narrowed`].
 pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
     build_from(scene, folder, None)
 }
@@ -102,6 +116,9 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
         .collect::<Result<_>>()?;
     let mut attachments = Attachments::of(scene, &mut bodies)?;
     for j in &mut joints {
+        if scene.time.precision == Precision::Single {
+            j.spec.options = j.spec.options.single();
+        }
         if let Some(a) = j.absorber.take() {
             attachments.add(j.spec.fine, Box::new(a));
         }
@@ -322,6 +339,7 @@ fn located(source: arlequin::core::Error) -> Error {
     let interface = |name: &str, key: &str| format!("interface.{name}.{key}");
     let key = match &source {
         Core::UnstableStep { .. } => "time.step.seconds".to_owned(),
+        Core::DoubleOnly { .. } => "time.precision".to_owned(),
         Core::EmptyOverlap { interface: i, .. } | Core::OverhangingMediator { interface: i, .. } => {
             interface(i, "mediator")
         }

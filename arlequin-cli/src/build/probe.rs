@@ -5,9 +5,9 @@ use super::kinds::Body;
 use super::select;
 use crate::error::{Result, core, key};
 use crate::scene::{Probe, Quantity, Scene};
-use arlequin::core::Subdomain;
 use arlequin::core::field::ShapeRow;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Real, Subdomain};
 
 /// A probe, ready to be read.
 #[derive(Debug, Clone)]
@@ -70,13 +70,13 @@ impl Reader {
     }
 
     /// Current value.
-    pub(crate) fn read(&self, subdomains: &[Subdomain<f64>]) -> f64 {
+    pub(crate) fn read<T: Real>(&self, subdomains: &[Subdomain<T>]) -> f64 {
         let state = subdomains[self.model].state();
         let values = match self.quantity {
             Quantity::Displacement | Quantity::Rotation => &state.q,
             Quantity::Velocity => &state.v,
         };
-        self.row.iter().map(|(d, n)| n * values[*d]).sum()
+        self.row.iter().map(|(d, n)| n * values[*d].as_f64()).sum()
     }
 }
 

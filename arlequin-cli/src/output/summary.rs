@@ -1,9 +1,9 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
 use crate::recorder::PhaseClock;
-use arlequin::core::Coupled;
 use arlequin::core::effect::EffectLine;
 use arlequin::core::observer::Phase;
+use arlequin::core::{Coupled, Real};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -30,6 +30,8 @@ pub(crate) struct Summary {
     pub(crate) threads: usize,
     /// Models.
     pub(crate) models: Vec<ModelLine>,
+    /// Width of the numbers that stepped.
+    pub(crate) precision: &'static str,
     /// Step \[s\].
     pub(crate) dt: f64,
     /// Largest stable step \[s\].
@@ -213,19 +215,19 @@ pub(crate) struct EffectReport {
 }
 
 /// What the effects of a run did, and how long it took.
-pub(crate) fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
+pub(crate) fn effects<T: Real>(run: &Coupled<T>, clock: &PhaseClock) -> Vec<EffectReport> {
     let [stepping, _] = clock.split();
-    let line = |e: EffectLine<f64>| {
+    let line = |e: EffectLine<T>| {
         let seconds = match (e.effect, e.work) {
             (Some(k), _) => Some(clock.seconds(Phase::Effect(e.subdomain, k))),
             (None, Some(_)) => Some(clock.seconds(Phase::Evolve(e.subdomain))),
             (None, None) => None,
         };
         EffectReport {
-            dissipated: e.dissipated(),
+            dissipated: e.dissipated().map(Real::as_f64),
             name: e.name,
-            work: e.work,
-            stored: e.stored,
+            work: e.work.map(Real::as_f64),
+            stored: e.stored.as_f64(),
             seconds,
             share: seconds.map(|s| s / stepping.max(f64::MIN_POSITIVE)),
             facts: e.facts.into_iter().collect(),
@@ -235,7 +237,7 @@ pub(crate) fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectRepor
 }
 
 /// What the last state would need effects for that are not on.
-pub(crate) fn findings(run: &Coupled<f64>) -> Vec<String> {
+pub(crate) fn findings<T: Real>(run: &Coupled<T>) -> Vec<String> {
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
     run.watch().into_iter().map(text).collect()
@@ -250,7 +252,7 @@ pub(crate) fn process_bytes(name: &str) -> Option<usize> {
 }
 
 /// Models of a run.
-pub(crate) fn models(run: &Coupled<f64>) -> Vec<ModelLine> {
+pub(crate) fn models<T: Real>(run: &Coupled<T>) -> Vec<ModelLine> {
     let plan = run.plan();
     let line = |(name, kind, nodes, unknowns, critical_dt)| ModelLine {
         name,
@@ -263,8 +265,8 @@ pub(crate) fn models(run: &Coupled<f64>) -> Vec<ModelLine> {
 }
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
-pub(crate) fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
-    let line = |(k, i): (usize, &arlequin::core::interface::Interface<f64>)| {
+pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<InterfaceLine> {
+    let line = |(k, i): (usize, &arlequin::core::interface::Interface<T>)| {
         let r = i.report();
         InterfaceLine {
             name: r.name.clone(),
@@ -281,8 +283,8 @@ pub(crate) fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<Interface
 }
 
 /// Warnings of all interfaces.
-pub(crate) fn warnings(run: &Coupled<f64>) -> Vec<String> {
-    let of = |i: &arlequin::core::interface::Interface<f64>| {
+pub(crate) fn warnings<T: Real>(run: &Coupled<T>) -> Vec<String> {
+    let of = |i: &arlequin::core::interface::Interface<T>| {
         let r = i.report();
         let with_name = |w: &String| format!("interface '{}': {w}", r.name);
         r.warnings.iter().map(with_name).collect::<Vec<_>>()

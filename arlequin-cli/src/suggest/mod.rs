@@ -11,6 +11,7 @@ mod scenario;
 
 use crate::Input;
 use crate::error::{Error, Result, key, value};
+use crate::scene::Precision;
 use apply::Change;
 use choose::{CostModel, Goal, Proposal, Search};
 use measure::measure;
@@ -105,6 +106,10 @@ fn goal(wish: &Wish) -> Result<Goal> {
 /// Proposes settings.
 pub(crate) fn suggest(input: &Input<'_>, wish: &Wish) -> Result<()> {
     crate::wake::refuse(&input.scene, "suggest")?;
+    if input.scene.time.precision == Precision::Single {
+        let rule = "suggest makes its trial steps in double precision; add --set time.precision=\"double\"";
+        return Err(value("time.precision", "single", rule));
+    }
     let goal = goal(wish)?;
     let s = scenario::scenario(&input.scene)?;
     if input.scene.interface.values().any(|i| i.lumped) {
