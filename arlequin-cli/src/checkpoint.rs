@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// Name of the file in an output folder.
 pub(crate) const NAME: &str = "checkpoint.bin";
 /// Changes whenever the payload does.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;
@@ -209,7 +209,7 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use arlequin::core::snapshot::{Record, SubdomainSnapshot};
+    use arlequin::core::snapshot::{PairSnapshot, Record, SubdomainSnapshot};
     use proptest::prelude::*;
 
     fn sample() -> Checkpoint {
@@ -239,9 +239,13 @@ mod tests {
                 step: 12,
                 dt: 1e-9,
                 start_loss: 0.0,
-                ledger: vec![0.0; 8],
+                ledger: vec![0.0; 9],
                 subdomains: vec![body],
                 multipliers: vec![vec![1.0, 2.0]],
+                pairs: vec![PairSnapshot {
+                    work: -0.5,
+                    effect: Record::default(),
+                }],
             },
             records: Records::default(),
         }

@@ -145,6 +145,7 @@ fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
         mut run,
         probes,
         steps,
+        strangers,
         ..
     } = built;
     let mut clock = PhaseClock::new();
@@ -168,7 +169,7 @@ fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
             values.push(reader.read(run.subdomains()));
         }
         if made % every == 0 || made == steps {
-            for (model, f) in run.watch() {
+            for (model, f) in run.watch().into_iter().chain(strangers.watch(&run)) {
                 out.missing.insert((model, f.effect), f.message);
             }
         }

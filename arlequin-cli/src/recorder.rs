@@ -54,6 +54,11 @@ impl PhaseClock {
                 let effect = s.effects().nth(e).map_or("?", |e| e.name());
                 format!("effect/{}/{effect}", s.model().name())
             }
+            Phase::Pair(k) => {
+                let lines = run.effects();
+                let line = lines.iter().find(|e| e.phase == Some(Phase::Pair(k)));
+                format!("effect/{}", line.map_or("?", |e| &e.name))
+            }
             Phase::Interface => "interface".to_owned(),
             Phase::Ledger => "ledger".to_owned(),
             Phase::Observe => "observe".to_owned(),

@@ -1,7 +1,7 @@
 //! `arlequin run` and `arlequin resume`.
 
 use crate::Input;
-use crate::build::{self, Built};
+use crate::build::{self, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result, write};
 use crate::output::plots::{self, Curve, Plot};
@@ -115,6 +115,7 @@ pub(crate) struct Session<'a, T: Real> {
     setup: f64,
     resumed_at: Option<usize>,
     breaks: Vec<Option<SharedLog>>,
+    strangers: Strangers,
 }
 
 impl<'a, T: Real> Session<'a, T> {
@@ -141,6 +142,7 @@ impl<'a, T: Real> Session<'a, T> {
             setup: 0.0,
             resumed_at: None,
             breaks,
+            strangers: built.strangers,
         })
     }
 
@@ -227,6 +229,9 @@ impl<'a, T: Real> Session<'a, T> {
         };
         let mut summary = summarise(self.input, &self.run, &self.recorder, wall, end);
         summary.resumed_at_step = self.resumed_at;
+        summary
+            .warnings
+            .extend(summary::findings(&self.run, &self.strangers));
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
         summary.wake = wake;
         let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
@@ -434,6 +439,7 @@ fn summarise<T: Real>(
             initial: r.initial_energy,
             last: run.energy().as_f64(),
             h_drift_max: run.drift().as_f64(),
+            created_max: run.top_created().as_f64(),
             start_loss: run.start_loss().as_f64(),
             ledger: run
                 .works()
@@ -445,10 +451,7 @@ fn summarise<T: Real>(
         effects: plan.effects,
         effect_ledger: Vec::new(),
         probes: probe_lines(r),
-        warnings: summary::warnings(run)
-            .into_iter()
-            .chain(summary::findings(run))
-            .collect(),
+        warnings: summary::warnings(run),
     }
 }
 

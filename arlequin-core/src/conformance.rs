@@ -3,8 +3,9 @@
 //! Each returns a defect, relative to the natural scale of the quantity; the caller states the tolerance.
 
 use crate::coupled::Coupled;
+use crate::effect::{Instant, PairEffect};
 use crate::field::{Interpolation, ShapeRow};
-use crate::model::Model;
+use crate::model::{DofLayout, Model};
 use crate::weight::{Uniform, Weight, Weighting};
 use crate::{Real, Result};
 use nalgebra::{Point3, Vector3};
@@ -70,6 +71,31 @@ pub fn shapes<T: Real>(
         }
     }
     Ok(worst)
+}
+
+/// Momentum that an effect between two subdomains makes at an instant: `|Σ F|` over all nodes of both sides, relative to
+/// `Σ |F|`; zero where nothing pushes. `layouts` are those of the models.
+///
+/// # Errors
+/// Those of the effect.
+pub fn reaction<T: Real>(
+    effect: &mut dyn PairEffect<T>,
+    at: [&Instant<'_, T>; 2],
+    layouts: [DofLayout; 2],
+) -> Result<T> {
+    let mut forces = layouts.map(|l| vec![T::zero(); l.dofs()]);
+    let [f, g] = &mut forces;
+    effect.add_forces(at, [f, g])?;
+    let (mut sum, mut size) = (Vector3::zeros(), T::zero());
+    for (f, l) in forces.iter().zip(layouts) {
+        for node in f[..l.translations()].chunks_exact(l.components) {
+            let mut one = Vector3::zeros();
+            one.iter_mut().zip(node).for_each(|(a, b)| *a = *b);
+            sum += one;
+            size += one.norm();
+        }
+    }
+    Ok(if size > T::zero() { sum.norm() / size } else { size })
 }
 
 /// Largest `|Σ_m w_m(x) − 1|` over points: weights of one kind over all models.

@@ -55,6 +55,8 @@ pub(crate) struct Ledger<T> {
     pub(crate) top_drift: T,
     pub(crate) top_residual: T,
     pub(crate) top_velocity: T,
+    /// Largest share of the energy in play that effects created.
+    pub(crate) top_created: T,
     pub(crate) last: Option<EnergySample<T>>,
 }
 
@@ -69,6 +71,7 @@ impl<T: Real> Ledger<T> {
             top_drift: z,
             top_residual: z,
             top_velocity: z,
+            top_created: z,
             last: None,
         }
     }
@@ -84,6 +87,7 @@ impl<T: Real> Ledger<T> {
             top_drift: one(self.top_drift),
             top_residual: one(self.top_residual),
             top_velocity: one(self.top_velocity),
+            top_created: one(self.top_created),
             last: None,
         }
     }
@@ -92,7 +96,12 @@ impl<T: Real> Ledger<T> {
     pub(crate) fn record(&self) -> Vec<T> {
         let started = if self.start.is_some() { T::one() } else { T::zero() };
         let start = self.start.unwrap_or_else(T::zero);
-        let tops = [self.top_drift, self.top_residual, self.top_velocity];
+        let tops = [
+            self.top_drift,
+            self.top_residual,
+            self.top_velocity,
+            self.top_created,
+        ];
         [self.supports, self.constraint, started, start, self.scale]
             .into_iter()
             .chain(tops)
@@ -111,11 +120,12 @@ impl<T: Real> Ledger<T> {
             drift,
             residual,
             velocity,
+            created,
         ] = from
         else {
             return Err(crate::Error::SizeMismatch {
                 what: "ledger of the snapshot".into(),
-                expected: 8,
+                expected: 9,
                 found: from.len(),
             });
         };
@@ -127,6 +137,7 @@ impl<T: Real> Ledger<T> {
             top_drift: drift,
             top_residual: residual,
             top_velocity: velocity,
+            top_created: created,
             last: None,
         };
         Ok(())

@@ -16,6 +16,7 @@ pub mod junction;
 pub mod ledger;
 pub mod linalg;
 pub mod material;
+mod measure;
 pub mod mediator;
 pub mod model;
 mod motion;

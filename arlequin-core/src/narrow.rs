@@ -6,7 +6,7 @@
 
 use crate::blocks::BlockMatrix;
 use crate::coupled::Coupled;
-use crate::effect::Effect;
+use crate::effect::{Effect, Pair};
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{Cell, Polyhedron, Sample};
 use crate::model::{DofLayout, Model, State, check_size};
@@ -225,6 +225,20 @@ pub(crate) fn effect(e: &dyn Effect<f64>, model: &str) -> Result<Box<dyn Effect<
     })
 }
 
+/// The effect between two models likewise.
+fn pair(p: &Pair<f64>) -> Result<Pair<f32>> {
+    let effect = p.effect.narrowed().ok_or_else(|| Error::DoubleOnly {
+        what: format!("effect '{}'", p.effect.name()),
+        why: "it has no form in 32-bit numbers",
+    })?;
+    Ok(Pair {
+        sides: p.sides,
+        effect,
+        work: to(p.work),
+        last_work: to(p.last_work),
+    })
+}
+
 impl Coupled<f64> {
     /// The same run, as far as it has come, in 32-bit numbers from here on.
     ///
@@ -248,9 +262,11 @@ impl Coupled<f64> {
             .iter()
             .map(|i| i.narrowed())
             .collect::<Result<_>>()?;
+        let pairs = self.pairs.iter().map(pair).collect::<Result<_>>()?;
         Ok(Coupled {
             subdomains,
             interfaces,
+            pairs,
             critical: all(&critical),
             dt: to(self.dt),
             time: to(self.time),

@@ -15,6 +15,8 @@ pub enum Phase {
     Evolve(usize),
     /// Forces of an effect (subdomain, effect); only where there is one.
     Effect(usize, usize),
+    /// Forces of an effect between two subdomains (its number); only where there is one.
+    Pair(usize),
     /// Multiplier solve and correction.
     Interface,
     /// Energy ledger.

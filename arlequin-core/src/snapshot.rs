@@ -62,6 +62,16 @@ pub struct SubdomainSnapshot<T> {
     pub effects: Vec<Record<T>>,
 }
 
+/// What an effect between two subdomains must remember.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PairSnapshot<T> {
+    /// Work since the start \[J\].
+    pub work: T,
+    /// What the effect remembers.
+    pub effect: Record<T>,
+}
+
 /// What a run must remember.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -78,6 +88,8 @@ pub struct Snapshot<T> {
     pub subdomains: Vec<SubdomainSnapshot<T>>,
     /// Multipliers of every interface.
     pub multipliers: Vec<Vec<T>>,
+    /// Effects between two subdomains.
+    pub pairs: Vec<PairSnapshot<T>>,
 }
 
 impl<T: Real> Snapshot<T> {
@@ -98,6 +110,10 @@ impl<T: Real> Snapshot<T> {
             model: record(&s.model),
             effects: s.effects.iter().map(record).collect(),
         };
+        let between = |p: &PairSnapshot<T>| PairSnapshot {
+            work: narrow::to(p.work),
+            effect: record(&p.effect),
+        };
         Snapshot {
             step: self.step,
             dt: narrow::to(self.dt),
@@ -105,6 +121,7 @@ impl<T: Real> Snapshot<T> {
             ledger: narrow::all(&self.ledger),
             subdomains: self.subdomains.iter().map(one).collect(),
             multipliers: self.multipliers.iter().map(|m| narrow::all(m)).collect(),
+            pairs: self.pairs.iter().map(between).collect(),
         }
     }
 }
@@ -119,6 +136,7 @@ impl<T: Real> Coupled<T> {
             ledger: self.ledger.record(),
             subdomains: self.subdomains.iter().map(Subdomain::snapshot).collect(),
             multipliers: self.interfaces.iter().map(|i| i.multipliers().to_vec()).collect(),
+            pairs: self.pairs.iter().map(pair_snapshot).collect(),
         }
     }
 
@@ -142,6 +160,15 @@ impl<T: Real> Coupled<T> {
             self.interfaces.len(),
             from.multipliers.len(),
         )?;
+        same(
+            "effects between two models in the snapshot",
+            self.pairs.len(),
+            from.pairs.len(),
+        )?;
+        for (p, f) in self.pairs.iter_mut().zip(&from.pairs) {
+            p.effect.restore(&f.effect)?;
+            (p.work, p.last_work) = (f.work, T::zero());
+        }
         for (s, f) in self.subdomains.iter_mut().zip(&from.subdomains) {
             s.restore(f)?;
         }
@@ -206,6 +233,13 @@ impl<T: Real> Subdomain<T> {
             e.restore(record)?;
         }
         Ok(())
+    }
+}
+
+fn pair_snapshot<T: Real>(p: &crate::effect::Pair<T>) -> PairSnapshot<T> {
+    PairSnapshot {
+        work: p.work,
+        effect: p.effect.save(),
     }
 }
 

@@ -1,6 +1,6 @@
 //! A subdomain: one model with its weights, supports, effects and state; velocity Verlet's half of the step.
 
-use crate::effect::{Effect, Finding, Instant, Site};
+use crate::effect::{Demand, Effect, Finding, Instant, Site};
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::model::{CoarseModel, Evolution, FineModel, Model, State};
@@ -43,10 +43,12 @@ pub struct Subdomain<T: Real> {
     pub(crate) inertia: Vec<T>,
     pub(crate) inverse_inertia: Vec<T>,
     pub(crate) internal: Vec<T>,
-    internal_before: Vec<T>,
+    pub(crate) internal_before: Vec<T>,
     /// Internal and all other forces; empty where there are none but the internal ones.
     total: Vec<T>,
-    q_before: Vec<T>,
+    pub(crate) q_before: Vec<T>,
+    /// Whether effects between two subdomains act on this one; it is accelerated after them.
+    pub(crate) paired: bool,
     /// Internal energy \[J\] found by the last [`Self::invariant`].
     pub(crate) drawn_energy: T,
     /// The model of double precision, where it watches.
@@ -100,6 +102,7 @@ impl<T: Real> Subdomain<T> {
             internal_before: zeros(),
             total: Vec::new(),
             q_before: zeros(),
+            paired: false,
             drawn_energy: T::zero(),
             watcher: None,
             model,
@@ -258,42 +261,42 @@ impl<T: Real> Subdomain<T> {
             self.inverse_inertia[i] = if prescribed[i] { T::zero() } else { T::one() / *m };
         }
         // Loads, and coupling forces on moving supports, must stay out of the invariant's internal forces.
-        if !self.effects.is_empty() || self.has_moving_support() {
+        if !self.effects.is_empty() || self.paired || self.has_moving_support() {
             self.total.resize(layout.dofs(), T::zero());
         }
-        let site = Site {
+        let mut effects = std::mem::take(&mut self.effects);
+        let site = self.site();
+        let attached = effects.iter_mut().try_for_each(|e| e.attach(&site));
+        self.effects = effects;
+        attached
+    }
+
+    /// What effects may see of the prepared subdomain.
+    pub(crate) fn site(&self) -> Site<'_, T> {
+        Site {
             model: &*self.model,
             weights: &self.weights,
             inertia: &self.inertia,
             inverse_inertia: &self.inverse_inertia,
-        };
-        self.effects.iter_mut().try_for_each(|e| e.attach(&site))
+        }
     }
 
-    /// Critical step of the weighted model with its effects \[s\].
+    /// Critical step of the weighted model with its effects and those `between` it and others \[s\].
     ///
     /// Damping forces use the velocity half a step earlier, which shortens the stable step to
     /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::Demand`] for what adds to `ω` and `c`.
-    pub(crate) fn critical_step(&mut self) -> Result<T> {
+    pub(crate) fn critical_step(&mut self, between: &[Demand<T>]) -> Result<T> {
         let free = self.model.critical_step(&self.inverse_inertia)?;
-        if self.effects.is_empty() {
+        if self.effects.is_empty() && between.is_empty() {
             return Ok(free);
         }
-        Ok(crate::effect::shortened(
-            free,
-            self.effects.iter().map(|e| e.demand()),
-        ))
+        let own = self.effects.iter().map(|e| e.demand());
+        Ok(crate::effect::shortened(free, own.chain(between.iter().copied())))
     }
 
-    /// Internal and effect forces at the current displacements; `a` from them, `v += half a`. The model finds
-    /// `internal` at zero. `since` is the length of the step that led here, `own` the number of this subdomain.
-    fn evaluate(
-        &mut self,
-        t: T,
-        [since, dt, half]: [T; 3],
-        own: usize,
-        announce: &mut Announce<'_>,
-    ) -> Result<()> {
+    /// Internal and effect forces at the current displacements. The model finds `internal` at zero. `since` is the
+    /// length of the step that led here, `own` the number of this subdomain.
+    fn evaluate(&mut self, t: T, since: T, own: usize, announce: &mut Announce<'_>) -> Result<()> {
         self.model
             .add_internal_forces(&self.state.q, &mut self.internal)?;
         if !self.total.is_empty() {
@@ -312,6 +315,24 @@ impl<T: Real> Subdomain<T> {
             }
             announce(Phase::Predict(own));
         }
+        Ok(())
+    }
+
+    /// The instant, and the forces to which effects between two subdomains add theirs; empty unless paired.
+    pub(crate) fn open(&mut self, time: T, since: T) -> (Instant<'_, T>, &mut [T]) {
+        let at = Instant {
+            time,
+            q: &self.state.q,
+            v_half: &self.state.v,
+            dt: since,
+            internal: &self.internal,
+            internal_before: &self.internal_before,
+        };
+        (at, &mut self.total)
+    }
+
+    /// `a` from all forces, `v += half a`; prescribed motion.
+    pub(crate) fn accelerate(&mut self, t: T, [dt, half]: [T; 2]) {
         let force = if self.total.is_empty() {
             &self.internal
         } else {
@@ -326,7 +347,6 @@ impl<T: Real> Subdomain<T> {
                 v[d] = velocity;
             }
         }
-        Ok(())
     }
 
     /// Sets prescribed displacements and velocities of time `t` and the accelerations of the start.
@@ -339,10 +359,15 @@ impl<T: Real> Subdomain<T> {
             }
         }
         self.internal.fill(T::zero());
-        self.evaluate(t, [T::zero(), dt, T::zero()], 0, &mut |_| {})
+        self.evaluate(t, T::zero(), 0, &mut |_| {})?;
+        if !self.paired {
+            self.accelerate(t, [dt, T::zero()]);
+        }
+        Ok(())
     }
 
-    /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` at time `t`.
+    /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` at time `t`; where
+    /// effects between two subdomains act, up to the forces, and [`Self::accelerate`] follows them.
     ///
     /// Two passes over the unknowns beside the model's: before its forces and after. `own` is the number of this
     /// subdomain, for what is announced.
@@ -378,7 +403,11 @@ impl<T: Real> Subdomain<T> {
             self.evolve(t)?;
             announce(Phase::Predict(own));
         }
-        self.evaluate(t, [dt, dt, half], own, announce)
+        self.evaluate(t, dt, own, announce)?;
+        if !self.paired {
+            self.accelerate(t, [dt, half]);
+        }
+        Ok(())
     }
 
     fn has_moving_support(&self) -> bool {
@@ -419,74 +448,6 @@ impl<T: Real> Subdomain<T> {
             }
         }
         support
-    }
-
-    /// Invariant of the step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
-    /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs the displacements kept by [`Self::predict`].
-    pub(crate) fn invariant(&mut self, dt: T) -> T {
-        let (half, quarter) = (T::of(0.5), T::of(0.25));
-        self.drawn_energy = self.model.internal_energy(&self.state.q);
-        let potential = half * (self.model.internal_energy(&self.q_before) + self.drawn_energy);
-        let (q, before, inertia) = (&self.state.q, &self.q_before, &self.inertia);
-        let (force, force_before) = (&self.internal, &self.internal_before);
-        let part = |range: std::ops::Range<usize>| {
-            range.fold(T::zero(), |sum, i| {
-                let dq = q[i] - before[i];
-                let v = dq / dt;
-                sum + (half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]))
-            })
-        };
-        potential + parallel::sum(q.len(), &part)
-    }
-
-    /// Kinetic energy at the whole step \[J\].
-    pub fn kinetic_energy(&self) -> T {
-        let (m, v) = (&self.inertia, &self.state.v);
-        let part = |range: std::ops::Range<usize>| range.fold(T::zero(), |s, i| s + m[i] * v[i] * v[i]);
-        T::of(0.5) * parallel::sum(v.len(), &part)
-    }
-
-    /// Internal energy at the whole step \[J\].
-    pub fn internal_energy(&self) -> T {
-        self.model.internal_energy(&self.state.q)
-    }
-
-    /// Linear momentum \[kg m/s\] and angular momentum about the origin in the reference configuration \[kg m²/s\].
-    pub fn momentum(&self) -> [nalgebra::Vector3<T>; 2] {
-        let layout = self.model.layout();
-        let d = layout.components;
-        let (mut linear, mut angular) = (nalgebra::Vector3::zeros(), nalgebra::Vector3::zeros());
-        for (k, x) in self.model.nodes().iter().enumerate() {
-            let mut p = nalgebra::Vector3::zeros();
-            (0..d).for_each(|c| p[c] = self.inertia[k * d + c] * self.state.v[k * d + c]);
-            linear += p;
-            angular += x.coords.cross(&p);
-        }
-        if layout.rotations == 3 * layout.nodes {
-            for i in layout.translations()..layout.dofs() {
-                angular[(i - layout.translations()) % 3] += self.inertia[i] * self.state.v[i];
-            }
-        }
-        [linear, angular]
-    }
-
-    /// Displacement and velocity of the field at a point \[m, m/s\].
-    ///
-    /// # Errors
-    /// [`Error::OutsideDomain`].
-    pub fn sample(&self, x: &nalgebra::Point3<T>) -> Result<[nalgebra::Vector3<T>; 2]> {
-        let mut row = crate::field::ShapeRow::default();
-        self.field.shape_at(x, false, &mut row)?;
-        let d = self.model.layout().components;
-        let mut out = [nalgebra::Vector3::zeros(); 2];
-        for (sum, values) in out.iter_mut().zip([&self.state.q, &self.state.v]) {
-            for (&k, &n) in row.nodes.iter().zip(&row.values) {
-                sum.iter_mut()
-                    .zip(&values[k * d..(k + 1) * d])
-                    .for_each(|(s, v)| *s += n * *v);
-            }
-        }
-        Ok(out)
     }
 
     pub(crate) fn is_finite(&self) -> bool {
@@ -530,6 +491,7 @@ impl Subdomain<f64> {
             internal_before: narrow::all(&self.internal_before),
             total: narrow::all(&self.total),
             q_before: narrow::all(&self.q_before),
+            paired: self.paired,
             drawn_energy: narrow::to(self.drawn_energy),
             watcher: Watcher::of(self.model),
         })

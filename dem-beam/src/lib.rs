@@ -55,7 +55,7 @@ pub mod particles;
 pub mod statics;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
-pub use contact::{Contact, ContactLaw};
+pub use contact::{Contact, ContactBetween, ContactBody, ContactLaw};
 pub use error::{DemError, Result};
 pub use fracture::{Criterion, Fracture, Scatter};
 pub use kernel::{BeamDynamics, Held};

@@ -1,10 +1,15 @@
 //! Effects that are on allocate nothing in a step without a break or a search. Alone in its file: the counter is global.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
+use arlequin_core::coupled::Parts;
+use arlequin_core::effect::PairSpec;
 use arlequin_core::observer::Silent;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
-use dem_beam::{BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Shape};
+use dem_beam::{
+    BeamMaterial, Contact, ContactBetween, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion,
+    Obstacle, Shape,
+};
 use nalgebra::{Point3, Vector3};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
@@ -12,8 +17,49 @@ use std::alloc::System;
 #[global_allocator]
 static GLOBAL: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
+/// One test, since the counter counts for all threads.
 #[test]
-fn steps_with_fracture_contact_and_an_obstacle_allocate_nothing() {
+fn steps_with_effects_allocate_nothing() {
+    fracture_contact_and_an_obstacle();
+    contact_between_two_models();
+}
+
+fn contact_between_two_models() {
+    let block = |name: &str, lift: f64| {
+        let mut packing = lattice(Lattice::Cubic, [4, 4, 4], 1e-3).unwrap();
+        packing.positions.iter_mut().for_each(|x| x.z += lift);
+        DemModel::new(name, &packing, BeamMaterial::SILICA, 2200.0).unwrap()
+    };
+    let (below, above) = (block("below", 0.0), block("above", 8.0e-3));
+    let law = ContactLaw {
+        friction: 0.3,
+        ..ContactLaw::elastic(70e9)
+    };
+    let contact = ContactBetween::new(ContactBody::of(&below), ContactBody::of(&above), law).unwrap();
+    let n = above.layout().dofs();
+    let mut v = vec![0.0; n];
+    (0..n / 6).for_each(|i| v[3 * i + 2] = -0.1);
+    let above = Subdomain::fine(above, Weights::uncoupled())
+        .with_initial(vec![0.0; n], v)
+        .unwrap();
+    let parts = Parts {
+        start: 0.0,
+        subdomains: vec![Subdomain::fine(below, Weights::uncoupled()), above],
+        interfaces: Vec::new(),
+        pairs: vec![PairSpec {
+            sides: [0, 1],
+            effect: Box::new(contact),
+        }],
+    };
+    let mut run = Coupled::of(parts, TimeStep::Fraction(0.5), None).unwrap();
+    run.run(3, &mut Silent).unwrap();
+    let region = Region::new(GLOBAL);
+    run.run(5, &mut Silent).unwrap();
+    assert_eq!(region.change().allocations, 0);
+    assert!(run.effects()[0].stored > 0.0, "they touch");
+}
+
+fn fracture_contact_and_an_obstacle() {
     let packing = lattice(Lattice::Cubic, [6, 6, 6], 1e-3).unwrap();
     let model = DemModel::new("cube", &packing, BeamMaterial::SILICA, 2200.0)
         .unwrap()

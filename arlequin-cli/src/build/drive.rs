@@ -288,6 +288,9 @@ pub(crate) fn effect_models(k: usize, e: &Effect, scene: &Scene) -> Result<Vec<u
                     prestress, fracture, contact, obstacle";
         return Err(key(path, rule));
     }
+    if super::between::sides(k, e, scene)?.is_some() {
+        return Ok(Vec::new());
+    }
     let kind = |m: usize| scene.model.values().nth(m).map(|t| t.kind);
     let fits = |m: &usize| match kind(*m) {
         Some(Kind::Dem) => !e.is_for_solids(),

@@ -9,7 +9,7 @@ use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::fracture::SharedLog;
 use arlequin::dem_beam::packing::Packing;
 use arlequin::dem_beam::{
-    Contact, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Scatter, Shape,
+    Contact, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Scatter, Shape,
 };
 use std::collections::BTreeMap;
 
@@ -19,6 +19,8 @@ pub(crate) struct Grains {
     pub(crate) effects: BTreeMap<usize, Box<dyn effect::Effect<f64>>>,
     /// What broke, if bonds can.
     pub(crate) breaks: Option<SharedLog>,
+    /// What contact with other models needs.
+    pub(crate) body: ContactBody,
 }
 
 impl Grains {
@@ -52,18 +54,20 @@ impl Grains {
                     let rule = format!("model '{}' has two; keep one", name(&model));
                     return Err(key(path, rule));
                 }
-                let contact = Contact::new(&model, law(table, c)).map_err(dem(&path))?;
+                let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
                 made.insert(*k, Box::new(contact));
             }
             if let Some(o) = &e.obstacle {
                 made.insert(*k, Box::new(obstacle(*k, o, &model, table)?));
             }
         }
+        let body = ContactBody::of(&model);
         Ok((
             model,
             Self {
                 effects: made,
                 breaks,
+                body,
             },
         ))
     }
@@ -94,8 +98,9 @@ fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
     })
 }
 
-fn law(table: &ModelTable, c: &scene::Contact) -> ContactLaw {
-    let base = ContactLaw::elastic(c.modulus.unwrap_or(table.material.young));
+/// The law of a contact of material with the modulus `young` \[Pa\].
+pub(super) fn law(young: f64, c: &scene::Contact) -> ContactLaw {
+    let base = ContactLaw::elastic(c.modulus.unwrap_or(young));
     ContactLaw {
         // Grains of brittle materials rebound with about half of their speed.
         restitution: c.restitution.unwrap_or(0.5),
@@ -153,7 +158,14 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
         ));
     }
     let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));
-    Obstacle::new(&called, model, shape, motion, law(table, &o.contact)).map_err(dem(&path))
+    Obstacle::new(
+        &called,
+        model,
+        shape,
+        motion,
+        law(table.material.young, &o.contact),
+    )
+    .map_err(dem(&path))
 }
 
 /// Removes the bonds that pass through a box.

@@ -1,5 +1,6 @@
 //! From the scene to a run that is ready to step.
 
+mod between;
 mod drive;
 pub(crate) mod filling;
 mod grains;
@@ -11,6 +12,7 @@ mod particles;
 mod probe;
 mod select;
 
+pub(crate) use between::Strangers;
 pub(crate) use drive::{effect_models, model_index};
 pub(crate) use kinds::{Body, Kind};
 pub(crate) use mesh::View;
@@ -18,6 +20,7 @@ pub(crate) use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
 use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
+use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
 use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weighting, Weights};
@@ -64,6 +67,8 @@ pub(crate) struct Built<T: Real = f64> {
     pub(crate) steps: usize,
     /// Steps between two frames.
     pub(crate) frame_every: usize,
+    /// Models of particles between which no contact is on.
+    pub(crate) strangers: Strangers,
 }
 
 impl Built {
@@ -76,6 +81,7 @@ impl Built {
             probes: self.probes,
             steps: self.steps,
             frame_every: self.frame_every,
+            strangers: self.strangers,
         })
     }
 }
@@ -115,6 +121,8 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
         .map(|(n, p)| Reader::new(n, p, scene, &bodies))
         .collect::<Result<_>>()?;
     let mut attachments = Attachments::of(scene, &mut bodies)?;
+    let pairs = between::pairs(scene, &bodies)?;
+    let strangers = Strangers::of(scene, &bodies)?;
     for j in &mut joints {
         if scene.time.precision == Precision::Single {
             j.spec.options = j.spec.options.single();
@@ -142,8 +150,13 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
     let begin = start.map_or(0.0, |s| s.time);
-    let run = Coupled::starting_at(begin, subdomains, specs, step_of(scene), Some(guard(scene)))
-        .map_err(located)?;
+    let parts = Parts {
+        start: begin,
+        subdomains,
+        interfaces: specs,
+        pairs,
+    };
+    let run = Coupled::of(parts, step_of(scene), Some(guard(scene))).map_err(located)?;
     let steps = steps_of(scene, begin, run.dt())?;
     let frame_every = frames(scene, steps, run.dt());
     Ok(Built {
@@ -153,6 +166,7 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
         probes,
         steps,
         frame_every,
+        strangers,
     })
 }
 

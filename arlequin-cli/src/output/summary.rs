@@ -1,8 +1,8 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
+use crate::build::Strangers;
 use crate::recorder::PhaseClock;
 use arlequin::core::effect::EffectLine;
-use arlequin::core::observer::Phase;
 use arlequin::core::{Coupled, Real};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -151,6 +151,8 @@ pub(crate) struct Energy {
     pub(crate) last: f64,
     /// Largest drift of the discrete invariant, relative to the energy in play \[–\].
     pub(crate) h_drift_max: f64,
+    /// Largest share of the energy in play that effects created which must not \[–\].
+    pub(crate) created_max: f64,
     /// Kinetic energy removed from initial velocities that broke the constraint.
     pub(crate) start_loss: f64,
     /// Works since the start.
@@ -218,11 +220,7 @@ pub(crate) struct EffectReport {
 pub(crate) fn effects<T: Real>(run: &Coupled<T>, clock: &PhaseClock) -> Vec<EffectReport> {
     let [stepping, _] = clock.split();
     let line = |e: EffectLine<T>| {
-        let seconds = match (e.effect, e.work) {
-            (Some(k), _) => Some(clock.seconds(Phase::Effect(e.subdomain, k))),
-            (None, Some(_)) => Some(clock.seconds(Phase::Evolve(e.subdomain))),
-            (None, None) => None,
-        };
+        let seconds = e.phase.map(|p| clock.seconds(p));
         EffectReport {
             dissipated: e.dissipated().map(Real::as_f64),
             name: e.name,
@@ -237,10 +235,11 @@ pub(crate) fn effects<T: Real>(run: &Coupled<T>, clock: &PhaseClock) -> Vec<Effe
 }
 
 /// What the last state would need effects for that are not on.
-pub(crate) fn findings<T: Real>(run: &Coupled<T>) -> Vec<String> {
+pub(crate) fn findings<T: Real>(run: &Coupled<T>, strangers: &Strangers) -> Vec<String> {
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
-    run.watch().into_iter().map(text).collect()
+    let all = run.watch().into_iter().chain(strangers.watch(run));
+    all.map(text).collect()
 }
 
 /// A figure of this process's memory \[bytes\], such as `VmRSS:` or `VmHWM:`, where the system tells.

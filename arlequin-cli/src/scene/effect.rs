@@ -9,6 +9,8 @@ use serde::Deserialize;
 pub(crate) struct Effect {
     /// On which models; all that can have it by default.
     pub(crate) models: Option<Vec<String>>,
+    /// The two models a contact is between; in place of `models`.
+    pub(crate) between: Option<Vec<String>>,
     /// Whether it is on.
     #[serde(default = "yes")]
     pub(crate) enabled: bool,

@@ -142,6 +142,10 @@ fn effect(k: usize, e: &Effect, scene: &Scene, wake: &Wake) -> Result<Option<Eff
         return Err(key(format!("{path}.prestress"), rule));
     }
     let mine = scene.model.keys().position(|n| n == sleeper);
+    if e.enabled && e.between.is_some() {
+        let rule = "is a contact between two models, which [wake] does not hand over; remove one";
+        return Err(key(format!("{path}.between"), rule));
+    }
     let others = effect_models(k, e, scene)?
         .into_iter()
         .filter(|m| Some(*m) != mine);

@@ -1,6 +1,7 @@
 //! Building a coupled run: checks, operators, consistent start.
 
 use super::{Coupled, pair};
+use crate::effect::{Demand, Pair, PairSite, PairSpec};
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
 use crate::ledger::Ledger;
@@ -17,6 +18,19 @@ pub enum TimeStep<T> {
     Fraction(T),
     /// In seconds, whatever the critical step: for studies of stability.
     Unchecked(T),
+}
+
+/// What a run is made of.
+#[derive(Debug)]
+pub struct Parts<T: Real> {
+    /// Time of the initial state \[s\].
+    pub start: T,
+    /// Models with their weights, supports, effects and initial states.
+    pub subdomains: Vec<Subdomain<T>>,
+    /// Interfaces between them.
+    pub interfaces: Vec<InterfaceSpec<T>>,
+    /// Effects between two of them.
+    pub pairs: Vec<PairSpec<T>>,
 }
 
 /// When a run is stopped.
@@ -55,7 +69,7 @@ pub struct Plan {
     pub critical_dt: f64,
     /// Interfaces.
     pub interfaces: Vec<InterfaceReport>,
-    /// Effects that are on, as `model/effect`.
+    /// Effects that are on, as `model/effect` or by their own name where they act between two models.
     pub effects: Vec<String>,
 }
 
@@ -81,23 +95,46 @@ impl<T: Real> Coupled<T> {
     /// Those of [`Self::new`]; [`Error::InvalidParameter`] for a start that is not finite.
     pub fn starting_at(
         start: T,
-        mut subdomains: Vec<Subdomain<T>>,
+        subdomains: Vec<Subdomain<T>>,
         interfaces: Vec<InterfaceSpec<T>>,
         step: TimeStep<T>,
         guard: Option<Guard<T>>,
     ) -> Result<Self> {
+        let parts = Parts {
+            start,
+            subdomains,
+            interfaces,
+            pairs: Vec::new(),
+        };
+        Self::of(parts, step, guard)
+    }
+
+    /// The same from all parts, effects between two subdomains included.
+    ///
+    /// # Errors
+    /// Those of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for one between a subdomain and
+    /// itself.
+    pub fn of(parts: Parts<T>, step: TimeStep<T>, guard: Option<Guard<T>>) -> Result<Self> {
+        let Parts {
+            start,
+            mut subdomains,
+            interfaces,
+            pairs,
+        } = parts;
         if !start.is_finite() {
             return Err(invalid("start time", start, "must be finite [s]"));
         }
         if subdomains.is_empty() {
             return Err(invalid("subdomains", 0, "a run needs at least one model"));
         }
-        let mut critical = Vec::with_capacity(subdomains.len());
+        let mut pairs: Vec<Pair<T>> = pairs.into_iter().map(Pair::new).collect();
+        for p in &pairs {
+            p.check(subdomains.len())?;
+            p.sides.iter().for_each(|&s| subdomains[s].paired = true);
+        }
         for s in &mut subdomains {
             s.prepare()?;
-            critical.push(s.critical_step()?);
         }
-        let dt = choose_step(step, &critical, &subdomains)?;
         let mut built = Vec::with_capacity(interfaces.len());
         for spec in &interfaces {
             built.push(Interface::new(
@@ -109,10 +146,17 @@ impl<T: Real> Coupled<T> {
             )?);
         }
         check_disjoint(&built, &subdomains)?;
+        attach(&mut pairs, &subdomains, &built)?;
+        let mut critical = Vec::with_capacity(subdomains.len());
+        for (k, s) in subdomains.iter_mut().enumerate() {
+            critical.push(s.critical_step(&demands(&pairs, k))?);
+        }
+        let dt = choose_step(step, &critical, &subdomains)?;
         let guard = checked_guard(guard, &subdomains)?;
         let mut run = Self {
             subdomains,
             interfaces: built,
+            pairs,
             critical,
             dt,
             time: start,
@@ -131,6 +175,9 @@ impl<T: Real> Coupled<T> {
     fn start(&mut self) -> Result<()> {
         for s in &mut self.subdomains {
             s.start(self.time, self.dt)?;
+        }
+        if !self.pairs.is_empty() {
+            self.meet([self.time, T::zero(), T::zero()], &mut |_| {})?;
         }
         let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         for i in &mut self.interfaces {
@@ -167,6 +214,46 @@ impl<T: Real> Coupled<T> {
             effects,
         }
     }
+}
+
+/// Attaches effects between subdomains, telling them which nodes interfaces tie to the other side.
+fn attach<T: Real>(
+    pairs: &mut [Pair<T>],
+    subdomains: &[Subdomain<T>],
+    interfaces: &[Interface<T>],
+) -> Result<()> {
+    for p in pairs {
+        let mut tied = [Vec::new(), Vec::new()];
+        for i in interfaces {
+            for (m, mine) in tied.iter_mut().enumerate() {
+                let [own, other] = [p.sides[m], p.sides[1 - m]];
+                let Some(side) = (0..2).find(|&s| i.sides[s] == own && i.sides[1 - s] == other) else {
+                    continue;
+                };
+                mine.resize(subdomains[own].model().layout().nodes, false);
+                for node in coupled_nodes(&i.coupling[side], i.components()) {
+                    mine[node] = true;
+                }
+            }
+        }
+        let sites = p.sides.map(|s| subdomains[s].site());
+        p.effect.attach(&PairSite { sites, tied })?;
+    }
+    Ok(())
+}
+
+/// What effects between subdomains demand of the step of one.
+fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<Demand<T>> {
+    let of = |p: &Pair<T>| {
+        let [a, b] = p.effect.demand();
+        let [first, second] = p.sides.map(|s| s == subdomain);
+        match (first, second) {
+            (true, _) => Some(a),
+            (_, true) => Some(b),
+            _ => None,
+        }
+    };
+    pairs.iter().filter_map(of).collect()
 }
 
 fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize) -> Result<Side<'a, T>> {

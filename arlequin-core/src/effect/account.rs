@@ -1,18 +1,17 @@
 //! What effects did: one line each, for reports.
 
-use super::Demand;
+use super::{Demand, Pair};
 use crate::coupled::Coupled;
+use crate::observer::Phase;
 use crate::{Real, Subdomain};
 
 /// What one effect did since the start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectLine<T> {
-    /// Subdomain and effect, as `model/effect`.
+    /// Subdomain and effect, as `model/effect`; for effects between two, their own name.
     pub name: String,
-    /// Number of the subdomain.
-    pub subdomain: usize,
-    /// Number among the effects of the subdomain; `None` for those that live in the model.
-    pub effect: Option<usize>,
+    /// The phase of a step in which it is computed; `None` for what is part of a model's forces.
+    pub phase: Option<Phase>,
     /// Work on the models \[J\], negative where energy left them; `None` for effects that do none of their own.
     pub work: Option<T>,
     /// Half of the work of the last instant \[J\]: the half step that is still to come.
@@ -54,12 +53,22 @@ pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = Demand<T
 }
 
 impl<T: Real> Coupled<T> {
-    /// All effects that are on, and what they did: those of the models first, then those that were added.
+    /// All effects that are on, and what they did: those of the models first, then those that were added, then those
+    /// between two models.
     pub fn effects(&self) -> Vec<EffectLine<T>> {
-        self.subdomains
-            .iter()
-            .enumerate()
+        let single = self.subdomains.iter().enumerate();
+        let between = self.pairs.iter().enumerate().map(|(k, p)| EffectLine {
+            name: p.effect.name().to_owned(),
+            phase: Some(Phase::Pair(k)),
+            work: Some(p.work),
+            pending: p.last_work * T::of(0.5),
+            stored: p.effect.stored(),
+            supplied: p.effect.supplied(),
+            facts: p.effect.facts(),
+        });
+        single
             .flat_map(|(k, s)| s.effect_lines(k))
+            .chain(between)
             .collect()
     }
 
@@ -78,8 +87,9 @@ impl<T: Real> Coupled<T> {
         self.subdomains.iter().flat_map(of).collect()
     }
 
-    /// Energy \[J\] that effects without a source have created: above zero only where the step is too long for them.
-    pub(crate) fn created(&self) -> T {
+    /// Energy \[J\] that effects have created, `work + stored − supplied` of those that must not and do: zero but for
+    /// round-off where their laws are sound.
+    pub fn created(&self) -> T {
         let of = |s: &Subdomain<T>| -> T {
             let works = s.works.iter().zip(&s.last_works);
             s.effects
@@ -91,7 +101,8 @@ impl<T: Real> Coupled<T> {
                 })
                 .sum()
         };
-        self.subdomains.iter().map(of).sum()
+        let single: T = self.subdomains.iter().map(of).sum();
+        single + self.pairs.iter().map(Pair::created).sum()
     }
 }
 
@@ -103,8 +114,7 @@ impl<T: Real> Subdomain<T> {
             let evolves = k == 0 && self.evolved.is_some();
             out.push(EffectLine {
                 name: name(effect),
-                subdomain: own,
-                effect: None,
+                phase: evolves.then_some(Phase::Evolve(own)),
                 work: if evolves { self.evolved } else { None },
                 pending: T::zero(),
                 stored: T::zero(),
@@ -116,8 +126,7 @@ impl<T: Real> Subdomain<T> {
         for (k, (e, (w, last))) in self.effects.iter().zip(works).enumerate() {
             out.push(EffectLine {
                 name: name(e.name()),
-                subdomain: own,
-                effect: Some(k),
+                phase: Some(Phase::Effect(own, k)),
                 work: Some(*w),
                 pending: *last * T::of(0.5),
                 stored: e.stored(),

@@ -1,10 +1,11 @@
 //! Effects: body force, loads, damping, absorber. Only what a scene lists exists in the run.
 //!
-//! An effect adds forces to one subdomain and is one line of the energy ledger.
+//! An effect adds forces to one subdomain and is one line of the energy ledger; a [`PairEffect`] acts between two.
 
 mod absorber;
 mod account;
 mod load;
+mod pair;
 mod prestress;
 mod viscous;
 
@@ -12,6 +13,8 @@ pub use absorber::{Absorber, RateField};
 pub use account::EffectLine;
 pub(crate) use account::shortened;
 pub use load::{Load, SurfaceFacet};
+pub(crate) use pair::Pair;
+pub use pair::{PairEffect, PairSite, PairSpec};
 pub use prestress::Prestress;
 pub use viscous::{BulkViscosity, LocalDamping, StiffnessDamping};
 
@@ -127,7 +130,9 @@ pub trait Effect<T: Real>: Send {
         Demand::none()
     }
 
-    /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs.
+    /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs. With
+    /// [`Effect::supplied`] it counts in the sense of the ledger, in which the work of this instant is half done: a linear
+    /// spring holds `k/4 q_n (q_{n−1} + q_{n+1})`, which is `(ω Δt)²/2` less than `k/2 q_n²`.
     fn stored(&self) -> T {
         T::zero()
     }

@@ -107,7 +107,8 @@ impl ContactLaw {
         [square, 2.0 * 2.0 * self.damping_ratio() * top.sqrt()]
     }
 
-    /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy held; moves the springs on by a step `dt`.
+    /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy of the springs; moves them on by
+    /// a step `dt`. What the contact can pay for, `purse.rs` says.
     pub(crate) fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
         let n = p.normal;
         let k = p.share * self.stiffness(p.radii);
@@ -122,6 +123,7 @@ impl ContactLaw {
         let mut out = Response {
             force: n * push,
             torque: [Vector3::zeros(); 2],
+            stiffness: k,
             stored: 0.5 * k * p.gap * p.gap,
         };
         if self.friction > 0.0 {
@@ -176,21 +178,24 @@ pub(crate) struct Spring {
     pub(crate) on: bool,
     pub(crate) slide: Vector3<f64>,
     pub(crate) roll: Vector3<f64>,
+    /// Energy taken in since touch and not given back (J).
+    pub(crate) purse: f64,
 }
 
 impl Spring {
-    /// As numbers, `slide` and `roll`; whether it is on is an integer of its own.
-    pub(crate) fn numbers(&self) -> [f64; 6] {
+    /// As numbers, `slide`, `roll` and the purse; whether it is on is an integer of its own.
+    pub(crate) fn numbers(&self) -> [f64; 7] {
         let (s, r) = (self.slide, self.roll);
-        [s.x, s.y, s.z, r.x, r.y, r.z]
+        [s.x, s.y, s.z, r.x, r.y, r.z, self.purse]
     }
 
     /// Undoes [`Self::numbers`].
-    pub(crate) fn from_numbers(on: bool, x: [f64; 6]) -> Self {
+    pub(crate) fn from_numbers(on: bool, x: [f64; 7]) -> Self {
         Self {
             on,
             slide: Vector3::new(x[0], x[1], x[2]),
             roll: Vector3::new(x[3], x[4], x[5]),
+            purse: x[6],
         }
     }
 }
@@ -200,5 +205,7 @@ impl Spring {
 pub(crate) struct Response {
     pub(crate) force: Vector3<f64>,
     pub(crate) torque: [Vector3<f64>; 2],
+    /// Weighted normal stiffness (N/m).
+    pub(crate) stiffness: f64,
     pub(crate) stored: f64,
 }

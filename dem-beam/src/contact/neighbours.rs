@@ -19,20 +19,6 @@ pub(crate) struct Candidate {
     pub(crate) rest: f64,
 }
 
-/// Pairs near each other, with what their contacts remember.
-#[derive(Debug)]
-pub(crate) struct PairList {
-    pub(crate) pairs: Vec<Candidate>,
-    pub(crate) springs: Vec<Spring>,
-    pub(crate) searches: usize,
-    skin: f64,
-    incidence: Incidence,
-    /// Distance at which each broken bond broke.
-    broken_at: Vec<f64>,
-    built: Vec<Sphere>,
-    cells: CellList,
-}
-
 fn distance(a: &Sphere, b: &Sphere) -> f64 {
     let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
     (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
@@ -50,138 +36,62 @@ fn bond_between(incidence: &Incidence, i: u32, j: u32) -> Option<usize> {
     bonds.get(k).filter(|e| e[0] == j).map(|e| e[1] as usize)
 }
 
-impl PairList {
-    /// An empty list; the first refresh fills it. `skin` (m) is by how much more than touching the pairs reach.
-    pub(crate) fn new(body: &BondedParticles, skin: f64) -> Self {
+/// Pairs near each other, with what their contacts remember.
+#[derive(Debug)]
+pub(crate) struct Listed {
+    pub(crate) pairs: Vec<Candidate>,
+    pub(crate) springs: Vec<Spring>,
+    pub(crate) searches: usize,
+    skin: f64,
+    /// Spheres of all bodies at the last search.
+    built: Vec<Sphere>,
+    cells: CellList,
+}
+
+impl Listed {
+    fn new(skin: f64) -> Self {
         Self {
             pairs: Vec::new(),
             springs: Vec::new(),
             searches: 0,
             skin,
-            incidence: Incidence::new(body.len(), body.pairs()),
-            broken_at: vec![f64::INFINITY; body.pairs().len()],
             built: Vec::new(),
             cells: CellList::default(),
         }
     }
 
-    /// What a resumed run must know. Integers: searches, pairs, whether a search was made; ends and state of each pair.
-    /// Numbers: rest distance and springs of each pair, the spheres of the last search, where bonds broke.
-    pub(crate) fn save(&self, out: &mut Record<f64>) {
-        let searched = u64::from(!self.built.is_empty());
-        out.integers
-            .extend([self.searches as u64, self.pairs.len() as u64, searched]);
-        for (p, s) in self.pairs.iter().zip(&self.springs) {
-            out.integers
-                .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.on)]);
-            out.numbers.push(p.rest);
-            out.numbers.extend(s.numbers());
-        }
-        out.numbers.extend(self.built.iter().flatten());
-        // Infinite for whole bonds, which no finite record may hold: -1 stands for them.
-        let distance = |d: &f64| if d.is_finite() { *d } else { -1.0 };
-        out.numbers.extend(self.broken_at.iter().map(distance));
-    }
-
-    /// Undoes [`Self::save`]; `None` for a record of another body of `count` particles.
-    pub(crate) fn restore(&mut self, count: usize, integers: &[u64], numbers: &[f64]) -> Option<()> {
-        let (&[searches, pairs, searched], ends) = integers.split_first_chunk::<3>()?;
-        let (pairs, built) = (
-            usize::try_from(pairs).ok()?,
-            if searched == 1 { count } else { 0 },
-        );
-        let wanted = [
-            3usize.checked_mul(pairs)?,
-            7usize.checked_mul(pairs)? + 4 * built + self.broken_at.len(),
-        ];
-        if [ends.len(), numbers.len()] != wanted {
-            return None;
-        }
-        self.searches = searches as usize;
-        self.pairs.clear();
-        self.springs.clear();
-        let (ends, _) = ends.as_chunks::<3>();
-        let (springs, rest) = numbers.split_at(7 * pairs);
-        for (&[i, j, on], &[rest, a, b, c, d, e, f]) in ends.iter().zip(springs.as_chunks::<7>().0) {
-            if i.max(j) >= count as u64 {
-                return None;
-            }
-            let ends = [i as u32, j as u32];
-            self.pairs.push(Candidate { ends, rest });
-            self.springs
-                .push(Spring::from_numbers(on == 1, [a, b, c, d, e, f]));
-        }
-        let (spheres, broken) = rest.split_at(4 * built);
-        self.built = spheres.as_chunks::<4>().0.to_vec();
-        for (to, d) in self.broken_at.iter_mut().zip(broken) {
-            *to = if *d < 0.0 { f64::INFINITY } else { *d };
-        }
-        Some(())
-    }
-
-    /// Lists the pair of a bond that just broke.
-    pub(crate) fn add_broken(&mut self, event: &Break, rest: &[Sphere]) {
-        self.broken_at[event.bond as usize] = event.distance;
-        let [a, b] = event.pair.map(|i| &rest[i as usize]);
-        self.pairs.push(Candidate {
-            ends: event.pair,
-            rest: rest_of(a, b).min(event.distance),
-        });
-        self.springs.push(Spring::default());
-    }
-
-    /// Searches anew if a particle has moved by half the skin since the last search.
-    pub(crate) fn refresh(&mut self, now: &[Sphere], rest: &[Sphere], log: &BreakLog) {
+    /// Whether a sphere has moved by half the skin since the last search, or there was none.
+    fn is_stale<'a>(&self, count: usize, now: impl Iterator<Item = &'a Sphere>) -> bool {
         let half = 0.5 * self.skin;
         let far = |(a, b): (&Sphere, &Sphere)| {
             let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
             d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > half * half
         };
-        if self.built.len() == now.len() && !self.built.iter().zip(now).any(far) {
-            return;
-        }
-        self.search(now, rest, log);
+        self.built.len() != count || self.built.iter().zip(now).any(far)
     }
 
-    fn search(&mut self, now: &[Sphere], rest: &[Sphere], log: &BreakLog) {
+    /// Sorts `among` into cells and asks for the pairs of each of `count` spheres: `of(cells, i, part)` adds them.
+    /// Springs of pairs that are still listed stay.
+    fn search(
+        &mut self,
+        among: &[Sphere],
+        largest: f64,
+        count: usize,
+        of: impl Fn(&CellList, usize, &mut Vec<Candidate>) + Sync,
+    ) {
         self.searches += 1;
-        self.built.clear();
-        self.built.extend_from_slice(now);
-        let largest = now.iter().fold(0.0_f64, |m, s| m.max(s[3]));
-        self.cells.build(now, 2.0 * largest + self.skin);
-        let mut old: Vec<(Candidate, Spring)> = self
-            .pairs
-            .iter()
-            .copied()
-            .zip(self.springs.iter().copied())
-            .filter(|(_, s)| s.on)
-            .collect();
+        self.cells.build(among, 2.0 * largest + self.skin);
+        let both = self.pairs.iter().copied().zip(self.springs.iter().copied());
+        let mut old: Vec<(Candidate, Spring)> = both.filter(|(_, s)| s.on).collect();
         old.sort_unstable_by_key(|(c, _)| c.ends);
-        let (cells, incidence, skin) = (&self.cells, &self.incidence, self.skin);
-        let broken_at = &self.broken_at;
-        let parts: Vec<Vec<Candidate>> = (0..now.len().div_ceil(CHUNK))
+        let cells = &self.cells;
+        let parts: Vec<Vec<Candidate>> = (0..count.div_ceil(CHUNK))
             .into_par_iter()
             .map(|c| {
                 let mut part = Vec::new();
-                for i in c * CHUNK..((c + 1) * CHUNK).min(now.len()) {
+                for i in c * CHUNK..((c + 1) * CHUNK).min(count) {
                     let first = part.len();
-                    cells.around(&now[i], |j| {
-                        let (a, b) = (&now[i], &now[j as usize]);
-                        if j as usize <= i || distance(a, b) > a[3] + b[3] + skin {
-                            return;
-                        }
-                        let mut limit = rest_of(&rest[i], &rest[j as usize]);
-                        if let Some(b) = bond_between(incidence, i as u32, j) {
-                            if !log.is_broken(b) {
-                                return;
-                            }
-                            limit = limit.min(broken_at[b]);
-                        }
-                        part.push(Candidate {
-                            ends: [i as u32, j],
-                            rest: limit,
-                        });
-                    });
+                    of(cells, i, &mut part);
                     part[first..].sort_unstable_by_key(|c| c.ends);
                 }
                 part
@@ -198,6 +108,219 @@ impl PairList {
             }
         }
     }
+
+    /// What a resumed run must know. Integers: searches, pairs, whether a search was made; ends and state of each pair.
+    /// Numbers: rest distance and springs of each pair, the spheres of the last search.
+    pub(crate) fn save(&self, out: &mut Record<f64>) {
+        let searched = u64::from(!self.built.is_empty());
+        out.integers
+            .extend([self.searches as u64, self.pairs.len() as u64, searched]);
+        for (p, s) in self.pairs.iter().zip(&self.springs) {
+            out.integers
+                .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.on)]);
+            out.numbers.push(p.rest);
+            out.numbers.extend(s.numbers());
+        }
+        out.numbers.extend(self.built.iter().flatten());
+    }
+
+    /// Undoes [`Self::save`] and returns the numbers that follow; `None` for a record of other bodies. First ends are
+    /// below the first of `counts`, second ends below the second; `all` spheres are searched.
+    pub(crate) fn restore<'a>(
+        &mut self,
+        counts: [usize; 2],
+        all: usize,
+        integers: &[u64],
+        numbers: &'a [f64],
+    ) -> Option<&'a [f64]> {
+        let (&[searches, pairs, searched], ends) = integers.split_first_chunk::<3>()?;
+        let pairs = usize::try_from(pairs).ok()?;
+        let built = if searched == 1 { all } else { 0 };
+        if ends.len() != 3usize.checked_mul(pairs)? {
+            return None;
+        }
+        let (springs, rest) = numbers.split_at_checked(8usize.checked_mul(pairs)?)?;
+        let (spheres, rest) = rest.split_at_checked(4 * built)?;
+        self.searches = searches as usize;
+        self.pairs.clear();
+        self.springs.clear();
+        let (ends, _) = ends.as_chunks::<3>();
+        for (&[i, j, on], &[rest, a, b, c, d, e, f, g]) in ends.iter().zip(springs.as_chunks::<8>().0) {
+            if i >= counts[0] as u64 || j >= counts[1] as u64 {
+                return None;
+            }
+            let ends = [i as u32, j as u32];
+            self.pairs.push(Candidate { ends, rest });
+            self.springs
+                .push(Spring::from_numbers(on == 1, [a, b, c, d, e, f, g]));
+        }
+        self.built = spheres.as_chunks::<4>().0.to_vec();
+        Some(rest)
+    }
+}
+
+/// Pairs within one body that no whole bond joins.
+#[derive(Debug)]
+pub(crate) struct PairList {
+    pub(crate) listed: Listed,
+    incidence: Incidence,
+    /// Distance at which each broken bond broke.
+    broken_at: Vec<f64>,
+}
+
+impl PairList {
+    /// An empty list; the first refresh fills it. `skin` (m) is by how much more than touching the pairs reach.
+    pub(crate) fn new(body: &BondedParticles, skin: f64) -> Self {
+        Self {
+            listed: Listed::new(skin),
+            incidence: Incidence::new(body.len(), body.pairs()),
+            broken_at: vec![f64::INFINITY; body.pairs().len()],
+        }
+    }
+
+    /// The list, then where bonds broke.
+    pub(crate) fn save(&self, out: &mut Record<f64>) {
+        self.listed.save(out);
+        // Infinite for whole bonds, which no finite record may hold: -1 stands for them.
+        let distance = |d: &f64| if d.is_finite() { *d } else { -1.0 };
+        out.numbers.extend(self.broken_at.iter().map(distance));
+    }
+
+    /// Undoes [`Self::save`]; `None` for a record of another body of `count` particles.
+    pub(crate) fn restore(&mut self, count: usize, integers: &[u64], numbers: &[f64]) -> Option<()> {
+        let broken = self.listed.restore([count; 2], count, integers, numbers)?;
+        if broken.len() != self.broken_at.len() {
+            return None;
+        }
+        for (to, d) in self.broken_at.iter_mut().zip(broken) {
+            *to = if *d < 0.0 { f64::INFINITY } else { *d };
+        }
+        Some(())
+    }
+
+    /// Lists the pair of a bond that just broke.
+    pub(crate) fn add_broken(&mut self, event: &Break, rest: &[Sphere]) {
+        self.broken_at[event.bond as usize] = event.distance;
+        let [a, b] = event.pair.map(|i| &rest[i as usize]);
+        self.listed.pairs.push(Candidate {
+            ends: event.pair,
+            rest: rest_of(a, b).min(event.distance),
+        });
+        self.listed.springs.push(Spring::default());
+    }
+
+    /// Searches anew if a particle has moved by half the skin since the last search.
+    pub(crate) fn refresh(&mut self, now: &[Sphere], rest: &[Sphere], log: &BreakLog) {
+        if !self.listed.is_stale(now.len(), now.iter()) {
+            return;
+        }
+        self.listed.built.clear();
+        self.listed.built.extend_from_slice(now);
+        let largest = now.iter().fold(0.0_f64, |m, s| m.max(s[3]));
+        let (incidence, broken_at, skin) = (&self.incidence, &self.broken_at, self.listed.skin);
+        self.listed.search(now, largest, now.len(), |cells, i, part| {
+            cells.around(&now[i], |j| {
+                let (a, b) = (&now[i], &now[j as usize]);
+                if j as usize <= i || distance(a, b) > a[3] + b[3] + skin {
+                    return;
+                }
+                let mut limit = rest_of(&rest[i], &rest[j as usize]);
+                if let Some(b) = bond_between(incidence, i as u32, j) {
+                    if !log.is_broken(b) {
+                        return;
+                    }
+                    limit = limit.min(broken_at[b]);
+                }
+                part.push(Candidate {
+                    ends: [i as u32, j],
+                    rest: limit,
+                });
+            });
+        });
+    }
+}
+
+/// Pairs between two bodies, but for those whose particles an interface ties to each other's model.
+#[derive(Debug)]
+pub(crate) struct CrossList {
+    pub(crate) listed: Listed,
+    /// Particles of either body that an interface between the two holds.
+    pub(crate) tied: [Vec<bool>; 2],
+}
+
+impl CrossList {
+    pub(crate) fn new(skin: f64) -> Self {
+        Self {
+            listed: Listed::new(skin),
+            tied: [Vec::new(), Vec::new()],
+        }
+    }
+
+    /// Searches anew if a particle of either body has moved by half the skin since the last search.
+    pub(crate) fn refresh(&mut self, now: [&[Sphere]; 2], rest: [&[Sphere]; 2]) {
+        let [first, second] = now;
+        let all = || first.iter().chain(second);
+        if !self.listed.is_stale(first.len() + second.len(), all()) {
+            return;
+        }
+        self.listed.built.clear();
+        self.listed.built.extend(all());
+        let largest = all().fold(0.0_f64, |m, s| m.max(s[3]));
+        let (tied, skin) = (&self.tied, self.listed.skin);
+        let (low, high) = bounds(second, 2.0 * largest + skin);
+        self.listed
+            .search(second, largest, first.len(), |cells, i, part| {
+                let a = &first[i];
+                if (0..3).any(|c| a[c] < low[c] || a[c] > high[c]) {
+                    return;
+                }
+                cells.around(a, |j| {
+                    let k = j as usize;
+                    let b = &second[k];
+                    if distance(a, b) > a[3] + b[3] + skin || (tied[0][i] && tied[1][k]) {
+                        return;
+                    }
+                    part.push(Candidate {
+                        ends: [i as u32, j],
+                        rest: rest_of(&rest[0][i], &rest[1][k]),
+                    });
+                });
+            });
+    }
+}
+
+/// Box around the centres of spheres, wider by `margin` on every side.
+fn bounds(spheres: &[Sphere], margin: f64) -> ([f64; 3], [f64; 3]) {
+    let low = |c: usize| spheres.iter().fold(f64::INFINITY, |m, s| m.min(s[c])) - margin;
+    let high = |c: usize| spheres.iter().fold(f64::NEG_INFINITY, |m, s| m.max(s[c])) + margin;
+    ([0, 1, 2].map(low), [0, 1, 2].map(high))
+}
+
+/// Spheres displaced by `q`.
+fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
+    let moves = q.as_chunks::<3>().0;
+    let put = |(s, u): (&Sphere, &[f64; 3])| [s[0] + u[0], s[1] + u[1], s[2] + u[2], s[3]];
+    rest.iter().zip(moves).map(put).collect()
+}
+
+/// How many overlaps were seen, and the largest.
+#[derive(Default)]
+struct Found(usize, f64);
+
+impl Found {
+    /// Looks at a pair at rest and now.
+    fn see(&mut self, rest: [&Sphere; 2], now: [&Sphere; 2], tolerance: f64) {
+        let reach = rest_of(rest[0], rest[1]) - distance(now[0], now[1]);
+        let overlap = reach / (now[0][3] + now[1][3]);
+        if overlap > tolerance {
+            self.0 += 1;
+            self.1 = self.1.max(overlap);
+        }
+    }
+
+    fn get(self) -> Option<(usize, f64)> {
+        (self.0 > 0).then_some((self.0, self.1))
+    }
 }
 
 /// Unbonded pairs that overlap by more than `tolerance` of their radii beyond rest: how many, and the largest overlap
@@ -208,37 +331,41 @@ pub(crate) fn overlaps(
     tolerance: f64,
     broken: impl Fn(usize) -> bool,
 ) -> Option<(usize, f64)> {
-    let spheres = |u: Option<&[f64]>| -> Vec<Sphere> {
-        let place = |(i, (x, r)): (usize, (&nalgebra::Vector3<f64>, &f64))| {
-            let at = |c: usize| x[c] + u.map_or(0.0, |u| u[3 * i + c]);
-            [at(0), at(1), at(2), *r]
-        };
-        body.positions()
-            .iter()
-            .zip(body.radii())
-            .enumerate()
-            .map(place)
-            .collect()
-    };
-    let (rest, now) = (spheres(None), spheres(Some(q)));
+    let both = body.positions().iter().zip(body.radii());
+    let rest: Vec<Sphere> = both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect();
+    let now = displaced(&rest, q);
     let largest = body.radii().iter().fold(0.0_f64, |m, r| m.max(*r));
     let mut cells = CellList::default();
     cells.build(&now, 2.0 * largest);
     let incidence = Incidence::new(body.len(), body.pairs());
-    let (mut count, mut worst) = (0, 0.0_f64);
+    let mut found = Found::default();
     for (i, a) in now.iter().enumerate() {
         cells.around(a, |j| {
-            let b = &now[j as usize];
-            if j as usize <= i {
-                return;
-            }
-            let overlap = (rest_of(&rest[i], &rest[j as usize]) - distance(a, b)) / (a[3] + b[3]);
-            let bonded = bond_between(&incidence, i as u32, j).is_some_and(|b| !broken(b));
-            if overlap > tolerance && !bonded {
-                count += 1;
-                worst = worst.max(overlap);
+            let k = j as usize;
+            let bonded = || bond_between(&incidence, i as u32, j).is_some_and(|b| !broken(b));
+            if k > i && !bonded() {
+                found.see([&rest[i], &rest[k]], [a, &now[k]], tolerance);
             }
         });
     }
-    (count > 0).then_some((count, worst))
+    found.get()
+}
+
+/// The same for the pairs of two bodies.
+pub(crate) fn overlaps_between(rest: [&[Sphere]; 2], q: [&[f64]; 2], tolerance: f64) -> Option<(usize, f64)> {
+    let [first, second] = [0, 1].map(|m: usize| displaced(rest[m], q[m]));
+    let largest = first.iter().chain(&second).fold(0.0_f64, |m, s| m.max(s[3]));
+    let (low, high) = bounds(&second, 2.0 * largest);
+    let mut cells = CellList::default();
+    cells.build(&second, 2.0 * largest);
+    let mut found = Found::default();
+    for (i, a) in first.iter().enumerate() {
+        if (0..3).all(|c| a[c] > low[c] && a[c] < high[c]) {
+            cells.around(a, |j| {
+                let k = j as usize;
+                found.see([&rest[0][i], &rest[1][k]], [a, &second[k]], tolerance);
+            });
+        }
+    }
+    found.get()
 }

@@ -4,17 +4,19 @@
 //! radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes only from there on.
 //!
 //! A free body is moved by the same velocity Verlet as everything else and does not turn. What an obstacle gives to the
-//! particles and their springs is its `supplied` energy: the work of what drives it, or its own kinetic energy.
+//! particles and their springs is its `supplied` energy: the work of what drives it, or its own kinetic energy. No
+//! contact gives back more than it took in ([`crate::contact`]).
 
 mod shape;
 
 pub use shape::{Motion, Shape};
 
 use crate::bond::Twist;
-use crate::contact::{ContactLaw, Pair, Spring, masses};
+use crate::contact::purse::{self, End};
+use crate::contact::{self, ContactBody, ContactLaw, Grains, Pair, Spring};
 use crate::error::{Result, positive};
-use crate::finite;
 use crate::model::DemModel;
+use crate::packing::cells::Sphere;
 use arlequin_core::effect::{Demand, Effect, Instant, Site};
 use arlequin_core::snapshot::Record;
 use nalgebra::{Point3, Vector3};
@@ -28,6 +30,8 @@ struct Active {
     /// Generalised torque on it (N m).
     torque: Vector3<f64>,
     stored: f64,
+    /// Power on the velocities of particle and obstacle after the step, as far as they were known (W).
+    expected: f64,
 }
 
 /// A rigid obstacle, an effect on one cohesive-beam body.
@@ -38,12 +42,7 @@ pub struct Obstacle {
     motion: Motion,
     law: ContactLaw,
     damping_ratio: f64,
-    finite: bool,
-    rest: Vec<Point3<f64>>,
-    radii: Vec<f64>,
-    full: Vec<f64>,
-    share: Vec<f64>,
-    mass: Vec<f64>,
+    grains: Grains,
     /// Gap of each particle at rest where that is an overlap, zero otherwise.
     allowed: Vec<f64>,
     springs: Vec<Spring>,
@@ -54,6 +53,11 @@ pub struct Obstacle {
     velocity: Vector3<f64>,
     reaction: Vector3<f64>,
     supplied: f64,
+    /// Energy of contacts that were closed when the run began (J), and whether a step was made.
+    at_start: f64,
+    begun: bool,
+    /// Whether the next step takes the particles backwards: see [`crate::contact`].
+    backwards: bool,
     /// Half of what the last instant supplied: the half step still to come.
     pending: f64,
     first_energy: f64,
@@ -72,38 +76,34 @@ impl Obstacle {
         if let Motion::Free { mass, .. } = &motion {
             positive("mass of a free obstacle", *mass)?;
         }
-        let body = model.body();
-        let rest: Vec<Point3<f64>> = body.positions().iter().map(|x| Point3::from(*x)).collect();
-        let radii = body.radii().to_vec();
-        let allowed = rest
+        let grains = Grains::new(ContactBody::of(model));
+        let allowed = grains
+            .rest
             .iter()
-            .zip(&radii)
-            .map(|(x, r)| (shape.distance(x, &Vector3::zeros()).0 - r).min(0.0))
+            .map(|s| (shape.distance(&centre(s), &Vector3::zeros()).0 - s[3]).min(0.0))
             .collect();
         Ok(Self {
             name: name.to_owned(),
-            finite: model.has_finite_rotations(),
-            full: model.masses().to_vec(),
-            share: Vec::new(),
-            mass: Vec::new(),
             allowed,
-            springs: vec![Spring::default(); rest.len()],
+            springs: vec![Spring::default(); grains.len()],
             active: Vec::new(),
             started: false,
             moved: Vector3::zeros(),
             velocity: motion.first_velocity(),
             reaction: Vector3::zeros(),
             supplied: 0.0,
+            at_start: 0.0,
+            begun: false,
+            backwards: false,
             pending: 0.0,
             first_energy: 0.0,
             peak: 0.0,
-            smallest: radii.iter().fold(f64::INFINITY, |m, r| m.min(*r)),
+            smallest: grains.rest.iter().fold(f64::INFINITY, |m, s| m.min(s[3])),
             shape,
             motion,
             damping_ratio: law.damping_ratio(),
             law,
-            rest,
-            radii,
+            grains,
         })
     }
 
@@ -144,78 +144,126 @@ impl Obstacle {
         Ok(())
     }
 
+    /// Corrects the purses by what forces and motions that were not known did in the step just made.
+    fn settle_purses(&mut self, at: &Instant<'_, f64>) {
+        for a in &self.active {
+            let i = a.particle as usize;
+            let power = contact::power(at.v_half, i, &a.force, &a.torque) - a.force.dot(&self.velocity);
+            self.springs[i].purse -= 0.5 * at.dt * (power - a.expected);
+        }
+    }
+
     fn pair(&self, i: usize, gap: f64, normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
-        let turn = at.q.len() / 2;
-        let three = |x: &[f64], k: usize| Vector3::new(x[k], x[k + 1], x[k + 2]);
-        let rate = three(at.v_half, turn + 3 * i);
-        let particle = Twist {
-            linear: three(at.v_half, 3 * i),
-            angular: if self.finite {
-                finite::spin(&three(at.q, turn + 3 * i), &rate)
-            } else {
-                rate
-            },
-        };
-        let heavy = match &self.motion {
-            Motion::Free { mass, .. } => 1.0 / mass,
-            _ => 0.0,
-        };
-        let r = self.radii[i];
+        let r = self.grains.rest[i][3];
         Pair {
             normal,
             gap,
             // A partner so large that it is flat.
             radii: [1e12 * r, r],
             arms: [0.0, r - gap],
-            share: self.share[i],
-            inverse_mass: 1.0 / self.mass[i] + heavy,
+            share: self.grains.share[i],
+            inverse_mass: self.grains.inverse_mass(i) + self.lightness(),
             motion: [
                 Twist {
                     linear: self.velocity,
                     angular: Vector3::zeros(),
                 },
-                particle,
+                self.grains.motion(at, i),
             ],
         }
     }
 
+    /// Inverse mass; zero for a driven obstacle.
+    fn lightness(&self) -> f64 {
+        match &self.motion {
+            Motion::Free { mass, .. } => 1.0 / mass,
+            _ => 0.0,
+        }
+    }
+
+    /// The obstacle as the step sees it, under the contacts taken so far.
+    fn end(&self, at: &Instant<'_, f64>) -> End {
+        let (middle, after) = match &self.motion {
+            Motion::Free { mass, .. } => {
+                let v = self.velocity + self.reaction * (at.dt / mass);
+                (v, v)
+            }
+            driven => {
+                let next = (driven.displacement(at.time + at.dt) - self.moved) / at.dt;
+                ((self.velocity + next) * 0.5, next)
+            }
+        };
+        let six = |v: Vector3<f64>| [v.x, v.y, v.z, 0.0, 0.0, 0.0];
+        End {
+            middle: six(middle),
+            after: six(after),
+            light: six(Vector3::repeat(self.lightness())),
+        }
+    }
+
     fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
-        let turn = f.len() / 2;
         self.active.clear();
         self.reaction = Vector3::zeros();
-        for i in 0..self.rest.len() {
-            let u = Vector3::new(at.q[3 * i], at.q[3 * i + 1], at.q[3 * i + 2]);
-            let (distance, normal) = self.shape.distance(&(self.rest[i] + u), &self.moved);
-            let gap = self.radii[i] + self.allowed[i] - distance;
-            if gap <= 0.0 {
-                if self.springs[i].on {
-                    self.springs[i] = Spring::default();
-                }
-                continue;
+        if at.dt > 0.0 && !self.begun {
+            self.at_start = 0.0;
+        }
+        let count = self.grains.len();
+        for n in 0..count {
+            let i = if self.backwards { count - 1 - n } else { n };
+            let here = self.grains.now[i];
+            let (distance, normal) = self.shape.distance(&centre(&here), &self.moved);
+            let gap = here[3] + self.allowed[i] - distance;
+            if gap > 0.0 {
+                self.close(i, gap, normal, at, f);
+            } else if self.springs[i].on {
+                self.springs[i] = Spring::default();
             }
-            let pair = self.pair(i, gap, normal, at);
-            let r = self
-                .law
-                .respond(&pair, self.damping_ratio, at.dt, &mut self.springs[i]);
-            let mut torque = r.torque[1];
-            if self.finite {
-                let o = turn + 3 * i;
-                let th = Vector3::new(at.q[o], at.q[o + 1], at.q[o + 2]);
-                torque = finite::generalised(&th, &torque);
+        }
+        self.begun |= at.dt > 0.0;
+        self.backwards = !self.backwards;
+        if at.dt > 0.0 {
+            let obstacle = self.end(at).after;
+            for a in &mut self.active {
+                let after = self.grains.end(at, f, a.particle as usize).after;
+                let rate = Vector3::new(after[3], after[4], after[5]);
+                let approach = [0, 1, 2].map(|c| after[c] - obstacle[c]);
+                a.expected = a.force.dot(&Vector3::from(approach)) + a.torque.dot(&rate);
             }
-            for c in 0..3 {
-                f[3 * i + c] += r.force[c];
-                f[turn + 3 * i + c] += torque[c];
-            }
-            self.reaction -= r.force;
-            self.active.push(Active {
-                particle: i as u32,
-                force: r.force,
-                torque,
-                stored: r.stored,
-            });
+        }
+        for a in &self.active {
+            self.grains.deliver(a.particle as usize, f);
         }
         self.peak = self.peak.max(self.reaction.norm());
+    }
+
+    fn close(&mut self, i: usize, gap: f64, normal: Vector3<f64>, at: &Instant<'_, f64>, f: &[f64]) {
+        let pair = self.pair(i, gap, normal, at);
+        let ratio = self.damping_ratio;
+        let old = self.springs[i].on;
+        let mut r = self.law.respond(&pair, ratio, at.dt, &mut self.springs[i]);
+        r.torque[0] = Vector3::zeros();
+        r.torque[1] = self.grains.generalised(at, i, &r.torque[1]);
+        if at.dt > 0.0 {
+            let ends = [self.end(at), self.grains.end(at, f, i)];
+            let spring = &mut self.springs[i];
+            if old && !self.begun {
+                spring.purse = purse::first(spring.purse, r.stored);
+                self.at_start += spring.purse;
+            }
+            purse::pay(&pair, &mut r, [&ends[0], &ends[1]], at.dt, ratio <= 0.0, spring);
+        } else {
+            self.springs[i].purse = r.stored;
+            self.at_start += r.stored;
+        }
+        self.grains.push(i, &r.force, &r.torque[1]);
+        self.reaction -= r.force;
+        self.active.push(Active {
+            particle: i as u32,
+            force: r.force,
+            torque: r.torque[1],
+            stored: r.stored,
+            expected: 0.0,
+        });
     }
 
     /// Energy given to particles and springs so far, this instant included.
@@ -248,67 +296,92 @@ impl Effect<f64> for Obstacle {
     }
 
     fn attach(&mut self, site: &Site<'_, f64>) -> arlequin_core::Result<()> {
-        (self.mass, self.share) = masses(site, &format!("obstacle '{}'", self.name), &self.full)?;
-        Ok(())
+        self.grains.attach(site, &format!("obstacle '{}'", self.name))
     }
 
     fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
         self.advance(at)?;
+        self.settle_purses(at);
+        self.grains.place(at.q);
         self.respond(at, f);
         self.settle(at);
         Ok(())
     }
 
-    /// Integers: whether it started, and the state of each contact. Numbers: its motion and balance, then the springs.
+    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact, where it pushes. Numbers: its motion
+    /// and balance, the springs, the pushes.
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
-        out.integers.push(u64::from(self.started));
+        let flags = [self.started, self.begun, self.backwards];
+        out.integers.extend(flags.map(u64::from));
         for v in [self.moved, self.velocity, self.reaction] {
             out.numbers.extend(v.iter());
         }
-        out.numbers
-            .extend([self.supplied, self.pending, self.first_energy, self.peak]);
+        let balance = [self.supplied, self.pending, self.first_energy, self.peak];
+        out.numbers.extend(balance);
+        out.numbers.push(self.at_start);
         for s in &self.springs {
             out.integers.push(u64::from(s.on));
             out.numbers.extend(s.numbers());
+        }
+        for a in &self.active {
+            out.integers.push(u64::from(a.particle));
+            out.numbers.extend(a.force.iter().chain(a.torque.iter()));
+            out.numbers.extend([a.stored, a.expected]);
         }
         out
     }
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
         let n = self.springs.len();
-        from.expect(&format!("obstacle '{}'", self.name), 13 + 6 * n, 1 + n)?;
+        let pushes = from.integers.len().saturating_sub(3 + n);
+        from.expect(
+            &format!("obstacle '{}'", self.name),
+            14 + 7 * n + 8 * pushes,
+            3 + n + pushes,
+        )?;
         let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
-        self.started = from.integers[0] == 1;
+        [self.started, self.begun, self.backwards] = [0, 1, 2].map(|k: usize| from.integers[k] == 1);
         [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
-        [self.supplied, self.pending, self.first_energy, self.peak] =
-            [9, 10, 11, 12].map(|k: usize| from.numbers[k]);
-        let (numbers, _) = from.numbers[13..].as_chunks::<6>();
-        for ((s, on), x) in self.springs.iter_mut().zip(&from.integers[1..]).zip(numbers) {
+        [
+            self.supplied,
+            self.pending,
+            self.first_energy,
+            self.peak,
+            self.at_start,
+        ] = [9, 10, 11, 12, 13].map(|k: usize| from.numbers[k]);
+        let (springs, pushed) = from.numbers[14..].split_at(7 * n);
+        let (on, particles) = from.integers[3..].split_at(n);
+        for ((s, on), x) in self.springs.iter_mut().zip(on).zip(springs.as_chunks::<7>().0) {
             *s = Spring::from_numbers(*on == 1, *x);
         }
         self.active.clear();
+        for (particle, x) in particles.iter().zip(pushed.as_chunks::<8>().0) {
+            if *particle >= n as u64 {
+                return from.expect(&format!("obstacle '{}'", self.name), 14 + 7 * n, 3 + n);
+            }
+            self.active.push(Active {
+                particle: *particle as u32,
+                force: Vector3::new(x[0], x[1], x[2]),
+                torque: Vector3::new(x[3], x[4], x[5]),
+                stored: x[6],
+                expected: x[7],
+            });
+        }
         Ok(())
     }
 
     fn power(&self, v: &[f64]) -> f64 {
-        let turn = v.len() / 2;
-        let three = |k: usize| Vector3::new(v[k], v[k + 1], v[k + 2]);
-        let of = |a: &Active| {
-            let o = 3 * a.particle as usize;
-            a.force.dot(&three(o)) + a.torque.dot(&three(turn + o))
-        };
+        let of = |a: &Active| contact::power(v, a.particle as usize, &a.force, &a.torque);
         self.active.iter().map(of).sum()
     }
 
     fn demand(&self) -> Demand<f64> {
         let flat = |r: f64| self.law.stiffness([1e12 * r, r]);
-        let masses = self.radii.iter().zip(&self.full);
-        let mut top = masses.map(|(r, m)| flat(*r) / m).fold(0.0, f64::max);
+        let mut top = self.grains.top(flat);
         if let Motion::Free { mass, .. } = &self.motion {
             // A body lighter than the particles it meets is the softer end of the spring.
-            let largest = self.radii.iter().fold(0.0_f64, |m, r| m.max(*r));
-            top = top.max(flat(largest) / mass);
+            top = top.max(flat(self.grains.largest()) / mass);
         }
         let [stiffness, damping] = self.law.demand(top);
         Demand {
@@ -319,11 +392,11 @@ impl Effect<f64> for Obstacle {
     }
 
     fn stored(&self) -> f64 {
-        self.active.iter().map(|a| a.stored).sum()
+        self.active.iter().fold(0.0, |sum, a| sum + a.stored)
     }
 
     fn supplied(&self) -> Option<f64> {
-        Some(self.supplied - self.pending)
+        Some(self.at_start + self.supplied - self.pending)
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
@@ -337,4 +410,8 @@ impl Effect<f64> for Obstacle {
         out.push(("contacts".into(), self.active.len() as f64));
         out
     }
+}
+
+fn centre(s: &Sphere) -> Point3<f64> {
+    Point3::new(s[0], s[1], s[2])
 }

@@ -1,0 +1,128 @@
+//! Contact between the particles of two models: a projectile and its target.
+//!
+//! Law, search and purse are those of [`super::Contact`]. Three rules say who may touch:
+//!
+//! - Particles that an interface between the two models ties to each other never touch: where two particle models overlap
+//!   they are the same material, and their motion is the multipliers' business.
+//! - Others that overlap at rest push only from their distance at rest on, as within one model.
+//! - In an overlap with a third model a contact carries the smaller mass share of its two ends, as within one model.
+
+use super::body::ContactBody;
+use super::grains::Grains;
+use super::law::ContactLaw;
+use super::neighbours::CrossList;
+use super::touching::Touching;
+use crate::error::Result;
+use arlequin_core::effect::{Demand, Instant, PairEffect, PairSite};
+use arlequin_core::snapshot::Record;
+
+/// Contact between two cohesive-beam bodies, an effect between their subdomains, in the order of the models.
+#[derive(Debug)]
+pub struct ContactBetween {
+    name: String,
+    grains: [Grains; 2],
+    list: CrossList,
+    touching: Touching,
+}
+
+impl ContactBetween {
+    /// Contact between the particles of two models; its name is `contact A-B`.
+    ///
+    /// # Errors
+    /// [`crate::DemError::OutOfRange`] for parameters of the law.
+    pub fn new(first: ContactBody, second: ContactBody, law: ContactLaw) -> Result<Self> {
+        law.check()?;
+        let radii = || first.spheres.iter().chain(&second.spheres).map(|s| s[3]);
+        let mean = radii().sum::<f64>() / radii().count() as f64;
+        Ok(Self {
+            name: format!("contact {}-{}", first.name, second.name),
+            grains: [Grains::new(first), Grains::new(second)],
+            list: CrossList::new(law.skin * mean),
+            touching: Touching::new(law),
+        })
+    }
+
+    fn counts(&self) -> [usize; 2] {
+        [self.grains[0].len(), self.grains[1].len()]
+    }
+}
+
+impl PairEffect<f64> for ContactBetween {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn attach(&mut self, site: &PairSite<'_, f64>) -> arlequin_core::Result<()> {
+        for (m, grains) in self.grains.iter_mut().enumerate() {
+            grains.attach(&site.sites[m], &self.name)?;
+            self.list.tied[m].clone_from(&site.tied[m]);
+            self.list.tied[m].resize(grains.len(), false);
+        }
+        Ok(())
+    }
+
+    fn add_forces(
+        &mut self,
+        at: [&Instant<'_, f64>; 2],
+        mut f: [&mut [f64]; 2],
+    ) -> arlequin_core::Result<()> {
+        let at = at.map(|a| *a);
+        self.touching.settle(&mut self.list.listed, &at);
+        let [a, b] = &mut self.grains;
+        a.place(at[0].q);
+        b.place(at[1].q);
+        self.list.refresh([&a.now, &b.now], [&a.rest, &b.rest]);
+        self.touching
+            .respond(&mut self.list.listed, &mut self.grains, &at, &mut f);
+        Ok(())
+    }
+
+    fn power(&self, v: [&[f64]; 2]) -> f64 {
+        self.touching.power(v)
+    }
+
+    /// The same for both sides, that of the lighter particles: the stiffest mode of a contact is that of its two ends.
+    fn demand(&self) -> [Demand<f64>; 2] {
+        let [a, b] = &self.grains;
+        let top = |mine: &Grains, other: f64| mine.top(|r| self.touching.stiffness([r, other]));
+        let demand = self.touching.demand(top(a, b.largest()).max(top(b, a.largest())));
+        [demand, demand]
+    }
+
+    fn stored(&self) -> f64 {
+        self.touching.stored()
+    }
+
+    fn supplied(&self) -> Option<f64> {
+        Some(self.touching.supplied())
+    }
+
+    fn save(&self) -> Record<f64> {
+        let mut out = Record::default();
+        self.touching.save(&mut out);
+        self.list.listed.save(&mut out);
+        out
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+        let counts = self.counts();
+        let all = counts[0] + counts[1];
+        let touching = self.touching.restore(&from.integers, &from.numbers);
+        let fits = touching.and_then(|(integers, numbers)| {
+            let rest = self.list.listed.restore(counts, all, integers, numbers)?;
+            if !rest.is_empty() {
+                return None;
+            }
+            self.touching.find(&self.list.listed)
+        });
+        fits.ok_or_else(|| arlequin_core::Error::SizeMismatch {
+            what: format!("particles in the record of '{}'", self.name),
+            expected: all,
+            found: from.numbers.len() / 4,
+        })
+    }
+
+    fn facts(&self) -> Vec<(String, f64)> {
+        self.touching.facts(&self.list.listed)
+    }
+}

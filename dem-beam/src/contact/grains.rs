@@ -1,0 +1,167 @@
+//! The particles of one model as contacts see them.
+
+use super::body::ContactBody;
+use super::purse::End;
+use crate::bond::Twist;
+use crate::finite;
+use crate::packing::cells::Sphere;
+use arlequin_core::effect::{Instant, Site};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Particles per unit of parallel work.
+const CHUNK: usize = 2_048;
+
+/// Particles with their places, masses and the forces of one effect on them.
+#[derive(Debug)]
+pub(crate) struct Grains {
+    finite: bool,
+    pub(crate) rest: Vec<Sphere>,
+    pub(crate) now: Vec<Sphere>,
+    /// Unweighted masses.
+    full: Vec<f64>,
+    /// Share of the weighted in the whole mass.
+    pub(crate) share: Vec<f64>,
+    mass: Vec<f64>,
+    /// Inverse inertia of every unknown.
+    light: Vec<f64>,
+    /// Forces of the effect so far in this step; zero between steps.
+    own: Vec<f64>,
+}
+
+impl Grains {
+    /// Particles of a model at rest.
+    pub(crate) fn new(body: ContactBody) -> Self {
+        Self {
+            finite: body.finite,
+            now: body.spheres.clone(),
+            rest: body.spheres,
+            full: body.mass,
+            share: Vec::new(),
+            mass: Vec::new(),
+            light: Vec::new(),
+            own: Vec::new(),
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Takes weighted masses from the subdomain; `of` names the effect in errors.
+    pub(crate) fn attach(&mut self, site: &Site<'_, f64>, of: &str) -> arlequin_core::Result<()> {
+        let found = site.model.layout().nodes;
+        if found != self.full.len() {
+            return Err(arlequin_core::Error::SizeMismatch {
+                what: format!("particles of {of}"),
+                expected: self.full.len(),
+                found,
+            });
+        }
+        self.mass = (0..found).map(|i| site.inertia[3 * i]).collect();
+        self.share = self.mass.iter().zip(&self.full).map(|(m, f)| m / f).collect();
+        self.light = site.inverse_inertia.to_vec();
+        self.own = vec![0.0; self.light.len()];
+        Ok(())
+    }
+
+    /// Moves the particles to where they are.
+    pub(crate) fn place(&mut self, q: &[f64]) {
+        let n = self.now.len();
+        let u = &q[..3 * n];
+        let put = |(now, (rest, u)): (&mut Sphere, (&Sphere, &[f64; 3]))| {
+            (0..3).for_each(|c| now[c] = rest[c] + u[c]);
+        };
+        if n > 2 * CHUNK && rayon::current_num_threads() > 1 {
+            let moves = self.rest.par_iter().zip(u.as_chunks::<3>().0);
+            self.now
+                .par_iter_mut()
+                .zip(moves)
+                .with_min_len(CHUNK)
+                .for_each(put);
+        } else {
+            let moves = self.rest.iter().zip(u.as_chunks::<3>().0);
+            self.now.iter_mut().zip(moves).for_each(put);
+        }
+    }
+
+    /// Velocity and spin half a step ago.
+    pub(crate) fn motion(&self, at: &Instant<'_, f64>, i: usize) -> Twist {
+        let turn = 3 * self.len();
+        let rate = three(at.v_half, turn + 3 * i);
+        Twist {
+            linear: three(at.v_half, 3 * i),
+            angular: if self.finite {
+                finite::spin(&three(at.q, turn + 3 * i), &rate)
+            } else {
+                rate
+            },
+        }
+    }
+
+    /// Torque on a particle as the rotation vector sees it.
+    pub(crate) fn generalised(&self, at: &Instant<'_, f64>, i: usize, torque: &Vector3<f64>) -> Vector3<f64> {
+        if !self.finite {
+            return *torque;
+        }
+        finite::generalised(&three(at.q, 3 * (self.len() + i)), torque)
+    }
+
+    pub(crate) fn inverse_mass(&self, i: usize) -> f64 {
+        1.0 / self.mass[i]
+    }
+
+    /// Particle `i` under the forces `f` of others and those of this effect so far.
+    pub(crate) fn end(&self, at: &Instant<'_, f64>, f: &[f64], i: usize) -> End {
+        let place = self.unknowns(i);
+        let light = place.map(|o| self.light[o]);
+        let kick = |c: usize, others: f64| {
+            let o = place[c];
+            at.v_half[o] + at.dt * light[c] * (others * f[o] + self.own[o])
+        };
+        End {
+            middle: [0, 1, 2, 3, 4, 5].map(|c| kick(c, 0.5)),
+            after: [0, 1, 2, 3, 4, 5].map(|c| kick(c, 1.0)),
+            light,
+        }
+    }
+
+    fn unknowns(&self, i: usize) -> [usize; 6] {
+        let (o, turn) = (3 * i, 3 * (self.len() + i));
+        [o, o + 1, o + 2, turn, turn + 1, turn + 2]
+    }
+
+    /// Adds a force and a generalised torque.
+    pub(crate) fn push(&mut self, i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
+        for (c, o) in self.unknowns(i).into_iter().enumerate() {
+            self.own[o] += if c < 3 { force[c] } else { torque[c - 3] };
+        }
+    }
+
+    /// Moves the forces on particle `i` to `f`; nothing is left to move if it is met again.
+    pub(crate) fn deliver(&mut self, i: usize, f: &mut [f64]) {
+        for o in self.unknowns(i) {
+            f[o] += std::mem::take(&mut self.own[o]);
+        }
+    }
+
+    /// Largest `stiffness(r_i)/m_i` over all particles (1/s^2), unweighted.
+    pub(crate) fn top(&self, stiffness: impl Fn(f64) -> f64) -> f64 {
+        let ratios = self.rest.iter().zip(&self.full).map(|(s, m)| stiffness(s[3]) / m);
+        ratios.fold(0.0, f64::max)
+    }
+
+    /// Largest radius (m).
+    pub(crate) fn largest(&self) -> f64 {
+        self.rest.iter().fold(0.0, |m, s| m.max(s[3]))
+    }
+}
+
+/// Power (W) of a force and a generalised torque on particle `i` of `n`.
+pub(crate) fn power(v: &[f64], i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
+    force.dot(&three(v, 3 * i)) + torque.dot(&three(v, v.len() / 2 + 3 * i))
+}
+
+pub(crate) fn three(x: &[f64], k: usize) -> Vector3<f64> {
+    Vector3::new(x[k], x[k + 1], x[k + 2])
+}

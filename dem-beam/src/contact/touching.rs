@@ -1,0 +1,325 @@
+//! Contacts that push, between the particles of one model or of two.
+
+use super::grains::{self, Grains};
+use super::law::{ContactLaw, Pair, Spring};
+use super::neighbours::{Candidate, Listed};
+use super::purse;
+use arlequin_core::effect::{Demand, Instant};
+use arlequin_core::snapshot::Record;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Contacts with their full stiffness that a particle may have beside its bonds.
+pub const STIFF_CONTACTS: f64 = 4.0;
+
+/// Contacts that may be damped at a time.
+pub const DAMPED_CONTACTS: f64 = 2.0;
+
+/// Pairs per unit of parallel work.
+const CHUNK: usize = 2_048;
+
+/// Numbers and integers of a push in a record.
+const WIDTH: [usize; 2] = [11, 1];
+
+/// Where a contact acts and what it did in the last step.
+#[derive(Debug, Clone, Copy)]
+struct Active {
+    /// Number in the list.
+    pair: usize,
+    ends: [u32; 2],
+    /// Force on the second particle (N), the first feels its opposite.
+    force: Vector3<f64>,
+    /// Generalised torques on both (N m).
+    torque: [Vector3<f64>; 2],
+    stored: f64,
+    /// Power on the velocity after the step, as far as the forces on the particles were known (W).
+    expected: f64,
+}
+
+/// The contacts of a list: their law, what they do, what they remember beside their springs.
+///
+/// `grains`, instants and forces come in slices of one (both ends in the same model) or two (first ends in the first).
+#[derive(Debug)]
+pub(crate) struct Touching {
+    law: ContactLaw,
+    damping_ratio: f64,
+    gaps: Vec<f64>,
+    active: Vec<Active>,
+    /// Energy of contacts that were closed when the run began (J).
+    supplied: f64,
+    /// Whether a step was made.
+    begun: bool,
+    calls: usize,
+    top_contacts: usize,
+}
+
+impl Touching {
+    pub(crate) fn new(law: ContactLaw) -> Self {
+        Self {
+            damping_ratio: law.damping_ratio(),
+            law,
+            gaps: Vec::new(),
+            active: Vec::new(),
+            supplied: 0.0,
+            begun: false,
+            calls: 0,
+            top_contacts: 0,
+        }
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.active.len()
+    }
+
+    /// Corrects the purses by what forces that were not known did in the step just made: multipliers, prescribed motion,
+    /// effects that come later. Call it before the list changes.
+    pub(crate) fn settle(&mut self, listed: &mut Listed, at: &[Instant<'_, f64>]) {
+        self.calls += 1;
+        let dt = at[0].dt;
+        for a in &self.active {
+            let power = a.power([at[0].v_half, at[at.len() - 1].v_half]);
+            listed.springs[a.pair].purse -= 0.5 * dt * (power - a.expected);
+        }
+    }
+
+    /// Overlaps (m) of all listed pairs.
+    fn measure(&mut self, pairs: &[Candidate], grains: &[Grains]) {
+        self.gaps.resize(pairs.len(), 0.0);
+        let (first, second) = (&grains[0].now, &grains[grains.len() - 1].now);
+        let gap = |(g, p): (&mut f64, &Candidate)| {
+            let (a, b) = (&first[p.ends[0] as usize], &second[p.ends[1] as usize]);
+            let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+            *g = p.rest - (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+        };
+        if pairs.len() > 2 * CHUNK && rayon::current_num_threads() > 1 {
+            self.gaps
+                .par_iter_mut()
+                .zip(pairs)
+                .with_min_len(CHUNK)
+                .for_each(gap);
+        } else {
+            self.gaps.iter_mut().zip(pairs).for_each(gap);
+        }
+    }
+
+    /// Adds the forces of all closed contacts, pair after pair.
+    pub(crate) fn respond(
+        &mut self,
+        listed: &mut Listed,
+        grains: &mut [Grains],
+        at: &[Instant<'_, f64>],
+        f: &mut [&mut [f64]],
+    ) {
+        self.measure(&listed.pairs, grains);
+        self.active.clear();
+        if at[0].dt > 0.0 && !self.begun {
+            self.supplied = 0.0;
+        }
+        let count = self.gaps.len();
+        for n in 0..count {
+            // To and fro: what a particle shared by two contacts carries from one purse to the other evens out.
+            let k = if self.calls.is_multiple_of(2) {
+                n
+            } else {
+                count - 1 - n
+            };
+            let spring = &mut listed.springs[k];
+            if self.gaps[k] > 0.0 {
+                self.close(k, listed.pairs[k].ends, spring, grains, at, f);
+            } else if spring.on {
+                *spring = Spring::default();
+            }
+        }
+        self.begun |= at[0].dt > 0.0;
+        let last = grains.len() - 1;
+        for a in &mut self.active {
+            let [i, j] = a.ends.map(|e| e as usize);
+            let after = [
+                grains[0].end(&at[0], f[0], i).after,
+                grains[last].end(&at[last], f[last], j).after,
+            ];
+            a.expected = a.on(after);
+        }
+        for a in &self.active {
+            for (m, e) in [0, last].into_iter().zip(a.ends) {
+                grains[m].deliver(e as usize, f[m]);
+            }
+        }
+        self.top_contacts = self.top_contacts.max(self.active.len());
+    }
+
+    fn close(
+        &mut self,
+        k: usize,
+        ends: [u32; 2],
+        spring: &mut Spring,
+        grains: &mut [Grains],
+        at: &[Instant<'_, f64>],
+        f: &[&mut [f64]],
+    ) {
+        let [i, j] = ends.map(|e| e as usize);
+        let last = grains.len() - 1;
+        let dt = at[0].dt;
+        let old = spring.on;
+        let pair = pair([&grains[0], &grains[last]], [i, j], self.gaps[k], at);
+        let mut r = self.law.respond(&pair, self.damping_ratio, dt, spring);
+        r.torque[0] = grains[0].generalised(&at[0], i, &r.torque[0]);
+        r.torque[1] = grains[last].generalised(&at[last], j, &r.torque[1]);
+        if dt > 0.0 {
+            if old && !self.begun {
+                spring.purse = purse::first(spring.purse, r.stored);
+                self.supplied += spring.purse;
+            }
+            let both = [
+                grains[0].end(&at[0], f[0], i),
+                grains[last].end(&at[last], f[last], j),
+            ];
+            let elastic = self.damping_ratio <= 0.0;
+            purse::pay(&pair, &mut r, [&both[0], &both[1]], dt, elastic, spring);
+        } else {
+            spring.purse = r.stored;
+            self.supplied += r.stored;
+        }
+        grains[0].push(i, &-r.force, &r.torque[0]);
+        grains[last].push(j, &r.force, &r.torque[1]);
+        self.active.push(Active {
+            pair: k,
+            ends,
+            force: r.force,
+            torque: r.torque,
+            stored: r.stored,
+            expected: 0.0,
+        });
+    }
+
+    pub(crate) fn power(&self, v: [&[f64]; 2]) -> f64 {
+        self.active.iter().map(|a| a.power(v)).sum()
+    }
+
+    pub(crate) fn stored(&self) -> f64 {
+        self.active.iter().fold(0.0, |sum, a| sum + a.stored)
+    }
+
+    pub(crate) fn supplied(&self) -> f64 {
+        self.supplied
+    }
+
+    /// What contacts demand of particles with the largest `k/m` of `top`.
+    pub(crate) fn demand(&self, top: f64) -> Demand<f64> {
+        let [stiffness, damping] = self.law.demand(top);
+        Demand {
+            stiffness: STIFF_CONTACTS * stiffness,
+            damping: DAMPED_CONTACTS * damping,
+            ..Demand::none()
+        }
+    }
+
+    pub(crate) fn stiffness(&self, radii: [f64; 2]) -> f64 {
+        self.law.stiffness(radii)
+    }
+
+    pub(crate) fn facts(&self, listed: &Listed) -> Vec<(String, f64)> {
+        vec![
+            ("contacts".into(), self.active.len() as f64),
+            ("most contacts".into(), self.top_contacts as f64),
+            ("neighbour searches".into(), listed.searches as f64),
+            ("listed pairs".into(), listed.pairs.len() as f64),
+            ("calls".into(), self.calls as f64),
+        ]
+    }
+
+    /// Integers: counts, then the pair of each push. Numbers: energy at the start, then each push.
+    pub(crate) fn save(&self, out: &mut Record<f64>) {
+        let counts = [
+            self.calls,
+            self.top_contacts,
+            usize::from(self.begun),
+            self.active.len(),
+        ];
+        out.integers.extend(counts.map(|c| c as u64));
+        out.numbers.push(self.supplied);
+        for a in &self.active {
+            out.integers.push(a.pair as u64);
+            for v in [&a.force, &a.torque[0], &a.torque[1]] {
+                out.numbers.extend(v.iter());
+            }
+            out.numbers.extend([a.stored, a.expected]);
+        }
+    }
+
+    /// Undoes [`Self::save`] on the head of a record and returns its rest; the list must have been restored.
+    pub(crate) fn restore<'a>(
+        &mut self,
+        integers: &'a [u64],
+        numbers: &'a [f64],
+    ) -> Option<(&'a [u64], &'a [f64])> {
+        let (&[calls, top, begun, count], integers) = integers.split_first_chunk::<4>()?;
+        let (&[supplied], numbers) = numbers.split_first_chunk::<1>()?;
+        let count = usize::try_from(count).ok()?;
+        let (pushes, integers) = integers.split_at_checked(count.checked_mul(WIDTH[1])?)?;
+        let (pushed, numbers) = numbers.split_at_checked(count.checked_mul(WIDTH[0])?)?;
+        (self.calls, self.top_contacts) = (calls as usize, top as usize);
+        self.begun = begun == 1;
+        self.supplied = supplied;
+        self.active.clear();
+        for (pair, x) in pushes.iter().zip(pushed.as_chunks::<11>().0) {
+            let three = |k: usize| Vector3::new(x[k], x[k + 1], x[k + 2]);
+            self.active.push(Active {
+                pair: *pair as usize,
+                ends: [0; 2],
+                force: three(0),
+                torque: [three(3), three(6)],
+                stored: x[9],
+                expected: x[10],
+            });
+        }
+        Some((integers, numbers))
+    }
+
+    /// Tells the restored pushes which particles they are on; `None` if the list does not know a pair.
+    pub(crate) fn find(&mut self, listed: &Listed) -> Option<()> {
+        for a in &mut self.active {
+            a.ends = listed.pairs.get(a.pair)?.ends;
+        }
+        Some(())
+    }
+}
+
+impl Active {
+    /// Power on the velocities of the models of both ends.
+    fn power(&self, v: [&[f64]; 2]) -> f64 {
+        let [i, j] = self.ends.map(|e| e as usize);
+        grains::power(v[0], i, &-self.force, &self.torque[0])
+            + grains::power(v[1], j, &self.force, &self.torque[1])
+    }
+
+    /// Power on the velocities of both ends.
+    fn on(&self, ends: [[f64; 6]; 2]) -> f64 {
+        let one = |v: &[f64; 6], force: &Vector3<f64>, torque: &Vector3<f64>| {
+            force.dot(&grains::three(v, 0)) + torque.dot(&grains::three(v, 3))
+        };
+        one(&ends[0], &-self.force, &self.torque[0]) + one(&ends[1], &self.force, &self.torque[1])
+    }
+}
+
+fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, at: &[Instant<'_, f64>]) -> Pair {
+    let (a, b) = (&grains[0].now[i], &grains[1].now[j]);
+    let d = Vector3::new(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
+    let distance = d.norm();
+    Pair {
+        normal: if distance > 0.0 {
+            d / distance
+        } else {
+            Vector3::x()
+        },
+        gap,
+        radii: [a[3], b[3]],
+        arms: [a[3], b[3]].map(|r| distance * r / (a[3] + b[3])),
+        share: grains[0].share[i].min(grains[1].share[j]),
+        inverse_mass: grains[0].inverse_mass(i) + grains[1].inverse_mass(j),
+        motion: [
+            grains[0].motion(&at[0], i),
+            grains[1].motion(&at[at.len() - 1], j),
+        ],
+    }
+}

@@ -1,0 +1,188 @@
+//! Effects between two subdomains that a third party writes: a spring between two bars of finite elements.
+
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
+use arlequin::core::conformance;
+use arlequin::core::coupled::Parts;
+use arlequin::core::effect::{Demand, Instant, PairEffect, PairSite, PairSpec};
+use arlequin::core::observer::{Phase, Silent};
+use arlequin::core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin::fem_ref::{Elastic, FemModel, generate};
+
+/// `f = k (x_b − x_a) + c (v_b − v_a)` between the last node of the first and the first node of the second side. With
+/// `c < 0` it makes energy.
+struct Link {
+    stiffness: f64,
+    damping: f64,
+    /// Whether it says that nothing is supplied to it.
+    honest: bool,
+    top: f64,
+    last: usize,
+    force: f64,
+    stored: f64,
+}
+
+impl Link {
+    fn new(stiffness: f64, damping: f64, honest: bool) -> Self {
+        Self {
+            stiffness,
+            damping,
+            honest,
+            top: 0.0,
+            last: 0,
+            force: 0.0,
+            stored: 0.0,
+        }
+    }
+}
+
+impl PairEffect<f64> for Link {
+    fn name(&self) -> &str {
+        "link left-right"
+    }
+    fn attach(&mut self, site: &PairSite<'_, f64>) -> arlequin::core::Result<()> {
+        assert!(site.tied.iter().all(Vec::is_empty), "no interface");
+        let [a, b] = &site.sites;
+        self.last = a.model.layout().nodes - 1;
+        self.top = self.stiffness * a.inverse_inertia[self.last].max(b.inverse_inertia[0]);
+        Ok(())
+    }
+    fn add_forces(&mut self, at: [&Instant<'_, f64>; 2], f: [&mut [f64]; 2]) -> arlequin::core::Result<()> {
+        let stretch = at[1].q[0] - at[0].q[self.last];
+        let rate = at[1].v_half[0] - at[0].v_half[self.last];
+        self.force = self.stiffness * stretch + self.damping * rate;
+        let before = stretch - at[0].dt * rate;
+        self.stored = 0.5 * self.stiffness * stretch * before;
+        f[0][self.last] += self.force;
+        f[1][0] -= self.force;
+        Ok(())
+    }
+    fn power(&self, v: [&[f64]; 2]) -> f64 {
+        self.force * (v[0][self.last] - v[1][0])
+    }
+    fn demand(&self) -> [Demand<f64>; 2] {
+        let one = Demand {
+            stiffness: 2.0 * self.top,
+            ..Demand::none()
+        };
+        [one, one]
+    }
+    fn stored(&self) -> f64 {
+        self.stored
+    }
+    fn supplied(&self) -> Option<f64> {
+        self.honest.then_some(0.0)
+    }
+    fn facts(&self) -> Vec<(String, f64)> {
+        vec![("force [N]".into(), self.force)]
+    }
+}
+
+fn bar(name: &str, from: f64, speed: f64) -> Subdomain<f64> {
+    let mesh = generate::bar(from, from + 1.0, 20, 1e-4).unwrap();
+    let model = FemModel::new(name, mesh, Elastic::new(70e9, 0.0, 2700.0).unwrap()).unwrap();
+    let n = model.layout().dofs();
+    Subdomain::coarse(model, Weights::uncoupled())
+        .with_initial(vec![0.0; n], vec![speed; n])
+        .unwrap()
+}
+
+fn linked(link: Option<Link>) -> Coupled<f64> {
+    let pairs = link.into_iter().map(|l| PairSpec {
+        sides: [0, 1],
+        effect: Box::new(l) as Box<dyn PairEffect<f64>>,
+    });
+    let parts = Parts {
+        start: 0.0,
+        subdomains: vec![bar("left", 0.0, 0.0), bar("right", 1.1, 1.0)],
+        interfaces: Vec::new(),
+        pairs: pairs.collect(),
+    };
+    Coupled::of(parts, TimeStep::Fraction(0.5), None).unwrap()
+}
+
+#[test]
+fn a_spring_between_two_bars_keeps_momentum_and_the_ledger() {
+    for damping in [0.0, 500.0] {
+        let mut run = linked(Some(Link::new(1e8, damping, false)));
+        let before = run.energy();
+        let [p, _] = run.momentum();
+        run.run(2_000, &mut Silent).unwrap();
+        let [q, _] = run.momentum();
+        assert!((q - p).norm() < 1e-12 * p.norm());
+        assert!(run.drift() < 1e-12, "{}", run.drift());
+        let line = run.effects().remove(0);
+        assert_eq!(
+            (line.name.as_str(), line.phase),
+            ("link left-right", Some(Phase::Pair(0)))
+        );
+        let work = line.work.unwrap();
+        assert!(work < 0.0 && work > -before, "{work} of {before}");
+        assert_eq!(run.works()[0].name, "link left-right");
+        assert_eq!(run.plan().effects, ["link left-right"]);
+        // Momentum has gone to the left bar.
+        assert!(run.subdomains()[0].momentum()[0].x > 0.1 * p.x);
+    }
+}
+
+#[test]
+fn its_demand_shortens_the_step_of_both() {
+    let free = linked(None).critical_steps().to_vec();
+    let run = linked(Some(Link::new(1e9, 0.0, false)));
+    for (with, without) in run.critical_steps().iter().zip(&free) {
+        assert!(with < &(0.9 * without), "{with} {without}");
+    }
+}
+
+#[test]
+fn one_that_makes_energy_ends_the_run_by_name() {
+    // Pulls along the motion: a motor. Left alone it counts as work from outside.
+    let mut free = linked(Some(Link::new(1e7, -200.0, false)));
+    free.run(200, &mut Silent).unwrap();
+    assert!(free.energy() > 0.0 && free.drift() < 1e-12);
+    let error = linked(Some(Link::new(1e7, -200.0, true)))
+        .run(2_000, &mut Silent)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("0.1 %"), "{error}");
+}
+
+#[test]
+fn reactions_are_measured() {
+    struct OneSided;
+    impl PairEffect<f64> for OneSided {
+        fn name(&self) -> &str {
+            "one-sided"
+        }
+        fn attach(&mut self, _: &PairSite<'_, f64>) -> arlequin::core::Result<()> {
+            Ok(())
+        }
+        fn add_forces(
+            &mut self,
+            _: [&Instant<'_, f64>; 2],
+            f: [&mut [f64]; 2],
+        ) -> arlequin::core::Result<()> {
+            f[0][3] += 2.0;
+            f[1][0] -= 1.0;
+            Ok(())
+        }
+        fn power(&self, _: [&[f64]; 2]) -> f64 {
+            0.0
+        }
+    }
+    let run = linked(None);
+    let layouts = [0, 1].map(|k: usize| run.subdomains()[k].model().layout());
+    let q = vec![1e-6; layouts[0].dofs()];
+    let at = Instant {
+        time: 0.0,
+        q: &q,
+        v_half: &q,
+        dt: 1e-6,
+        internal: &q,
+        internal_before: &q,
+    };
+    let made = conformance::reaction(&mut OneSided, [&at, &at], layouts).unwrap();
+    assert!((made - 1.0 / 3.0).abs() < 1e-15, "{made}");
+    let mut link = Link::new(1.0, 1.0, true);
+    assert!(conformance::reaction(&mut link, [&at, &at], layouts).unwrap() < 1e-15);
+}
