@@ -1,8 +1,8 @@
 //! The report: one page that needs nothing else, neither scripts nor addresses.
 
-use super::conclude::{self, percent, seconds};
+use super::conclude::{self, percent, seconds, signed};
 use super::picture;
-use super::result::{PHASES, Run, Sweep};
+use super::result::{Measured, PHASES, Run, Sweep};
 use std::fmt::Write as _;
 
 const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:1120px;margin:2em auto;padding:0 1em;color:#222}\
@@ -84,6 +84,30 @@ fn caption(name: &str, s: &Sweep) -> String {
     }
 }
 
+/// Name of a scalar with its unit.
+pub(crate) fn with_unit(name: &str, s: &Sweep) -> String {
+    s.units
+        .get(name)
+        .map_or_else(|| name.to_owned(), |u| format!("{name} [{u}]"))
+}
+
+/// A scalar with its deviation from the reference.
+pub(crate) fn scalar(m: Measured) -> String {
+    let Some(x) = m.value else {
+        return "–".to_owned();
+    };
+    let value = if x.abs() > 0.0 && !(1e-2..1e5).contains(&x.abs()) {
+        format!("{x:.2e}")
+    } else {
+        let digits = (2.0 - x.abs().max(1.0).log10().floor()).max(0.0) as usize;
+        format!("{x:.digits$}")
+    };
+    match m.deviation {
+        Some(d) if d.abs() > 0.0 => format!("{value} ({})", signed(d)),
+        _ => value,
+    }
+}
+
 fn knob_table(out: &mut String, s: &Sweep) {
     let knobs = conclude::knobs(&s.runs);
     if knobs.is_empty() {
@@ -122,8 +146,15 @@ fn run_table(out: &mut String, s: &Sweep) {
     for b in &back {
         let _ = write!(out, "<th>comes back: {}</th>", escaped(b));
     }
+    let scalars: Vec<&String> = s
+        .runs
+        .first()
+        .map_or_else(Vec::new, |r| r.measures.keys().collect());
+    for m in &scalars {
+        let _ = write!(out, "<th>{}</th>", escaped(&with_unit(m, s)));
+    }
     *out += "<th>H drift</th><th>cond(A)</th></tr>\n";
-    let columns = 8 + phases.len() + back.len() + 1;
+    let columns = 9 + phases.len() + back.len() + scalars.len();
     for r in &s.runs {
         row(out, r, &phases, &back, columns);
     }
@@ -166,6 +197,9 @@ fn row(out: &mut String, r: &Run, phases: &[&str], back: &[&String], columns: us
     );
     for b in back {
         cell(share(r.reflected_energy.get(*b).copied()));
+    }
+    for m in r.measures.values() {
+        cell(scalar(*m));
     }
     cell(small(r.h_drift));
     cell(small(r.condition));
