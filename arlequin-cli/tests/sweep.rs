@@ -178,6 +178,16 @@ fn mistakes_in_a_sweep_are_named_before_anything_runs() {
         ("targets = [0.2, 0.05]", "colour = 3", "colour"),
         ("after = 4.9", "after = -4.9", "reflected.joint.after"),
         (
+            "targets = [0.2, 0.05]",
+            "measure.far.unit = \"m\"",
+            "measure.far: needs exactly one",
+        ),
+        (
+            "targets = [0.2, 0.05]",
+            "measure.far = { fact = \"contacts\", factor = 0.0 }",
+            "measure.far.factor",
+        ),
+        (
             "scene = \"coupled.toml\"",
             "scene = \"nothing.toml\"",
             "nothing.toml",
@@ -259,4 +269,134 @@ fn wishes_that_make_no_sense_are_named() {
         assert_eq!(said.status.code(), Some(2), "{arguments:?}: {error}");
         assert!(error.contains(word), "{arguments:?}: {error}");
     }
+}
+
+#[test]
+fn scalars_and_predictions_stand_beside_errors() {
+    let more = r#"
+        [measure.peak]
+        pointer = "/probes/far/max"
+        factor = 1e3
+        unit = "mm"
+
+        [measure.bonds]
+        fact = "broken bonds"
+    "#;
+    let sweep = SWEEP.replace("hook =", "suggest = true\nhook =") + more;
+    let path = folder("sweep-scalars", &sweep);
+    let out = path.join("out");
+    let arguments = ["sweep", text(&path.join("sweep.toml")), "--out", text(&out)].map(str::to_owned);
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    succeed(&arguments);
+    let s = read(&out.join("sweep.json"));
+    assert_eq!(s["units"]["peak"], "mm");
+    let runs = s["runs"].as_array().unwrap();
+    for (k, r) in runs.iter().enumerate() {
+        // The pulse of 1 mm runs one way.
+        let [value, deviation] = ["value", "deviation"].map(|n| number(r, &format!("/measures/peak/{n}")));
+        assert!((0.5..1.1).contains(&value), "{r}");
+        let expected = value / number(&runs[0], "/measures/peak/value") - 1.0;
+        assert!((deviation - expected).abs() < 1e-12);
+        assert!(r["measures"]["bonds"]["value"].is_null(), "nothing breaks here");
+        assert_eq!(
+            r["predicted"].is_object(),
+            k >= 3,
+            "only varied runs are foretold"
+        );
+    }
+    for r in &runs[3..5] {
+        for kind in ["displacement", "velocity"] {
+            let [p, e] = ["predicted", "errors"].map(|n| number(r, &format!("/{n}/{kind}")));
+            assert!(
+                (0.8..1.25).contains(&(p / e)),
+                "{kind}: {p} foretold, {e} measured"
+            );
+        }
+        assert!(number(r, "/predicted/seconds") > 0.0);
+    }
+    let words = s["conclusion"].to_string();
+    assert!(
+        words.contains("peak, against the reference: coupled runs"),
+        "{words}"
+    );
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert_well_formed(&page);
+    assert!(page.contains("<th>peak [mm]</th>"));
+    let csv = std::fs::read_to_string(out.join("sweep.csv")).unwrap();
+    let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
+    assert!(columns.iter().all(|c| *c == columns[0]), "{columns:?}");
+    // The page of several sweeps has both tables.
+    let docs = path.join("docs.md");
+    succeed(&[
+        "sweep-docs",
+        "--out",
+        text(&docs),
+        text(&path.join("sweep.toml")),
+        text(&out),
+    ]);
+    let docs = std::fs::read_to_string(docs).unwrap();
+    assert!(docs.contains("| time | bonds | peak [mm] |"), "{docs}");
+    assert!(
+        docs.contains("Predicted over measured: displacement error"),
+        "{docs}"
+    );
+}
+
+/// Ctrl-C reaches the sweep and its run; what was finished stays, the same command goes on.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
+    use std::os::unix::process::CommandExt;
+    let slow = SWEEP.replace("targets =", "set = [\"time.step.fraction=0.002\"]\ntargets =");
+    let path = folder("sweep-interrupted", &slow);
+    let out = path.join("out");
+    let arguments = ["sweep", text(&path.join("sweep.toml")), "--out", text(&out)].map(str::to_owned);
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let mut sweep = common::command(&arguments)
+        .stdout(std::process::Stdio::null())
+        .process_group(0)
+        .spawn()
+        .unwrap();
+    // The three runs of one model are over in no time, the coupled ones take a second each.
+    let begun = |label: &str| {
+        let folders = std::fs::read_dir(out.join("runs"))
+            .into_iter()
+            .flatten()
+            .flatten();
+        folders
+            .map(|f| f.file_name().to_string_lossy().into_owned())
+            .any(|f| f.starts_with(label))
+    };
+    let finished = |label: &str| out.join("runs").join(label).join("member.json");
+    while !(finished("all-coarse=0.2").exists() && begun("h=0.05.log")) {
+        assert!(sweep.try_wait().unwrap().is_none(), "ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(100));
+    let group = format!("-{}", sweep.id());
+    let sent = std::process::Command::new("kill")
+        .args(["-INT", "--", &group])
+        .status();
+    assert!(sent.unwrap().success());
+    assert_eq!(sweep.wait().unwrap().code(), Some(130));
+    let s = read(&out.join("sweep.json"));
+    assert_eq!(s["status"], "interrupted");
+    let states: Vec<&str> = s["runs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|r| r["status"].as_str().unwrap())
+        .collect();
+    assert_eq!(states, [["complete"; 3], ["missing"; 3]].concat());
+    assert!(
+        s["conclusion"]
+            .to_string()
+            .contains("3 of 6 runs are still to be made")
+    );
+    let kept = ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
+    let said = succeed(&arguments);
+    assert!(said.contains("3 made, 3 taken from before"), "{said}");
+    assert_eq!(read(&out.join("sweep.json"))["status"], "complete");
+    let again = ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
+    assert!(kept == again, "finished runs are not touched");
 }

@@ -6,6 +6,7 @@
 mod apply;
 mod choose;
 mod measure;
+mod path;
 mod predict;
 mod scenario;
 

@@ -117,7 +117,7 @@ fn scatter(runs: &[Run]) -> Option<String> {
     let range = range(others.iter().filter_map(|r| r.error_judged), percent)?;
     let labels: Vec<&str> = others.iter().map(|r| r.label.as_str()).collect();
     Some(format!(
-        "All-fine runs differ among themselves: {} from the reference ({}). No coupling can be expected to come closer.",
+        "All-fine runs differ among themselves: {} from the reference ({}). What a coupled run has less than that is not owed to its coupling.",
         range,
         labels.join(", ")
     ))
