@@ -51,6 +51,16 @@ pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCo
     let begin = Instant::now();
     let place = Folder::left_behind(target);
     let saved = Checkpoint::read(&place)?;
+    if place != target && target.exists() {
+        // Begun with --force; said now, not after the last step.
+        return Err(Error::Checkpoint {
+            path: place.join(checkpoint::NAME),
+            reason: format!(
+                "belongs to a run that is to replace {}, which exists; move that away, then resume",
+                target.display()
+            ),
+        });
+    }
     if saved.version != env!("CARGO_PKG_VERSION") {
         return Err(Error::Checkpoint {
             path: place.join(checkpoint::NAME),
@@ -184,10 +194,11 @@ impl<'a, T: Real> Session<'a, T> {
     /// Writes the results of the steps made and ends the folder.
     pub(crate) fn conclude(mut self, end: End, wake: Option<WakeReport>) -> Result<ExitCode> {
         let (summary, text) = self.write_results(end, wake)?;
-        if end == End::Complete {
-            checkpoint::remove(self.folder.path())?;
-        }
         let place = self.folder.finish()?;
+        if end == End::Complete {
+            // Only now: killed in between, the run would have neither results nor a checkpoint.
+            checkpoint::remove(&place)?;
+        }
         if self.input.json {
             report::json(&text);
         } else {
