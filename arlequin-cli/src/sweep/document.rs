@@ -38,7 +38,7 @@ accurate: never go there.
 
 **Honest comparison.** The undivided coarse model stands on the same axes. For a homogeneous linear body it is cheaper at
 equal error, for it needs no interface and may take larger steps: coupling pays where the fine model does what the coarse
-one cannot.
+one cannot, as in the notched bar that breaks.
 ";
 
 /// Writes the page.
