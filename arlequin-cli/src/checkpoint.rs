@@ -11,6 +11,7 @@
 use crate::error::{Error, Result, write};
 use crate::recorder::Records;
 use crate::scene::Source;
+use crate::wake::Stage;
 use arlequin::core::snapshot::Snapshot;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Name of the file in an output folder.
 pub(crate) const NAME: &str = "checkpoint.bin";
 /// Changes whenever the payload does.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;
@@ -51,6 +52,8 @@ pub(crate) struct Checkpoint {
     pub(crate) snapshot: Snapshot<f64>,
     /// What was recorded so far.
     pub(crate) records: Records,
+    /// How far a scene with `[wake]` has come.
+    pub(crate) wake: Option<Stage>,
 }
 
 impl Origin {
@@ -244,6 +247,10 @@ mod tests {
                 multipliers: vec![vec![1.0, 2.0]],
             },
             records: Records::default(),
+            wake: Some(Stage::Asleep {
+                highest: f64::NEG_INFINITY,
+                place: [1.0, 2.0, 3.0],
+            }),
         }
     }
 

@@ -11,7 +11,7 @@ use crate::recorder::{self, ENERGY_COLUMNS, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::{Precision, Quantity};
 use crate::spectrum;
-use crate::wake;
+use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::path::{Path, PathBuf};
@@ -79,6 +79,9 @@ pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCo
         threads,
         json,
     };
+    if let (Some(stage), Some(wake)) = (saved.wake.clone(), &input.scene.wake) {
+        return wake::resume(&input, wake, target, saved, stage);
+    }
     let built = build::build(&input.scene, source.folder())?;
     let stop = watch_interrupt()?;
     let origin = saved.origin.clone();
@@ -124,6 +127,8 @@ pub(crate) struct Session<'a, T: Real> {
     origin: Origin,
     setup: f64,
     resumed_at: Option<usize>,
+    /// How far a scene with `[wake]` has come, for the checkpoints.
+    pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
 }
 
@@ -150,6 +155,7 @@ impl<'a, T: Real> Session<'a, T> {
             origin,
             setup: 0.0,
             resumed_at: None,
+            stage: None,
             breaks,
         })
     }
@@ -172,6 +178,12 @@ impl<'a, T: Real> Session<'a, T> {
 
     /// Goes on from a checkpoint likewise.
     fn rest(mut self, saved: Checkpoint, begin: Instant, stop: &AtomicBool) -> Result<ExitCode> {
+        self.restore(saved)?;
+        self.whole(begin, stop)
+    }
+
+    /// Takes the state of a checkpoint.
+    pub(crate) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
         let restored = self.run.restore(&saved.snapshot.rounded());
         restored.map_err(|e| Error::Checkpoint {
             path: self.folder.path().join(checkpoint::NAME),
@@ -179,12 +191,12 @@ impl<'a, T: Real> Session<'a, T> {
         })?;
         self.recorder.resume(saved.records)?;
         self.resumed_at = Some(saved.snapshot.step);
-        self.whole(begin, stop)
+        Ok(())
     }
 
     /// Makes the steps that are left and writes the results.
     fn complete(mut self, stop: &AtomicBool) -> Result<ExitCode> {
-        let end = self.advance(stop, &mut |_| false)?;
+        let end = self.advance(stop, &mut |_, _| false)?;
         if end == End::Interrupted {
             self.save()?;
         }
@@ -249,11 +261,12 @@ impl<'a, T: Real> Session<'a, T> {
         Ok((summary, text))
     }
 
-    /// Makes the steps, until the user ends them or `woken` says so after one that is not the last.
+    /// Makes the steps, until the user ends them or `woken`, which may change the stage, says so after one that is not the
+    /// last.
     pub(crate) fn advance(
         &mut self,
         stop: &AtomicBool,
-        woken: &mut dyn FnMut(&Coupled<T>) -> bool,
+        woken: &mut dyn FnMut(&Coupled<T>, &mut Option<Stage>) -> bool,
     ) -> Result<End> {
         let every = self.input.scene.output.checkpoint_every;
         let progress = Progress::new(self.steps);
@@ -261,16 +274,20 @@ impl<'a, T: Real> Session<'a, T> {
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             self.recorder.observe(&mut self.run, energy)?;
-            if every.is_some_and(|n| made.is_multiple_of(n)) && made < self.steps {
-                self.save()?;
-            }
             progress.set(made);
-            if made < self.steps && stop.load(Ordering::Relaxed) {
-                end = End::Interrupted;
+            if made == self.steps {
                 break;
             }
-            if made < self.steps && woken(&self.run) {
+            // Before the checkpoint, which must know what was seen.
+            if woken(&self.run, &mut self.stage) {
                 end = End::Woken;
+                break;
+            }
+            if every.is_some_and(|n| made.is_multiple_of(n)) {
+                self.save()?;
+            }
+            if stop.load(Ordering::Relaxed) {
+                end = End::Interrupted;
                 break;
             }
         }
@@ -278,12 +295,14 @@ impl<'a, T: Real> Session<'a, T> {
         Ok(end)
     }
 
-    fn save(&self) -> Result<()> {
+    /// Writes a checkpoint.
+    pub(crate) fn save(&self) -> Result<()> {
         Checkpoint {
             version: env!("CARGO_PKG_VERSION").into(),
             origin: self.origin.clone(),
             snapshot: self.run.snapshot().rounded(),
             records: self.recorder.records(),
+            wake: self.stage.clone(),
         }
         .write(self.folder.path())
     }

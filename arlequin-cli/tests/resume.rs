@@ -12,7 +12,7 @@ const STEPS: &str = "time.steps=60000";
 
 fn small(folder: &Path) -> PathBuf {
     let path = folder.join("small.toml");
-    let output = "\n[output]\ncheckpoint_every = 50\nevery = 1000\nplots = false\n";
+    let output = "\n[output]\ncheckpoint_every = 200\nevery = 1000\nplots = false\n";
     let body = SMALL.split("\n[output]").next().expect("scene");
     std::fs::write(&path, format!("{body}{output}")).expect("scene");
     path
@@ -163,7 +163,7 @@ fn interrupted_it_goes_on_with_the_same_bits() {
     let out = folder.join("stopped");
     // No checkpoints by count: the interruption writes one.
     let body = std::fs::read_to_string(&scene).expect("scene");
-    std::fs::write(&scene, body.replace("checkpoint_every = 50\n", "")).expect("scene");
+    std::fs::write(&scene, body.replace("checkpoint_every = 200\n", "")).expect("scene");
     let mut child = start(&scene, &out, &[]);
     std::thread::sleep(Duration::from_millis(500));
     let signal = ["-TERM", &child.id().to_string()];
