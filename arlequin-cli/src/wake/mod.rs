@@ -82,7 +82,7 @@ pub(crate) enum Stage {
         /// The state handed over.
         start: Start,
         /// What is known of the waking.
-        report: WakeReport,
+        report: Box<WakeReport>,
     },
 }
 
@@ -145,7 +145,7 @@ pub(crate) fn resume(
             let mut session = Session::new(input, built, folder, way.origin.clone())?;
             session.restore(saved)?;
             session.begun(begin);
-            way.finish(session, start, report)
+            way.finish(session, start, *report)
         }
     }
 }
@@ -201,7 +201,7 @@ impl Way<'_> {
     fn finish(&self, mut session: Session<'_, f64>, start: Start, report: WakeReport) -> Result<ExitCode> {
         session.stage = Some(Stage::Awake {
             start,
-            report: report.clone(),
+            report: Box::new(report.clone()),
         });
         if self.input.scene.output.checkpoint_every.is_some() {
             // Takes the place of the last one asleep, whose results have been put aside.
