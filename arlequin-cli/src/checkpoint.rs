@@ -11,6 +11,7 @@
 use crate::error::{Error, Result, write};
 use crate::recorder::Records;
 use crate::scene::Source;
+use crate::wake::Stage;
 use arlequin::core::snapshot::Snapshot;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -51,6 +52,8 @@ pub(crate) struct Checkpoint {
     pub(crate) snapshot: Snapshot<f64>,
     /// What was recorded so far.
     pub(crate) records: Records,
+    /// How far a scene with `[wake]` has come.
+    pub(crate) wake: Option<Stage>,
 }
 
 impl Origin {
@@ -248,6 +251,10 @@ mod tests {
                 }],
             },
             records: Records::default(),
+            wake: Some(Stage::Asleep {
+                highest: f64::NEG_INFINITY,
+                place: [1.0, 2.0, 3.0],
+            }),
         }
     }
 

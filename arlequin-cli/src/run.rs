@@ -11,7 +11,7 @@ use crate::recorder::{self, ENERGY_COLUMNS, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::{Precision, Quantity};
 use crate::spectrum;
-use crate::wake;
+use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::path::{Path, PathBuf};
@@ -51,6 +51,16 @@ pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCo
     let begin = Instant::now();
     let place = Folder::left_behind(target);
     let saved = Checkpoint::read(&place)?;
+    if place != target && target.exists() {
+        // Begun with --force; said now, not after the last step.
+        return Err(Error::Checkpoint {
+            path: place.join(checkpoint::NAME),
+            reason: format!(
+                "belongs to a run that is to replace {}, which exists; move that away, then resume",
+                target.display()
+            ),
+        });
+    }
     if saved.version != env!("CARGO_PKG_VERSION") {
         return Err(Error::Checkpoint {
             path: place.join(checkpoint::NAME),
@@ -69,6 +79,9 @@ pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCo
         threads,
         json,
     };
+    if let (Some(stage), Some(wake)) = (saved.wake.clone(), &input.scene.wake) {
+        return wake::resume(&input, wake, target, saved, stage);
+    }
     let built = build::build(&input.scene, source.folder())?;
     let stop = watch_interrupt()?;
     let origin = saved.origin.clone();
@@ -114,6 +127,8 @@ pub(crate) struct Session<'a, T: Real> {
     origin: Origin,
     setup: f64,
     resumed_at: Option<usize>,
+    /// How far a scene with `[wake]` has come, for the checkpoints.
+    pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
     strangers: Strangers,
 }
@@ -141,6 +156,7 @@ impl<'a, T: Real> Session<'a, T> {
             origin,
             setup: 0.0,
             resumed_at: None,
+            stage: None,
             breaks,
             strangers: built.strangers,
         })
@@ -164,6 +180,12 @@ impl<'a, T: Real> Session<'a, T> {
 
     /// Goes on from a checkpoint likewise.
     fn rest(mut self, saved: Checkpoint, begin: Instant, stop: &AtomicBool) -> Result<ExitCode> {
+        self.restore(saved)?;
+        self.whole(begin, stop)
+    }
+
+    /// Takes the state of a checkpoint.
+    pub(crate) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
         let restored = self.run.restore(&saved.snapshot.rounded());
         restored.map_err(|e| Error::Checkpoint {
             path: self.folder.path().join(checkpoint::NAME),
@@ -171,12 +193,12 @@ impl<'a, T: Real> Session<'a, T> {
         })?;
         self.recorder.resume(saved.records)?;
         self.resumed_at = Some(saved.snapshot.step);
-        self.whole(begin, stop)
+        Ok(())
     }
 
     /// Makes the steps that are left and writes the results.
     fn complete(mut self, stop: &AtomicBool) -> Result<ExitCode> {
-        let end = self.advance(stop, &mut |_| false)?;
+        let end = self.advance(stop, &mut |_, _| false)?;
         if end == End::Interrupted {
             self.save()?;
         }
@@ -186,10 +208,11 @@ impl<'a, T: Real> Session<'a, T> {
     /// Writes the results of the steps made and ends the folder.
     pub(crate) fn conclude(mut self, end: End, wake: Option<WakeReport>) -> Result<ExitCode> {
         let (summary, text) = self.write_results(end, wake)?;
-        if end == End::Complete {
-            checkpoint::remove(self.folder.path())?;
-        }
         let place = self.folder.finish()?;
+        if end == End::Complete {
+            // Only now: killed in between, the run would have neither results nor a checkpoint.
+            checkpoint::remove(&place)?;
+        }
         if self.input.json {
             report::json(&text);
         } else {
@@ -243,11 +266,12 @@ impl<'a, T: Real> Session<'a, T> {
         Ok((summary, text))
     }
 
-    /// Makes the steps, until the user ends them or `woken` says so after one that is not the last.
+    /// Makes the steps, until the user ends them or `woken`, which may change the stage, says so after one that is not the
+    /// last.
     pub(crate) fn advance(
         &mut self,
         stop: &AtomicBool,
-        woken: &mut dyn FnMut(&Coupled<T>) -> bool,
+        woken: &mut dyn FnMut(&Coupled<T>, &mut Option<Stage>) -> bool,
     ) -> Result<End> {
         let every = self.input.scene.output.checkpoint_every;
         let progress = Progress::new(self.steps);
@@ -255,16 +279,20 @@ impl<'a, T: Real> Session<'a, T> {
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             self.recorder.observe(&mut self.run, energy)?;
-            if every.is_some_and(|n| made.is_multiple_of(n)) && made < self.steps {
-                self.save()?;
-            }
             progress.set(made);
-            if made < self.steps && stop.load(Ordering::Relaxed) {
-                end = End::Interrupted;
+            if made == self.steps {
                 break;
             }
-            if made < self.steps && woken(&self.run) {
+            // Before the checkpoint, which must know what was seen.
+            if woken(&self.run, &mut self.stage) {
                 end = End::Woken;
+                break;
+            }
+            if every.is_some_and(|n| made.is_multiple_of(n)) {
+                self.save()?;
+            }
+            if stop.load(Ordering::Relaxed) {
+                end = End::Interrupted;
                 break;
             }
         }
@@ -272,12 +300,14 @@ impl<'a, T: Real> Session<'a, T> {
         Ok(end)
     }
 
-    fn save(&self) -> Result<()> {
+    /// Writes a checkpoint.
+    pub(crate) fn save(&self) -> Result<()> {
         Checkpoint {
             version: env!("CARGO_PKG_VERSION").into(),
             origin: self.origin.clone(),
             snapshot: self.run.snapshot().rounded(),
             records: self.recorder.records(),
+            wake: self.stage.clone(),
         }
         .write(self.folder.path())
     }

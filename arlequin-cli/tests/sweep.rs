@@ -3,104 +3,10 @@
 
 mod common;
 
-use common::{arlequin, number, scratch, succeed, text};
+use common::sweeps::{SWEEP, folder};
+use common::{arlequin, number, succeed, text};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-
-const COUPLED: &str = r#"# A chain and a bar.
-[model.chain]
-kind = "chain"
-role = "fine"
-shape.bar = { from = -1.0, to = 1.4, section = 1.0 }
-spacing = 0.02
-material = { young = 1.0, density = 1.0 }
-
-[model.bar] # the coarse one
-kind = "fem"
-role = "coarse"
-shape.bar = { from = 1.0, to = 9.0, section = 1.0 }
-spacing = 0.1 # to be varied
-material = { young = 1.0, density = 1.0 }
-
-[interface.joint]
-coarse = "bar"
-fine = "chain"
-overlap.slab = { fine = [1.0, 0.0, 0.0], coarse = [1.4, 0.0, 0.0] }
-weight = { profile = "cubic" }
-mediator = { spacing = 0.1 }
-"#;
-
-const REST: &str = r#"
-[[initial]]
-wave = { component = "x", along = "x", centre = 0.0, width = 1.6, amplitude = 1e-3 }
-
-[time]
-end = 5.0
-
-[probe.far]
-model = "MODEL"
-at = [4.0, 0.0, 0.0]
-component = "x"
-
-[probe.far-velocity]
-model = "MODEL"
-at = [4.0, 0.0, 0.0]
-quantity = "velocity"
-component = "x"
-"#;
-
-const ALONE: &str = r#"
-[model.MODEL]
-kind = "chain"
-shape.bar = { from = -1.0, to = 9.0, section = 1.0 }
-spacing = 0.02
-material = { young = 1.0, density = 1.0 }
-"#;
-
-const SWEEP: &str = r#"
-title = "Chain <and> bar"
-scene = "coupled.toml"
-targets = [0.2, 0.05]
-reference = { run = "all-fine" }
-hook = { axis = "h" }
-
-[axis.h]
-values = [[0.05, 1.2], [0.1, 1.4], [0.2, 1.8]]
-set = [
-    "model.bar.spacing={0}",
-    "interface.joint.mediator.spacing={0}",
-    "model.chain.shape.bar.to={1}",
-    "interface.joint.overlap.slab.coarse=[{1}, 0.0, 0.0]",
-]
-
-[run.all-fine]
-scene = "alone.toml"
-mark = "all-fine"
-
-[run.all-coarse]
-scene = "alone.toml"
-set = ["model.all.kind=fem", "model.all.spacing={}"]
-values = [0.1, 0.2]
-mark = "all-coarse"
-
-[reflected.joint]
-probe = "far"
-after = 4.9
-"#;
-
-fn folder(name: &str, sweep: &str) -> PathBuf {
-    let path = scratch(name);
-    let coupled = COUPLED.to_owned() + &REST.replace("MODEL", "bar");
-    let alone = (ALONE.to_owned() + REST).replace("MODEL", "all");
-    for (file, text) in [
-        ("coupled.toml", &coupled),
-        ("alone.toml", &alone),
-        ("sweep.toml", &sweep.to_owned()),
-    ] {
-        std::fs::write(path.join(file), text).unwrap();
-    }
-    path
-}
+use std::path::Path;
 
 fn read(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
@@ -272,6 +178,16 @@ fn mistakes_in_a_sweep_are_named_before_anything_runs() {
         ("targets = [0.2, 0.05]", "colour = 3", "colour"),
         ("after = 4.9", "after = -4.9", "reflected.joint.after"),
         (
+            "targets = [0.2, 0.05]",
+            "measure.far.unit = \"m\"",
+            "measure.far: needs exactly one",
+        ),
+        (
+            "targets = [0.2, 0.05]",
+            "measure.far = { fact = \"contacts\", factor = 0.0 }",
+            "measure.far.factor",
+        ),
+        (
             "scene = \"coupled.toml\"",
             "scene = \"nothing.toml\"",
             "nothing.toml",
@@ -353,4 +269,134 @@ fn wishes_that_make_no_sense_are_named() {
         assert_eq!(said.status.code(), Some(2), "{arguments:?}: {error}");
         assert!(error.contains(word), "{arguments:?}: {error}");
     }
+}
+
+#[test]
+fn scalars_and_predictions_stand_beside_errors() {
+    let more = r#"
+        [measure.peak]
+        pointer = "/probes/far/max"
+        factor = 1e3
+        unit = "mm"
+
+        [measure.bonds]
+        fact = "broken bonds"
+    "#;
+    let sweep = SWEEP.replace("hook =", "suggest = true\nhook =") + more;
+    let path = folder("sweep-scalars", &sweep);
+    let out = path.join("out");
+    let arguments = ["sweep", text(&path.join("sweep.toml")), "--out", text(&out)].map(str::to_owned);
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    succeed(&arguments);
+    let s = read(&out.join("sweep.json"));
+    assert_eq!(s["units"]["peak"], "mm");
+    let runs = s["runs"].as_array().unwrap();
+    for (k, r) in runs.iter().enumerate() {
+        // The pulse of 1 mm runs one way.
+        let [value, deviation] = ["value", "deviation"].map(|n| number(r, &format!("/measures/peak/{n}")));
+        assert!((0.5..1.1).contains(&value), "{r}");
+        let expected = value / number(&runs[0], "/measures/peak/value") - 1.0;
+        assert!((deviation - expected).abs() < 1e-12);
+        assert!(r["measures"]["bonds"]["value"].is_null(), "nothing breaks here");
+        assert_eq!(
+            r["predicted"].is_object(),
+            k >= 3,
+            "only varied runs are foretold"
+        );
+    }
+    for r in &runs[3..5] {
+        for kind in ["displacement", "velocity"] {
+            let [p, e] = ["predicted", "errors"].map(|n| number(r, &format!("/{n}/{kind}")));
+            assert!(
+                (0.8..1.25).contains(&(p / e)),
+                "{kind}: {p} foretold, {e} measured"
+            );
+        }
+        assert!(number(r, "/predicted/seconds") > 0.0);
+    }
+    let words = s["conclusion"].to_string();
+    assert!(
+        words.contains("peak, against the reference: coupled runs"),
+        "{words}"
+    );
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert_well_formed(&page);
+    assert!(page.contains("<th>peak [mm]</th>"));
+    let csv = std::fs::read_to_string(out.join("sweep.csv")).unwrap();
+    let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
+    assert!(columns.iter().all(|c| *c == columns[0]), "{columns:?}");
+    // The page of several sweeps has both tables.
+    let docs = path.join("docs.md");
+    succeed(&[
+        "sweep-docs",
+        "--out",
+        text(&docs),
+        text(&path.join("sweep.toml")),
+        text(&out),
+    ]);
+    let docs = std::fs::read_to_string(docs).unwrap();
+    assert!(docs.contains("| time | bonds | peak [mm] |"), "{docs}");
+    assert!(
+        docs.contains("Predicted over measured: displacement error"),
+        "{docs}"
+    );
+}
+
+/// Ctrl-C reaches the sweep and its run; what was finished stays, the same command goes on.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
+    use std::os::unix::process::CommandExt;
+    let slow = SWEEP.replace("targets =", "set = [\"time.step.fraction=0.002\"]\ntargets =");
+    let path = folder("sweep-interrupted", &slow);
+    let out = path.join("out");
+    let arguments = ["sweep", text(&path.join("sweep.toml")), "--out", text(&out)].map(str::to_owned);
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let mut sweep = common::command(&arguments)
+        .stdout(std::process::Stdio::null())
+        .process_group(0)
+        .spawn()
+        .unwrap();
+    // The three runs of one model are over in no time, the coupled ones take a second each.
+    let begun = |label: &str| {
+        let folders = std::fs::read_dir(out.join("runs"))
+            .into_iter()
+            .flatten()
+            .flatten();
+        folders
+            .map(|f| f.file_name().to_string_lossy().into_owned())
+            .any(|f| f.starts_with(label))
+    };
+    let finished = |label: &str| out.join("runs").join(label).join("member.json");
+    while !(finished("all-coarse=0.2").exists() && begun("h=0.05.log")) {
+        assert!(sweep.try_wait().unwrap().is_none(), "ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(100));
+    let group = format!("-{}", sweep.id());
+    let sent = std::process::Command::new("kill")
+        .args(["-INT", "--", &group])
+        .status();
+    assert!(sent.unwrap().success());
+    assert_eq!(sweep.wait().unwrap().code(), Some(130));
+    let s = read(&out.join("sweep.json"));
+    assert_eq!(s["status"], "interrupted");
+    let states: Vec<&str> = s["runs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|r| r["status"].as_str().unwrap())
+        .collect();
+    assert_eq!(states, [["complete"; 3], ["missing"; 3]].concat());
+    assert!(
+        s["conclusion"]
+            .to_string()
+            .contains("3 of 6 runs are still to be made")
+    );
+    let kept = ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
+    let said = succeed(&arguments);
+    assert!(said.contains("3 made, 3 taken from before"), "{said}");
+    assert_eq!(read(&out.join("sweep.json"))["status"], "complete");
+    let again = ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
+    assert!(kept == again, "finished runs are not touched");
 }

@@ -228,7 +228,7 @@ fn check_shows_both_parts() {
 /// Each is refused before a step is made, at its key, with the way out.
 #[test]
 fn bad_input_is_named() {
-    let cases: [(&str, &str, &str); 15] = [
+    let cases: [(&str, &str, &str); 14] = [
         (
             "model = \"right\"\nby",
             "model = \"wrong\"\nby",
@@ -267,11 +267,6 @@ fn bad_input_is_named() {
             "load.0.model=left",
         ),
         ("end = 26.0", "steps = 100", "time.end"),
-        (
-            "plots = false",
-            "checkpoint_every = 10",
-            "output.checkpoint_every",
-        ),
     ];
     for (k, (from, to, expected)) in cases.iter().enumerate() {
         assert!(BAR.contains(from), "{from}");
@@ -317,4 +312,79 @@ fn effects_that_cannot_be_handed_over() {
     let path = written("wake-clamp", &clamp);
     let error = String::from_utf8_lossy(&arlequin(&["check", text(&path)]).stderr).into_owned();
     assert!(error.contains("support.0.model=block"), "{error}");
+}
+
+/// Everything that a run computed, asleep and awake.
+fn results(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut files = Vec::new();
+    for part in ["", "asleep"] {
+        let part = folder.join(part);
+        files.extend(["probes.csv", "energy.csv", "results.pvd"].map(|n| part.join(n)));
+        files.extend(
+            std::fs::read_dir(part.join("vtu"))
+                .unwrap()
+                .map(|e| e.unwrap().path()),
+        );
+    }
+    files.sort();
+    let read = |p: PathBuf| {
+        (
+            p.strip_prefix(folder).unwrap().to_owned(),
+            std::fs::read(&p).unwrap(),
+        )
+    };
+    files.into_iter().map(read).collect()
+}
+
+#[test]
+fn killed_asleep_and_awake_it_goes_on_with_the_same_bits() {
+    let slow = BAR.replace("end = 26.0", "end = 26.0\nstep.fraction = 0.02");
+    let path = written("wake-killed", &slow);
+    let (whole, _) = run(&path, &[]);
+    let expected = results(&whole);
+    let killed = path.with_file_name("killed");
+    let unfinished = path.with_file_name("killed.unfinished");
+    let begin = ["run", text(&path), "--out", text(&killed)];
+    let every = ["--set", "output.checkpoint_every=40"];
+    let start = |arguments: &[&str]| {
+        let mut c = common::command(arguments);
+        let c = c.stdout(std::process::Stdio::null());
+        c.spawn().unwrap()
+    };
+    // Resumed while it sleeps, and while it is awake.
+    let (mut seen, mut state) = ([0; 2], 88_172_645_463_325_252_u64);
+    let mut child = start(&[&begin[..], &every].concat());
+    let checkpoint = unfinished.join("checkpoint.bin");
+    let written = || std::fs::metadata(&checkpoint).and_then(|m| m.modified()).ok();
+    for _ in 0..25 {
+        // Somewhere behind the next checkpoint.
+        let before = written();
+        while written() == before && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        std::thread::sleep(std::time::Duration::from_millis(state % 120));
+        if child.try_wait().unwrap().is_some() {
+            break;
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        if !unfinished.exists() {
+            // Killed after the last write.
+            break;
+        }
+        seen[usize::from(unfinished.join("asleep").exists())] += 1;
+        child = start(&["resume", text(&killed)]);
+    }
+    child.wait().unwrap();
+    assert!(
+        seen[0] > 0 && seen[1] > 0,
+        "resumed {seen:?} times asleep and awake"
+    );
+    assert!(results(&killed) == expected);
+    let [a, b] = [&whole, &killed].map(|f| summary(f)["wake"].clone());
+    assert_eq!(a, b);
+    assert_eq!(a["woken"], true);
 }

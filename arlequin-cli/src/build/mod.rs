@@ -45,7 +45,7 @@ pub(crate) struct Drawn {
 }
 
 /// The state from which a run starts, if not that of `[[initial]]` at time zero.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Start {
     /// Time \[s\].
     pub(crate) time: f64,

@@ -76,18 +76,44 @@ impl Folder {
         Ok(path)
     }
 
-    /// Moves everything in it into a folder inside.
+    /// Moves everything but the checkpoint into a folder inside. The checkpoint stays until another one replaces it:
+    /// killed in between, the run goes on from there after [`Folder::take_back`].
     pub(crate) fn put_aside(&self, name: &str) -> Result<()> {
         let into = self.partial.join(name);
         let all: Vec<_> = std::fs::read_dir(&self.partial)
             .and_then(Iterator::collect::<std::io::Result<_>>)
             .map_err(write(&self.partial))?;
         std::fs::create_dir(&into).map_err(write(&into))?;
-        for entry in all {
+        for entry in all.iter().filter(|e| e.file_name() != checkpoint::NAME) {
             let to = into.join(entry.file_name());
             std::fs::rename(entry.path(), &to).map_err(write(&to))?;
         }
         Ok(())
+    }
+
+    /// Undoes [`Folder::put_aside`], whatever it left undone and whatever came after it.
+    pub(crate) fn take_back(&self, name: &str) -> Result<()> {
+        let from = self.partial.join(name);
+        if !from.exists() {
+            return Ok(());
+        }
+        let entries = |folder: &Path| -> Result<Vec<std::fs::DirEntry>> {
+            std::fs::read_dir(folder)
+                .and_then(Iterator::collect)
+                .map_err(write(folder))
+        };
+        for entry in entries(&from)? {
+            let to = self.partial.join(entry.file_name());
+            // What came after the waking is made anew.
+            let removed = match (to.is_dir(), to.exists()) {
+                (true, _) => std::fs::remove_dir_all(&to),
+                (_, true) => std::fs::remove_file(&to),
+                _ => Ok(()),
+            };
+            removed.map_err(write(&to))?;
+            std::fs::rename(entry.path(), &to).map_err(write(&to))?;
+        }
+        std::fs::remove_dir(&from).map_err(write(&from))
     }
 
     /// Moves the folder to its target.

@@ -61,7 +61,7 @@ pub(crate) struct Summary {
 }
 
 /// A model that slept, and what its waking did.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, serde::Deserialize)]
 pub(crate) struct WakeReport {
     /// Whether it woke.
     pub(crate) woken: bool,
@@ -70,7 +70,7 @@ pub(crate) struct WakeReport {
     /// Its carrier.
     pub(crate) by: String,
     /// What is compared, with its unit.
-    pub(crate) criterion: &'static str,
+    pub(crate) criterion: String,
     /// Its limit.
     pub(crate) limit: f64,
     /// Value that woke the model, or the largest one seen; none before the first look.
@@ -94,7 +94,7 @@ pub(crate) struct WakeReport {
 }
 
 /// Momentum of all models.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, serde::Deserialize)]
 pub(crate) struct Momentum {
     /// Linear \[kg m/s\].
     pub(crate) linear: [f64; 3],

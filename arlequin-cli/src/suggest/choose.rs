@@ -123,16 +123,9 @@ impl<'a> Search<'a> {
     /// Draws up candidates and analyses the overlaps.
     pub(crate) fn new(scenario: &'a Scenario, spectrum: &'a Spectrum, end: f64) -> Result<Self> {
         let s = scenario;
-        let [h, r, h_b] = s.spacings;
-        let mut forms = vec![Form {
-            ratio: (h / r).max(1.0),
-            h_b: h_b / h,
-            overlap: s.overlap / h,
-            profile: s.profile,
-            junction: s.junction,
-            length_ratio: (s.junction != JunctionKind::L2).then_some(s.length_ratio),
-        }];
-        let given = candidate(&forms[0], h, 0);
+        let r = s.spacings[1];
+        let (given, form) = as_given(s);
+        let mut forms = vec![form];
         let mut candidates = Vec::new();
         // At least two elements across and four along.
         let mut spacing = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
@@ -186,6 +179,20 @@ impl<'a> Search<'a> {
             Goal::Time(t) => least(&error, &|p| time(p) <= t).ok_or_else(|| least(&time, &|_| true)),
         }
     }
+}
+
+/// The scene as it is, its overlap the first of the tables.
+pub(crate) fn as_given(s: &Scenario) -> (Candidate, Form) {
+    let [h, r, h_b] = s.spacings;
+    let form = Form {
+        ratio: (h / r).max(1.0),
+        h_b: h_b / h,
+        overlap: s.overlap / h,
+        profile: s.profile,
+        junction: s.junction,
+        length_ratio: (s.junction != JunctionKind::L2).then_some(s.length_ratio),
+    };
+    (candidate(&form, h, 0), form)
 }
 
 fn candidate(f: &Form, h: f64, table: usize) -> Candidate {

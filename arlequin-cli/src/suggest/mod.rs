@@ -6,12 +6,13 @@
 mod apply;
 mod choose;
 mod measure;
+mod path;
 mod predict;
 mod scenario;
 
 use crate::Input;
 use crate::error::{Error, Result, key, value};
-use crate::scene::Precision;
+use crate::scene::{Precision, Scene, Source};
 use apply::Change;
 use choose::{CostModel, Goal, Proposal, Search};
 use measure::measure;
@@ -75,6 +76,59 @@ pub(crate) struct Forecast {
     pub(crate) seconds: f64,
 }
 
+/// What is foretold of a scene as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, serde::Deserialize)]
+pub(crate) struct Foretold {
+    /// Relative error of displacements against the fine model everywhere \[–\].
+    pub(crate) displacement: f64,
+    /// Of velocities \[–\].
+    pub(crate) velocity: f64,
+    /// Set-up and steps \[s\].
+    pub(crate) seconds: f64,
+}
+
+/// Refuses a scene of which nothing can be foretold.
+pub(crate) fn readable(scene: &Scene) -> Result<Scenario> {
+    crate::wake::refuse(scene, "suggest")?;
+    if scene.time.precision == Precision::Single {
+        let rule = "suggest makes its trial steps in double precision; add --set time.precision=\"double\"";
+        return Err(value("time.precision", "single", rule));
+    }
+    let s = scenario::scenario(scene)?;
+    if scene.interface.values().any(|i| i.lumped) {
+        let rule = "suggest cannot analyse a lumped interface; remove it";
+        return Err(key(format!("interface.{}.lumped", s.names[0]), rule));
+    }
+    Ok(s)
+}
+
+/// Error and time of a scene as it is, from trial steps on this machine and the analysis of its overlap.
+pub(crate) fn foretell(source: &Source, set: &[String]) -> Result<Foretold> {
+    let scene = source.scene(set)?;
+    let s = readable(&scene)?;
+    let threads = rayon::current_num_threads();
+    let input = Input {
+        source,
+        scene,
+        set,
+        threads,
+        json: false,
+    };
+    let (m, end) = measure(&input, &[])?;
+    let spectrum = scenario::spectrum(&input.scene, &s, end, None)?;
+    let (candidate, form) = choose::as_given(&s);
+    let tables = predict::tables(&[form])?;
+    let errors = predict::errors(&candidate, &tables, &s, &spectrum, end, m.dt);
+    let fraction = s
+        .fraction
+        .unwrap_or_else(|| m.dt / m.critical[0].min(m.critical[1]));
+    Ok(Foretold {
+        displacement: errors.displacement,
+        velocity: errors.velocity,
+        seconds: CostModel::new(candidate, m, &s, fraction).seconds(&candidate, &s, end),
+    })
+}
+
 /// A positive number with one of several units.
 fn number(name: &str, text: &str, units: &[(&str, f64)], rule: &str) -> Result<f64> {
     let text = text.trim();
@@ -105,17 +159,8 @@ fn goal(wish: &Wish) -> Result<Goal> {
 
 /// Proposes settings.
 pub(crate) fn suggest(input: &Input<'_>, wish: &Wish) -> Result<()> {
-    crate::wake::refuse(&input.scene, "suggest")?;
-    if input.scene.time.precision == Precision::Single {
-        let rule = "suggest makes its trial steps in double precision; add --set time.precision=\"double\"";
-        return Err(value("time.precision", "single", rule));
-    }
     let goal = goal(wish)?;
-    let s = scenario::scenario(&input.scene)?;
-    if input.scene.interface.values().any(|i| i.lumped) {
-        let rule = "suggest cannot analyse a lumped interface; remove it";
-        return Err(key(format!("interface.{}.lumped", s.names[0]), rule));
-    }
+    let s = readable(&input.scene)?;
     let (first, end) = measure(input, &[])?;
     let spectrum = scenario::spectrum(&input.scene, &s, end, wish.frequency)?;
     let search = Search::new(&s, &spectrum, end)?;

@@ -1,6 +1,7 @@
 //! Error of a coupling before it is run: dispersion of the coarse lattice over the way a wave makes in it, and reflection
 //! and transmission of the overlap by harmonic analysis.
 
+use super::path::{self, Arrival};
 use super::scenario::{Scenario, Spectrum};
 use crate::build;
 use crate::error::{Error, Result, core};
@@ -190,10 +191,46 @@ impl Errors {
     }
 }
 
-/// Wavenumber of a lattice of spacing `h` under steps `dt`: `sin(ω Δt/2) = (c Δt/h) sin(κ h/2)`; none above its cutoff.
-fn wavenumber(omega: f64, speed: f64, h: f64, dt: f64) -> Option<f64> {
-    let s = h / (speed * dt) * (0.5 * omega * dt).sin();
-    (s < 1.0).then(|| 2.0 / h * s.asin())
+/// A lattice: spacing \[m\] and share of element-wise strains in its forces.
+type Lattice = [f64; 2];
+
+/// Wavenumber of a lattice of spacing `h` under steps `Δt`; none above its cutoff. With strains by elements
+/// `sin(ω Δt/2) = (c Δt/h) sin(κ h/2)`; strains smoothed over the cells of nodes reach over two spacings and put
+/// `sin(κ h)/2` in place of `sin(κ h/2)`; a share `a` of the former is mixed in by squares.
+fn wavenumber(omega: f64, speed: f64, [h, a]: Lattice, dt: f64) -> Option<f64> {
+    let q = (h / (speed * dt) * (0.5 * omega * dt).sin()).powi(2);
+    // y - (1 - a) y^2 = q for y = sin^2 of half the phase between neighbours.
+    let square = if a < 1.0 {
+        let root = 1.0 - 4.0 * (1.0 - a) * q;
+        if root <= 0.0 {
+            return None;
+        }
+        2.0 * q / (1.0 + root.sqrt())
+    } else {
+        q
+    };
+    (square < 1.0).then(|| 2.0 / h * square.sqrt().asin())
+}
+
+/// What one frequency suffers.
+#[derive(Debug, Clone, Copy)]
+enum Fate {
+    /// Difference of the wavenumbers \[1/m\] and loss per passage of the overlap.
+    Carried(f64, f64),
+    /// The coarse lattice does not carry it.
+    Lost,
+}
+
+/// `|1 − e^{iφ}|²`, or its mean while the phase grows to `φ`.
+fn shift(phase: f64, growing: bool) -> f64 {
+    if !growing {
+        return 2.0 * (1.0 - phase.cos());
+    }
+    if phase.abs() < 1e-4 {
+        phase * phase / 3.0
+    } else {
+        2.0 * (1.0 - phase.sin() / phase)
+    }
 }
 
 /// Error of a candidate over a run that ends at `end` with steps `dt`.
@@ -205,43 +242,104 @@ pub(crate) fn errors(
     end: f64,
     dt: f64,
 ) -> Errors {
-    let body = s.lengths[0] + s.lengths[1];
+    let cutoff = 2.0 * s.speed / c.h;
+    let lattices = [[c.h, s.elementwise[0]], [s.spacings[1], s.elementwise[1]]];
+    let fate = |omega: &f64| {
+        let [coarse, fine] = lattices.map(|l| wavenumber(*omega, s.speed, l, dt));
+        match (coarse, fine) {
+            (Some(coarse), Some(fine)) if *omega < 0.98 * cutoff => {
+                Fate::Carried(coarse - fine, tables[c.table].loss(omega / cutoff))
+            }
+            _ => Fate::Lost,
+        }
+    };
+    let fates: Vec<Fate> = spectrum.omega.iter().map(fate).collect();
+    let squares = || spectrum.velocity.iter().map(|a| a * a);
+    let total: f64 = squares().sum();
+    let lost = squares().zip(&fates).filter(|(_, f)| matches!(f, Fate::Lost));
+    let above_cutoff = lost.map(|(a, _)| a).sum::<f64>() / total.max(f64::MIN_POSITIVE);
     let way = s.speed * end;
+    let arrivals = spectrum
+        .origin
+        .and_then(|o| path::arrivals(s, &o, c.overlap, way));
+    let [displacement, velocity] = match arrivals {
+        Some(arrivals) => at_probes(&arrivals, &fates, s, spectrum, end),
+        None => everywhere(c, &fates, s, spectrum, way),
+    };
+    Errors {
+        displacement,
+        velocity,
+        above_cutoff,
+    }
+}
+
+/// Errors at the probes, arrival by arrival: the signal is short beside the time between two of them.
+fn at_probes(
+    arrivals: &[Vec<Arrival>; 2],
+    fates: &[Fate],
+    s: &Scenario,
+    spectrum: &Spectrum,
+    end: f64,
+) -> [f64; 2] {
+    let total: f64 = spectrum.velocity.iter().map(|a| a * a).sum();
+    [0, 1].map(|kind| {
+        let mut sums = [0.0; 2];
+        for p in &arrivals[kind] {
+            let seen = spectrum.energies(end - p.way / s.speed);
+            let mut error = 0.0;
+            for ((omega, a), fate) in spectrum.omega.iter().zip(&spectrum.velocity).zip(fates) {
+                let loss = match fate {
+                    Fate::Carried(k, once) => shift(k * p.coarse, false) + (p.passages * once).min(2.0),
+                    Fate::Lost if p.passages > 0.0 => 2.0,
+                    Fate::Lost => 0.0,
+                };
+                error += a * a * loss / if kind == 0 { omega * omega } else { 1.0 };
+            }
+            // Of a signal that the run's end cuts, as much of the error is seen as of the signal.
+            sums[0] += error / total * seen[1];
+            sums[1] += seen[kind];
+        }
+        (sums[0] / sums[1].max(f64::MIN_POSITIVE)).sqrt()
+    })
+}
+
+/// Errors if it is not known where the signal starts: as if probes were everywhere on its way.
+fn everywhere(c: &Candidate, fates: &[Fate], s: &Scenario, spectrum: &Spectrum, way: f64) -> [f64; 2] {
+    let body = s.lengths[0] + s.lengths[1];
     // Of its way, a wave makes the coarse model's share in it; half the overlap counts.
     let coarse_way = way * (s.lengths[0] - 0.5 * c.overlap) / body;
     let passages = (way / body).max(1.0);
-    let cutoff = 2.0 * s.speed / c.h;
-    let (mut sums, mut lost) = ([[0.0; 2]; 2], 0.0);
-    for (omega, a) in spectrum.omega.iter().zip(&spectrum.velocity) {
-        let square = a * a;
-        let loss = match (
-            wavenumber(*omega, s.speed, c.h, dt),
-            wavenumber(*omega, s.speed, s.spacings[1], dt),
-        ) {
-            (Some(coarse), Some(fine)) if *omega < 0.98 * cutoff => {
-                let phase = (coarse - fine) * coarse_way;
-                // Mean of |1 − e^{iφ}|² while the phase grows to its last value.
-                let shift = if phase.abs() < 1e-4 {
-                    phase * phase / 3.0
-                } else {
-                    2.0 * (1.0 - phase.sin() / phase)
-                };
-                shift + (passages * tables[c.table].loss(omega / cutoff)).min(2.0)
-            }
-            _ => {
-                lost += square;
-                2.0
-            }
+    let mut sums = [[0.0; 2]; 2];
+    for ((omega, a), fate) in spectrum.omega.iter().zip(&spectrum.velocity).zip(fates) {
+        let loss = match fate {
+            Fate::Carried(k, once) => shift(k * coarse_way, true) + (passages * once).min(2.0),
+            Fate::Lost => 2.0,
         };
-        for (k, weight) in [square / (omega * omega), square].into_iter().enumerate() {
-            sums[k][0] += weight * loss;
-            sums[k][1] += weight;
+        for (sum, weight) in sums.iter_mut().zip([a * a / (omega * omega), a * a]) {
+            sum[0] += weight * loss;
+            sum[1] += weight;
         }
     }
-    let root = |s: [f64; 2]| (s[0] / s[1].max(f64::MIN_POSITIVE)).sqrt();
-    Errors {
-        displacement: root(sums[0]),
-        velocity: root(sums[1]),
-        above_cutoff: lost / sums[1][1].max(f64::MIN_POSITIVE),
+    sums.map(|s| (s[0] / s[1].max(f64::MIN_POSITIVE)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lattices_lag_as_their_strains_are_taken() {
+        // Long waves under small steps: (κh)²/24 by elements, (κh)²/6 smoothed over two spacings, in between mixed.
+        let (h, omega) = (0.1, 1.0);
+        for (share, expected) in [(1.0, 1.0 / 24.0), (0.0, 1.0 / 6.0), (0.5, 0.625 / 6.0)] {
+            let k = wavenumber(omega, 1.0, [h, share], 1e-6).unwrap_or_default();
+            let lag = (k - omega) / (omega * h * h);
+            assert!(
+                (lag / expected - 1.0).abs() < 0.02,
+                "{share}: {lag} for {expected}"
+            );
+        }
+        assert!(wavenumber(21.0, 1.0, [h, 1.0], 1e-6).is_none());
+        assert!(wavenumber(10.5, 1.0, [h, 0.0], 1e-6).is_none());
     }
 }

@@ -1,10 +1,13 @@
 //! What of a scene decides how accurate and how dear a coupling is.
 
+use super::path::{self, Origin};
 use crate::build::Kind;
 use crate::error::{Error, Result, key};
 use crate::scene::{
-    Interface, JunctionKind, ModelTable, OverlapShape, ProfileKind, Scene, Shape, StepChoice, TimeShape,
+    Interface, JunctionKind, Load, ModelTable, OverlapShape, ProfileKind, Scene, Shape, StepChoice,
+    TimeShape, Wave,
 };
+use arlequin::cnem::Stabilisation;
 use std::f64::consts::PI;
 
 /// Samples of a signal from which its spectrum is read.
@@ -39,6 +42,10 @@ pub(crate) struct Scenario {
     pub(crate) length_ratio: f64,
     /// Whether an absorber is there already.
     pub(crate) absorber: bool,
+    /// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes along the axis \[m\].
+    pub(crate) probes: Vec<(usize, f64)>,
+    /// Share of element-wise strains in the forces of the coarse and the fine lattice, 1 but for natural elements.
+    pub(crate) elementwise: [f64; 2],
     /// Whether the fine model is a random packing.
     pub(crate) particles: bool,
     /// Speed of long axial waves \[m/s\].
@@ -98,6 +105,8 @@ pub(crate) fn scenario(scene: &Scene) -> Result<Scenario> {
         // A quarter of the mediator's spacing is the default of scenes.
         length_ratio: table.junction.length.map_or(0.25, |l| l / spacings[2]),
         absorber: table.absorber.is_some(),
+        probes: path::probes(scene, axis, fine[axis], inward),
+        elementwise: [elementwise(c), elementwise(f)],
         particles: f.kind == Kind::Dem,
         speed: (c.material.young / c.material.density).sqrt(),
         end: scene.time.end,
@@ -108,8 +117,18 @@ pub(crate) fn scenario(scene: &Scene) -> Result<Scenario> {
     })
 }
 
+/// Natural elements smooth their strains over cells, which reach over two spacings; their stabilisation adds a share of
+/// element-wise strains.
+fn elementwise(m: &ModelTable) -> f64 {
+    match (m.kind, m.cnem.stabilisation, Stabilisation::default()) {
+        (Kind::Cnem, Some(share), _) | (Kind::Cnem, None, Stabilisation::SubCells(share)) => share,
+        (Kind::Cnem, None, Stabilisation::None) => 0.0,
+        _ => 1.0,
+    }
+}
+
 /// Where a body begins and ends along an axis.
-fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
+pub(crate) fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
     match &model.shape {
         Shape::Box { low, high } => Ok([low[axis], high[axis]]),
         Shape::Cylinder { from, length, .. } if axis == 0 => Ok([from[0], from[0] + length]),
@@ -181,16 +200,35 @@ pub(crate) struct Spectrum {
     pub(crate) velocity: Vec<f64>,
     /// Where it comes from.
     pub(crate) source: String,
+    /// Where it starts; none if that is not one place or the signal lasts.
+    pub(crate) origin: Option<Origin>,
+    /// How long it is \[s\].
+    duration: f64,
+    /// Integrals from the signal's start to equidistant times within it, of the squares of displacement and velocity.
+    energies: Vec<[f64; 2]>,
+    /// Square of the displacement that stays.
+    left: f64,
+}
+
+impl Spectrum {
+    /// `∫u² dt` and `∫v² dt` over the first `time` of the signal at a place.
+    pub(crate) fn energies(&self, time: f64) -> [f64; 2] {
+        let share = (time / self.duration).max(0.0);
+        let last = self.energies.len() - 1;
+        let k = ((share * last as f64) as usize).min(last);
+        let [u, v] = self.energies[k];
+        [u + (share - 1.0).max(0.0) * self.duration * self.left, v]
+    }
 }
 
 /// The spectrum of what the scene sends out: of `frequency` \[Hz\] as a pulse that long, else of the shortest pulse, ramp
 /// or wave.
 pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<f64>) -> Result<Spectrum> {
     let pulse = |t: f64| (PI * t).sin().powi(2);
-    let mut found: Option<(f64, String, Signal)> = None;
-    let mut offer = |duration: f64, source: String, signal: Signal| {
+    let mut found: Option<(f64, String, Signal, Option<Origin>)> = None;
+    let mut offer = |duration: f64, source: String, signal: Signal, origin: Option<Origin>| {
         if found.as_ref().is_none_or(|f| duration < f.0) {
-            found = Some((duration, source, signal));
+            found = Some((duration, source, signal, origin));
         }
     };
     if let Some(f) = frequency {
@@ -201,6 +239,7 @@ pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<
             2.0 / f,
             format!("a pulse of {:.3e} s (--frequency {f:e})", 2.0 / f),
             Box::new(pulse),
+            None,
         );
     } else {
         for (k, l) in scene.load.iter().enumerate() {
@@ -211,6 +250,7 @@ pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<
                         duration,
                         format!("the pulse of load '{name}', {duration:.3e} s"),
                         Box::new(pulse),
+                        start(scene, s, l),
                     );
                 }
                 // A ramp is a step of rounded velocity: its derivative is a block of its length.
@@ -219,6 +259,7 @@ pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<
                         2.0 * duration,
                         format!("the ramp of load '{name}', {duration:.3e} s"),
                         Box::new(ramp),
+                        None,
                     );
                 }
                 TimeShape::Step | TimeShape::Table(_) => {}
@@ -231,10 +272,11 @@ pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<
                 duration,
                 format!("the initial wave, {duration:.3e} s long"),
                 signal,
+                origin_of(w, s),
             );
         }
     }
-    let Some((duration, source, signal)) = found else {
+    let Some((duration, source, signal, origin)) = found else {
         let rule = "no load has a pulse or ramp and there is no initial wave: steps have no highest frequency; give the \
                     highest one of interest, such as --frequency 2e5";
         return Err(Error::Key {
@@ -242,7 +284,30 @@ pub(crate) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<
             rule: rule.into(),
         });
     };
-    Ok(transform(&*signal, duration, end, source))
+    let mut spectrum = transform(&*signal, duration, end, source);
+    spectrum.origin = origin;
+    Ok(spectrum)
+}
+
+/// Where a load starts its waves, which run both ways.
+fn start(scene: &Scene, s: &Scenario, l: &Load) -> Option<Origin> {
+    let at = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
+    Some(Origin {
+        at,
+        towards: [true, true],
+        ahead: 0.0,
+    })
+}
+
+/// Where a wave starts that exists already.
+fn origin_of(w: &Wave, s: &Scenario) -> Option<Origin> {
+    let along = w.along.index() == s.axis && w.component.index() == s.axis;
+    let forwards = w.speed.is_none_or(|c| c > 0.0) == (s.inward > 0.0);
+    along.then_some(Origin {
+        at: (w.centre - s.border) * s.inward,
+        towards: [forwards, !forwards],
+        ahead: 0.5 * w.width,
+    })
 }
 
 type Signal = Box<dyn Fn(f64) -> f64>;
@@ -268,9 +333,21 @@ fn transform(signal: &dyn Fn(f64) -> f64, duration: f64, end: f64, source: Strin
         });
         sum[0].hypot(sum[1])
     };
+    let (mut u, mut sums) = (0.0, [0.0; 2]);
+    let dt = duration / SAMPLES as f64;
+    let mut energies = vec![sums];
+    for v in &values {
+        u += v * dt;
+        sums = [sums[0] + u * u * dt, sums[1] + v * v * dt];
+        energies.push(sums);
+    }
     Spectrum {
         velocity: omega.iter().map(amplitude).collect(),
         omega,
         source,
+        origin: None,
+        duration,
+        energies,
+        left: u * u,
     }
 }

@@ -106,7 +106,61 @@ pub(crate) fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
     for (k, t) in targets.iter().enumerate() {
         out.push(target(runs, *t, targets.get(k + 1).copied()));
     }
+    out.extend(scatter(runs));
+    out.extend(file.measure.keys().map(|m| scalar(runs, m)));
     out
+}
+
+/// How far all-fine runs lie apart, if there are several.
+fn scatter(runs: &[Run]) -> Option<String> {
+    let others: Vec<&Run> = runs.iter().filter(|r| other_fine(r)).collect();
+    let range = range(others.iter().filter_map(|r| r.error_judged), percent)?;
+    let labels: Vec<&str> = others.iter().map(|r| r.label.as_str()).collect();
+    Some(format!(
+        "All-fine runs differ among themselves: {} from the reference ({}). What a coupled run has less than that is not owed to its coupling.",
+        range,
+        labels.join(", ")
+    ))
+}
+
+/// An all-fine run that is not the reference.
+fn other_fine(r: &Run) -> bool {
+    r.mark == Some(Mark::AllFine) && r.error_judged.is_some_and(|e| e > 0.0)
+}
+
+/// Smallest to largest, in words; none of nothing.
+fn range(values: impl Iterator<Item = f64>, words: impl Fn(f64) -> String) -> Option<String> {
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+        (a.min(x), b.max(x))
+    });
+    let (a, b) = (words(low), words(high));
+    (low <= high).then(|| if a == b { a } else { format!("{a} to {b}") })
+}
+
+/// A deviation with its sign.
+pub(crate) fn signed(x: f64) -> String {
+    let sign = if x < 0.0 { "−" } else { "+" };
+    format!("{sign}{}", percent(x.abs()))
+}
+
+/// What a scalar of the sweep says of coupled, all-fine and all-coarse runs.
+fn scalar(runs: &[Run], name: &str) -> String {
+    let of = |keep: &dyn Fn(&Run) -> bool| {
+        let kept = || runs.iter().filter(|r| r.status == "complete" && keep(r));
+        let all = kept().filter_map(|r| r.measures.get(name)?.deviation);
+        let (some, found) = (kept().next().is_some(), range(all, signed));
+        found.or(some.then(|| "none at all".to_owned()))
+    };
+    let groups = [
+        ("coupled runs", of(&|r| r.mark.is_none())),
+        ("other all-fine runs", of(&other_fine)),
+        ("all-coarse runs", of(&|r| r.mark == Some(Mark::AllCoarse))),
+    ];
+    let parts: Vec<String> = groups
+        .into_iter()
+        .filter_map(|(who, what)| Some(format!("{who} {}", what?)))
+        .collect();
+    format!("{name}, against the reference: {}.", parts.join("; "))
 }
 
 fn target(runs: &[Run], target: f64, next: Option<f64>) -> String {

@@ -1,6 +1,7 @@
 //! The page on accuracy and cost, assembled from finished sweeps: nothing in it is typed by hand but the explanation.
 
 use super::conclude::{self, percent, seconds};
+use super::page;
 use super::picture::{self, HookRow};
 use super::result::Sweep;
 use super::spec::{Hook, Mark, SweepFile};
@@ -37,7 +38,7 @@ accurate: never go there.
 
 **Honest comparison.** The undivided coarse model stands on the same axes. For a homogeneous linear body it is cheaper at
 equal error, for it needs no interface and may take larger steps: coupling pays where the fine model does what the coarse
-one cannot.
+one cannot, as in the notched bar that breaks.
 ";
 
 /// Writes the page.
@@ -76,6 +77,8 @@ pub(crate) fn document(a: &Arguments) -> Result<ExitCode> {
         }
         knob_part(&mut text, &sweep, &file);
         marked_part(&mut text, &sweep);
+        scalar_part(&mut text, &sweep);
+        foretold_part(&mut text, &sweep);
     }
     std::fs::write(&a.out, text).map_err(write(&a.out))?;
     super::say::documented(&a.out);
@@ -148,6 +151,78 @@ fn knob_part(text: &mut String, s: &Sweep, file: &SweepFile) {
             k.axis, k.error_ratio, k.cost_ratio, k.best
         );
     }
+}
+
+/// The scalars of all runs.
+fn scalar_part(text: &mut String, s: &Sweep) {
+    let names: Vec<&String> = s
+        .runs
+        .first()
+        .map_or_else(Vec::new, |r| r.measures.keys().collect());
+    if names.is_empty() {
+        return;
+    }
+    let heads: Vec<String> = names.iter().map(|n| page::with_unit(n, s)).collect();
+    let _ = writeln!(
+        text,
+        "\n| run | displacement error | velocity error | time | {} |\n|---|---|---|---|{}",
+        heads.join(" | "),
+        "---|".repeat(names.len())
+    );
+    let dash = || "–".to_owned();
+    for r in s.runs.iter().filter(|r| r.status == "complete") {
+        let cells: Vec<String> = r.measures.values().map(|m| page::scalar(*m)).collect();
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {} | {} |",
+            r.label,
+            r.errors.displacement.map_or_else(dash, percent),
+            r.errors.velocity.map_or_else(dash, percent),
+            r.cost.map_or_else(dash, seconds),
+            cells.join(" | ")
+        );
+    }
+}
+
+/// What `suggest` foretold beside what was measured.
+fn foretold_part(text: &mut String, s: &Sweep) {
+    let rows: Vec<(&str, [[f64; 2]; 3])> = s
+        .runs
+        .iter()
+        .filter_map(|r| {
+            let (p, e) = (r.predicted?, &r.errors);
+            let waited = r.seconds.setup? + r.seconds.stepping?;
+            let pairs = [
+                [p.displacement, e.displacement?],
+                [p.velocity, e.velocity?],
+                [p.seconds, waited],
+            ];
+            Some((r.label.as_str(), pairs))
+        })
+        .collect();
+    if rows.is_empty() {
+        return;
+    }
+    *text += "\nWhat `arlequin suggest` says of these settings before they are run, and what was measured; times are those of \
+              set-up and steps.\n\n\
+              | run | displacement error: predicted | measured | velocity error: predicted | measured | time: predicted | \
+              measured |\n|---|---|---|---|---|---|---|\n";
+    for (label, [u, v, t]) in &rows {
+        let [u, v] = [u, v].map(|p| p.map(percent).join(" | "));
+        let _ = writeln!(text, "| {label} | {u} | {v} | {} |", t.map(seconds).join(" | "));
+    }
+    let ratio = |k: usize| {
+        let all = rows.iter().map(|r| r.1[k][0] / r.1[k][1]);
+        let (a, b) = all.fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(x), b.max(x)));
+        format!("{a:.2} to {b:.2}")
+    };
+    let _ = writeln!(
+        text,
+        "\nPredicted over measured: displacement error {}, velocity error {}, time {}.",
+        ratio(0),
+        ratio(1),
+        ratio(2)
+    );
 }
 
 fn marked_part(text: &mut String, s: &Sweep) {

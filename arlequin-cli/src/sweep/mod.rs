@@ -15,6 +15,7 @@ pub(crate) use document::{Arguments as DocumentArguments, document};
 
 use crate::error::{Error, Result, key, write};
 use crate::scene::Source;
+use crate::suggest::Foretold;
 use curve::Curve;
 use plan::Member;
 use result::{Run, Sweep};
@@ -89,6 +90,10 @@ pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode> {
 /// Members and reference curves that are known before any run; all mistakes of the input show here.
 fn prepare(source: &Source, file: &SweepFile) -> Result<(Vec<Member>, BTreeMap<String, Curve>)> {
     let members = plan::members(file, source.folder())?;
+    for m in members.iter().filter(|m| file.suggest && m.swept) {
+        crate::suggest::readable(&Source::read(&m.scene)?.scene(&m.set)?)
+            .map_err(|e| key("suggest", format!("cannot speak of run '{}': {e}", m.label)))?;
+    }
     let mut curves = BTreeMap::new();
     if let Some(Reference::Curves(tables)) = &file.reference {
         for (name, table) in tables {
@@ -127,7 +132,12 @@ fn make(
             None => runner.run(m)?,
         };
         match outcome {
-            Outcome::Complete(summary) => r.take(&summary, m),
+            Outcome::Complete(summary) => {
+                r.take(&summary, m, file);
+                if file.suggest && m.swept {
+                    r.predicted = Some(foretold(&folder.join(&m.label), m, r.reused)?);
+                }
+            }
             Outcome::Failed(words) => {
                 r.status = "failed";
                 r.error = Some(words);
@@ -141,6 +151,7 @@ fn make(
         if runs[0].status == "complete" {
             let probes = curve::probes(&folder.join(&members[0].label).join("probes.csv"))?;
             curves = probes.into_iter().map(|(n, s)| (n, Curve::Samples(s))).collect();
+            result::compare_measures(&mut runs);
         }
     }
     for r in runs.iter_mut().filter(|r| r.status == "complete") {
@@ -156,6 +167,25 @@ fn make(
         _ => ("complete", ExitCode::SUCCESS),
     };
     Ok((gather(file, runs, status), code))
+}
+
+/// What `suggest` says of a finished run, kept beside its results: its times are those of this machine at that hour.
+fn foretold(folder: &Path, m: &Member, reused: bool) -> Result<Foretold> {
+    let path = folder.join("predicted.json");
+    let kept = std::fs::read_to_string(&path)
+        .ok()
+        .filter(|_| reused)
+        .and_then(|text| serde_json::from_str(&text).ok());
+    if let Some(known) = kept {
+        return Ok(known);
+    }
+    let foretold = crate::suggest::foretell(&Source::read(&m.scene)?, &m.set)?;
+    let text = serde_json::to_string_pretty(&foretold).map_err(|e| Error::System {
+        what: "writing predicted.json",
+        message: e.to_string(),
+    })?;
+    std::fs::write(&path, text).map_err(write(&path))?;
+    Ok(foretold)
 }
 
 fn gather(file: &SweepFile, runs: Vec<Run>, status: &'static str) -> Sweep {
@@ -178,6 +208,12 @@ fn gather(file: &SweepFile, runs: Vec<Run>, status: &'static str) -> Sweep {
         reference,
         repeat: file.repeat,
         axes: file.axis.keys().cloned().collect(),
+        units: file
+            .measure
+            .iter()
+            .filter(|(_, m)| !m.unit.is_empty())
+            .map(|(n, m)| (n.clone(), m.unit.clone()))
+            .collect(),
         floor_seconds: result::floor(&runs),
         conclusion: conclude::words(&runs, file),
         runs,

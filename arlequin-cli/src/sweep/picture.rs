@@ -474,5 +474,5 @@ fn panel(
 
 /// An inline picture needs no namespace: the page then contains no address at all.
 pub(crate) fn inline(svg: &str) -> String {
-    svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1)
+    svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", " role=\"img\"", 1)
 }

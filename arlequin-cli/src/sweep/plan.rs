@@ -139,6 +139,20 @@ fn check(file: &SweepFile) -> Result<()> {
             return Err(key(format!("reflected.{name}.minus_reference"), rule));
         }
     }
+    for (name, m) in &file.measure {
+        let pointed = m.pointer.as_ref().is_some_and(|p| p.starts_with('/'));
+        if m.pointer.is_some() == m.fact.is_some() || (m.pointer.is_some() && !pointed) {
+            let rule = "needs exactly one of pointer, such as \"/probes/tip/max\", and fact, such as \"broken bonds\"";
+            return Err(key(format!("measure.{name}"), rule));
+        }
+        if !(m.factor.is_finite() && m.factor.abs() > 0.0) {
+            return Err(value(
+                format!("measure.{name}.factor"),
+                m.factor,
+                "must be finite and not zero",
+            ));
+        }
+    }
     match (file.errors.from, file.errors.to) {
         (Some(a), Some(b)) if a >= b => {
             return Err(value("errors.from", a, "must be before errors.to [s]"));

@@ -2,8 +2,9 @@
 
 use super::curve::{self, Curve, Errors, Probes};
 use super::plan::Member;
-use super::spec::{Cost, Judge, Mark, SweepFile};
+use super::spec::{Cost, Judge, Mark, Measure, SweepFile};
 use crate::error::Result;
+use crate::suggest::Foretold;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -46,12 +47,40 @@ pub(crate) struct Run {
     pub(crate) cost: Option<f64>,
     /// Energy that came back over energy that went in \[–\].
     pub(crate) reflected_energy: BTreeMap<String, f64>,
+    /// Scalars of the sweep file by name.
+    pub(crate) measures: BTreeMap<String, Measured>,
+    /// What `suggest` foretold.
+    pub(crate) predicted: Option<Foretold>,
     /// Largest unexplained drift of the invariant \[–\].
     pub(crate) h_drift: Option<f64>,
     /// Largest condition number of the interfaces.
     pub(crate) condition: Option<f64>,
     /// Whether no other run is both faster and more accurate.
     pub(crate) pareto: bool,
+}
+
+/// A scalar of a run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub(crate) struct Measured {
+    /// Its value, in the unit of the sweep file; none if the run has no such number.
+    pub(crate) value: Option<f64>,
+    /// Relative deviation from the reference run's \[–\].
+    pub(crate) deviation: Option<f64>,
+}
+
+/// The number a measure asks for.
+fn measured(summary: &Value, m: &Measure) -> Option<f64> {
+    let found = match (&m.pointer, &m.fact) {
+        (Some(p), _) => summary.pointer(p).and_then(Value::as_f64),
+        (_, Some(f)) => {
+            let effects = summary["effect_ledger"].as_array().into_iter().flatten();
+            effects
+                .filter_map(|e| e["facts"][f].as_f64())
+                .reduce(|a, b| a + b)
+        }
+        _ => None,
+    };
+    found.map(|x| x * m.factor)
 }
 
 /// Wall times of a run \[s\].
@@ -82,7 +111,13 @@ impl Run {
     }
 
     /// Takes what its summary says.
-    pub(crate) fn take(&mut self, summary: &Value, m: &Member) {
+    pub(crate) fn take(&mut self, summary: &Value, m: &Member, file: &SweepFile) {
+        let scalar = |(name, m): (&String, &Measure)| {
+            let value = measured(summary, m);
+            let deviation = None;
+            (name.clone(), Measured { value, deviation })
+        };
+        self.measures = file.measure.iter().map(scalar).collect();
         let number = |p: &str| summary.pointer(p).and_then(Value::as_f64);
         let list = |p: &str| summary.pointer(p).and_then(Value::as_array).cloned();
         self.status = "complete";
@@ -167,6 +202,18 @@ fn phase(name: &str, m: &Member) -> String {
     }
 }
 
+/// Holds the scalars of all runs against those of the reference run, which is the first.
+pub(crate) fn compare_measures(runs: &mut [Run]) {
+    let reference = runs.first().map(|r| r.measures.clone()).unwrap_or_default();
+    for (name, m) in runs.iter_mut().flat_map(|r| &mut r.measures) {
+        let base = reference
+            .get(name)
+            .and_then(|b| b.value)
+            .filter(|b| b.abs() > 0.0);
+        m.deviation = m.value.zip(base).map(|(x, b)| (x - b) / b.abs());
+    }
+}
+
 /// Marks the runs that no other beats in both time and error.
 pub(crate) fn mark_pareto(runs: &mut [Run]) {
     let points: Vec<Option<[f64; 2]>> = runs.iter().map(Run::point).collect();
@@ -200,6 +247,8 @@ pub(crate) struct Sweep {
     pub(crate) cost: &'static str,
     /// What runs were held against.
     pub(crate) reference: Option<String>,
+    /// Units of the scalars by name; empty ones left out.
+    pub(crate) units: BTreeMap<String, String>,
     /// Runs of each member, of which the least time was taken.
     pub(crate) repeat: usize,
     /// Axes.
@@ -238,6 +287,19 @@ pub(crate) fn csv(path: &Path, s: &Sweep) -> Result<()> {
     let fixed = ["peak [bytes]", "displacement error [-]", "velocity error [-]"];
     head.extend(fixed.map(str::to_owned));
     head.extend(back.iter().map(|b| format!("reflected energy {b} [-]")));
+    let scalars: Vec<&String> = s
+        .runs
+        .first()
+        .map_or_else(Vec::new, |r| r.measures.keys().collect());
+    let units = |m: &&String| s.units.get(*m).map_or("-", String::as_str);
+    head.extend(scalars.iter().map(|m| format!("{m} [{}]", units(m))));
+    let foretold = s.runs.iter().any(|r| r.predicted.is_some());
+    let fixed = [
+        "predicted displacement error [-]",
+        "predicted velocity error [-]",
+        "predicted time [s]",
+    ];
+    head.extend(fixed.iter().filter(|_| foretold).map(|f| (*f).to_owned()));
     head.extend(["H drift [-]", "condition [-]", "pareto"].map(str::to_owned));
     let number = |x: Option<f64>| x.map(|x| format!("{x:e}")).unwrap_or_default();
     let count = |x: Option<u64>| x.map(|x| x.to_string()).unwrap_or_default();
@@ -260,6 +322,19 @@ pub(crate) fn csv(path: &Path, s: &Sweep) -> Result<()> {
             number(r.errors.velocity),
         ]);
         row.extend(back.iter().map(|b| number(r.reflected_energy.get(*b).copied())));
+        let scalar = |m: &&String| number(r.measures.get(*m).and_then(|m| m.value));
+        row.extend(scalars.iter().map(scalar));
+        if foretold {
+            let p = r.predicted;
+            row.extend(
+                [
+                    p.map(|p| p.displacement),
+                    p.map(|p| p.velocity),
+                    p.map(|p| p.seconds),
+                ]
+                .map(number),
+            );
+        }
         row.extend([number(r.h_drift), number(r.condition), r.pareto.to_string()]);
         text += &(row.join(",") + "\n");
     }

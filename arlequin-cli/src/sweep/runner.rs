@@ -13,6 +13,18 @@ use std::time::{Duration, Instant};
 /// How long an interrupted run may take to end by itself.
 const PATIENCE: Duration = Duration::from_secs(5);
 
+/// How far apart one Ctrl-C may reach two processes.
+const SAME_SIGNAL: Duration = Duration::from_secs(1);
+
+/// Whether a run ended as Ctrl-C or SIGTERM ends it: with code 130, or at once if it was still being set up.
+fn ended_by_signal(status: std::process::ExitStatus) -> bool {
+    #[cfg(unix)]
+    let signal = std::os::unix::process::ExitStatusExt::signal(&status);
+    #[cfg(not(unix))]
+    let signal: Option<i32> = None;
+    status.code() == Some(130) || matches!(signal, Some(2 | 15))
+}
+
 /// What came of a member.
 #[derive(Debug, Clone)]
 pub(crate) enum Outcome {
@@ -144,6 +156,13 @@ impl<'a> Runner<'a> {
             message: e.to_string(),
         })?;
         let status = self.wait(&mut child, &m.label)?;
+        if status.is_some_and(ended_by_signal) {
+            // Ctrl-C reached the run first; the flag of this process follows in a moment.
+            let since = Instant::now();
+            while !self.stop.load(Ordering::Relaxed) && since.elapsed() < SAME_SIGNAL {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        }
         if self.stop.load(Ordering::Relaxed) {
             return Ok(Outcome::Interrupted);
         }

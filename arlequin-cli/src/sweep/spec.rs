@@ -46,6 +46,12 @@ pub(crate) struct SweepFile {
     /// Energy that comes back through probes.
     #[serde(default)]
     pub(crate) reflected: BTreeMap<String, Reflected>,
+    /// Scalars of every run that are compared with the reference's.
+    #[serde(default)]
+    pub(crate) measure: BTreeMap<String, Measure>,
+    /// Whether `suggest` foretells error and time of every varied run.
+    #[serde(default)]
+    pub(crate) suggest: bool,
     /// The axis whose error and time are drawn over its value.
     pub(crate) hook: Option<Hook>,
 }
@@ -242,6 +248,26 @@ pub(crate) struct Reflected {
     /// Whether what the reference shows there is taken off first.
     #[serde(default)]
     pub(crate) minus_reference: bool,
+}
+
+/// `[measure.NAME]`: a number of `summary.json`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Measure {
+    /// JSON pointer to it, such as `/probes/tip/max`.
+    pub(crate) pointer: Option<String>,
+    /// Name of a fact of an effect, such as `broken bonds`; summed over the effects that have it.
+    pub(crate) fact: Option<String>,
+    /// What it is multiplied with.
+    #[serde(default = "unit_factor")]
+    pub(crate) factor: f64,
+    /// Unit of the product.
+    #[serde(default)]
+    pub(crate) unit: String,
+}
+
+fn unit_factor() -> f64 {
+    1.0
 }
 
 /// `[hook]`.

@@ -5,16 +5,19 @@ mod sleep;
 mod watch;
 
 use crate::Input;
-use crate::build::{self, Built, model_index};
-use crate::checkpoint::Origin;
+use crate::build::{self, Built, Start, model_index};
+use crate::checkpoint::{Checkpoint, Origin};
 use crate::error::{Result, key};
 use crate::output::Folder;
 use crate::output::summary::{Momentum, WakeReport};
 use crate::run::{End, Session, watch_interrupt};
 use crate::scene::{Scene, Wake};
 use hand_over::HandOver;
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use watch::Watch;
 
@@ -64,6 +67,33 @@ pub(crate) fn refuse(scene: &Scene, command: &str) -> Result<()> {
     }
 }
 
+/// How far a scene with `[wake]` has come.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) enum Stage {
+    /// The model sleeps.
+    Asleep {
+        /// Largest value seen.
+        highest: f64,
+        /// Where \[m\].
+        place: [f64; 3],
+    },
+    /// It woke.
+    Awake {
+        /// The state handed over.
+        start: Start,
+        /// What is known of the waking.
+        report: Box<WakeReport>,
+    },
+}
+
+/// A scene on its way through both parts.
+struct Way<'a> {
+    input: &'a Input<'a>,
+    wake: &'a Wake,
+    origin: Origin,
+    stop: Arc<AtomicBool>,
+}
+
 /// Runs both parts of the scene.
 pub(crate) fn run(input: &Input<'_>, wake: &Wake, target: &Path, force: bool) -> Result<ExitCode> {
     let begin = Instant::now();
@@ -72,39 +102,117 @@ pub(crate) fn run(input: &Input<'_>, wake: &Wake, target: &Path, force: bool) ->
     // It is built anew from the state at waking; until then its memory is free.
     drop(awake);
     let stop = watch_interrupt()?;
-    let folder = Folder::begin(target, force, false)?;
-    let asleep = Input {
-        source: input.source,
-        scene: bed.scene,
-        set: input.set,
-        threads: input.threads,
-        json: input.json,
+    let lasting = input.scene.output.checkpoint_every.is_some();
+    let folder = Folder::begin(target, force, lasting)?;
+    let way = Way {
+        input,
+        wake,
+        origin,
+        stop,
     };
-    let mut watch = bed.watch;
-    let mut session = Session::new(&asleep, bed.built, folder, origin.clone())?;
-    session.begun(begin);
-    let end = session.advance(&stop, &mut |run| watch.look(run))?;
-    let mut report = report_of(wake, &watch);
-    if end != End::Woken {
-        return session.conclude(end, Some(report));
-    }
+    way.sleep(bed, folder, None, begin)
+}
+
+/// Goes on with a run that was killed or interrupted, asleep or awake.
+pub(crate) fn resume(
+    input: &Input<'_>,
+    wake: &Wake,
+    target: &Path,
+    saved: Checkpoint,
+    stage: Stage,
+) -> Result<ExitCode> {
     let begin = Instant::now();
-    let start = bed.hand_over.start(session.coupled())?;
-    let run = session.coupled();
-    report.woken = true;
-    report.time = Some(run.time());
-    report.step = Some(run.steps());
-    report.energy_before = Some(run.energy());
-    report.momentum_before = Some(Momentum::of(run));
-    let folder = session.put_aside(ASLEEP)?;
-    let built = build::build_from(&input.scene, input.source.folder(), Some(&start))?;
-    report.energy_after = Some(built.run.energy());
-    report.jump = report.energy_after.zip(report.energy_before).map(|(a, b)| a - b);
-    report.momentum_after = Some(Momentum::of(&built.run));
-    let mut session = Session::new(input, built, folder, origin)?;
-    session.begun(begin);
-    let end = session.advance(&stop, &mut |_| false)?;
-    session.conclude(end, Some(report))
+    let way = |stop| Way {
+        input,
+        wake,
+        origin: saved.origin.clone(),
+        stop,
+    };
+    match stage {
+        Stage::Asleep { highest, place } => {
+            let (mut bed, awake) = bed(input, wake)?;
+            drop(awake);
+            bed.watch.highest = (highest, place.into());
+            let way = way(watch_interrupt()?);
+            let folder = Folder::reopen(target)?;
+            folder.take_back(ASLEEP)?;
+            way.sleep(bed, folder, Some(saved), begin)
+        }
+        Stage::Awake { start, report } => {
+            let built = build::build_from(&input.scene, input.source.folder(), Some(&start))?;
+            let way = way(watch_interrupt()?);
+            let folder = Folder::reopen(target)?;
+            let mut session = Session::new(input, built, folder, way.origin.clone())?;
+            session.restore(saved)?;
+            session.begun(begin);
+            way.finish(session, start, *report)
+        }
+    }
+}
+
+impl Way<'_> {
+    /// Runs the sleeping scene from its start or from a checkpoint, and the scene as given if the model wakes.
+    fn sleep(self, bed: Bed, folder: Folder, saved: Option<Checkpoint>, begin: Instant) -> Result<ExitCode> {
+        let asleep = Input {
+            source: self.input.source,
+            scene: bed.scene,
+            set: self.input.set,
+            threads: self.input.threads,
+            json: self.input.json,
+        };
+        let mut watch = bed.watch;
+        let mut session = Session::new(&asleep, bed.built, folder, self.origin.clone())?;
+        session.stage = Some(watch.stage());
+        if let Some(saved) = saved {
+            session.restore(saved)?;
+        }
+        session.begun(begin);
+        let end = session.advance(&self.stop, &mut |run, stage| {
+            let woken = watch.look(run);
+            *stage = Some(watch.stage());
+            woken
+        })?;
+        let mut report = report_of(self.wake, &watch);
+        if end == End::Interrupted {
+            session.save()?;
+        }
+        if end != End::Woken {
+            return session.conclude(end, Some(report));
+        }
+        let begin = Instant::now();
+        let start = bed.hand_over.start(session.coupled())?;
+        let run = session.coupled();
+        report.woken = true;
+        report.time = Some(run.time());
+        report.step = Some(run.steps());
+        report.energy_before = Some(run.energy());
+        report.momentum_before = Some(Momentum::of(run));
+        let folder = session.put_aside(ASLEEP)?;
+        let built = build::build_from(&self.input.scene, self.input.source.folder(), Some(&start))?;
+        report.energy_after = Some(built.run.energy());
+        report.jump = report.energy_after.zip(report.energy_before).map(|(a, b)| a - b);
+        report.momentum_after = Some(Momentum::of(&built.run));
+        let mut session = Session::new(self.input, built, folder, self.origin.clone())?;
+        session.begun(begin);
+        self.finish(session, start, report)
+    }
+
+    /// Makes the steps that are left after the model woke.
+    fn finish(&self, mut session: Session<'_, f64>, start: Start, report: WakeReport) -> Result<ExitCode> {
+        session.stage = Some(Stage::Awake {
+            start,
+            report: Box::new(report.clone()),
+        });
+        if self.input.scene.output.checkpoint_every.is_some() {
+            // Takes the place of the last one asleep, whose results have been put aside.
+            session.save()?;
+        }
+        let end = session.advance(&self.stop, &mut |_, _| false)?;
+        if end == End::Interrupted {
+            session.save()?;
+        }
+        session.conclude(end, Some(report))
+    }
 }
 
 /// What is known before the model wakes.
@@ -114,7 +222,7 @@ fn report_of(wake: &Wake, watch: &Watch) -> WakeReport {
         woken: false,
         model: wake.model.clone(),
         by: wake.by.clone(),
-        criterion: watch.criterion(),
+        criterion: watch.criterion().to_owned(),
         limit: watch.limit(),
         value: value.is_finite().then_some(value),
         place: value.is_finite().then_some(place.coords.into()),

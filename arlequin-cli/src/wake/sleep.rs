@@ -91,10 +91,6 @@ fn check(scene: &Scene, wake: &Wake) -> Result<()> {
         let rule = format!("must not be below low[{c}] = {} m", low[c]);
         return Err(value(format!("wake.near.box.high[{c}]"), high[c], &rule));
     }
-    if scene.output.checkpoint_every.is_some() {
-        let rule = "is not possible in a scene with [wake]: a run that changes its models cannot be resumed; remove one";
-        return Err(key("output.checkpoint_every", rule));
-    }
     if scene.time.end.is_none() {
         let rule = "is needed by [wake] in place of time.steps: the step changes as the model wakes";
         return Err(key("time.end", rule));

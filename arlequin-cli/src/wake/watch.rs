@@ -1,5 +1,6 @@
 //! Looks at the carrier until the criterion is met.
 
+use super::Stage;
 use super::sleep::has_strain;
 use crate::build::{Drawn, Kind};
 use crate::cells::{self, Cell};
@@ -59,6 +60,14 @@ impl Watch {
     /// The limit.
     pub(crate) fn limit(&self) -> f64 {
         self.limit
+    }
+
+    /// What a checkpoint must know.
+    pub(crate) fn stage(&self) -> Stage {
+        Stage::Asleep {
+            highest: self.highest.0,
+            place: self.highest.1.coords.into(),
+        }
     }
 
     /// Looks, if it is time to; whether the criterion is met.
