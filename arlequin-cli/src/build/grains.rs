@@ -90,6 +90,7 @@ fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
         scatter,
         seed: f.seed,
         every: f.every.unwrap_or(1),
+        spare_overlap: f.spare_overlap,
         ..Fracture::new(criterion, f.strength)
     })
 }

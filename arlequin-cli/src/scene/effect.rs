@@ -134,6 +134,9 @@ pub(crate) struct Fracture {
     pub(crate) seed: u64,
     /// Steps between two checks.
     pub(crate) every: Option<usize>,
+    /// Whether bonds in an overlap never break.
+    #[serde(default)]
+    pub(crate) spare_overlap: bool,
 }
 
 fn one() -> u64 {

@@ -43,6 +43,9 @@ pub struct Fracture {
     pub seed: u64,
     /// Steps between two checks: a check costs about as much as the forces on one core.
     pub every: usize,
+    /// Whether bonds that lie in an overlap, wholly or in part, never break: a crack then ends at its border, and no
+    /// fragment can leave while the multipliers still hold it.
+    pub spare_overlap: bool,
 }
 
 impl Fracture {
@@ -55,6 +58,7 @@ impl Fracture {
             scatter: Scatter::None,
             seed: 1,
             every: 1,
+            spare_overlap: false,
         }
     }
 

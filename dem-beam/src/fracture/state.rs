@@ -61,7 +61,7 @@ pub(crate) struct FractureState {
     pub(crate) log: SharedLog,
     pub(crate) incidence: Incidence,
     section: Section,
-    /// Strength of each bond; infinite once it is broken.
+    /// Strength of each bond; infinite once it is broken, and for those that are spared.
     strength: Vec<f64>,
     flags: Vec<bool>,
     /// Bonds that break in this step.
@@ -73,12 +73,7 @@ impl FractureState {
     pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
         let bonds = body.pairs().len();
         writing(&log).begin(bonds);
-        let x = body.positions();
-        let strength = body
-            .pairs()
-            .iter()
-            .map(|&[i, j]| spec.strength * spec.scatter.factor(spec.seed, &x[i as usize], &x[j as usize]))
-            .collect();
+        let strength = (0..bonds).map(|b| strength_of(&spec, body, b)).collect();
         Self {
             spec,
             log,
@@ -88,6 +83,23 @@ impl FractureState {
             flags: vec![false; bonds.div_ceil(CHUNK)],
             now: Vec::with_capacity(64),
             wait: 0,
+        }
+    }
+
+    /// Makes whole bonds unbreakable where `inside` says that they lie in an overlap, if the scene wants that.
+    pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {
+        if !self.spec.spare_overlap {
+            return;
+        }
+        let log = locked(&self.log);
+        for (b, strength) in self.strength.iter_mut().enumerate() {
+            if !log.is_broken(b) {
+                *strength = if inside(b) {
+                    f64::INFINITY
+                } else {
+                    strength_of(&self.spec, body, b)
+                };
+            }
         }
     }
 
@@ -213,6 +225,11 @@ impl FractureState {
         }
         total
     }
+}
+
+fn strength_of(spec: &Fracture, body: &BondedParticles, b: usize) -> f64 {
+    let [i, j] = body.pairs()[b].map(|i| &body.positions()[i as usize]);
+    spec.strength * spec.scatter.factor(spec.seed, i, j)
 }
 
 fn three(q: &[f64], at: usize) -> Vector3<f64> {

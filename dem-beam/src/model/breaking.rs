@@ -37,6 +37,15 @@ impl DemModel {
         Ok(self)
     }
 
+    /// Makes the bonds of an overlap unbreakable where that is wanted; to be called when weights change.
+    pub(super) fn spare_overlap(&mut self) {
+        let (mut fracture, mut watched) = (self.fracture.take(), self.watched.take());
+        for f in [&mut fracture, &mut watched].into_iter().flatten() {
+            f.spare(&self.body, |b| self.in_overlap(b));
+        }
+        (self.fracture, self.watched) = (fracture, watched);
+    }
+
     /// What broke so far; stays up to date during a run.
     #[must_use]
     pub fn break_log(&self) -> SharedLog {
@@ -144,6 +153,7 @@ impl DemModel {
             }
         }
         out.extend(self.overlapping(q));
+        out.extend(self.torn_in_overlap(q));
         out
     }
 

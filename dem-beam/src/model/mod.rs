@@ -24,6 +24,7 @@ mod report;
 mod select;
 mod spectrum;
 mod stiffness;
+mod torn;
 
 pub use report::DemReport;
 pub use select::LoadShare;
@@ -335,6 +336,7 @@ impl Model<f64> for DemModel {
         };
         self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
         self.factors = factors;
+        self.spare_overlap();
         self.kernel = match self.kernel {
             Kernel::Linear(_) => Kernel::Linear(Gather::new(&self.body)),
             Kernel::Finite(_) => Kernel::Finite(Gather::new(&self.body)),
