@@ -81,6 +81,8 @@ hard! {
     fragment: "a fragment leaves the overlap",
     border: "a bond breaks on the border of the overlap",
     everything: "everything breaks at once",
+    contact_of_sizes: "contact of radius ratio 1:20",
+    supersonic: "an indenter at supersonic speed",
 }
 
 #[test]

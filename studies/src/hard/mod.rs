@@ -13,6 +13,7 @@ mod particles;
 mod place;
 mod precision;
 mod resume;
+mod strike;
 mod time;
 mod weights;
 
@@ -113,6 +114,7 @@ pub fn cases() -> Vec<HardCase> {
         precision::CASES,
         resume::CASES,
         breakage::CASES,
+        strike::CASES,
     ]
     .concat()
 }
