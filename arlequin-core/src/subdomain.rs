@@ -285,8 +285,7 @@ impl<T: Real> Subdomain<T> {
         ))
     }
 
-    /// Internal and effect forces at the current displacements; `a` from them, `v += half a`. The model finds
-    /// `internal` at zero. `since` is the length of the step that led here, `own` the number of this subdomain.
+    /// Effect forces at the current displacements beside the internal ones; `a` from them, `v += half a`. `since` is the length of the step that led here, `own` the number of this subdomain.
     fn evaluate(
         &mut self,
         t: T,
@@ -294,8 +293,6 @@ impl<T: Real> Subdomain<T> {
         own: usize,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
-        self.model
-            .add_internal_forces(&self.state.q, &mut self.internal)?;
         if !self.total.is_empty() {
             parallel::copy(&mut self.total, &self.internal);
             let at = Instant {
@@ -339,6 +336,8 @@ impl<T: Real> Subdomain<T> {
             }
         }
         self.internal.fill(T::zero());
+        self.model
+            .add_internal_forces(&self.state.q, &mut self.internal)?;
         self.evaluate(t, [T::zero(), dt, T::zero()], 0, &mut |_| {})
     }
 
@@ -373,6 +372,9 @@ impl<T: Real> Subdomain<T> {
             let now = motion.at(t);
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
+        // Found at zero by the model: the pass before left it so.
+        self.model
+            .add_internal_forces(&self.state.q, &mut self.internal)?;
         if self.evolved.is_some() {
             announce(Phase::Evolve(own));
             self.evolve(t)?;
@@ -392,6 +394,7 @@ impl<T: Real> Subdomain<T> {
             q_before: &self.q_before,
             q: &self.state.q,
             f_before: &mut self.internal_before,
+            f: &mut self.internal,
         })?;
         if let Some(work) = &mut self.evolved {
             *work -= released;

@@ -1,0 +1,335 @@
+//! The look at strengths that rides in the force kernel.
+//!
+//! Forces already hold what the criteria need: strain, twist and end rotations of eight bonds at a time. Each half-bond
+//! compares the moment at its own end, so that both ends of a bond are seen. The comparison is with a limit a
+//! [`MARGIN`] below the strength and marks whole blocks: who marked them looks again, bond by bond, with the exact
+//! criterion. No mark is missing unless round-off reaches the margin, which [`Screen::new`] rules out.
+//!
+//! ```text
+//! N = E e   B = E r_b/l |m|   m = 4 a + 2 b   tau = G r_b twist/l
+//! axial     N >= s
+//! rankine   s B >= s^2 - tau^2 - s N           (from N + B + sqrt((N + B)^2 + 4 tau^2) >= 2 s)
+//! mises     |N| + B >= sqrt(s^2 - 3 tau^2)
+//! energy    U >= s S
+//! ```
+//!
+//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, and for all laws multiplied by a length where that saves a
+//! division.
+
+use super::engine::RotationVector;
+use super::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, sum};
+use super::law::{Finite, FiniteNear, FiniteReady, FiniteSlot, Law, Linear, LinearSlot, turned_axes};
+use crate::bond::BeamRigidity;
+use crate::fracture::Criterion;
+
+/// Part of the strength by which the limits lie below it.
+const MARGIN: f64 = 1e-3;
+
+/// Stands for a strength that cannot be reached: products of it stay finite.
+const NEVER: f64 = 1e60;
+
+/// Least strength, as a strain, that round-off of the kernel stays a thousandth below.
+const LEAST_STRAIN: f64 = 1e-8;
+
+/// What bonds are compared with.
+#[derive(Debug, Clone)]
+pub(crate) struct Screen {
+    pub(crate) criterion: Criterion,
+    radius: f64,
+    area: f64,
+    young: f64,
+    shear: f64,
+    rigidity: BeamRigidity,
+    limit: f64,
+    /// Limit of each half-bond, where they differ.
+    each: Option<Vec<Row<f64>>>,
+    /// Largest `|th|^2` of a particle for which the squares of the linear law are sharp enough.
+    turn: f64,
+}
+
+/// Section of the beams, strengths and lengths of a body.
+pub(crate) struct Strengths<'a> {
+    pub(crate) criterion: Criterion,
+    pub(crate) radius: f64,
+    pub(crate) area: f64,
+    pub(crate) young: f64,
+    pub(crate) shear: f64,
+    pub(crate) rigidity: BeamRigidity,
+    /// Of each bond, Pa or J/m^2.
+    pub(crate) strengths: &'a [f64],
+    /// Least and largest length of a bond (m).
+    pub(crate) lengths: [f64; 2],
+}
+
+impl Screen {
+    /// Nothing where strengths are so small that round-off could hide a break.
+    ///
+    /// In the linear law `|m|^2` comes from rotations that may cancel: its error is below `1e-12 (E r_b/l th)^2`, which
+    /// must stay a thousandth below the square of the strength. Blocks with larger rotations are marked without a look.
+    pub(crate) fn new(of: &Strengths<'_>) -> Option<Self> {
+        let least = of.strengths.iter().copied().fold(f64::INFINITY, f64::min);
+        let stress = match of.criterion {
+            Criterion::Energy => of.young * (2.0 * least / (of.young * of.lengths[1])).sqrt(),
+            _ => least,
+        };
+        let turn = 1e3 * stress * of.lengths[0] / (of.young * of.radius);
+        (stress > LEAST_STRAIN * of.young).then(|| Self {
+            criterion: of.criterion,
+            radius: of.radius,
+            area: of.area,
+            young: of.young,
+            shear: of.shear,
+            rigidity: of.rigidity,
+            limit: limit(least),
+            each: None,
+            turn: (turn * turn).min(NEVER),
+        })
+    }
+
+    /// One limit per half-bond from here on, `slots` rows of them, none to be reached.
+    pub(crate) fn with_each(mut self, slots: usize) -> Self {
+        self.each = Some(vec![Row([NEVER; LANES]); slots]);
+        self
+    }
+
+    /// Writes the strength of the half-bond in a lane of a slot, if each has its own.
+    pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
+        if let Some(row) = self.each.as_mut().and_then(|e| e.get_mut(slot)) {
+            row.0[lane] = limit(strength);
+        }
+    }
+}
+
+fn limit(strength: f64) -> f64 {
+    ((1.0 - MARGIN) * strength).min(NEVER)
+}
+
+/// Constants of a [`Screen`] in all lanes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Test<L: Lanes> {
+    criterion: Criterion,
+    zero: L::V,
+    two: L::V,
+    three: L::V,
+    /// `E`, `(2 E r_b)^2` (half moments are compared), `(G r_b)^2`.
+    young: L::V,
+    bend: L::V,
+    shear: L::V,
+    /// Half of `E S` and of `G I_O`, `2 E I` times the parts of [`bending`], `S`.
+    stretch: L::V,
+    twist: L::V,
+    sum: L::V,
+    difference: L::V,
+    area: L::V,
+}
+
+impl<L: Lanes<T = f64>> Test<L> {
+    #[inline(always)]
+    fn new(l: L, s: &Screen) -> Self {
+        let k = &s.rigidity;
+        Self {
+            criterion: s.criterion,
+            zero: l.splat(0.0),
+            two: l.splat(2.0),
+            three: l.splat(3.0),
+            young: l.splat(s.young),
+            bend: l.splat((2.0 * s.young * s.radius) * (2.0 * s.young * s.radius)),
+            shear: l.splat((s.shear * s.radius) * (s.shear * s.radius)),
+            stretch: l.splat(0.5 * k.axial),
+            twist: l.splat(0.5 * k.torsion),
+            // a.a + a.b + b.b = 3/4 |a + b|^2 + 1/4 |a - b|^2
+            sum: l.splat(1.5 * k.bending),
+            difference: l.splat(0.5 * k.bending),
+            area: l.splat(s.area),
+        }
+    }
+
+    /// At or above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t` reach `s`.
+    #[inline(always)]
+    fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V, s: L::V) -> L::V {
+        let size = |x: L::V| l.max(x, l.sub(self.zero, x));
+        if matches!(self.criterion, Criterion::Mises) {
+            let left = l.max(l.nmadd(self.three, t, l.mul(s, s)), self.zero);
+            let room = l.sub(l.sqrt(left), size(n));
+            return l.nmadd(room, size(room), b);
+        }
+        let room = l.nmadd(s, n, l.sub(l.mul(s, s), t));
+        l.nmadd(room, size(room), l.mul(l.mul(s, s), b))
+    }
+}
+
+/// A law that can be screened.
+pub(crate) trait Screened: RotationVector {
+    /// At or above zero where a half-bond may have reached its limit.
+    fn excess<L: Lanes<T = f64>>(
+        l: L,
+        t: &Test<L>,
+        slot: &Self::Slot,
+        own: &Self::Ready<L>,
+        near: &Self::Near<L>,
+        limit: L::V,
+    ) -> L::V;
+
+    /// Square of the rotations of the own particles, where they decide how sharp the test is.
+    fn turn<L: Lanes<T = f64>>(l: L, own: &Self::Ready<L>) -> L::V;
+}
+
+impl Screened for Linear {
+    #[inline(always)]
+    fn excess<L: Lanes<T = f64>>(
+        l: L,
+        t: &Test<L>,
+        slot: &LinearSlot<f64>,
+        &[_, ti]: &[Vec3<L>; 2],
+        &[du, tj]: &[Vec3<L>; 2],
+        limit: L::V,
+    ) -> L::V {
+        let p: Vec3<L> = [
+            l.load(&slot.axis[0]),
+            l.load(&slot.axis[1]),
+            l.load(&slot.axis[2]),
+        ];
+        let strain = dot(l, p, du);
+        if matches!(t.criterion, Criterion::Axial) {
+            return l.sub(l.mul(t.young, strain), limit);
+        }
+        let q = dot(l, p, p);
+        let c = cross(l, p, du);
+        let (pi, pj) = (dot(l, p, ti), dot(l, p, tj));
+        let twist = l.sub(pj, pi);
+        let both = sum(l, ti, tj);
+        // q |x_p|^2 of the part of x across the axis.
+        let across = |x: Vec3<L>, px: L::V| l.nmadd(px, px, l.mul(q, dot(l, x, x)));
+        if matches!(t.criterion, Criterion::Energy) {
+            let a = minus(l, c, t.two, both);
+            let b = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
+            let stretch = l.mul(t.stretch, l.mul(strain, strain));
+            let held = l.madd(t.twist, l.mul(twist, twist), stretch);
+            let held = l.madd(t.sum, across(a, l.add(pi, pj)), held);
+            let held = l.madd(t.difference, across(b, twist), held);
+            return l.nmadd(l.mul(limit, t.area), l.sqrt(q), held);
+        }
+        let half = minus(l, c, t.three, sum(l, ti, both));
+        let bend = l.mul(t.bend, across(half, l.madd(t.two, pi, pj)));
+        let shear = l.mul(t.shear, l.mul(twist, twist));
+        t.of_stress(l, l.mul(t.young, strain), bend, shear, limit)
+    }
+
+    #[inline(always)]
+    fn turn<L: Lanes<T = f64>>(l: L, &[_, th]: &[Vec3<L>; 2]) -> L::V {
+        dot(l, th, th)
+    }
+}
+
+impl Screened for Finite {
+    #[inline(always)]
+    fn excess<L: Lanes<T = f64>>(
+        l: L,
+        t: &Test<L>,
+        slot: &FiniteSlot<f64>,
+        own: &FiniteReady<L>,
+        near: &FiniteNear<L>,
+        limit: L::V,
+    ) -> L::V {
+        // All times the length at rest.
+        let limit = l.mul(limit, l.load(&slot.rest));
+        let (n, stretch) = (near.n, near.stretch);
+        if matches!(t.criterion, Criterion::Axial) {
+            return l.sub(l.mul(t.young, stretch), limit);
+        }
+        let turned = turned_axes(l, t.two, slot, own, near);
+        let ([ti, tj], twist) = (turned.axes, turned.twist);
+        let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
+        if matches!(t.criterion, Criterion::Energy) {
+            let both = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
+            let apart = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
+            let apart = minus(l, n, l.sub(ci, cj), apart);
+            let held = l.madd(
+                t.twist,
+                l.mul(twist, twist),
+                l.mul(t.stretch, l.mul(stretch, stretch)),
+            );
+            let held = l.madd(t.sum, dot(l, both, both), held);
+            let held = l.madd(t.difference, dot(l, apart, apart), held);
+            return l.nmadd(limit, t.area, held);
+        }
+        let half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
+        let bend = l.mul(t.bend, dot(l, half, half));
+        let shear = l.mul(t.shear, l.mul(twist, twist));
+        t.of_stress(l, l.mul(t.young, stretch), bend, shear, limit)
+    }
+
+    #[inline(always)]
+    fn turn<L: Lanes<T = f64>>(l: L, _: &FiniteReady<L>) -> L::V {
+        l.splat(0.0)
+    }
+}
+
+/// `c - a s`.
+#[inline(always)]
+fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
+    [
+        l.nmadd(a[0], s, c[0]),
+        l.nmadd(a[1], s, c[1]),
+        l.nmadd(a[2], s, c[2]),
+    ]
+}
+
+/// Something that sees every slot while forces are gathered.
+pub(crate) trait Look<L: Lanes, W: Law<L::T>> {
+    fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>);
+}
+
+/// Sees nothing, costs nothing.
+pub(crate) struct Blind;
+
+impl<L: Lanes, W: Law<L::T>> Look<L, W> for Blind {
+    #[inline(always)]
+    fn see(&mut self, _: usize, _: &W::Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
+}
+
+/// The worst of what it saw in a block.
+pub(crate) struct Watcher<'a, L: Lanes> {
+    l: L,
+    test: Test<L>,
+    each: Option<&'a [Row<f64>]>,
+    limit: L::V,
+    turn: L::V,
+    worst: L::V,
+}
+
+impl<'a, L: Lanes<T = f64>> Watcher<'a, L> {
+    #[inline(always)]
+    pub(crate) fn new(l: L, screen: &'a Screen) -> Self {
+        Self {
+            l,
+            test: Test::new(l, screen),
+            each: screen.each.as_deref(),
+            limit: l.splat(screen.limit),
+            turn: l.splat(screen.turn),
+            worst: l.splat(-1.0),
+        }
+    }
+
+    /// Whether anything was at its limit since the last call.
+    #[inline(always)]
+    pub(crate) fn found(&mut self) -> bool {
+        let worst = self.l.store(self.worst);
+        self.worst = self.l.splat(-1.0);
+        worst.iter().any(|x| *x >= 0.0)
+    }
+}
+
+impl<L: Lanes<T = f64>, W: Screened> Look<L, W> for Watcher<'_, L> {
+    #[inline(always)]
+    fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>) {
+        let l = self.l;
+        let limit = match self.each {
+            Some(rows) => l.load(&rows[index].0),
+            None => self.limit,
+        };
+        let excess = W::excess(l, &self.test, slot, own, near, limit);
+        self.worst = l.max(excess, self.worst);
+        self.worst = l.max(l.sub(W::turn(l, own), self.turn), self.worst);
+    }
+}
