@@ -135,6 +135,7 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
         (Some(mass), v, None) => Motion::Free {
             mass,
             velocity: v.unwrap_or_default(),
+            inertia: o.inertia,
         },
         (None, Some(v), None) => Motion::Velocity(v),
         (None, None, Some(d)) => Motion::Prescribed {
@@ -152,6 +153,10 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
             format!("{path}.contact"),
             "an obstacle knows no skin and no rolling; remove them",
         ));
+    }
+    if o.inertia.is_some() && o.mass.is_none() {
+        let rule = "only a free obstacle has one; give its mass as well, or remove it";
+        return Err(key(format!("{path}.inertia"), rule));
     }
     let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));
     Obstacle::new(&called, model, shape, motion, law(table, &o.contact)).map_err(dem(&path))

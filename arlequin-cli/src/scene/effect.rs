@@ -189,6 +189,8 @@ pub(crate) struct Obstacle {
     pub(crate) displacement: Option<ObstacleMotion>,
     /// Mass of a free body \[kg\].
     pub(crate) mass: Option<f64>,
+    /// Moment of inertia of a free ball \[kg m²\].
+    pub(crate) inertia: Option<f64>,
     /// How it touches particles.
     #[serde(default)]
     pub(crate) contact: Contact,

@@ -3,9 +3,12 @@
 //! The contact law is that of [`crate::contact`] with the obstacle as a sphere of infinite radius, so a particle of
 //! radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes only from there on.
 //!
-//! A free body is moved by the same velocity Verlet as everything else and does not turn. What an obstacle gives to the
-//! particles and their springs is its `supplied` energy: the work of what drives it, or its own kinetic energy.
+//! A free body is moved by the same velocity Verlet as everything else. A free ball turns as well: friction acts at its
+//! surface, so that the angular momentum of particles and ball is kept. Planes and cylinders have no centre that could be
+//! told from the shape, and do not turn. What an obstacle gives to the particles and their springs is its `supplied`
+//! energy: the work of what drives it, or its own kinetic energy.
 
+mod near;
 mod shape;
 
 pub use shape::{Motion, Shape};
@@ -18,6 +21,7 @@ use crate::model::DemModel;
 use arlequin_core::effect::{Demand, Effect, Instant, Site};
 use arlequin_core::snapshot::Record;
 use nalgebra::{Point3, Vector3};
+use near::Near;
 
 /// Where an obstacle pushed in the last step.
 #[derive(Debug, Clone, Copy)]
@@ -47,8 +51,14 @@ pub struct Obstacle {
     /// Gap of each particle at rest where that is an overlap, zero otherwise.
     allowed: Vec<f64>,
     springs: Vec<Spring>,
+    near: Near,
     active: Vec<Active>,
     started: bool,
+    /// Radius and moment of inertia, if it turns.
+    turning: Option<(f64, f64)>,
+    /// Angular velocity half a step earlier (rad/s), torque of the particles on it (N m).
+    spin: Vector3<f64>,
+    torque: Vector3<f64>,
     /// Displacement, velocity half a step earlier, force of the particles on the obstacle.
     moved: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -72,6 +82,7 @@ impl Obstacle {
         if let Motion::Free { mass, .. } = &motion {
             positive("mass of a free obstacle", *mass)?;
         }
+        let turning = shape.turning(&motion)?;
         let body = model.body();
         let rest: Vec<Point3<f64>> = body.positions().iter().map(|x| Point3::from(*x)).collect();
         let radii = body.radii().to_vec();
@@ -88,8 +99,12 @@ impl Obstacle {
             mass: Vec::new(),
             allowed,
             springs: vec![Spring::default(); rest.len()],
+            near: Near::new(&radii),
             active: Vec::new(),
             started: false,
+            turning,
+            spin: Vector3::zeros(),
+            torque: Vector3::zeros(),
             moved: Vector3::zeros(),
             velocity: motion.first_velocity(),
             reaction: Vector3::zeros(),
@@ -107,6 +122,18 @@ impl Obstacle {
         })
     }
 
+    /// How often all particles were searched for those near it.
+    #[must_use]
+    pub fn searches(&self) -> usize {
+        self.near.searches
+    }
+
+    /// Angular velocity of a free ball half a step ago (rad/s); zero for all others.
+    #[must_use]
+    pub fn spin(&self) -> Vector3<f64> {
+        self.spin
+    }
+
     /// Moves the obstacle to the new instant.
     fn advance(&mut self, at: &Instant<'_, f64>) -> arlequin_core::Result<()> {
         let before = self.moved;
@@ -115,8 +142,11 @@ impl Obstacle {
                 if at.dt > 0.0 {
                     let kick = if self.started { at.dt } else { 0.5 * at.dt };
                     self.velocity += self.reaction * (kick / mass);
+                    if let Some((_, inertia)) = self.turning {
+                        self.spin += self.torque * (kick / inertia);
+                    }
                     if !self.started {
-                        self.first_energy = 0.5 * mass * self.velocity.norm_squared();
+                        self.first_energy = self.kinetic(*mass, &self.velocity, &self.spin);
                     }
                     self.moved += self.velocity * at.dt;
                     self.started = true;
@@ -144,7 +174,14 @@ impl Obstacle {
         Ok(())
     }
 
-    fn pair(&self, i: usize, gap: f64, normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
+    fn kinetic(&self, mass: f64, velocity: &Vector3<f64>, spin: &Vector3<f64>) -> f64 {
+        let turning = self
+            .turning
+            .map_or(0.0, |(_, inertia)| inertia * spin.norm_squared());
+        0.5 * (mass * velocity.norm_squared() + turning)
+    }
+
+    fn pair(&self, i: usize, [gap, distance]: [f64; 2], normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
         let turn = at.q.len() / 2;
         let three = |x: &[f64], k: usize| Vector3::new(x[k], x[k + 1], x[k + 2]);
         let rate = three(at.v_half, turn + 3 * i);
@@ -166,13 +203,16 @@ impl Obstacle {
             gap,
             // A partner so large that it is flat.
             radii: [1e12 * r, r],
-            arms: [0.0, r - gap],
+            // To the surface from either side, so that the two torques balance the moment of the force.
+            arms: self
+                .turning
+                .map_or([0.0, r - gap], |(radius, _)| [radius, distance]),
             share: self.share[i],
             inverse_mass: 1.0 / self.mass[i] + heavy,
             motion: [
                 Twist {
                     linear: self.velocity,
-                    angular: Vector3::zeros(),
+                    angular: self.spin,
                 },
                 particle,
             ],
@@ -182,8 +222,18 @@ impl Obstacle {
     fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
         let turn = f.len() / 2;
         self.active.clear();
-        self.reaction = Vector3::zeros();
-        for i in 0..self.rest.len() {
+        (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
+        let springs = &mut self.springs;
+        let lost = |i: usize| {
+            if springs[i].on {
+                springs[i] = Spring::default();
+            }
+        };
+        let rest = (&self.rest[..], &self.radii[..]);
+        self.near
+            .refresh(&self.shape, &self.moved, &at.q[..turn], rest, lost);
+        for k in 0..self.near.particles.len() {
+            let i = self.near.particles[k] as usize;
             let u = Vector3::new(at.q[3 * i], at.q[3 * i + 1], at.q[3 * i + 2]);
             let (distance, normal) = self.shape.distance(&(self.rest[i] + u), &self.moved);
             let gap = self.radii[i] + self.allowed[i] - distance;
@@ -193,7 +243,7 @@ impl Obstacle {
                 }
                 continue;
             }
-            let pair = self.pair(i, gap, normal, at);
+            let pair = self.pair(i, [gap, distance], normal, at);
             let r = self
                 .law
                 .respond(&pair, self.damping_ratio, at.dt, &mut self.springs[i]);
@@ -208,6 +258,7 @@ impl Obstacle {
                 f[turn + 3 * i + c] += torque[c];
             }
             self.reaction -= r.force;
+            self.torque += r.torque[0];
             self.active.push(Active {
                 particle: i as u32,
                 force: r.force,
@@ -226,9 +277,12 @@ impl Obstacle {
         match &self.motion {
             Motion::Free { mass, .. } => {
                 let next = self.velocity + self.reaction * (at.dt / mass);
-                let energy = |v: &Vector3<f64>| 0.5 * mass * v.norm_squared();
-                self.supplied = self.first_energy - energy(&next);
-                self.pending = 0.5 * (energy(&self.velocity) - energy(&next));
+                let spin = self.turning.map_or(self.spin, |(_, inertia)| {
+                    self.spin + self.torque * (at.dt / inertia)
+                });
+                let after = self.kinetic(*mass, &next, &spin);
+                self.supplied = self.first_energy - after;
+                self.pending = 0.5 * (self.kinetic(*mass, &self.velocity, &self.spin) - after);
             }
             driven => {
                 // The force of this instant works on the mean of the two velocities around it.
@@ -263,7 +317,7 @@ impl Effect<f64> for Obstacle {
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
         out.integers.push(u64::from(self.started));
-        for v in [self.moved, self.velocity, self.reaction] {
+        for v in [self.moved, self.velocity, self.reaction, self.spin, self.torque] {
             out.numbers.extend(v.iter());
         }
         out.numbers
@@ -277,17 +331,19 @@ impl Effect<f64> for Obstacle {
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
         let n = self.springs.len();
-        from.expect(&format!("obstacle '{}'", self.name), 13 + 6 * n, 1 + n)?;
+        from.expect(&format!("obstacle '{}'", self.name), 19 + 6 * n, 1 + n)?;
         let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
         self.started = from.integers[0] == 1;
         [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
+        [self.spin, self.torque] = [three(9), three(12)];
         [self.supplied, self.pending, self.first_energy, self.peak] =
-            [9, 10, 11, 12].map(|k: usize| from.numbers[k]);
-        let (numbers, _) = from.numbers[13..].as_chunks::<6>();
+            [15, 16, 17, 18].map(|k: usize| from.numbers[k]);
+        let (numbers, _) = from.numbers[19..].as_chunks::<6>();
         for ((s, on), x) in self.springs.iter_mut().zip(&from.integers[1..]).zip(numbers) {
             *s = Spring::from_numbers(*on == 1, *x);
         }
         self.active.clear();
+        self.near.clear();
         Ok(())
     }
 
@@ -308,7 +364,11 @@ impl Effect<f64> for Obstacle {
         if let Motion::Free { mass, .. } = &self.motion {
             // A body lighter than the particles it meets is the softer end of the spring.
             let largest = self.radii.iter().fold(0.0_f64, |m, r| m.max(*r));
-            top = top.max(flat(largest) / mass);
+            // Sliding turns a ball of any inertia, the law's own allowance is for full ones.
+            let slide = self
+                .turning
+                .map_or(0.0, |(r, inertia)| (1.0 / mass + r * r / inertia) / 3.5);
+            top = top.max(flat(largest) * slide.max(1.0 / mass));
         }
         let [stiffness, damping] = self.law.demand(top);
         Demand {
@@ -332,6 +392,11 @@ impl Effect<f64> for Obstacle {
             out.push((format!("displacement {axis} [m]"), self.moved[c]));
             out.push((format!("velocity {axis} [m/s]"), self.velocity[c]));
             out.push((format!("force on it {axis} [N]"), self.reaction[c]));
+        }
+        if self.turning.is_some() {
+            for (c, axis) in ["x", "y", "z"].iter().enumerate() {
+                out.push((format!("spin {axis} [rad/s]"), self.spin[c]));
+            }
         }
         out.push(("largest force [N]".into(), self.peak));
         out.push(("contacts".into(), self.active.len() as f64));
