@@ -356,6 +356,7 @@ fn gather<L: Lanes, W: Law<L::T>, K: Look<L, W>, const FETCH: bool>(
     let mine = &rows[block * LANES..(block + 1) * LANES];
     let own = l.transpose(eight!(r => mine[r].0));
     let ready = W::ready(l, &own);
+    look.begin(&ready);
     let mut acc = [l.splat(L::T::default()); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
     let mut before: Option<(usize, &W::Slot, W::Near<L>)> = None;

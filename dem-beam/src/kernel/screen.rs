@@ -144,7 +144,7 @@ impl<L: Lanes<T = f64>> Test<L> {
         }
     }
 
-    /// At or above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t` reach `s`.
+    /// Above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t` reach `s`.
     #[inline(always)]
     fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V, s: L::V) -> L::V {
         let size = |x: L::V| l.max(x, l.sub(self.zero, x));
@@ -160,7 +160,7 @@ impl<L: Lanes<T = f64>> Test<L> {
 
 /// A law that can be screened.
 pub(crate) trait Screened: RotationVector {
-    /// At or above zero where a half-bond may have reached its limit.
+    /// Above zero where a half-bond may have reached its limit.
     fn excess<L: Lanes<T = f64>>(
         l: L,
         t: &Test<L>,
@@ -277,6 +277,7 @@ fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
 
 /// Something that sees every slot while forces are gathered.
 pub(crate) trait Look<L: Lanes, W: Law<L::T>> {
+    fn begin(&mut self, own: &W::Ready<L>);
     fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>);
 }
 
@@ -284,6 +285,8 @@ pub(crate) trait Look<L: Lanes, W: Law<L::T>> {
 pub(crate) struct Blind;
 
 impl<L: Lanes, W: Law<L::T>> Look<L, W> for Blind {
+    #[inline(always)]
+    fn begin(&mut self, _: &W::Ready<L>) {}
     #[inline(always)]
     fn see(&mut self, _: usize, _: &W::Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
 }
@@ -311,16 +314,19 @@ impl<'a, L: Lanes<T = f64>> Watcher<'a, L> {
         }
     }
 
-    /// Whether anything was at its limit since the last call.
+    /// Whether anything in the block was beyond its limit. At the limit is not enough: empty lanes are.
     #[inline(always)]
-    pub(crate) fn found(&mut self) -> bool {
-        let worst = self.l.store(self.worst);
-        self.worst = self.l.splat(-1.0);
-        worst.iter().any(|x| *x >= 0.0)
+    pub(crate) fn found(&self) -> bool {
+        self.l.store(self.worst).iter().any(|x| *x > 0.0)
     }
 }
 
 impl<L: Lanes<T = f64>, W: Screened> Look<L, W> for Watcher<'_, L> {
+    #[inline(always)]
+    fn begin(&mut self, own: &W::Ready<L>) {
+        self.worst = self.l.sub(W::turn(self.l, own), self.turn);
+    }
+
     #[inline(always)]
     fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>) {
         let l = self.l;
@@ -330,6 +336,5 @@ impl<L: Lanes<T = f64>, W: Screened> Look<L, W> for Watcher<'_, L> {
         };
         let excess = W::excess(l, &self.test, slot, own, near, limit);
         self.worst = l.max(excess, self.worst);
-        self.worst = l.max(l.sub(W::turn(l, own), self.turn), self.worst);
     }
 }
