@@ -362,12 +362,13 @@ impl<T: Real> Subdomain<T> {
 
     fn passes(&mut self, own: usize, [t, dt]: [T; 2], keep: bool, announce: &mut Announce<'_>) -> Result<()> {
         let half = dt * T::of(0.5);
-        if keep || self.evolved.is_some() {
-            parallel::copy(&mut self.q_before, &self.state.q);
-        }
         std::mem::swap(&mut self.internal, &mut self.internal_before);
         let State { q, v, a } = &mut self.state;
-        parallel::kick_and_drift(half, dt, q, v, a, &mut self.internal);
+        if keep || self.evolved.is_some() {
+            parallel::keep_kick_and_drift([half, dt], &mut self.q_before, [q, v], a, &mut self.internal);
+        } else {
+            parallel::kick_and_drift(half, dt, q, v, a, &mut self.internal);
+        }
         for motion in &self.supports {
             let now = motion.at(t);
             motion.dofs.iter().for_each(|&d| q[d] = now);
