@@ -68,20 +68,19 @@ pub(crate) fn kick_and_drift<T: Real>(h: T, dt: T, q: &mut [T], v: &mut [T], a: 
     moving.zip(driving).for_each(|((q, v), (a, f))| part(q, v, a, f));
 }
 
-/// As [`kick_and_drift`]; leaves the old `q` in `before`. One pass instead of two: both wait for memory.
-pub(crate) fn keep_kick_and_drift<T: Real>(
+/// As [`kick_and_drift`] from the displacements `before` to `q`: the old ones are kept without a copy.
+pub(crate) fn kick_and_drift_from<T: Real>(
     [h, dt]: [T; 2],
-    before: &mut [T],
+    before: &[T],
     [q, v]: [&mut [T]; 2],
     a: &[T],
     force: &mut [T],
 ) {
-    let part = |before: &mut [T], q: &mut [T], v: &mut [T], a: &[T], f: &mut [T]| {
-        let moving = before.iter_mut().zip(q).zip(v);
+    let part = |before: &[T], q: &mut [T], v: &mut [T], a: &[T], f: &mut [T]| {
+        let moving = before.iter().zip(q).zip(v);
         for (((before, q), v), (a, f)) in moving.zip(a.iter().zip(f)) {
-            *before = *q;
             *v += h * *a;
-            *q += dt * *v;
+            *q = *before + dt * *v;
             *f = T::zero();
         }
     };
@@ -91,7 +90,7 @@ pub(crate) fn keep_kick_and_drift<T: Real>(
     let moving = q.par_chunks_mut(CHUNK).zip(v.par_chunks_mut(CHUNK));
     let driving = a.par_chunks(CHUNK).zip(force.par_chunks_mut(CHUNK));
     before
-        .par_chunks_mut(CHUNK)
+        .par_chunks(CHUNK)
         .zip(moving.zip(driving))
         .for_each(|(before, ((q, v), (a, f)))| part(before, q, v, a, f));
 }

@@ -363,9 +363,13 @@ impl<T: Real> Subdomain<T> {
     fn passes(&mut self, own: usize, [t, dt]: [T; 2], keep: bool, announce: &mut Announce<'_>) -> Result<()> {
         let half = dt * T::of(0.5);
         std::mem::swap(&mut self.internal, &mut self.internal_before);
+        let keeps = keep || self.evolved.is_some();
+        if keeps {
+            std::mem::swap(&mut self.state.q, &mut self.q_before);
+        }
         let State { q, v, a } = &mut self.state;
-        if keep || self.evolved.is_some() {
-            parallel::keep_kick_and_drift([half, dt], &mut self.q_before, [q, v], a, &mut self.internal);
+        if keeps {
+            parallel::kick_and_drift_from([half, dt], &self.q_before, [q, v], a, &mut self.internal);
         } else {
             parallel::kick_and_drift(half, dt, q, v, a, &mut self.internal);
         }

@@ -13,8 +13,8 @@
 //! energy    U >= s S
 //! ```
 //!
-//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, and for all laws multiplied by a length where that saves a
-//! division.
+//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength beforehand, and
+//! multiplied by a length where that saves a division.
 
 use super::engine::RotationVector;
 use super::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, sum};
@@ -25,7 +25,7 @@ use crate::fracture::Criterion;
 /// Part of the strength by which the limits lie below it.
 const MARGIN: f64 = 1e-3;
 
-/// Stands for a strength that cannot be reached: products of it stay finite.
+/// Bound of rotations that no particle passes: products of it stay finite.
 const NEVER: f64 = 1e60;
 
 /// Least strength, as a strain, that round-off of the kernel stays a thousandth below.
@@ -40,8 +40,9 @@ pub(crate) struct Screen {
     young: f64,
     shear: f64,
     rigidity: BeamRigidity,
+    /// Least of the limits.
     limit: f64,
-    /// Limit of each half-bond, where they differ.
+    /// It over the limit of each half-bond, where they differ.
     each: Option<Vec<Row<f64>>>,
     /// Largest `|th|^2` of a particle for which the squares of the linear law are sharp enough.
     turn: f64,
@@ -80,7 +81,7 @@ impl Screen {
             young: of.young,
             shear: of.shear,
             rigidity: of.rigidity,
-            limit: limit(least),
+            limit: (1.0 - MARGIN) * least,
             each: None,
             turn: (turn * turn).min(NEVER),
         })
@@ -88,26 +89,23 @@ impl Screen {
 
     /// One limit per half-bond from here on, `slots` rows of them, none to be reached.
     pub(crate) fn with_each(mut self, slots: usize) -> Self {
-        self.each = Some(vec![Row([NEVER; LANES]); slots]);
+        self.each = Some(vec![Row([0.0; LANES]); slots]);
         self
     }
 
     /// Writes the strength of the half-bond in a lane of a slot, if each has its own.
     pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
         if let Some(row) = self.each.as_mut().and_then(|e| e.get_mut(slot)) {
-            row.0[lane] = limit(strength);
+            row.0[lane] = self.limit / ((1.0 - MARGIN) * strength);
         }
     }
 }
 
-fn limit(strength: f64) -> f64 {
-    ((1.0 - MARGIN) * strength).min(NEVER)
-}
-
-/// Constants of a [`Screen`] in all lanes.
+/// Constants of a [`Screen`] in all lanes, over its limit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Test<L: Lanes> {
     criterion: Criterion,
+    one: L::V,
     zero: L::V,
     two: L::V,
     three: L::V,
@@ -115,46 +113,60 @@ pub(crate) struct Test<L: Lanes> {
     young: L::V,
     bend: L::V,
     shear: L::V,
-    /// Half of `E S` and of `G I_O`, `2 E I` times the parts of [`bending`], `S`.
+    /// Half of `E S` and of `G I_O`, `2 E I` times 3/4 and 1/4; over `S`.
     stretch: L::V,
     twist: L::V,
     sum: L::V,
     difference: L::V,
-    area: L::V,
 }
 
 impl<L: Lanes<T = f64>> Test<L> {
     #[inline(always)]
     fn new(l: L, s: &Screen) -> Self {
         let k = &s.rigidity;
+        let (stress, energy) = (1.0 / s.limit, 1.0 / (s.limit * s.area));
+        let (bend, shear) = (2.0 * s.young * s.radius * stress, s.shear * s.radius * stress);
         Self {
             criterion: s.criterion,
+            one: l.splat(1.0),
             zero: l.splat(0.0),
             two: l.splat(2.0),
             three: l.splat(3.0),
-            young: l.splat(s.young),
-            bend: l.splat((2.0 * s.young * s.radius) * (2.0 * s.young * s.radius)),
-            shear: l.splat((s.shear * s.radius) * (s.shear * s.radius)),
-            stretch: l.splat(0.5 * k.axial),
-            twist: l.splat(0.5 * k.torsion),
+            young: l.splat(s.young * stress),
+            bend: l.splat(bend * bend),
+            shear: l.splat(shear * shear),
+            stretch: l.splat(0.5 * k.axial * energy),
+            twist: l.splat(0.5 * k.torsion * energy),
             // a.a + a.b + b.b = 3/4 |a + b|^2 + 1/4 |a - b|^2
-            sum: l.splat(1.5 * k.bending),
-            difference: l.splat(0.5 * k.bending),
-            area: l.splat(s.area),
+            sum: l.splat(1.5 * k.bending * energy),
+            difference: l.splat(0.5 * k.bending * energy),
         }
     }
 
-    /// Above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t` reach `s`.
+    /// Above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t` reach 1.
     #[inline(always)]
-    fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V, s: L::V) -> L::V {
-        let size = |x: L::V| l.max(x, l.sub(self.zero, x));
+    fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
         if matches!(self.criterion, Criterion::Mises) {
-            let left = l.max(l.nmadd(self.three, t, l.mul(s, s)), self.zero);
-            let room = l.sub(l.sqrt(left), size(n));
-            return l.nmadd(room, size(room), b);
+            let left = l.max(l.nmadd(self.three, t, self.one), self.zero);
+            let room = l.sub(l.sqrt(left), self.size(l, n));
+            return l.nmadd(room, self.size(l, room), b);
         }
-        let room = l.nmadd(s, n, l.sub(l.mul(s, s), t));
-        l.nmadd(room, size(room), l.mul(l.mul(s, s), b))
+        let room = l.sub(l.sub(self.one, t), n);
+        l.nmadd(room, self.size(l, room), b)
+    }
+
+    #[inline(always)]
+    fn size(&self, l: L, x: L::V) -> L::V {
+        l.max(x, l.sub(self.zero, x))
+    }
+
+    /// Stresses times the share of the limit, where limits differ; squares times its square.
+    #[inline(always)]
+    fn shared(&self, l: L, x: L::V, share: Option<L::V>) -> L::V {
+        match share {
+            Some(s) => l.mul(x, s),
+            None => x,
+        }
     }
 }
 
@@ -167,7 +179,7 @@ pub(crate) trait Screened: RotationVector {
         slot: &Self::Slot,
         own: &Self::Ready<L>,
         near: &Self::Near<L>,
-        limit: L::V,
+        share: Option<L::V>,
     ) -> L::V;
 
     /// Square of the rotations of the own particles, where they decide how sharp the test is.
@@ -182,7 +194,7 @@ impl Screened for Linear {
         slot: &LinearSlot<f64>,
         &[_, ti]: &[Vec3<L>; 2],
         &[du, tj]: &[Vec3<L>; 2],
-        limit: L::V,
+        share: Option<L::V>,
     ) -> L::V {
         let p: Vec3<L> = [
             l.load(&slot.axis[0]),
@@ -191,28 +203,31 @@ impl Screened for Linear {
         ];
         let strain = dot(l, p, du);
         if matches!(t.criterion, Criterion::Axial) {
-            return l.sub(l.mul(t.young, strain), limit);
+            return l.sub(t.shared(l, l.mul(t.young, strain), share), t.one);
         }
         let q = dot(l, p, p);
         let c = cross(l, p, du);
         let (pi, pj) = (dot(l, p, ti), dot(l, p, tj));
         let twist = l.sub(pj, pi);
         let both = sum(l, ti, tj);
-        // q |x_p|^2 of the part of x across the axis.
-        let across = |x: Vec3<L>, px: L::V| l.nmadd(px, px, l.mul(q, dot(l, x, x)));
         if matches!(t.criterion, Criterion::Energy) {
             let a = minus(l, c, t.two, both);
             let b = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
             let stretch = l.mul(t.stretch, l.mul(strain, strain));
             let held = l.madd(t.twist, l.mul(twist, twist), stretch);
-            let held = l.madd(t.sum, across(a, l.add(pi, pj)), held);
-            let held = l.madd(t.difference, across(b, twist), held);
-            return l.nmadd(l.mul(limit, t.area), l.sqrt(q), held);
+            let held = l.madd(t.sum, across(l, q, a, l.add(pi, pj)), held);
+            let held = l.madd(t.difference, across(l, q, b, twist), held);
+            return l.sub(t.shared(l, held, share), l.sqrt(q));
         }
         let half = minus(l, c, t.three, sum(l, ti, both));
-        let bend = l.mul(t.bend, across(half, l.madd(t.two, pi, pj)));
-        let shear = l.mul(t.shear, l.mul(twist, twist));
-        t.of_stress(l, l.mul(t.young, strain), bend, shear, limit)
+        let square = squared(l, share);
+        let bend = t.shared(
+            l,
+            l.mul(t.bend, across(l, q, half, l.madd(t.two, pi, pj))),
+            square,
+        );
+        let shear = t.shared(l, l.mul(t.shear, l.mul(twist, twist)), square);
+        t.of_stress(l, t.shared(l, l.mul(t.young, strain), share), bend, shear)
     }
 
     #[inline(always)]
@@ -229,13 +244,12 @@ impl Screened for Finite {
         slot: &FiniteSlot<f64>,
         own: &FiniteReady<L>,
         near: &FiniteNear<L>,
-        limit: L::V,
+        share: Option<L::V>,
     ) -> L::V {
-        // All times the length at rest.
-        let limit = l.mul(limit, l.load(&slot.rest));
+        let rest = l.load(&slot.rest);
         let (n, stretch) = (near.n, near.stretch);
         if matches!(t.criterion, Criterion::Axial) {
-            return l.sub(l.mul(t.young, stretch), limit);
+            return l.sub(t.shared(l, l.mul(t.young, stretch), share), rest);
         }
         let turned = turned_axes(l, t.two, slot, own, near);
         let ([ti, tj], twist) = (turned.axes, turned.twist);
@@ -251,17 +265,37 @@ impl Screened for Finite {
             );
             let held = l.madd(t.sum, dot(l, both, both), held);
             let held = l.madd(t.difference, dot(l, apart, apart), held);
-            return l.nmadd(limit, t.area, held);
+            return l.sub(t.shared(l, held, share), rest);
         }
         let half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
-        let bend = l.mul(t.bend, dot(l, half, half));
-        let shear = l.mul(t.shear, l.mul(twist, twist));
-        t.of_stress(l, l.mul(t.young, stretch), bend, shear, limit)
+        // Strains are lengths over that at rest.
+        let per = l.recip(rest);
+        let per = t.shared(l, per, share);
+        let square = l.mul(per, per);
+        let bend = l.mul(l.mul(t.bend, dot(l, half, half)), square);
+        let shear = l.mul(l.mul(t.shear, l.mul(twist, twist)), square);
+        t.of_stress(l, l.mul(l.mul(t.young, stretch), per), bend, shear)
     }
 
     #[inline(always)]
     fn turn<L: Lanes<T = f64>>(l: L, _: &FiniteReady<L>) -> L::V {
         l.splat(0.0)
+    }
+}
+
+/// `q |x_p|^2` of the part of `x` across an axis `p`, `q = p.p`, from `px = p.x`.
+#[inline(always)]
+fn across<L: Lanes>(l: L, q: L::V, x: Vec3<L>, px: L::V) -> L::V {
+    l.nmadd(px, px, l.mul(q, dot(l, x, x)))
+}
+
+/// Square of a share, if there is one. Not `map`: closures are compiled without the instructions of the caller.
+#[allow(clippy::manual_map, reason = "a closure would not be compiled for the lanes")]
+#[inline(always)]
+fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
+    match share {
+        Some(s) => Some(l.mul(s, s)),
+        None => None,
     }
 }
 
@@ -296,7 +330,6 @@ pub(crate) struct Watcher<'a, L: Lanes> {
     l: L,
     test: Test<L>,
     each: Option<&'a [Row<f64>]>,
-    limit: L::V,
     turn: L::V,
     worst: L::V,
 }
@@ -308,7 +341,6 @@ impl<'a, L: Lanes<T = f64>> Watcher<'a, L> {
             l,
             test: Test::new(l, screen),
             each: screen.each.as_deref(),
-            limit: l.splat(screen.limit),
             turn: l.splat(screen.turn),
             worst: l.splat(-1.0),
         }
@@ -330,11 +362,12 @@ impl<L: Lanes<T = f64>, W: Screened> Look<L, W> for Watcher<'_, L> {
     #[inline(always)]
     fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>) {
         let l = self.l;
-        let limit = match self.each {
-            Some(rows) => l.load(&rows[index].0),
-            None => self.limit,
+        #[allow(clippy::manual_map, reason = "as in `squared`")]
+        let share = match self.each {
+            Some(rows) => Some(l.load(&rows[index].0)),
+            None => None,
         };
-        let excess = W::excess(l, &self.test, slot, own, near, limit);
+        let excess = W::excess(l, &self.test, slot, own, near, share);
         self.worst = l.max(excess, self.worst);
     }
 }
