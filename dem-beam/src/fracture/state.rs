@@ -77,6 +77,7 @@ pub(crate) struct FractureState {
     wait: usize,
     /// The look that rides in the force kernel; none where bonds must be compared one by one.
     screen: Option<Screen>,
+    plainly: bool,
     /// First slot of each block in the kernel.
     first_slots: Vec<u32>,
     /// Blocks in which a bond may have reached its strength, and whether they are of the last positions.
@@ -101,6 +102,7 @@ impl FractureState {
             now: Vec::with_capacity(64),
             wait: 0,
             screen: None,
+            plainly: false,
             first_slots: vec![0; blocks],
             marks: vec![false; blocks],
             fresh: false,
@@ -111,6 +113,9 @@ impl FractureState {
     }
 
     fn set_up_screen(&mut self, body: &BondedParticles) {
+        if self.plainly {
+            return;
+        }
         let length = |b: &crate::bond::LinearBond| 1.0 / b.axis.norm();
         let lengths = body.bonds().iter().map(length);
         let (least, most) = lengths.fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l), b.max(l)));
@@ -140,6 +145,7 @@ impl FractureState {
 
     /// Compares bond by bond from here on.
     pub(crate) fn check_plainly(&mut self) {
+        self.plainly = true;
         self.screen = None;
     }
 
