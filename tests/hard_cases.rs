@@ -77,6 +77,12 @@ hard! {
     single_precision: "32-bit numbers",
     restart: "coupled restart in the middle of a wave",
     breaking_bonds: "bonds breaking in the overlap",
+    one_particle: "a particle loses all bonds in the overlap",
+    fragment: "a fragment leaves the overlap",
+    border: "a bond breaks on the border of the overlap",
+    everything: "everything breaks at once",
+    contact_of_sizes: "contact of radius ratio 1:20",
+    supersonic: "an indenter at supersonic speed",
 }
 
 #[test]

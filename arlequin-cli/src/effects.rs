@@ -1,8 +1,10 @@
-//! `arlequin effects`: runs a scene as given and once with each effect off, and says what each one changes and costs.
+//! `arlequin effects`: runs a scene as given and with each effect off, and says what each one changes and costs.
+//!
+//! Results are the same in every run; times are not, so each variant runs several times, in turns, and its least counts.
 
 use crate::Input;
 use crate::build::{self, Built};
-use crate::error::{Error, Result, core, key};
+use crate::error::{Error, Result, core, key, value};
 use crate::recorder::PhaseClock;
 use crate::report;
 use crate::scene::{Precision, Scene};
@@ -19,7 +21,9 @@ const LOOKS: usize = 20;
 pub(crate) struct Comparison {
     /// Path of the scene as given.
     pub(crate) scene: String,
-    /// Seconds of the steps as given.
+    /// Runs of each variant.
+    pub(crate) repeat: usize,
+    /// Least seconds of the steps as given.
     pub(crate) seconds: f64,
     /// One line per effect.
     pub(crate) effects: Vec<Change>,
@@ -34,7 +38,7 @@ pub(crate) struct Change {
     pub(crate) effect: String,
     /// Largest change of each probe over its largest value as given \[–\].
     pub(crate) probes: BTreeMap<String, f64>,
-    /// Seconds of the steps without it.
+    /// Least seconds of the steps without it.
     pub(crate) seconds: f64,
     /// Share of the time that goes into it: `1 − seconds/seconds as given`, its effect on the step included.
     pub(crate) share: f64,
@@ -54,20 +58,34 @@ struct Trace {
 }
 
 /// Compares and prints.
-pub(crate) fn effects(input: &Input<'_>) -> Result<()> {
+pub(crate) fn effects(input: &Input<'_>, repeat: usize) -> Result<()> {
     crate::wake::refuse(&input.scene, "effects")?;
     let folder = input.source.folder();
+    if repeat == 0 {
+        return Err(value("--repeat", 0, "must be at least 1"));
+    }
     if input.scene.probe.is_empty() {
         let rule = "is empty; effects are judged by what they change there, so name at least one probe";
         return Err(key("probe", rule));
     }
-    let given = trace(&input.scene, folder)?;
+    let mut given = trace(&input.scene, folder)?;
     if let Some(e) = given.failed {
         return Err(e);
     }
+    let variants = variants(&input.scene);
+    let mut traces = Vec::new();
+    for (_, scene) in &variants {
+        traces.push(trace(scene, folder)?);
+    }
+    // In turns, so that all see the same machine.
+    for _ in 1..repeat {
+        given.seconds = given.seconds.min(trace(&input.scene, folder)?.seconds);
+        for ((_, scene), t) in variants.iter().zip(&mut traces) {
+            t.seconds = t.seconds.min(trace(scene, folder)?.seconds);
+        }
+    }
     let mut changes = Vec::new();
-    for (name, scene) in variants(&input.scene) {
-        let without = trace(&scene, folder)?;
+    for ((name, _), without) in variants.into_iter().zip(traces) {
         changes.push(Change {
             effect: name,
             probes: given
@@ -84,6 +102,7 @@ pub(crate) fn effects(input: &Input<'_>) -> Result<()> {
     }
     let out = Comparison {
         scene: input.source.path.display().to_string(),
+        repeat,
         seconds: given.seconds,
         effects: changes,
         missing: messages(given.missing),

@@ -59,10 +59,13 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Run a scene as given and once with each effect off; print what each one changes and costs.
+    /// Run a scene as given and with each effect off; print what each one changes and costs.
     Effects {
         #[command(flatten)]
         common: Common,
+        /// Runs of each variant; the least time counts.
+        #[arg(long, value_name = "N", default_value_t = 3)]
+        repeat: usize,
     },
     /// Read and build a scene, print the plan, run nothing.
     Check {
@@ -119,9 +122,9 @@ fn main() -> ExitCode {
         Command::Check { common } => {
             return with_scene(&common, |input| check::check(input).map(|()| ExitCode::SUCCESS));
         }
-        Command::Effects { common } => {
+        Command::Effects { common, repeat } => {
             return with_scene(&common, |input| {
-                effects::effects(input).map(|()| ExitCode::SUCCESS)
+                effects::effects(input, repeat).map(|()| ExitCode::SUCCESS)
             });
         }
         Command::Calibrate(wanted) => return measured(&wanted),

@@ -214,7 +214,10 @@ fn sizes(p: &Plan) {
 /// Prints what each effect changes and costs.
 pub(crate) fn comparison(c: &Comparison) {
     println!("scene      {}", c.scene);
-    println!("as given   steps {:.2} s", c.seconds);
+    println!(
+        "as given   steps {:.2} s (least of {} runs, as below)",
+        c.seconds, c.repeat
+    );
     if c.effects.is_empty() {
         println!("effects    none");
     }

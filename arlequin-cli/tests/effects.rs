@@ -130,8 +130,12 @@ fn the_comparison_names_change_cost_and_what_is_missing() {
     let folder = scratch("effects-compare");
     let path = folder.join("scene.toml");
     std::fs::write(&path, LAYERED).expect("scene");
-    let json = succeed(&["effects", text(&path), "--json"]);
+    let json = succeed(&["effects", text(&path), "--json", "--repeat", "2"]);
     let c: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(c["repeat"], 2);
+    let none = common::arlequin(&["effects", text(&path), "--repeat", "0"]);
+    let said = String::from_utf8_lossy(&none.stderr).into_owned();
+    assert!(said.contains("--repeat"), "{said}");
     let effects = c["effects"].as_array().expect("effects");
     assert_eq!(effects.len(), 2);
     assert_eq!(effects[0]["effect"], "effect[0].fracture");

@@ -216,6 +216,30 @@ fn spheres_wake() {
     assert!(tables[0] == tables[1], "threads change the results");
 }
 
+/// Natural elements carry the sleeping zone as finite ones do.
+#[test]
+fn natural_elements_carry_too() {
+    let scene = BAR
+        .replacen("kind = \"fem\"", "kind = \"cnem\"", 1)
+        .replace("end = 26.0", "end = 16.0")
+        .replace("poisson = 0.0", "poisson = 0.1");
+    let (out, said) = run(&written("wake-cnem", &scene), &[]);
+    let s = summary(&out);
+    assert!(said.contains("'right' woke at t ="), "{said}");
+    assert_eq!(s["models"][0]["kind"], "cnem");
+    let value = number(&s, "/wake/value");
+    let expected = arrival(number(&s, "/wake/place/0"), 1.0, value / 1e-3, 10.0);
+    let time = number(&s, "/wake/time");
+    assert!(
+        (time / expected - 1.0).abs() < 0.05,
+        "woke at {time}, theory {expected}"
+    );
+    assert!(momentum_gap(&s) < 1e-10);
+    let jump = number(&s, "/wake/jump") / number(&s, "/wake/energy_before");
+    assert!(jump.abs() < 0.01, "energy jumps by {jump}");
+    assert!(number(&s, "/energy/h_drift_max") < 1e-11);
+}
+
 #[test]
 fn check_shows_both_parts() {
     let path = written("wake-check", BAR);

@@ -62,8 +62,8 @@ impl<T: Real> State<T> {
 /// ½ (e(q_n) + e(q_{n+1})) + ¼ (q_{n+1} − q_n)·(g(q_{n+1}) − g(q_n))
 /// ```
 ///
-/// out of the discrete invariant (`½ q_nᵀ k q_{n+1}` for a linear one), and its forces `g(q_n)` must be taken out of
-/// `f_before`: then the energy balance closes to round-off in spite of the break.
+/// out of the discrete invariant (`½ q_nᵀ k q_{n+1}` for a linear one), and its forces must be taken out of `f_before`
+/// and `f`: then the energy balance closes to round-off in spite of the break.
 #[derive(Debug)]
 pub struct Evolution<'a, T> {
     /// Time of the new positions \[s\].
@@ -74,6 +74,8 @@ pub struct Evolution<'a, T> {
     pub q: &'a [T],
     /// Weighted internal forces at `q_before`, to be corrected for what disappears.
     pub f_before: &'a mut [T],
+    /// The same at `q`, as [`Model::add_internal_forces`] has just left them in zeros.
+    pub f: &'a mut [T],
 }
 
 /// A mechanics model as the coupling sees it: `M_β q̈ = F_ext,γ − F_int,α`, without loads and coupling forces.
@@ -134,8 +136,9 @@ pub trait Model<T: Real>: Send {
         false
     }
 
-    /// Lets the model change itself: called once per step when the new positions are known and before the forces there
-    /// are evaluated. Returns the energy that left the model \[J\], by the rule of [`Evolution`].
+    /// Lets the model change itself: called once per step, right after [`Model::add_internal_forces`] at the new
+    /// positions, so that one pass can serve both. Returns the energy that left the model \[J\], by the rule of
+    /// [`Evolution`].
     ///
     /// # Errors
     /// Whatever keeps the model from doing so.

@@ -68,6 +68,33 @@ pub(crate) fn kick_and_drift<T: Real>(h: T, dt: T, q: &mut [T], v: &mut [T], a: 
     moving.zip(driving).for_each(|((q, v), (a, f))| part(q, v, a, f));
 }
 
+/// As [`kick_and_drift`] from the displacements `before` to `q`: the old ones are kept without a copy.
+pub(crate) fn kick_and_drift_from<T: Real>(
+    [h, dt]: [T; 2],
+    before: &[T],
+    [q, v]: [&mut [T]; 2],
+    a: &[T],
+    force: &mut [T],
+) {
+    let part = |before: &[T], q: &mut [T], v: &mut [T], a: &[T], f: &mut [T]| {
+        let moving = before.iter().zip(q).zip(v);
+        for (((before, q), v), (a, f)) in moving.zip(a.iter().zip(f)) {
+            *v += h * *a;
+            *q = *before + dt * *v;
+            *f = T::zero();
+        }
+    };
+    if !pays(q.len()) {
+        return part(before, q, v, a, force);
+    }
+    let moving = q.par_chunks_mut(CHUNK).zip(v.par_chunks_mut(CHUNK));
+    let driving = a.par_chunks(CHUNK).zip(force.par_chunks_mut(CHUNK));
+    before
+        .par_chunks(CHUNK)
+        .zip(moving.zip(driving))
+        .for_each(|(before, ((q, v), (a, f)))| part(before, q, v, a, f));
+}
+
 /// `a = w force`, `v += h a`.
 pub(crate) fn accelerate<T: Real>(h: T, v: &mut [T], a: &mut [T], force: &[T], w: &[T]) {
     let part = |v: &mut [T], a: &mut [T], f: &[T], w: &[T]| {

@@ -294,11 +294,9 @@ impl<T: Real> Subdomain<T> {
         Ok(crate::effect::shortened(free, own.chain(between.iter().copied())))
     }
 
-    /// Internal and effect forces at the current displacements. The model finds `internal` at zero. `since` is the
-    /// length of the step that led here, `own` the number of this subdomain.
+    /// Effect forces at the current displacements beside the internal ones, which are there. `since` is the length of the
+    /// step that led here, `own` the number of this subdomain.
     fn evaluate(&mut self, t: T, since: T, own: usize, announce: &mut Announce<'_>) -> Result<()> {
-        self.model
-            .add_internal_forces(&self.state.q, &mut self.internal)?;
         if !self.total.is_empty() {
             parallel::copy(&mut self.total, &self.internal);
             let at = Instant {
@@ -359,6 +357,8 @@ impl<T: Real> Subdomain<T> {
             }
         }
         self.internal.fill(T::zero());
+        self.model
+            .add_internal_forces(&self.state.q, &mut self.internal)?;
         self.evaluate(t, T::zero(), 0, &mut |_| {})?;
         if !self.paired {
             self.accelerate(t, [dt, T::zero()]);
@@ -388,16 +388,24 @@ impl<T: Real> Subdomain<T> {
 
     fn passes(&mut self, own: usize, [t, dt]: [T; 2], keep: bool, announce: &mut Announce<'_>) -> Result<()> {
         let half = dt * T::of(0.5);
-        if keep || self.evolved.is_some() {
-            parallel::copy(&mut self.q_before, &self.state.q);
-        }
         std::mem::swap(&mut self.internal, &mut self.internal_before);
+        let keeps = keep || self.evolved.is_some();
+        if keeps {
+            std::mem::swap(&mut self.state.q, &mut self.q_before);
+        }
         let State { q, v, a } = &mut self.state;
-        parallel::kick_and_drift(half, dt, q, v, a, &mut self.internal);
+        if keeps {
+            parallel::kick_and_drift_from([half, dt], &self.q_before, [q, v], a, &mut self.internal);
+        } else {
+            parallel::kick_and_drift(half, dt, q, v, a, &mut self.internal);
+        }
         for motion in &self.supports {
             let now = motion.at(t);
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
+        // Found at zero by the model: the pass before left it so.
+        self.model
+            .add_internal_forces(&self.state.q, &mut self.internal)?;
         if self.evolved.is_some() {
             announce(Phase::Evolve(own));
             self.evolve(t)?;
@@ -421,6 +429,7 @@ impl<T: Real> Subdomain<T> {
             q_before: &self.q_before,
             q: &self.state.q,
             f_before: &mut self.internal_before,
+            f: &mut self.internal,
         })?;
         if let Some(work) = &mut self.evolved {
             *work -= released;

@@ -1,4 +1,5 @@
-//! The model behind its trait, with weights, against the bare kernel, measured alternately.
+//! The model behind its trait, with weights, against the bare kernel, and what watching strengths adds to its step,
+//! measured alternately.
 //!
 //! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
@@ -6,7 +7,10 @@
 use arlequin_core::observer::Silent;
 use arlequin_core::weight::Weight;
 use arlequin_core::{Coupled, Guard, Model, Subdomain, TimeStep, Weighting, Weights};
-use dem_beam::{BeamDynamics, BeamMaterial, Container, DemModel, Packing, PackingSpec, Twist};
+use dem_beam::{
+    BeamDynamics, BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter,
+    Twist,
+};
 use nalgebra::{Point3, Vector3};
 use std::error::Error;
 use std::sync::Arc;
@@ -100,6 +104,76 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
     Ok(())
 }
 
+/// What watching strengths adds to the step: without, with each criterion, with strengths that scatter, and with bonds
+/// compared one by one. Every bond is loaded far below its strength.
+fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn Error>> {
+    let guard = Guard {
+        interval: 1_000_000,
+        growth: 0.05,
+    };
+    let make = |spec: Option<Fracture>, plain: bool| -> Result<Coupled<f64>, Box<dyn Error>> {
+        let mut m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
+        if finite {
+            m = m.with_finite_rotations();
+        }
+        if let Some(spec) = spec {
+            m = m.with_fracture(spec)?;
+        }
+        if plain {
+            m = m.with_plain_checks();
+        }
+        let n = m.layout().dofs();
+        let v = (0..n).map(|i| (i as f64).sin() * if i < n / 2 { 1e-3 } else { 0.0 });
+        let v: Vec<f64> = v.collect();
+        let side = Subdomain::fine(m, Weights::same(Arc::new(Along))).with_initial(vec![0.0; n], v)?;
+        Ok(Coupled::new(
+            vec![side],
+            Vec::new(),
+            TimeStep::Fraction(0.5),
+            Some(guard),
+        )?)
+    };
+    let rankine = Fracture::new(Criterion::Rankine, 500e6);
+    let cases = [
+        ("step without fracture", None, false),
+        ("axial", Some(Fracture::new(Criterion::Axial, 500e6)), false),
+        ("rankine", Some(rankine), false),
+        ("mises", Some(Fracture::new(Criterion::Mises, 500e6)), false),
+        ("energy", Some(Fracture::new(Criterion::Energy, 50.0)), false),
+        (
+            "rankine, strengths scatter",
+            Some(Fracture {
+                scatter: Scatter::Weibull { modulus: 10.0 },
+                ..rankine
+            }),
+            false,
+        ),
+        ("rankine, one by one", Some(rankine), true),
+    ];
+    let mut runs = Vec::new();
+    for (_, spec, plain) in &cases {
+        runs.push(make(*spec, *plain)?);
+    }
+    let mut jobs: Vec<NamedJob<'_>> = Vec::new();
+    for ((name, ..), run) in cases.iter().zip(&mut runs) {
+        let job = move |k: usize| {
+            let _ = std::hint::black_box(run.run(k, &mut Silent));
+        };
+        jobs.push((name, Box::new(job)));
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let times = pool.install(|| best(&mut jobs, 10, packing.pairs.len()));
+    let law = if finite { "finite" } else { "linear" };
+    for ((name, _), t) in jobs.iter().zip(&times) {
+        println!(
+            "{law} threads {threads}  {name:<26} {t:6.2} ns/bond  {:5.2} more, {:4.1} % of the step",
+            t - times[0],
+            100.0 * (t - times[0]) / t
+        );
+    }
+    Ok(())
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let counts: Vec<usize> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let counts = if counts.is_empty() { vec![20_000] } else { counts };
@@ -110,6 +184,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         for finite in [false, true] {
             for threads in [1, 2] {
                 measure(&packing, finite, threads)?;
+                strengths(&packing, finite, threads)?;
             }
         }
     }

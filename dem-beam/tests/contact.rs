@@ -161,6 +161,7 @@ fn a_free_ball_gives_the_energy_and_momentum_that_the_body_gets() {
     let motion = Motion::Free {
         mass,
         velocity: Vector3::new(0.0, 0.0, -v0),
+        inertia: None,
     };
     let ball = Obstacle::new("ball", &model, ball, motion, ContactLaw::elastic(E)).unwrap();
     let subdomain = Subdomain::fine(model, Weights::uncoupled()).with_effect(Box::new(ball));

@@ -94,6 +94,7 @@ fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
         scatter,
         seed: f.seed,
         every: f.every.unwrap_or(1),
+        spare_overlap: f.spare_overlap,
         ..Fracture::new(criterion, f.strength)
     })
 }
@@ -139,6 +140,7 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
         (Some(mass), v, None) => Motion::Free {
             mass,
             velocity: v.unwrap_or_default(),
+            inertia: o.inertia,
         },
         (None, Some(v), None) => Motion::Velocity(v),
         (None, None, Some(d)) => Motion::Prescribed {
@@ -156,6 +158,10 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
             format!("{path}.contact"),
             "an obstacle knows no skin and no rolling; remove them",
         ));
+    }
+    if o.inertia.is_some() && o.mass.is_none() {
+        let rule = "only a free obstacle has one; give its mass as well, or remove it";
+        return Err(key(format!("{path}.inertia"), rule));
     }
     let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));
     Obstacle::new(

@@ -136,6 +136,9 @@ pub(crate) struct Fracture {
     pub(crate) seed: u64,
     /// Steps between two checks.
     pub(crate) every: Option<usize>,
+    /// Whether bonds in an overlap never break.
+    #[serde(default)]
+    pub(crate) spare_overlap: bool,
 }
 
 fn one() -> u64 {
@@ -188,6 +191,8 @@ pub(crate) struct Obstacle {
     pub(crate) displacement: Option<ObstacleMotion>,
     /// Mass of a free body \[kg\].
     pub(crate) mass: Option<f64>,
+    /// Moment of inertia of a free ball \[kg m²\].
+    pub(crate) inertia: Option<f64>,
     /// How it touches particles.
     #[serde(default)]
     pub(crate) contact: Contact,

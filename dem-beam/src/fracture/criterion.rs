@@ -20,11 +20,11 @@ pub enum Criterion {
 /// Section constants of the beams.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Section {
-    radius: f64,
-    area: f64,
-    young: f64,
-    shear: f64,
-    rigidity: BeamRigidity,
+    pub(crate) radius: f64,
+    pub(crate) area: f64,
+    pub(crate) young: f64,
+    pub(crate) shear: f64,
+    pub(crate) rigidity: BeamRigidity,
 }
 
 impl Section {

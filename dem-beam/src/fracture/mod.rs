@@ -2,7 +2,11 @@
 //!
 //! A bond breaks at the first instant at which its criterion reaches its strength; it then carries nothing, for ever.
 //! Masses stay: a particle that has lost all bonds moves freely, and one in an overlap stays tied by the multipliers,
-//! with the weight it had in the reference configuration.
+//! with the weight it had in the reference configuration. The model warns of it ([`arlequin_core::Model::watch`]);
+//! [`Fracture::spare_overlap`] prevents it.
+//!
+//! The force kernel compares a bound of every bond's load with its strength on the way and marks blocks of particles;
+//! the criterion itself decides, bond by bond, in marked blocks only.
 //!
 //! Stresses are those of the beam's section (radius `r_b`, area `S`), unweighted:
 //!
@@ -41,8 +45,12 @@ pub struct Fracture {
     pub scatter: Scatter,
     /// Seed of the scatter.
     pub seed: u64,
-    /// Steps between two checks: a check costs about as much as the forces on one core.
+    /// Steps between two checks. A check rides in the force kernel and is cheap (decision 0011): more than one pays only
+    /// where strengths may be passed for some steps.
     pub every: usize,
+    /// Whether bonds that lie in an overlap, wholly or in part, never break: a crack then ends at its border, and no
+    /// fragment can leave while the multipliers still hold it.
+    pub spare_overlap: bool,
 }
 
 impl Fracture {
@@ -55,6 +63,7 @@ impl Fracture {
             scatter: Scatter::None,
             seed: 1,
             every: 1,
+            spare_overlap: false,
         }
     }
 

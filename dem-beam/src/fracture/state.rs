@@ -1,8 +1,11 @@
 //! The bonds of one model while they break.
 
 use super::criterion::{Section, Strain};
-use super::{Break, Fracture, SharedLog, locked, writing};
+use super::{Break, Fracture, Scatter, SharedLog, locked, writing};
 use crate::bond::Twist;
+use crate::kernel::engine::Marks;
+use crate::kernel::lanes::LANES;
+use crate::kernel::screen::{Screen, Strengths};
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
 use arlequin_core::model::Evolution;
@@ -48,6 +51,11 @@ impl Incidence {
         out
     }
 
+    /// Number of particles.
+    pub(crate) fn len(&self) -> usize {
+        self.start.len() - 1
+    }
+
     /// Other end and bond of each bond of particle `i`.
     pub(crate) fn of(&self, i: usize) -> &[[u32; 2]] {
         &self.entries[self.start[i] as usize..self.start[i + 1] as usize]
@@ -61,34 +69,129 @@ pub(crate) struct FractureState {
     pub(crate) log: SharedLog,
     pub(crate) incidence: Incidence,
     section: Section,
-    /// Strength of each bond; infinite once it is broken.
+    /// Strength of each bond; infinite once it is broken, and for those that are spared.
     strength: Vec<f64>,
     flags: Vec<bool>,
     /// Bonds that break in this step.
     pub(crate) now: Vec<u32>,
     wait: usize,
+    /// The look that rides in the force kernel; none where bonds must be compared one by one.
+    screen: Option<Screen>,
+    plainly: bool,
+    /// First slot of each block in the kernel.
+    first_slots: Vec<u32>,
+    /// Blocks in which a bond may have reached its strength, and whether they are of the last positions.
+    marks: Vec<bool>,
+    fresh: bool,
+    /// Bonds of marked blocks.
+    suspects: Vec<u32>,
 }
 
 impl FractureState {
     pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
         let bonds = body.pairs().len();
         writing(&log).begin(bonds);
-        let x = body.positions();
-        let strength = body
-            .pairs()
-            .iter()
-            .map(|&[i, j]| spec.strength * spec.scatter.factor(spec.seed, &x[i as usize], &x[j as usize]))
-            .collect();
-        Self {
+        let blocks = body.len().div_ceil(LANES);
+        let mut out = Self {
             spec,
             log,
             incidence: Incidence::new(body.len(), body.pairs()),
             section: Section::new(body.rigidity()),
-            strength,
+            strength: (0..bonds).map(|b| strength_of(&spec, body, b)).collect(),
             flags: vec![false; bonds.div_ceil(CHUNK)],
             now: Vec::with_capacity(64),
             wait: 0,
+            screen: None,
+            plainly: false,
+            first_slots: vec![0; blocks],
+            marks: vec![false; blocks],
+            fresh: false,
+            suspects: Vec::with_capacity(bonds),
+        };
+        out.set_up_screen(body);
+        out
+    }
+
+    fn set_up_screen(&mut self, body: &BondedParticles) {
+        if self.plainly {
+            return;
         }
+        let length = |b: &crate::bond::LinearBond| 1.0 / b.axis.norm();
+        let lengths = body.bonds().iter().map(length);
+        let (least, most) = lengths.fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l), b.max(l)));
+        self.screen = Screen::new(&Strengths {
+            criterion: self.spec.criterion,
+            radius: self.section.radius,
+            area: self.section.area,
+            young: self.section.young,
+            shear: self.section.shear,
+            rigidity: self.section.rigidity,
+            strengths: &self.strength,
+            lengths: [least, most],
+        });
+        // As many slots as the particle with most bonds has.
+        let mut slots = 0;
+        for (b, first) in self.first_slots.iter_mut().enumerate() {
+            *first = slots;
+            let particles = b * LANES..body.len().min((b + 1) * LANES);
+            slots += particles.map(|i| self.incidence.of(i).len()).max().unwrap_or(0) as u32;
+        }
+        if self.spec.scatter != Scatter::None || self.spec.spare_overlap {
+            self.screen = self.screen.take().map(|s| s.with_each(slots as usize));
+            let all: Vec<usize> = (0..self.first_slots.len()).collect();
+            self.follow(&all, &|_| true);
+        }
+    }
+
+    /// Compares bond by bond from here on.
+    pub(crate) fn check_plainly(&mut self) {
+        self.plainly = true;
+        self.screen = None;
+    }
+
+    /// Orders the limits of blocks as the kernel orders their bonds, those that are `whole`.
+    pub(crate) fn follow(&mut self, blocks: &[usize], whole: &dyn Fn(usize) -> bool) {
+        let Some(screen) = &mut self.screen else { return };
+        for &block in blocks {
+            let first = self.first_slots[block] as usize;
+            let particles = block * LANES..((block + 1) * LANES).min(self.incidence.len());
+            for (lane, i) in particles.enumerate() {
+                let bonds = self.incidence.of(i);
+                let left = bonds.iter().map(|e| e[1] as usize).filter(|b| whole(*b));
+                let strengths = left
+                    .map(|b| self.strength[b])
+                    .chain(std::iter::repeat(f64::INFINITY));
+                for (slot, strength) in strengths.take(bonds.len()).enumerate() {
+                    screen.set(first + slot, lane, strength);
+                }
+            }
+        }
+    }
+
+    /// What the force kernel is to look at, if bonds are to be checked in this step.
+    pub(crate) fn marks(&mut self) -> Option<Marks<'_>> {
+        self.fresh = self.screen.is_some() && self.wait + 1 >= self.spec.every;
+        let screen = self.screen.as_ref().filter(|_| self.fresh)?;
+        Some((screen, &mut self.marks))
+    }
+
+    /// Makes whole bonds unbreakable where `inside` says that they lie in an overlap, if the scene wants that.
+    pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {
+        if !self.spec.spare_overlap {
+            return;
+        }
+        let log = locked(&self.log);
+        for (b, strength) in self.strength.iter_mut().enumerate() {
+            if !log.is_broken(b) {
+                *strength = if inside(b) {
+                    f64::INFINITY
+                } else {
+                    strength_of(&self.spec, body, b)
+                };
+            }
+        }
+        drop(log);
+        self.set_up_screen(body);
     }
 
     /// Steps since the last check: the first integer of the record, then the log.
@@ -137,7 +240,8 @@ impl FractureState {
         })
     }
 
-    /// Fills [`Self::now`] with the bonds that reach their strength, ascending.
+    /// Fills [`Self::now`] with the bonds that reach their strength, ascending. Where the force kernel has looked at these
+    /// positions, only the bonds of the blocks it marked are compared.
     pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) {
         self.now.clear();
         self.wait += 1;
@@ -146,29 +250,55 @@ impl FractureState {
         }
         self.wait = 0;
         writing(&self.log).checked();
-        let bonds = body.pairs().len();
-        let mut flags = std::mem::take(&mut self.flags);
-        let range = |c: usize| c * CHUNK..((c + 1) * CHUNK).min(bonds);
-        let look = |(c, flag): (usize, &mut bool)| {
-            *flag = range(c).any(|b| self.ratio(body, reader, b) >= 1.0);
-        };
-        if bonds > LARGE && rayon::current_num_threads() > 1 {
-            flags.par_iter_mut().enumerate().for_each(look);
+        let mut suspects = std::mem::take(&mut self.suspects);
+        if std::mem::take(&mut self.fresh) {
+            self.suspect(&mut suspects);
+            self.compare(body, reader, suspects.len(), |k| suspects[k] as usize);
         } else {
-            flags.iter_mut().enumerate().for_each(look);
+            self.compare(body, reader, body.pairs().len(), |k| k);
         }
-        self.flags = flags;
-        for c in 0..self.flags.len() {
-            if self.flags[c] {
-                let mut now = std::mem::take(&mut self.now);
-                now.extend(
-                    range(c)
-                        .filter(|&b| self.ratio(body, reader, b) >= 1.0)
-                        .map(|b| b as u32),
-                );
-                self.now = now;
+        self.suspects = suspects;
+    }
+
+    /// Bonds of marked blocks, ascending, each once.
+    fn suspect(&self, suspects: &mut Vec<u32>) {
+        suspects.clear();
+        for block in (0..self.marks.len()).filter(|b| self.marks[*b]) {
+            for i in block * LANES..((block + 1) * LANES).min(self.incidence.len()) {
+                for &[other, bond] in self.incidence.of(i) {
+                    let other = other as usize;
+                    // A bond between two marked blocks comes from its first end.
+                    if other > i || !self.marks[other / LANES] {
+                        suspects.push(bond);
+                    }
+                }
             }
         }
+        suspects.sort_unstable();
+    }
+
+    /// Compares `count` bonds, the `k`-th of which is `bond(k)`.
+    fn compare(
+        &mut self,
+        body: &BondedParticles,
+        reader: &Reader<'_>,
+        count: usize,
+        bond: impl Fn(usize) -> usize + Sync,
+    ) {
+        let (mut flags, mut now) = (std::mem::take(&mut self.flags), std::mem::take(&mut self.now));
+        let range = |c: usize| c * CHUNK..((c + 1) * CHUNK).min(count);
+        let breaks = |k: &usize| self.ratio(body, reader, bond(*k)) >= 1.0;
+        let look = |(c, flag): (usize, &mut bool)| *flag = range(c).any(|k| breaks(&k));
+        let chunks = &mut flags[..count.div_ceil(CHUNK)];
+        if count > LARGE && rayon::current_num_threads() > 1 {
+            chunks.par_iter_mut().enumerate().for_each(look);
+        } else {
+            chunks.iter_mut().enumerate().for_each(look);
+        }
+        for c in (0..count.div_ceil(CHUNK)).filter(|c| flags[*c]) {
+            now.extend(range(c).filter(breaks).map(|k| bond(k) as u32));
+        }
+        (self.now, self.flags) = (now, flags);
     }
 
     /// Takes the bonds of [`Self::now`] out of the balance; the energy they held.
@@ -213,6 +343,11 @@ impl FractureState {
         }
         total
     }
+}
+
+fn strength_of(spec: &Fracture, body: &BondedParticles, b: usize) -> f64 {
+    let [i, j] = body.pairs()[b].map(|i| &body.positions()[i as usize]);
+    spec.strength * spec.scatter.factor(spec.seed, i, j)
 }
 
 fn three(q: &[f64], at: usize) -> Vector3<f64> {

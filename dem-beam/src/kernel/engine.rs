@@ -1,8 +1,9 @@
 //! One pass over all blocks: forces, velocities, new rows.
 
-use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar, Vec3, eight, scale};
+use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar, Vec3, add_interleaved, eight, scale};
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
+use super::screen::{Blind, Look, Screen, Screened, Watcher};
 use crate::bond::BeamRigidity;
 use rayon::prelude::*;
 use std::marker::PhantomData;
@@ -170,40 +171,72 @@ pub(crate) struct Sink<'a> {
     pub(crate) factors: Option<&'a [f64]>,
 }
 
-impl<W: RotationVector> Pass<'_, f64, W> {
+/// Strengths to look at on the way, and a mark per block with a bond that may have reached its own.
+pub(crate) type Marks<'a> = (&'a Screen, &'a mut [bool]);
+
+impl<W: Screened> Pass<'_, f64, W> {
     /// Adds forces and torques to flat arrays; places must be particle numbers.
-    pub(crate) fn add_forces(&self, rows: &[Row<f64>], sink: Sink<'_>, parallel: bool) {
+    pub(crate) fn add_forces(
+        &self,
+        rows: &[Row<f64>],
+        sink: Sink<'_>,
+        marks: Option<Marks<'_>>,
+        parallel: bool,
+    ) {
         if !parallel {
-            return self.add_from(0, rows, sink);
+            return self.add_from(0, rows, sink, marks);
         }
         const SIZE: usize = CHUNK * LANES;
         let factors = sink.factors;
-        sink.linear
+        let parts = sink
+            .linear
             .par_chunks_mut(3 * SIZE)
-            .zip(sink.angular.par_chunks_mut(3 * SIZE))
-            .enumerate()
-            .for_each(|(c, (linear, angular))| {
-                let factors = factors.map(|f| &f[c * SIZE..c * SIZE + linear.len() / 3]);
-                let part = Sink {
-                    linear,
-                    angular,
-                    factors,
-                };
-                self.add_from(c * CHUNK, rows, part);
-            });
+            .zip(sink.angular.par_chunks_mut(3 * SIZE));
+        let part = |c: usize, (linear, angular), marks: Option<Marks<'_>>| {
+            let linear: &mut [f64] = linear;
+            let factors = factors.map(|f| &f[c * SIZE..c * SIZE + linear.len() / 3]);
+            let part = Sink {
+                linear,
+                angular,
+                factors,
+            };
+            self.add_from(c * CHUNK, rows, part, marks);
+        };
+        match marks {
+            None => parts.enumerate().for_each(|(c, to)| part(c, to, None)),
+            Some((screen, marks)) => parts
+                .zip(marks.par_chunks_mut(CHUNK))
+                .enumerate()
+                .for_each(|(c, (to, marks))| part(c, to, Some((screen, marks)))),
+        }
     }
 
-    fn add_from(&self, first: usize, rows: &[Row<f64>], sink: Sink<'_>) {
-        f64::dispatch(
-            self.isa,
-            AddForces {
-                pass: self,
-                first,
-                rows,
-                sink,
-            },
-        );
+    /// The blocks from `first` on that `sink` holds.
+    pub(crate) fn add_from(&self, first: usize, rows: &[Row<f64>], sink: Sink<'_>, marks: Option<Marks<'_>>) {
+        let forces = AddForces {
+            pass: self,
+            first,
+            rows,
+            sink,
+        };
+        match marks {
+            None => f64::dispatch(self.isa, forces),
+            Some((screen, marks)) => f64::dispatch(
+                self.isa,
+                AddAndLook {
+                    forces,
+                    screen,
+                    marks,
+                },
+            ),
+        }
     }
+}
+
+struct AddAndLook<'a, 'b, W: Law<f64>> {
+    forces: AddForces<'a, 'b, W>,
+    screen: &'a Screen,
+    marks: &'a mut [bool],
 }
 
 struct AddForces<'a, 'b, W: Law<f64>> {
@@ -266,6 +299,17 @@ impl<W: RotationVector> OnLanes<f64> for AddForces<'_, '_, W> {
     }
 }
 
+impl<W: Screened> OnLanes<f64> for AddAndLook<'_, '_, W> {
+    #[inline(always)]
+    fn on<L: Lanes<T = f64>>(self, l: L) {
+        if self.forces.rows.len() > FAR {
+            l.run(With::<L, Self, true>(l, self));
+        } else {
+            l.run(With::<L, Self, false>(l, self));
+        }
+    }
+}
+
 /// Fetches `count` values into the nearest cache; any address will do.
 #[inline(always)]
 fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
@@ -298,30 +342,34 @@ fn fetch<L: Lanes, W: Law<L::T>, const FETCH: bool>(
     W::near(l, slot, ready, &other)
 }
 
-/// Forces on the eight particles of a block; also returns their rows.
+/// Forces on the eight particles of a block; also returns their rows. `look` sees every slot.
 #[inline(always)]
-fn gather<L: Lanes, W: Law<L::T>, const FETCH: bool>(
+fn gather<L: Lanes, W: Law<L::T>, K: Look<L, W>, const FETCH: bool>(
     l: L,
     pass: &Pass<'_, L::T, W>,
     k: &Rigidity<L>,
     rows: &[Row<L::T>],
     block: usize,
+    look: &mut K,
 ) -> ([L::V; 8], [L::V; 6]) {
     let layout = pass.layout;
     let mine = &rows[block * LANES..(block + 1) * LANES];
     let own = l.transpose(eight!(r => mine[r].0));
     let ready = W::ready(l, &own);
+    look.begin(&ready);
     let mut acc = [l.splat(L::T::default()); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
-    let mut before: Option<(&W::Slot, W::Near<L>)> = None;
+    let mut before: Option<(usize, &W::Slot, W::Near<L>)> = None;
     for (slot, ahead) in layout.slots[range.clone()].iter().zip(range) {
         let near = fetch::<L, W, FETCH>(l, layout, rows, ahead, slot, &ready);
-        if let Some((slot, near)) = before.replace((slot, near)) {
+        if let Some((index, slot, near)) = before.replace((ahead, slot, near)) {
             W::add(l, k, slot, &ready, &near, &mut acc);
+            look.see(index, slot, &ready, &near);
         }
     }
-    if let Some((slot, near)) = before {
+    if let Some((index, slot, near)) = before {
         W::add(l, k, slot, &ready, &near, &mut acc);
+        look.see(index, slot, &ready, &near);
     }
     (own, acc)
 }
@@ -340,7 +388,7 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Step<'_, '_, L::
                 prefetch_lines(l, layout.inverse_mass.as_ptr().wrapping_add(block + 1), 1);
                 prefetch_lines(l, out.as_ptr().wrapping_add(LANES), LANES);
             }
-            let (own, mut f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
+            let (own, mut f) = gather::<L, W, Blind, FETCH>(l, j.pass, &k, j.rows, block, &mut Blind);
             if let Some(loads) = j.pass.loads {
                 for (f, load) in f.iter_mut().zip(&loads[block]) {
                     *f = l.add(*f, l.load(&load.0));
@@ -374,7 +422,7 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Forces<'_, '_, L
         let (l, j) = (self.0, self.1);
         let k = Rigidity::new(l, &j.pass.rigidity);
         for (b, out) in j.out.iter_mut().enumerate() {
-            let (_, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, j.first + b);
+            let (_, f) = gather::<L, W, Blind, FETCH>(l, j.pass, &k, j.rows, j.first + b, &mut Blind);
             for (out, f) in out.iter_mut().zip(f) {
                 out.0 = l.store(f);
             }
@@ -385,49 +433,64 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Forces<'_, '_, L
 impl<L: Lanes<T = f64>, W: RotationVector, const FETCH: bool> Job for With<L, AddForces<'_, '_, W>, FETCH> {
     #[inline(always)]
     fn call(self) {
-        let (l, j) = (self.0, self.1);
+        let (l, mut j) = (self.0, self.1);
         let k = Rigidity::new(l, &j.pass.rigidity);
-        let Sink {
-            linear,
-            angular,
-            factors,
-        } = j.sink;
-        let parts = linear.chunks_mut(3 * LANES).zip(angular.chunks_mut(3 * LANES));
-        for (b, (linear, angular)) in parts.enumerate() {
-            let block = j.first + b;
-            if FETCH || W::LIGHT {
-                for to in [&*linear, &*angular] {
-                    prefetch_lines(l, to.as_ptr().wrapping_add(3 * LANES), 3 * LANES);
-                }
-            }
-            let (own, f) = gather::<L, W, FETCH>(l, j.pass, &k, j.rows, block);
-            let mut force = [f[0], f[1], f[2]];
-            let mut torque = W::generalised(l, &own, [f[3], f[4], f[5]]);
-            if let Some(factors) = factors {
-                let part = &factors[b * LANES..factors.len().min((b + 1) * LANES)];
-                let mut w = [0.0; LANES];
-                w[..part.len()].copy_from_slice(part);
-                let w = l.load(&w);
-                force = scale(l, force, w);
-                torque = scale(l, torque, w);
-            }
-            add_interleaved(l, force, linear);
-            add_interleaved(l, torque, angular);
+        for b in 0..j.blocks() {
+            j.add_block::<L, Blind, FETCH>(l, &k, b, &mut Blind);
         }
     }
 }
 
-/// Adds three vectors to `x0 y0 z0 x1 ...` of up to eight particles.
-#[inline(always)]
-fn add_interleaved<L: Lanes<T = f64>>(l: L, v: Vec3<L>, to: &mut [f64]) {
-    let parts = l.interleave(v);
-    let (whole, rest) = to.as_chunks_mut::<LANES>();
-    let done = whole.len();
-    for (to, part) in whole.iter_mut().zip(parts) {
-        *to = l.store(l.add(l.load(to), part));
+impl<L: Lanes<T = f64>, W: Screened, const FETCH: bool> Job for With<L, AddAndLook<'_, '_, W>, FETCH> {
+    #[inline(always)]
+    fn call(self) {
+        let (l, mut j) = (self.0, self.1);
+        let k = Rigidity::new(l, &j.forces.pass.rigidity);
+        let mut watcher = Watcher::new(l, j.screen);
+        for (b, mark) in j.marks.iter_mut().enumerate() {
+            j.forces
+                .add_block::<L, Watcher<'_, L>, FETCH>(l, &k, b, &mut watcher);
+            *mark = watcher.found();
+        }
     }
-    if !rest.is_empty() {
-        let tail = l.store(parts[done.min(2)]);
-        rest.iter_mut().zip(tail).for_each(|(to, x)| *to += x);
+}
+
+impl<W: RotationVector> AddForces<'_, '_, W> {
+    #[inline(always)]
+    fn blocks(&self) -> usize {
+        self.sink.linear.len().div_ceil(3 * LANES)
+    }
+
+    /// Adds the forces of block `b` of this part.
+    #[inline(always)]
+    fn add_block<L: Lanes<T = f64>, K: Look<L, W>, const FETCH: bool>(
+        &mut self,
+        l: L,
+        k: &Rigidity<L>,
+        b: usize,
+        look: &mut K,
+    ) {
+        let block = self.first + b;
+        let range = 3 * LANES * b..self.sink.linear.len().min(3 * LANES * (b + 1));
+        let linear = &mut self.sink.linear[range.clone()];
+        let angular = &mut self.sink.angular[range];
+        if FETCH || W::LIGHT {
+            for to in [&*linear, &*angular] {
+                prefetch_lines(l, to.as_ptr().wrapping_add(3 * LANES), 3 * LANES);
+            }
+        }
+        let (own, f) = gather::<L, W, K, FETCH>(l, self.pass, k, self.rows, block, look);
+        let mut force = [f[0], f[1], f[2]];
+        let mut torque = W::generalised(l, &own, [f[3], f[4], f[5]]);
+        if let Some(factors) = self.sink.factors {
+            let part = &factors[b * LANES..factors.len().min((b + 1) * LANES)];
+            let mut w = [0.0; LANES];
+            w[..part.len()].copy_from_slice(part);
+            let w = l.load(&w);
+            force = scale(l, force, w);
+            torque = scale(l, torque, w);
+        }
+        add_interleaved(l, force, linear);
+        add_interleaved(l, torque, angular);
     }
 }

@@ -86,6 +86,8 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// `c - a b`.
     fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
+    /// `a` where `a > b`, `b` elsewhere: `b` as well where `a` is not a number.
+    fn max(self, a: Self::V, b: Self::V) -> Self::V;
     /// Vector k holds entry k of the eight rows.
     fn transpose(self, rows: [[Self::T; LANES]; LANES]) -> [Self::V; LANES];
     /// Row k holds lane k of the eight vectors.
@@ -168,6 +170,10 @@ macro_rules! portable {
                 eight!(k => c[k] - a[k] * b[k])
             }
             #[inline(always)]
+            fn max(self, a: Self::V, b: Self::V) -> Self::V {
+                eight!(k => if a[k] > b[k] { a[k] } else { b[k] })
+            }
+            #[inline(always)]
             fn transpose(self, rows: [[$t; LANES]; LANES]) -> [Self::V; LANES] {
                 eight!(c => eight!(r => rows[r][c]))
             }
@@ -229,4 +235,19 @@ pub(crate) fn diff<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
 #[inline(always)]
 pub(crate) fn sum<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
     [l.add(a[0], b[0]), l.add(a[1], b[1]), l.add(a[2], b[2])]
+}
+
+/// Adds three vectors to `x0 y0 z0 x1 ...` of up to eight particles.
+#[inline(always)]
+pub(crate) fn add_interleaved<L: Lanes<T = f64>>(l: L, v: Vec3<L>, to: &mut [f64]) {
+    let parts = l.interleave(v);
+    let (whole, rest) = to.as_chunks_mut::<LANES>();
+    let done = whole.len();
+    for (to, part) in whole.iter_mut().zip(parts) {
+        *to = l.store(l.add(l.load(to), part));
+    }
+    if !rest.is_empty() {
+        let tail = l.store(parts[done.min(2)]);
+        rest.iter_mut().zip(tail).for_each(|(to, x)| *to += x);
+    }
 }

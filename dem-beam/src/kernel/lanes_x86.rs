@@ -110,6 +110,10 @@ impl Lanes for Wide512 {
         self.0.avx512f._mm512_fnmadd_pd(a, b, c)
     }
     #[inline(always)]
+    fn max(self, a: __m512d, b: __m512d) -> __m512d {
+        self.0.avx512f._mm512_max_pd(a, b)
+    }
+    #[inline(always)]
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [__m512d; LANES] {
         turn512(self.0, eight!(k => cast(rows[k])))
     }
@@ -246,6 +250,10 @@ impl Lanes for Wide256<f64> {
         both!(k => self.0.fma._mm256_fnmadd_pd(a[k], b[k], c[k]))
     }
     #[inline(always)]
+    fn max(self, a: Self::V, b: Self::V) -> Self::V {
+        both!(k => self.0.avx._mm256_max_pd(a[k], b[k]))
+    }
+    #[inline(always)]
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES] {
         turn256(self.0, eight!(k => cast(rows[k])))
     }
@@ -343,6 +351,10 @@ impl Lanes for Wide256<f32> {
     #[inline(always)]
     fn nmadd(self, a: __m256, b: __m256, c: __m256) -> __m256 {
         self.0.fma._mm256_fnmadd_ps(a, b, c)
+    }
+    #[inline(always)]
+    fn max(self, a: __m256, b: __m256) -> __m256 {
+        self.0.avx._mm256_max_ps(a, b)
     }
     #[inline(always)]
     fn transpose(self, rows: [[f32; LANES]; LANES]) -> [__m256; LANES] {

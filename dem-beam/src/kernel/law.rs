@@ -114,7 +114,7 @@ pub(crate) struct Linear;
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(C, align(64))]
 pub(crate) struct LinearSlot<T> {
-    axis: [[T; 8]; 3],
+    pub(super) axis: [[T; 8]; 3],
     scale: [T; 8],
 }
 
@@ -203,7 +203,7 @@ pub(crate) struct Finite;
 #[repr(C, align(64))]
 pub(crate) struct FiniteSlot<T> {
     axis: [[T; 8]; 3],
-    rest: [T; 8],
+    pub(super) rest: [T; 8],
     scale: [T; 8],
 }
 
@@ -231,11 +231,11 @@ pub(crate) struct FiniteReady<L: Lanes> {
 /// Direction and length change of eight bonds, quaternions of the neighbours.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FiniteNear<L: Lanes> {
-    n: Vec3<L>,
+    pub(super) n: Vec3<L>,
     /// `1/l`.
     shrink: L::V,
     /// `l - l0`.
-    stretch: L::V,
+    pub(super) stretch: L::V,
     s: L::V,
     q: Vec3<L>,
 }
@@ -315,31 +315,16 @@ impl<T: Scalar> Law<T> for Finite {
         near: &FiniteNear<L>,
         acc: &mut [L::V; 6],
     ) {
-        let n0: Vec3<L> = [
-            l.load(&slot.axis[0]),
-            l.load(&slot.axis[1]),
-            l.load(&slot.axis[2]),
-        ];
         let s = l.load(&slot.scale);
         let FiniteNear {
             n, shrink, stretch, ..
         } = *near;
-        let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (own.q, near.q, near.s);
-        let ti: Vec3<L> = [
-            dot(l, own.turn[0], n0),
-            dot(l, own.turn[1], n0),
-            dot(l, own.turn[2], n0),
-        ];
-        let tj = turned(l, k.two, sj, qj, n0);
-        // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j, and its scalar part.
-        let r = axpy(l, qj, own.s, cross(l, qi, qj));
-        let r = [
-            l.nmadd(sj, qi[0], r[0]),
-            l.nmadd(sj, qi[1], r[1]),
-            l.nmadd(sj, qi[2], r[2]),
-        ];
-        let r0 = l.madd(own.s, sj, dot(l, qi, qj));
-        let twist = l.mul(k.two, dot(l, n, r));
+        let Turned {
+            axes: [ti, tj],
+            relative: r,
+            twist,
+        } = turned_axes(l, k.two, slot, own, near);
+        let r0 = l.madd(own.s, near.s, dot(l, own.q, near.q));
         let kt = l.mul(l.mul(k.torsion, s), twist);
         let kb = l.mul(k.bending2, s);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
@@ -386,6 +371,47 @@ impl<T: Scalar> Law<T> for Finite {
         let q_new = scale(l, axpy(l, h, s, sum(l, q, cross(l, h, q))), norm);
         let u = axpy(l, [v[0], v[1], v[2]], dt, [own[0], own[1], own[2]]);
         [u[0], u[1], u[2], s_new, q_new[0], q_new[1], q_new[2], own[7]]
+    }
+}
+
+/// The axes at rest turned with either end, `vec(q_j q_i*)`, and the twist `s`.
+pub(super) struct Turned<L: Lanes> {
+    pub(super) axes: [Vec3<L>; 2],
+    relative: Vec3<L>,
+    pub(super) twist: L::V,
+}
+
+#[inline(always)]
+pub(super) fn turned_axes<L: Lanes>(
+    l: L,
+    two: L::V,
+    slot: &FiniteSlot<L::T>,
+    own: &FiniteReady<L>,
+    near: &FiniteNear<L>,
+) -> Turned<L> {
+    let n0: Vec3<L> = [
+        l.load(&slot.axis[0]),
+        l.load(&slot.axis[1]),
+        l.load(&slot.axis[2]),
+    ];
+    let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (own.q, near.q, near.s);
+    let ti: Vec3<L> = [
+        dot(l, own.turn[0], n0),
+        dot(l, own.turn[1], n0),
+        dot(l, own.turn[2], n0),
+    ];
+    let tj = turned(l, two, sj, qj, n0);
+    // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j.
+    let r = axpy(l, qj, own.s, cross(l, qi, qj));
+    let r = [
+        l.nmadd(sj, qi[0], r[0]),
+        l.nmadd(sj, qi[1], r[1]),
+        l.nmadd(sj, qi[2], r[2]),
+    ];
+    Turned {
+        axes: [ti, tj],
+        relative: r,
+        twist: l.mul(two, dot(l, near.n, r)),
     }
 }
 

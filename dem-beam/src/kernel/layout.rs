@@ -95,13 +95,14 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
         self.start.push(self.slots.len() as u32);
     }
 
-    /// Writes the bonds of one block again, without those that have no stiffness left. `bonds` gives other end and bond
-    /// of each bond of a particle, sorted; places must be particle numbers.
+    /// Writes the bonds of one block again, only those that are `whole`. `bonds` gives other end and bond of each bond of
+    /// a particle, sorted; places must be particle numbers.
     pub(crate) fn refresh<'a>(
         &mut self,
         block: usize,
         body: &BondedParticles,
         bonds: impl Fn(usize) -> &'a [[u32; 2]],
+        whole: &dyn Fn(usize) -> bool,
     ) {
         let first = block * LANES;
         let (from, to) = (self.start[block] as usize, self.start[block + 1] as usize);
@@ -111,10 +112,8 @@ impl<T: Scalar, W: Law<T>> Layout<T, W> {
         }
         for lane in 0..LANES.min(self.order.len() - first) {
             let i = first + lane;
-            let whole = bonds(i)
-                .iter()
-                .filter(|[_, b]| body.bonds()[*b as usize].scale > 0.0);
-            for (s, &[other, b]) in whole.enumerate() {
+            let left = bonds(i).iter().filter(|[_, b]| whole(*b as usize));
+            for (s, &[other, b]) in left.enumerate() {
                 let bond = body.bonds()[b as usize];
                 let own = body.pairs()[b as usize][0] as usize == i;
                 let bond = if own { bond } else { bond.reversed() };

@@ -8,5 +8,6 @@ pub(crate) mod lanes_x86;
 pub(crate) mod law;
 pub(crate) mod layout;
 pub mod order;
+pub(crate) mod screen;
 
 pub use dynamics::{BeamDynamics, Held};

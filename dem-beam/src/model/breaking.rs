@@ -5,6 +5,7 @@ use crate::contact::neighbours;
 use crate::error::{DemError, Result};
 use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
+use crate::kernel::lanes::LANES;
 use arlequin_core::effect::Finding;
 use arlequin_core::model::Evolution;
 use arlequin_core::snapshot::Record;
@@ -35,6 +36,25 @@ impl DemModel {
         let log = SharedLog::default();
         self.watched = Some(FractureState::new(spec, &self.body, log));
         Ok(self)
+    }
+
+    /// Makes the bonds of an overlap unbreakable where that is wanted; to be called when weights change.
+    pub(super) fn spare_overlap(&mut self) {
+        let (mut fracture, mut watched) = (self.fracture.take(), self.watched.take());
+        for f in [&mut fracture, &mut watched].into_iter().flatten() {
+            f.spare(&self.body, |b| self.in_overlap(b));
+        }
+        (self.fracture, self.watched) = (fracture, watched);
+    }
+
+    /// The same body, whose bonds are compared with their strengths one by one: the reference for tests of the look that
+    /// rides in the force kernel. Slower, same breaks.
+    #[must_use]
+    pub fn with_plain_checks(mut self) -> Self {
+        if let Some(f) = &mut self.fracture {
+            f.check_plainly();
+        }
+        self
     }
 
     /// What broke so far; stays up to date during a run.
@@ -71,24 +91,34 @@ impl DemModel {
         if !fracture.now.is_empty() {
             let (before, now) = (step.q_before, step.q);
             released = fracture.release(&self.body, &mut step, [&self.reader(before), &self.reader(now)]);
-            self.sever(&fracture);
+            let blocks = self.sever(&mut fracture);
+            let factors = self.factors.as_deref();
+            match &self.kernel {
+                Kernel::Linear(k) => k.again(&blocks, step.f, factors),
+                Kernel::Finite(k) => k.again(&blocks, step.f, factors),
+            }
         }
         self.fracture = Some(fracture);
         released
     }
 
-    /// Takes the bonds that break now out of the kernel.
-    fn sever(&mut self, fracture: &FractureState) {
+    /// Takes the bonds that break now out of the kernel; the blocks that held them, ascending.
+    fn sever(&mut self, fracture: &mut FractureState) -> Vec<usize> {
+        let mut blocks = Vec::new();
         for &b in &fracture.now {
             self.body.sever(b as usize);
+            blocks.extend(self.body.pairs()[b as usize].map(|i| i as usize / LANES));
         }
-        for &b in &fracture.now {
-            let pair = self.body.pairs()[b as usize];
-            match &mut self.kernel {
-                Kernel::Linear(k) => k.refresh(pair, &self.body, &fracture.incidence),
-                Kernel::Finite(k) => k.refresh(pair, &self.body, &fracture.incidence),
-            }
+        blocks.sort_unstable();
+        blocks.dedup();
+        let log = locked(&self.log);
+        let (body, whole) = (&self.body, |b: usize| !log.is_broken(b));
+        match &mut self.kernel {
+            Kernel::Linear(k) => k.refresh(&blocks, body, &fracture.incidence, &whole),
+            Kernel::Finite(k) => k.refresh(&blocks, body, &fracture.incidence, &whole),
         }
+        fracture.follow(&blocks, &whole);
+        blocks
     }
 
     pub(super) fn restore_breaks(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
@@ -97,7 +127,7 @@ impl DemModel {
         };
         let fits = fracture.restore(from.clone(), &self.body);
         if fits {
-            self.sever(&fracture);
+            self.sever(&mut fracture);
         }
         self.fracture = Some(fracture);
         if fits {
@@ -144,6 +174,7 @@ impl DemModel {
             }
         }
         out.extend(self.overlapping(q));
+        out.extend(self.torn_in_overlap(q));
         out
     }
 

@@ -3,10 +3,11 @@
 use crate::bond::BeamRigidity;
 use crate::error::{DemError, Result};
 use crate::fracture::state::Incidence;
-use crate::kernel::engine::{Isa, Pass, RotationVector, Sink};
+use crate::kernel::engine::{Isa, Marks, Pass, RotationVector, Sink};
 use crate::kernel::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, scale};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
+use crate::kernel::screen::Screened;
 use crate::particles::BondedParticles;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -111,7 +112,7 @@ pub(crate) struct Gather<W: RotationVector> {
     isa: Isa,
 }
 
-impl<W: RotationVector> Gather<W> {
+impl<W: Screened> Gather<W> {
     /// `body` must be numbered for locality already.
     pub(crate) fn new(body: &BondedParticles) -> Self {
         let layout = Layout::ordered(body, (0..body.len() as u32).collect());
@@ -126,19 +127,32 @@ impl<W: RotationVector> Gather<W> {
         }
     }
 
-    /// Adds forces and torques to `f`; both in the layout of the model.
-    pub(crate) fn add(&mut self, q: &[f64], f: &mut [f64], factors: Option<&[f64]>) {
+    /// Adds forces and torques to `f`; both in the layout of the model. With `marks` it looks at strengths on the way.
+    pub(crate) fn add(
+        &mut self,
+        q: &[f64],
+        f: &mut [f64],
+        factors: Option<&[f64]>,
+        marks: Option<Marks<'_>>,
+    ) {
         let n = q.len() / 6;
         let parallel = n > LARGE && rayon::current_num_threads() > 1;
         if parallel {
             // One entry into the pool for both passes.
-            rayon::scope(|_| self.passes(q, f, factors, true));
+            rayon::scope(|_| self.passes(q, f, factors, marks, true));
         } else {
-            self.passes(q, f, factors, false);
+            self.passes(q, f, factors, marks, false);
         }
     }
 
-    fn passes(&mut self, q: &[f64], f: &mut [f64], factors: Option<&[f64]>, parallel: bool) {
+    fn passes(
+        &mut self,
+        q: &[f64],
+        f: &mut [f64],
+        factors: Option<&[f64]>,
+        marks: Option<Marks<'_>>,
+        parallel: bool,
+    ) {
         let n = q.len() / 6;
         let (u, th) = q.split_at(3 * n);
         if parallel {
@@ -149,28 +163,54 @@ impl<W: RotationVector> Gather<W> {
         } else {
             W::write_rows(&mut self.rows[..n], u, th);
         }
-        let pass = Pass {
-            layout: &self.layout,
-            rigidity: self.rigidity,
-            isa: self.isa,
-            loads: None,
-            free: None,
-        };
         let (linear, angular) = f.split_at_mut(3 * n);
         let sink = Sink {
             linear,
             angular,
             factors,
         };
-        pass.add_forces(&self.rows, sink, parallel);
+        self.pass().add_forces(&self.rows, sink, marks, parallel);
     }
 
-    /// Leaves the bonds of the two ends out that have no stiffness left.
-    pub(crate) fn refresh(&mut self, pair: [u32; 2], body: &BondedParticles, incidence: &Incidence) {
-        let [a, b] = pair.map(|i| i as usize / LANES);
-        self.layout.refresh(a, body, |i| incidence.of(i));
-        if b != a {
-            self.layout.refresh(b, body, |i| incidence.of(i));
+    fn pass(&self) -> Pass<'_, f64, W> {
+        Pass {
+            layout: &self.layout,
+            rigidity: self.rigidity,
+            isa: self.isa,
+            loads: None,
+            free: None,
+        }
+    }
+
+    /// Writes the forces of single blocks again, at the positions of the last [`Self::add`].
+    pub(crate) fn again(&self, blocks: &[usize], f: &mut [f64], factors: Option<&[f64]>) {
+        let n = f.len() / 6;
+        let (linear, angular) = f.split_at_mut(3 * n);
+        for &b in blocks {
+            let particles = b * LANES..n.min((b + 1) * LANES);
+            let range = 3 * particles.start..3 * particles.end;
+            let (linear, angular) = (&mut linear[range.clone()], &mut angular[range]);
+            linear.fill(0.0);
+            angular.fill(0.0);
+            let sink = Sink {
+                linear,
+                angular,
+                factors: factors.map(|f| &f[particles]),
+            };
+            self.pass().add_from(b, &self.rows, sink, None);
+        }
+    }
+
+    /// Leaves the bonds of blocks out that are not `whole`.
+    pub(crate) fn refresh(
+        &mut self,
+        blocks: &[usize],
+        body: &BondedParticles,
+        incidence: &Incidence,
+        whole: &dyn Fn(usize) -> bool,
+    ) {
+        for &b in blocks {
+            self.layout.refresh(b, body, |i| incidence.of(i), whole);
         }
     }
 

@@ -24,6 +24,7 @@ mod report;
 mod select;
 mod spectrum;
 mod stiffness;
+mod torn;
 
 pub use report::DemReport;
 pub use select::LoadShare;
@@ -335,6 +336,7 @@ impl Model<f64> for DemModel {
         };
         self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
         self.factors = factors;
+        self.spare_overlap();
         self.kernel = match self.kernel {
             Kernel::Linear(_) => Kernel::Linear(Gather::new(&self.body)),
             Kernel::Finite(_) => Kernel::Finite(Gather::new(&self.body)),
@@ -347,7 +349,10 @@ impl Model<f64> for DemModel {
         check_size(self, "forces", f.len())?;
         let factors = self.factors.as_deref();
         match &mut self.kernel {
-            Kernel::Linear(k) => k.add(q, f, factors),
+            Kernel::Linear(k) => {
+                let marks = self.fracture.as_mut().and_then(FractureState::marks);
+                k.add(q, f, factors, marks);
+            }
             Kernel::Finite(_) => {
                 if let Err(e) = check_rotations(&q[q.len() / 2..]) {
                     // A particle without bonds may spin as it likes.
@@ -356,7 +361,8 @@ impl Model<f64> for DemModel {
                     }
                 }
                 if let Kernel::Finite(k) = &mut self.kernel {
-                    k.add(q, f, self.factors.as_deref());
+                    let marks = self.fracture.as_mut().and_then(FractureState::marks);
+                    k.add(q, f, self.factors.as_deref(), marks);
                 }
             }
         }
@@ -394,7 +400,7 @@ impl Model<f64> for DemModel {
             Kernel::Linear(k) => k,
             Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
         };
-        let top = spectrum::largest(&root, &mut |q, f| kernel.add(q, f, None));
+        let top = spectrum::largest(&root, &mut |q, f| kernel.add(q, f, None, None));
         match top {
             Ok(top) if top > 0.0 => Ok(2.0 / top.sqrt()),
             Ok(_) => Ok(f64::from(f32::MAX)),

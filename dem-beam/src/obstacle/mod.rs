@@ -3,10 +3,13 @@
 //! The contact law is that of [`crate::contact`] with the obstacle as a sphere of infinite radius, so a particle of
 //! radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes only from there on.
 //!
-//! A free body is moved by the same velocity Verlet as everything else and does not turn. What an obstacle gives to the
-//! particles and their springs is its `supplied` energy: the work of what drives it, or its own kinetic energy. No
-//! contact gives back more than it took in ([`crate::contact`]).
+//! A free body is moved by the same velocity Verlet as everything else. A free ball turns as well: friction acts at its
+//! surface, so that the angular momentum of particles and ball is kept. Planes and cylinders have no centre that could be
+//! told from the shape, and do not turn. What an obstacle gives to the particles and their springs is its `supplied`
+//! energy: the work of what drives it, or its own kinetic energy. No contact gives back more than it took in
+//! ([`crate::contact`]).
 
+mod near;
 mod shape;
 
 pub use shape::{Motion, Shape};
@@ -20,6 +23,7 @@ use crate::packing::cells::Sphere;
 use arlequin_core::effect::{Demand, Effect, Instant, Site};
 use arlequin_core::snapshot::Record;
 use nalgebra::{Point3, Vector3};
+use near::Near;
 
 /// Where an obstacle pushed in the last step.
 #[derive(Debug, Clone, Copy)]
@@ -29,6 +33,8 @@ struct Active {
     force: Vector3<f64>,
     /// Generalised torque on it (N m).
     torque: Vector3<f64>,
+    /// Torque on the obstacle, if it turns (N m).
+    back: Vector3<f64>,
     stored: f64,
     /// Power on the velocities of particle and obstacle after the step, as far as they were known (W).
     expected: f64,
@@ -46,8 +52,14 @@ pub struct Obstacle {
     /// Gap of each particle at rest where that is an overlap, zero otherwise.
     allowed: Vec<f64>,
     springs: Vec<Spring>,
+    near: Near,
     active: Vec<Active>,
     started: bool,
+    /// Radius and moment of inertia, if it turns.
+    turning: Option<(f64, f64)>,
+    /// Angular velocity half a step earlier (rad/s), torque of the particles on it (N m).
+    spin: Vector3<f64>,
+    torque: Vector3<f64>,
     /// Displacement, velocity half a step earlier, force of the particles on the obstacle.
     moved: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -76,6 +88,7 @@ impl Obstacle {
         if let Motion::Free { mass, .. } = &motion {
             positive("mass of a free obstacle", *mass)?;
         }
+        let turning = shape.turning(&motion)?;
         let grains = Grains::new(ContactBody::of(model));
         let allowed = grains
             .rest
@@ -86,8 +99,12 @@ impl Obstacle {
             name: name.to_owned(),
             allowed,
             springs: vec![Spring::default(); grains.len()],
+            near: Near::new(&grains.rest),
             active: Vec::new(),
             started: false,
+            turning,
+            spin: Vector3::zeros(),
+            torque: Vector3::zeros(),
             moved: Vector3::zeros(),
             velocity: motion.first_velocity(),
             reaction: Vector3::zeros(),
@@ -107,6 +124,18 @@ impl Obstacle {
         })
     }
 
+    /// How often all particles were searched for those near it.
+    #[must_use]
+    pub fn searches(&self) -> usize {
+        self.near.searches
+    }
+
+    /// Angular velocity of a free ball half a step ago (rad/s); zero for all others.
+    #[must_use]
+    pub fn spin(&self) -> Vector3<f64> {
+        self.spin
+    }
+
     /// Moves the obstacle to the new instant.
     fn advance(&mut self, at: &Instant<'_, f64>) -> arlequin_core::Result<()> {
         let before = self.moved;
@@ -115,8 +144,9 @@ impl Obstacle {
                 if at.dt > 0.0 {
                     let kick = if self.started { at.dt } else { 0.5 * at.dt };
                     self.velocity += self.reaction * (kick / mass);
+                    self.spin += self.torque * (kick * self.lightness()[1]);
                     if !self.started {
-                        self.first_energy = 0.5 * mass * self.velocity.norm_squared();
+                        self.first_energy = self.kinetic(*mass, &self.velocity, &self.spin);
                     }
                     self.moved += self.velocity * at.dt;
                     self.started = true;
@@ -148,73 +178,105 @@ impl Obstacle {
     fn settle_purses(&mut self, at: &Instant<'_, f64>) {
         for a in &self.active {
             let i = a.particle as usize;
-            let power = contact::power(at.v_half, i, &a.force, &a.torque) - a.force.dot(&self.velocity);
+            let own = a.back.dot(&self.spin) - a.force.dot(&self.velocity);
+            let power = contact::power(at.v_half, i, &a.force, &a.torque) + own;
             self.springs[i].purse -= 0.5 * at.dt * (power - a.expected);
         }
     }
 
-    fn pair(&self, i: usize, gap: f64, normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
+    fn kinetic(&self, mass: f64, velocity: &Vector3<f64>, spin: &Vector3<f64>) -> f64 {
+        let turning = self
+            .turning
+            .map_or(0.0, |(_, inertia)| inertia * spin.norm_squared());
+        0.5 * (mass * velocity.norm_squared() + turning)
+    }
+
+    fn pair(&self, i: usize, [gap, distance]: [f64; 2], normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
         let r = self.grains.rest[i][3];
         Pair {
             normal,
             gap,
             // A partner so large that it is flat.
             radii: [1e12 * r, r],
-            arms: [0.0, r - gap],
+            // To the surface from either side, so that the two torques balance the moment of the force.
+            arms: self
+                .turning
+                .map_or([0.0, r - gap], |(radius, _)| [radius, distance]),
             share: self.grains.share[i],
-            inverse_mass: self.grains.inverse_mass(i) + self.lightness(),
+            inverse_mass: self.grains.inverse_mass(i) + self.lightness()[0],
             motion: [
                 Twist {
                     linear: self.velocity,
-                    angular: Vector3::zeros(),
+                    angular: self.spin,
                 },
                 self.grains.motion(at, i),
             ],
         }
     }
 
-    /// Inverse mass; zero for a driven obstacle.
-    fn lightness(&self) -> f64 {
-        match &self.motion {
+    /// Inverse mass, zero for a driven obstacle, and inverse moment of inertia, zero for one that does not turn.
+    fn lightness(&self) -> [f64; 2] {
+        let light = match &self.motion {
             Motion::Free { mass, .. } => 1.0 / mass,
             _ => 0.0,
-        }
+        };
+        [light, self.turning.map_or(0.0, |(_, inertia)| 1.0 / inertia)]
+    }
+
+    /// Velocity and angular velocity half a step from now, under the contacts taken so far.
+    fn next(&self, dt: f64) -> [Vector3<f64>; 2] {
+        let [light, turn] = self.lightness();
+        [
+            self.velocity + self.reaction * (dt * light),
+            self.spin + self.torque * (dt * turn),
+        ]
     }
 
     /// The obstacle as the step sees it, under the contacts taken so far.
     fn end(&self, at: &Instant<'_, f64>) -> End {
-        let (middle, after) = match &self.motion {
-            Motion::Free { mass, .. } => {
-                let v = self.velocity + self.reaction * (at.dt / mass);
-                (v, v)
+        let (middle, after, spin) = match &self.motion {
+            Motion::Free { .. } => {
+                let [v, spin] = self.next(at.dt);
+                (v, v, spin)
             }
             driven => {
                 let next = (driven.displacement(at.time + at.dt) - self.moved) / at.dt;
-                ((self.velocity + next) * 0.5, next)
+                ((self.velocity + next) * 0.5, next, Vector3::zeros())
             }
         };
-        let six = |v: Vector3<f64>| [v.x, v.y, v.z, 0.0, 0.0, 0.0];
+        let six = |v: Vector3<f64>, w: Vector3<f64>| [v.x, v.y, v.z, w.x, w.y, w.z];
+        let [light, turn] = self.lightness();
         End {
-            middle: six(middle),
-            after: six(after),
-            light: six(Vector3::repeat(self.lightness())),
+            middle: six(middle, spin),
+            after: six(after, spin),
+            light: six(Vector3::repeat(light), Vector3::repeat(turn)),
         }
     }
 
     fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
         self.active.clear();
-        self.reaction = Vector3::zeros();
+        (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
         if at.dt > 0.0 && !self.begun {
             self.at_start = 0.0;
         }
-        let count = self.grains.len();
+        let springs = &mut self.springs;
+        let lost = |i: usize| {
+            if springs[i].on {
+                springs[i] = Spring::default();
+            }
+        };
+        let u = &at.q[..3 * self.grains.len()];
+        self.near
+            .refresh(&self.shape, &self.moved, u, &self.grains.rest, lost);
+        let count = self.near.particles.len();
         for n in 0..count {
-            let i = if self.backwards { count - 1 - n } else { n };
-            let here = self.grains.now[i];
-            let (distance, normal) = self.shape.distance(&centre(&here), &self.moved);
-            let gap = here[3] + self.allowed[i] - distance;
+            let n = if self.backwards { count - 1 - n } else { n };
+            let i = self.near.particles[n] as usize;
+            let rest = self.grains.rest[i];
+            let (distance, normal) = self.shape.distance(&near::place(&rest, u, i), &self.moved);
+            let gap = rest[3] + self.allowed[i] - distance;
             if gap > 0.0 {
-                self.close(i, gap, normal, at, f);
+                self.close(i, [gap, distance], normal, at, f);
             } else if self.springs[i].on {
                 self.springs[i] = Spring::default();
             }
@@ -227,7 +289,8 @@ impl Obstacle {
                 let after = self.grains.end(at, f, a.particle as usize).after;
                 let rate = Vector3::new(after[3], after[4], after[5]);
                 let approach = [0, 1, 2].map(|c| after[c] - obstacle[c]);
-                a.expected = a.force.dot(&Vector3::from(approach)) + a.torque.dot(&rate);
+                let spin = Vector3::new(obstacle[3], obstacle[4], obstacle[5]);
+                a.expected = a.force.dot(&Vector3::from(approach)) + a.torque.dot(&rate) + a.back.dot(&spin);
             }
         }
         for a in &self.active {
@@ -236,12 +299,21 @@ impl Obstacle {
         self.peak = self.peak.max(self.reaction.norm());
     }
 
-    fn close(&mut self, i: usize, gap: f64, normal: Vector3<f64>, at: &Instant<'_, f64>, f: &[f64]) {
-        let pair = self.pair(i, gap, normal, at);
+    fn close(
+        &mut self,
+        i: usize,
+        gap_and_distance: [f64; 2],
+        normal: Vector3<f64>,
+        at: &Instant<'_, f64>,
+        f: &[f64],
+    ) {
+        let pair = self.pair(i, gap_and_distance, normal, at);
         let ratio = self.damping_ratio;
         let old = self.springs[i].on;
         let mut r = self.law.respond(&pair, ratio, at.dt, &mut self.springs[i]);
-        r.torque[0] = Vector3::zeros();
+        if self.turning.is_none() {
+            r.torque[0] = Vector3::zeros();
+        }
         r.torque[1] = self.grains.generalised(at, i, &r.torque[1]);
         if at.dt > 0.0 {
             let ends = [self.end(at), self.grains.end(at, f, i)];
@@ -257,10 +329,12 @@ impl Obstacle {
         }
         self.grains.push(i, &r.force, &r.torque[1]);
         self.reaction -= r.force;
+        self.torque += r.torque[0];
         self.active.push(Active {
             particle: i as u32,
             force: r.force,
             torque: r.torque[1],
+            back: r.torque[0],
             stored: r.stored,
             expected: 0.0,
         });
@@ -273,10 +347,10 @@ impl Obstacle {
         }
         match &self.motion {
             Motion::Free { mass, .. } => {
-                let next = self.velocity + self.reaction * (at.dt / mass);
-                let energy = |v: &Vector3<f64>| 0.5 * mass * v.norm_squared();
-                self.supplied = self.first_energy - energy(&next);
-                self.pending = 0.5 * (energy(&self.velocity) - energy(&next));
+                let [next, spin] = self.next(at.dt);
+                let after = self.kinetic(*mass, &next, &spin);
+                self.supplied = self.first_energy - after;
+                self.pending = 0.5 * (self.kinetic(*mass, &self.velocity, &self.spin) - after);
             }
             driven => {
                 // The force of this instant works on the mean of the two velocities around it.
@@ -302,19 +376,18 @@ impl Effect<f64> for Obstacle {
     fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
         self.advance(at)?;
         self.settle_purses(at);
-        self.grains.place(at.q);
         self.respond(at, f);
         self.settle(at);
         Ok(())
     }
 
-    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact, where it pushes. Numbers: its motion
-    /// and balance, the springs, the pushes.
+    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact, where it pushes.
+    /// Numbers: its motion and balance, the springs, the pushes.
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
         let flags = [self.started, self.begun, self.backwards];
         out.integers.extend(flags.map(u64::from));
-        for v in [self.moved, self.velocity, self.reaction] {
+        for v in [self.moved, self.velocity, self.reaction, self.spin, self.torque] {
             out.numbers.extend(v.iter());
         }
         let balance = [self.supplied, self.pending, self.first_energy, self.peak];
@@ -326,7 +399,8 @@ impl Effect<f64> for Obstacle {
         }
         for a in &self.active {
             out.integers.push(u64::from(a.particle));
-            out.numbers.extend(a.force.iter().chain(a.torque.iter()));
+            let vectors = [a.force, a.torque, a.back];
+            out.numbers.extend(vectors.iter().flat_map(|v| v.iter()));
             out.numbers.extend([a.stored, a.expected]);
         }
         out
@@ -337,37 +411,40 @@ impl Effect<f64> for Obstacle {
         let pushes = from.integers.len().saturating_sub(3 + n);
         from.expect(
             &format!("obstacle '{}'", self.name),
-            14 + 7 * n + 8 * pushes,
+            20 + 7 * n + 11 * pushes,
             3 + n + pushes,
         )?;
         let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
         [self.started, self.begun, self.backwards] = [0, 1, 2].map(|k: usize| from.integers[k] == 1);
         [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
+        [self.spin, self.torque] = [three(9), three(12)];
         [
             self.supplied,
             self.pending,
             self.first_energy,
             self.peak,
             self.at_start,
-        ] = [9, 10, 11, 12, 13].map(|k: usize| from.numbers[k]);
-        let (springs, pushed) = from.numbers[14..].split_at(7 * n);
+        ] = [15, 16, 17, 18, 19].map(|k: usize| from.numbers[k]);
+        let (springs, pushed) = from.numbers[20..].split_at(7 * n);
         let (on, particles) = from.integers[3..].split_at(n);
         for ((s, on), x) in self.springs.iter_mut().zip(on).zip(springs.as_chunks::<7>().0) {
             *s = Spring::from_numbers(*on == 1, *x);
         }
         self.active.clear();
-        for (particle, x) in particles.iter().zip(pushed.as_chunks::<8>().0) {
+        for (particle, x) in particles.iter().zip(pushed.as_chunks::<11>().0) {
             if *particle >= n as u64 {
-                return from.expect(&format!("obstacle '{}'", self.name), 14 + 7 * n, 3 + n);
+                return from.expect(&format!("obstacle '{}'", self.name), 20 + 7 * n, 3 + n);
             }
             self.active.push(Active {
                 particle: *particle as u32,
                 force: Vector3::new(x[0], x[1], x[2]),
                 torque: Vector3::new(x[3], x[4], x[5]),
-                stored: x[6],
-                expected: x[7],
+                back: Vector3::new(x[6], x[7], x[8]),
+                stored: x[9],
+                expected: x[10],
             });
         }
+        self.near.clear();
         Ok(())
     }
 
@@ -381,7 +458,11 @@ impl Effect<f64> for Obstacle {
         let mut top = self.grains.top(flat);
         if let Motion::Free { mass, .. } = &self.motion {
             // A body lighter than the particles it meets is the softer end of the spring.
-            top = top.max(flat(self.grains.largest()) / mass);
+            // Sliding turns a ball of any inertia, the law's own allowance is for full ones.
+            let slide = self
+                .turning
+                .map_or(0.0, |(r, inertia)| (1.0 / mass + r * r / inertia) / 3.5);
+            top = top.max(flat(self.grains.largest()) * slide.max(1.0 / mass));
         }
         let [stiffness, damping] = self.law.demand(top);
         Demand {
@@ -405,6 +486,11 @@ impl Effect<f64> for Obstacle {
             out.push((format!("displacement {axis} [m]"), self.moved[c]));
             out.push((format!("velocity {axis} [m/s]"), self.velocity[c]));
             out.push((format!("force on it {axis} [N]"), self.reaction[c]));
+        }
+        if self.turning.is_some() {
+            for (c, axis) in ["x", "y", "z"].iter().enumerate() {
+                out.push((format!("spin {axis} [rad/s]"), self.spin[c]));
+            }
         }
         out.push(("largest force [N]".into(), self.peak));
         out.push(("contacts".into(), self.active.len() as f64));

@@ -63,6 +63,26 @@ impl Shape {
         })
     }
 
+    /// Radius and moment of inertia of a free ball; nothing for bodies that do not turn.
+    pub(crate) fn turning(&self, motion: &Motion) -> Result<Option<(f64, f64)>> {
+        let Motion::Free { mass, inertia, .. } = motion else {
+            return Ok(None);
+        };
+        match (self, inertia) {
+            (Self::Sphere { radius, .. }, given) => {
+                let inertia = given.unwrap_or(0.4 * mass * radius * radius);
+                positive("moment of inertia of an obstacle", inertia)?;
+                Ok(Some((*radius, inertia)))
+            }
+            (_, None) => Ok(None),
+            (_, Some(value)) => Err(DemError::OutOfRange {
+                name: "moment of inertia of a plane or cylinder, which moves without turning,",
+                value: *value,
+                range: "none: leave it out, or make the obstacle a sphere",
+            }),
+        }
+    }
+
     /// Distance of a point from the surface of the shape moved by `by` (negative inside), and the outward normal there.
     #[inline]
     pub(crate) fn distance(&self, x: &Point3<f64>, by: &Vector3<f64>) -> (f64, Vector3<f64>) {
@@ -102,6 +122,8 @@ pub enum Motion {
         mass: f64,
         /// Velocity at time zero (m/s).
         velocity: Vector3<f64>,
+        /// Moment of inertia of a ball (kg m^2); that of a full one, `2/5 m R^2`, by default. Other shapes do not turn.
+        inertia: Option<f64>,
     },
 }
 

@@ -4,6 +4,7 @@
 //! The promise is the same everywhere: a bounded invariant, or a named error before the first step; never a number that is
 //! not finite, never silence. Cases marked fast run in the tests, all of them in `arlequin verify --hard`.
 
+mod breakage;
 mod line;
 mod material;
 pub mod naive;
@@ -12,6 +13,7 @@ mod particles;
 mod place;
 mod precision;
 mod resume;
+mod strike;
 mod time;
 mod weights;
 
@@ -111,6 +113,8 @@ pub fn cases() -> Vec<HardCase> {
         time::CASES,
         precision::CASES,
         resume::CASES,
+        breakage::CASES,
+        strike::CASES,
     ]
     .concat()
 }

@@ -1,0 +1,373 @@
+//! The look at strengths that rides in the force kernel.
+//!
+//! Forces already hold what the criteria need: strain, twist and end rotations of eight bonds at a time. Each half-bond
+//! compares the moment at its own end, so that both ends of a bond are seen. The comparison is with a limit a
+//! [`MARGIN`] below the strength and marks whole blocks: who marked them looks again, bond by bond, with the exact
+//! criterion. No mark is missing unless round-off reaches the margin, which [`Screen::new`] rules out.
+//!
+//! ```text
+//! N = E e   B = E r_b/l |m|   m = 4 a + 2 b   tau = G r_b twist/l
+//! axial     N >= s
+//! rankine   s B >= s^2 - tau^2 - s N           (from N + B + sqrt((N + B)^2 + 4 tau^2) >= 2 s)
+//! mises     |N| + B >= sqrt(s^2 - 3 tau^2)
+//! energy    U >= s S
+//! ```
+//!
+//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength beforehand, and
+//! multiplied by a length where that saves a division.
+
+use super::engine::RotationVector;
+use super::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, sum};
+use super::law::{Finite, FiniteNear, FiniteReady, FiniteSlot, Law, Linear, LinearSlot, turned_axes};
+use crate::bond::BeamRigidity;
+use crate::fracture::Criterion;
+
+/// Part of the strength by which the limits lie below it.
+const MARGIN: f64 = 1e-3;
+
+/// Bound of rotations that no particle passes: products of it stay finite.
+const NEVER: f64 = 1e60;
+
+/// Least strength, as a strain, that round-off of the kernel stays a thousandth below.
+const LEAST_STRAIN: f64 = 1e-8;
+
+/// What bonds are compared with.
+#[derive(Debug, Clone)]
+pub(crate) struct Screen {
+    pub(crate) criterion: Criterion,
+    radius: f64,
+    area: f64,
+    young: f64,
+    shear: f64,
+    rigidity: BeamRigidity,
+    /// Least of the limits.
+    limit: f64,
+    /// It over the limit of each half-bond, where they differ.
+    each: Option<Vec<Row<f64>>>,
+    /// Largest `|th|^2` of a particle for which the squares of the linear law are sharp enough.
+    turn: f64,
+}
+
+/// Section of the beams, strengths and lengths of a body.
+pub(crate) struct Strengths<'a> {
+    pub(crate) criterion: Criterion,
+    pub(crate) radius: f64,
+    pub(crate) area: f64,
+    pub(crate) young: f64,
+    pub(crate) shear: f64,
+    pub(crate) rigidity: BeamRigidity,
+    /// Of each bond, Pa or J/m^2.
+    pub(crate) strengths: &'a [f64],
+    /// Least and largest length of a bond (m).
+    pub(crate) lengths: [f64; 2],
+}
+
+impl Screen {
+    /// Nothing where strengths are so small that round-off could hide a break.
+    ///
+    /// In the linear law `|m|^2` comes from rotations that may cancel: its error is below `1e-12 (E r_b/l th)^2`, which
+    /// must stay a thousandth below the square of the strength. Blocks with larger rotations are marked without a look.
+    pub(crate) fn new(of: &Strengths<'_>) -> Option<Self> {
+        let least = of.strengths.iter().copied().fold(f64::INFINITY, f64::min);
+        let stress = match of.criterion {
+            Criterion::Energy => of.young * (2.0 * least / (of.young * of.lengths[1])).sqrt(),
+            _ => least,
+        };
+        let turn = 1e3 * stress * of.lengths[0] / (of.young * of.radius);
+        (stress > LEAST_STRAIN * of.young).then(|| Self {
+            criterion: of.criterion,
+            radius: of.radius,
+            area: of.area,
+            young: of.young,
+            shear: of.shear,
+            rigidity: of.rigidity,
+            limit: (1.0 - MARGIN) * least,
+            each: None,
+            turn: (turn * turn).min(NEVER),
+        })
+    }
+
+    /// One limit per half-bond from here on, `slots` rows of them, none to be reached.
+    pub(crate) fn with_each(mut self, slots: usize) -> Self {
+        self.each = Some(vec![Row([0.0; LANES]); slots]);
+        self
+    }
+
+    /// Writes the strength of the half-bond in a lane of a slot, if each has its own.
+    pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
+        if let Some(row) = self.each.as_mut().and_then(|e| e.get_mut(slot)) {
+            row.0[lane] = self.limit / ((1.0 - MARGIN) * strength);
+        }
+    }
+}
+
+/// Constants of a [`Screen`] in all lanes, over its limit.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Test<L: Lanes> {
+    criterion: Criterion,
+    one: L::V,
+    zero: L::V,
+    two: L::V,
+    three: L::V,
+    /// `E`, `(2 E r_b)^2` (half moments are compared), `(G r_b)^2`.
+    young: L::V,
+    bend: L::V,
+    shear: L::V,
+    /// Half of `E S` and of `G I_O`, `2 E I` times 3/4 and 1/4; over `S`.
+    stretch: L::V,
+    twist: L::V,
+    sum: L::V,
+    difference: L::V,
+}
+
+impl<L: Lanes<T = f64>> Test<L> {
+    #[inline(always)]
+    fn new(l: L, s: &Screen) -> Self {
+        let k = &s.rigidity;
+        let (stress, energy) = (1.0 / s.limit, 1.0 / (s.limit * s.area));
+        let (bend, shear) = (2.0 * s.young * s.radius * stress, s.shear * s.radius * stress);
+        Self {
+            criterion: s.criterion,
+            one: l.splat(1.0),
+            zero: l.splat(0.0),
+            two: l.splat(2.0),
+            three: l.splat(3.0),
+            young: l.splat(s.young * stress),
+            bend: l.splat(bend * bend),
+            shear: l.splat(shear * shear),
+            stretch: l.splat(0.5 * k.axial * energy),
+            twist: l.splat(0.5 * k.torsion * energy),
+            // a.a + a.b + b.b = 3/4 |a + b|^2 + 1/4 |a - b|^2
+            sum: l.splat(1.5 * k.bending * energy),
+            difference: l.splat(0.5 * k.bending * energy),
+        }
+    }
+
+    /// Above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t` reach 1.
+    #[inline(always)]
+    fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
+        if matches!(self.criterion, Criterion::Mises) {
+            let left = l.max(l.nmadd(self.three, t, self.one), self.zero);
+            let room = l.sub(l.sqrt(left), self.size(l, n));
+            return l.nmadd(room, self.size(l, room), b);
+        }
+        let room = l.sub(l.sub(self.one, t), n);
+        l.nmadd(room, self.size(l, room), b)
+    }
+
+    #[inline(always)]
+    fn size(&self, l: L, x: L::V) -> L::V {
+        l.max(x, l.sub(self.zero, x))
+    }
+
+    /// Stresses times the share of the limit, where limits differ; squares times its square.
+    #[inline(always)]
+    fn shared(&self, l: L, x: L::V, share: Option<L::V>) -> L::V {
+        match share {
+            Some(s) => l.mul(x, s),
+            None => x,
+        }
+    }
+}
+
+/// A law that can be screened.
+pub(crate) trait Screened: RotationVector {
+    /// Above zero where a half-bond may have reached its limit.
+    fn excess<L: Lanes<T = f64>>(
+        l: L,
+        t: &Test<L>,
+        slot: &Self::Slot,
+        own: &Self::Ready<L>,
+        near: &Self::Near<L>,
+        share: Option<L::V>,
+    ) -> L::V;
+
+    /// Square of the rotations of the own particles, where they decide how sharp the test is.
+    fn turn<L: Lanes<T = f64>>(l: L, own: &Self::Ready<L>) -> L::V;
+}
+
+impl Screened for Linear {
+    #[inline(always)]
+    fn excess<L: Lanes<T = f64>>(
+        l: L,
+        t: &Test<L>,
+        slot: &LinearSlot<f64>,
+        &[_, ti]: &[Vec3<L>; 2],
+        &[du, tj]: &[Vec3<L>; 2],
+        share: Option<L::V>,
+    ) -> L::V {
+        let p: Vec3<L> = [
+            l.load(&slot.axis[0]),
+            l.load(&slot.axis[1]),
+            l.load(&slot.axis[2]),
+        ];
+        let strain = dot(l, p, du);
+        if matches!(t.criterion, Criterion::Axial) {
+            return l.sub(t.shared(l, l.mul(t.young, strain), share), t.one);
+        }
+        let q = dot(l, p, p);
+        let c = cross(l, p, du);
+        let (pi, pj) = (dot(l, p, ti), dot(l, p, tj));
+        let twist = l.sub(pj, pi);
+        let both = sum(l, ti, tj);
+        if matches!(t.criterion, Criterion::Energy) {
+            let a = minus(l, c, t.two, both);
+            let b = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
+            let stretch = l.mul(t.stretch, l.mul(strain, strain));
+            let held = l.madd(t.twist, l.mul(twist, twist), stretch);
+            let held = l.madd(t.sum, across(l, q, a, l.add(pi, pj)), held);
+            let held = l.madd(t.difference, across(l, q, b, twist), held);
+            return l.sub(t.shared(l, held, share), l.sqrt(q));
+        }
+        let half = minus(l, c, t.three, sum(l, ti, both));
+        let square = squared(l, share);
+        let bend = t.shared(
+            l,
+            l.mul(t.bend, across(l, q, half, l.madd(t.two, pi, pj))),
+            square,
+        );
+        let shear = t.shared(l, l.mul(t.shear, l.mul(twist, twist)), square);
+        t.of_stress(l, t.shared(l, l.mul(t.young, strain), share), bend, shear)
+    }
+
+    #[inline(always)]
+    fn turn<L: Lanes<T = f64>>(l: L, &[_, th]: &[Vec3<L>; 2]) -> L::V {
+        dot(l, th, th)
+    }
+}
+
+impl Screened for Finite {
+    #[inline(always)]
+    fn excess<L: Lanes<T = f64>>(
+        l: L,
+        t: &Test<L>,
+        slot: &FiniteSlot<f64>,
+        own: &FiniteReady<L>,
+        near: &FiniteNear<L>,
+        share: Option<L::V>,
+    ) -> L::V {
+        let rest = l.load(&slot.rest);
+        let (n, stretch) = (near.n, near.stretch);
+        if matches!(t.criterion, Criterion::Axial) {
+            return l.sub(t.shared(l, l.mul(t.young, stretch), share), rest);
+        }
+        let turned = turned_axes(l, t.two, slot, own, near);
+        let ([ti, tj], twist) = (turned.axes, turned.twist);
+        let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
+        if matches!(t.criterion, Criterion::Energy) {
+            let both = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
+            let apart = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
+            let apart = minus(l, n, l.sub(ci, cj), apart);
+            let held = l.madd(
+                t.twist,
+                l.mul(twist, twist),
+                l.mul(t.stretch, l.mul(stretch, stretch)),
+            );
+            let held = l.madd(t.sum, dot(l, both, both), held);
+            let held = l.madd(t.difference, dot(l, apart, apart), held);
+            return l.sub(t.shared(l, held, share), rest);
+        }
+        let half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
+        // Strains are lengths over that at rest.
+        let per = l.recip(rest);
+        let per = t.shared(l, per, share);
+        let square = l.mul(per, per);
+        let bend = l.mul(l.mul(t.bend, dot(l, half, half)), square);
+        let shear = l.mul(l.mul(t.shear, l.mul(twist, twist)), square);
+        t.of_stress(l, l.mul(l.mul(t.young, stretch), per), bend, shear)
+    }
+
+    #[inline(always)]
+    fn turn<L: Lanes<T = f64>>(l: L, _: &FiniteReady<L>) -> L::V {
+        l.splat(0.0)
+    }
+}
+
+/// `q |x_p|^2` of the part of `x` across an axis `p`, `q = p.p`, from `px = p.x`.
+#[inline(always)]
+fn across<L: Lanes>(l: L, q: L::V, x: Vec3<L>, px: L::V) -> L::V {
+    l.nmadd(px, px, l.mul(q, dot(l, x, x)))
+}
+
+/// Square of a share, if there is one. Not `map`: closures are compiled without the instructions of the caller.
+#[allow(clippy::manual_map, reason = "a closure would not be compiled for the lanes")]
+#[inline(always)]
+fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
+    match share {
+        Some(s) => Some(l.mul(s, s)),
+        None => None,
+    }
+}
+
+/// `c - a s`.
+#[inline(always)]
+fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
+    [
+        l.nmadd(a[0], s, c[0]),
+        l.nmadd(a[1], s, c[1]),
+        l.nmadd(a[2], s, c[2]),
+    ]
+}
+
+/// Something that sees every slot while forces are gathered.
+pub(crate) trait Look<L: Lanes, W: Law<L::T>> {
+    fn begin(&mut self, own: &W::Ready<L>);
+    fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>);
+}
+
+/// Sees nothing, costs nothing.
+pub(crate) struct Blind;
+
+impl<L: Lanes, W: Law<L::T>> Look<L, W> for Blind {
+    #[inline(always)]
+    fn begin(&mut self, _: &W::Ready<L>) {}
+    #[inline(always)]
+    fn see(&mut self, _: usize, _: &W::Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
+}
+
+/// The worst of what it saw in a block.
+pub(crate) struct Watcher<'a, L: Lanes> {
+    l: L,
+    test: Test<L>,
+    each: Option<&'a [Row<f64>]>,
+    turn: L::V,
+    worst: L::V,
+}
+
+impl<'a, L: Lanes<T = f64>> Watcher<'a, L> {
+    #[inline(always)]
+    pub(crate) fn new(l: L, screen: &'a Screen) -> Self {
+        Self {
+            l,
+            test: Test::new(l, screen),
+            each: screen.each.as_deref(),
+            turn: l.splat(screen.turn),
+            worst: l.splat(-1.0),
+        }
+    }
+
+    /// Whether anything in the block was beyond its limit. At the limit is not enough: empty lanes are.
+    #[inline(always)]
+    pub(crate) fn found(&self) -> bool {
+        self.l.store(self.worst).iter().any(|x| *x > 0.0)
+    }
+}
+
+impl<L: Lanes<T = f64>, W: Screened> Look<L, W> for Watcher<'_, L> {
+    #[inline(always)]
+    fn begin(&mut self, own: &W::Ready<L>) {
+        self.worst = self.l.sub(W::turn(self.l, own), self.turn);
+    }
+
+    #[inline(always)]
+    fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>) {
+        let l = self.l;
+        #[allow(clippy::manual_map, reason = "as in `squared`")]
+        let share = match self.each {
+            Some(rows) => Some(l.load(&rows[index].0)),
+            None => None,
+        };
+        let excess = W::excess(l, &self.test, slot, own, near, share);
+        self.worst = l.max(excess, self.worst);
+    }
+}

@@ -1,0 +1,61 @@
+//! Bonds that broke inside an overlap: the multipliers know nothing of it.
+
+use super::DemModel;
+use crate::fracture::locked;
+use arlequin_core::effect::Finding;
+use nalgebra::Vector3;
+
+/// Particles a message names before it says that there are more.
+const NAMED: usize = 8;
+
+/// A bond whose weight is this close to one lies outside of every overlap: means of weights are rounded.
+const WHOLE: f64 = 1.0 - 1e-9;
+
+impl DemModel {
+    /// Whether bond `b` lies in an overlap, wholly or in part: it carries a share of the energy only.
+    pub(super) fn in_overlap(&self, b: usize) -> bool {
+        match &self.factors {
+            Some(w) => self.body.pairs()[b].iter().any(|i| w[*i as usize] < WHOLE),
+            None => self.body.weights()[b] < WHOLE,
+        }
+    }
+
+    /// Particles that lost all bonds in an overlap, and pieces that parted there by more than a particle radius.
+    pub(super) fn torn_in_overlap(&self, q: &[f64]) -> Option<Finding> {
+        let fracture = self.fracture.as_ref()?;
+        let log = locked(&self.log);
+        let at = |i: usize| self.body.positions()[i] + Vector3::new(q[3 * i], q[3 * i + 1], q[3 * i + 2]);
+        let (mut broken, mut opening) = (0, 0.0_f64);
+        let mut loose: Vec<usize> = Vec::new();
+        for event in log.events().iter().filter(|e| self.in_overlap(e.bond as usize)) {
+            broken += 1;
+            let [i, j] = event.pair.map(|i| i as usize);
+            let radius = 0.5 * (self.body.radii()[i] + self.body.radii()[j]);
+            opening = opening.max(((at(j) - at(i)).norm() - event.distance) / radius);
+            let gone = |i: &usize| {
+                let mut bonds = fracture.incidence.of(*i).iter();
+                bonds.all(|e| log.is_broken(e[1] as usize))
+            };
+            loose.extend([i, j].iter().filter(|i| gone(i)));
+        }
+        loose.sort_unstable();
+        loose.dedup();
+        if loose.is_empty() && opening <= 1.0 {
+            return None;
+        }
+        let names: Vec<String> = loose.iter().take(NAMED).map(ToString::to_string).collect();
+        let more = if loose.len() > NAMED { ", ..." } else { "" };
+        let lost = match loose.len() {
+            0 => "no particle lost all of its bonds".to_owned(),
+            n => format!("{n} particles have none left ({}{more})", names.join(", ")),
+        };
+        Some(Finding {
+            effect: "overlap",
+            message: format!(
+                "{broken} bonds broke inside an overlap; {lost}, pieces moved apart by up to {opening:.2} radii. The \
+                 multipliers go on tying all of them to the place they came from: move the overlap to where nothing \
+                 breaks, or keep its bonds whole (spare_overlap)"
+            ),
+        })
+    }
+}

@@ -1,0 +1,92 @@
+//! Which particles an obstacle may touch before anything has moved far.
+
+use super::Shape;
+use crate::packing::cells::Sphere;
+use nalgebra::{Point3, Vector3};
+
+/// Reach of the list beyond touching, in mean radii.
+const SKIN: f64 = 0.5;
+
+/// Particles per comparison of the largest motion with what is allowed: enough to keep the processor's lanes busy.
+const CHUNK: usize = 64;
+
+/// Particles near an obstacle, made anew when particles and obstacle together have moved by the skin.
+#[derive(Debug)]
+pub(super) struct Near {
+    skin: f64,
+    /// Near particles, ascending.
+    pub(super) particles: Vec<u32>,
+    /// Displacements when the list was made; empty before that.
+    built: Vec<f64>,
+    moved: Vector3<f64>,
+    pub(super) searches: usize,
+}
+
+impl Near {
+    pub(super) fn new(rest: &[Sphere]) -> Self {
+        Self {
+            skin: SKIN * rest.iter().map(|s| s[3]).sum::<f64>() / rest.len() as f64,
+            particles: Vec::with_capacity(rest.len()),
+            built: Vec::with_capacity(3 * rest.len()),
+            moved: Vector3::zeros(),
+            searches: 0,
+        }
+    }
+
+    /// Whether no particle off the list can have come to touch: distances change by no more than both have moved.
+    fn holds(&self, u: &[f64], moved: &Vector3<f64>) -> bool {
+        // A thousandth for round-off.
+        let left = 0.999 * self.skin - (moved - self.moved).norm();
+        if self.built.len() != u.len() || left < 0.0 {
+            return false;
+        }
+        let far = |(now, then): (&[f64], &[f64])| {
+            let points = now.as_chunks::<3>().0.iter().zip(then.as_chunks::<3>().0);
+            let square = |(a, b): (&[f64; 3], &[f64; 3])| {
+                let d = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+                d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+            };
+            // Counted rather than left early, which would keep it from running in lanes.
+            points.map(|p| u32::from(square(p) > left * left)).sum::<u32>() > 0
+        };
+        !u.chunks(3 * CHUNK).zip(self.built.chunks(3 * CHUNK)).any(far)
+    }
+
+    /// Brings the list up to date; calls `lost` for particles that are not on a list made anew.
+    pub(super) fn refresh(
+        &mut self,
+        shape: &Shape,
+        moved: &Vector3<f64>,
+        u: &[f64],
+        rest: &[Sphere],
+        mut lost: impl FnMut(usize),
+    ) {
+        if self.holds(u, moved) {
+            return;
+        }
+        self.searches += 1;
+        self.built.clear();
+        self.built.extend_from_slice(u);
+        self.moved = *moved;
+        self.particles.clear();
+        for (i, s) in rest.iter().enumerate() {
+            let (distance, _) = shape.distance(&place(s, u, i), moved);
+            if distance < s[3] + self.skin {
+                self.particles.push(i as u32);
+            } else {
+                lost(i);
+            }
+        }
+    }
+
+    /// Forgets the list.
+    pub(super) fn clear(&mut self) {
+        self.built.clear();
+        self.particles.clear();
+    }
+}
+
+/// Centre of particle `i`, displaced.
+pub(super) fn place(rest: &Sphere, u: &[f64], i: usize) -> Point3<f64> {
+    Point3::new(rest[0] + u[3 * i], rest[1] + u[3 * i + 1], rest[2] + u[3 * i + 2])
+}

@@ -1,0 +1,188 @@
+//! Free obstacles that turn, and runs taken up again while one is in touch.
+#![allow(clippy::unwrap_used, reason = "a test may")]
+
+use arlequin_core::observer::Silent;
+use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use dem_beam::packing::{Lattice, lattice};
+use dem_beam::{BeamMaterial, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Shape};
+use nalgebra::{Point3, Vector3};
+
+const R: f64 = 1e-3;
+const E: f64 = 70e9;
+
+/// Free spheres (their bonds break in the first step) struck by a ball off centre, with friction: the ball starts to
+/// turn, and what it gets the spheres lose.
+#[test]
+fn a_free_ball_turns_and_keeps_the_angular_momentum() {
+    let packing = lattice(Lattice::Cubic, [4, 4, 4], R).unwrap();
+    let run = |law: ContactLaw, inertia: Option<f64>| {
+        let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0)
+            .unwrap()
+            .with_fracture(Fracture::new(Criterion::Energy, 1e-30))
+            .unwrap();
+        let n = model.layout().dofs();
+        // A uniform strain breaks all bonds at once.
+        let mut q = vec![0.0; n];
+        for (i, x) in model.nodes().iter().enumerate() {
+            (0..3).for_each(|c| q[3 * i + c] = 1e-9 * x[c]);
+        }
+        let top = model.nodes().iter().fold(f64::NEG_INFINITY, |m, x| m.max(x.z)) + R;
+        let centre = Point3::new(4.3 * R, 3.1 * R, top + 2.05 * R);
+        let (mass, velocity) = (2e-4, Vector3::new(3.0, 1.0, -20.0));
+        let motion = Motion::Free {
+            mass,
+            velocity,
+            inertia,
+        };
+        let shape = Shape::Sphere {
+            centre,
+            radius: 2.0 * R,
+        };
+        let ball = Obstacle::new("ball", &model, shape, motion, law).unwrap();
+        let subdomain = Subdomain::fine(model, Weights::uncoupled())
+            .with_effect(Box::new(ball))
+            .with_initial(q, vec![0.0; n])
+            .unwrap();
+        let mut run = Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(0.3), None).unwrap();
+        run.run(400, &mut Silent).unwrap();
+        let line = run.effects().swap_remove(1);
+        let fact = |name: &str| line.facts.iter().find(|f| f.0 == name).map_or(0.0, |f| f.1);
+        let three = |what: &str, unit: &str| {
+            Vector3::from(["x", "y", "z"].map(|a| fact(&format!("{what} {a} [{unit}]"))))
+        };
+        let spin = three("spin", "rad/s");
+        let side = &run.subdomains()[0];
+        let (s, m, half) = (side.state(), side.inertia(), 0.5 * run.dt());
+        let at = |x: &[f64], k: usize| Vector3::new(x[k], x[k + 1], x[k + 2]);
+        let inertia = inertia.unwrap_or(0.4 * mass * 4.0 * R * R);
+        let flight = three("velocity", "m/s") * mass;
+        let place = centre + three("displacement", "m");
+        let mut momentum = [flight, place.coords.cross(&flight) + spin * inertia];
+        for (i, x) in side.model().nodes().iter().enumerate() {
+            // Half a step ago, like the ball.
+            let v = |k: usize| at(&s.v, k) - at(&s.a, k) * half;
+            let p = v(3 * i) * m[3 * i];
+            let o = n / 2 + 3 * i;
+            momentum[0] += p;
+            momentum[1] += (x.coords + at(&s.q, 3 * i)).cross(&p) + v(o) * m[o];
+        }
+        let start = [velocity * mass, centre.coords.cross(&(velocity * mass))];
+        let gone = line.dissipated().unwrap() / (0.5 * mass * velocity.norm_squared());
+        let lost = [0, 1].map(|k: usize| (momentum[k] - start[k]).norm() / start[k].norm());
+        (spin.norm(), lost, gone, run.drift())
+    };
+    let law = ContactLaw {
+        friction: 0.3,
+        restitution: 0.5,
+        ..ContactLaw::elastic(E)
+    };
+    for inertia in [None, Some(1e-11)] {
+        let (spin, lost, gone, drift) = run(law, inertia);
+        assert!(spin > 10.0, "{spin}");
+        assert!(lost[0] < 1e-12 && lost[1] < 1e-12, "{lost:?}");
+        assert!(gone > 0.0 && gone < 1.0 && drift < 1e-10, "{gone} {drift}");
+    }
+    let (spin, lost, gone, _) = run(
+        ContactLaw {
+            friction: 0.3,
+            ..ContactLaw::elastic(E)
+        },
+        None,
+    );
+    // Without dashpots friction alone takes energy.
+    assert!(
+        spin > 10.0 && lost[1] < 1e-12 && gone > -1e-3,
+        "{spin} {lost:?} {gone}"
+    );
+    let (spin, ..) = run(ContactLaw::elastic(E), None);
+    assert!(spin <= 0.0, "without friction nothing turns it: {spin}");
+}
+
+#[test]
+fn planes_and_cylinders_do_not_turn() {
+    let model = DemModel::new(
+        "block",
+        &lattice(Lattice::Cubic, [2, 2, 2], R).unwrap(),
+        BeamMaterial::SILICA,
+        2200.0,
+    )
+    .unwrap();
+    let motion = Motion::Free {
+        mass: 1.0,
+        velocity: Vector3::zeros(),
+        inertia: Some(1.0),
+    };
+    let roller = Shape::Cylinder {
+        point: Point3::new(0.0, 0.0, 5.0 * R),
+        axis: Vector3::y(),
+        radius: R,
+    };
+    let refuse = |shape, motion| {
+        let made = Obstacle::new("it", &model, shape, motion, ContactLaw::elastic(E));
+        made.unwrap_err().to_string()
+    };
+    let error = refuse(roller, motion);
+    assert!(
+        error.contains("moves without turning") && error.contains("make the obstacle a sphere"),
+        "{error}"
+    );
+    let ball = Shape::Sphere {
+        centre: Point3::new(0.0, 0.0, 5.0 * R),
+        radius: R,
+    };
+    let flat = Motion::Free {
+        mass: 1.0,
+        velocity: Vector3::zeros(),
+        inertia: Some(0.0),
+    };
+    assert!(refuse(ball, flat).contains("moment of inertia of an obstacle"));
+}
+
+/// A ball that is taken up from a snapshot in the middle of a stroke goes on with the same bits: its list of near
+/// particles, which is made anew then, decides nothing.
+#[test]
+fn a_stroke_goes_on_with_the_same_bits() {
+    let packing = lattice(Lattice::Cubic, [5, 5, 5], R).unwrap();
+    let build = || {
+        let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+        let top = model.nodes().iter().fold(f64::NEG_INFINITY, |m, x| m.max(x.z)) + R;
+        let law = ContactLaw {
+            friction: 0.3,
+            restitution: 0.6,
+            ..ContactLaw::elastic(E)
+        };
+        let shape = Shape::Sphere {
+            centre: Point3::new(4.3 * R, 5.1 * R, top + 2.05 * R),
+            radius: 2.0 * R,
+        };
+        let motion = Motion::Free {
+            mass: 1e-4,
+            velocity: Vector3::new(30.0, 0.0, -40.0),
+            inertia: None,
+        };
+        let ball = Obstacle::new("ball", &model, shape, motion, law).unwrap();
+        let side = Subdomain::fine(model, Weights::uncoupled()).with_effect(Box::new(ball));
+        Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.3), None).unwrap()
+    };
+    let bits = |run: &Coupled<f64>| {
+        let s = run.subdomains()[0].state();
+        let facts = run.effects().swap_remove(0).facts;
+        let all =
+            s.q.iter()
+                .chain(&s.v)
+                .copied()
+                .chain(facts.into_iter().map(|f| f.1));
+        all.map(f64::to_bits).collect::<Vec<_>>()
+    };
+    let mut whole = build();
+    whole.run(600, &mut Silent).unwrap();
+    for cut in [7, 150, 401] {
+        let mut first = build();
+        first.run(cut, &mut Silent).unwrap();
+        let mut second = build();
+        second.run(33, &mut Silent).unwrap();
+        second.restore(&first.snapshot()).unwrap();
+        second.run(600 - cut, &mut Silent).unwrap();
+        assert!(bits(&whole) == bits(&second), "cut at {cut}");
+    }
+}
