@@ -13,6 +13,16 @@ use std::sync::Arc;
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
+/// Least bytes allocated in three rounds: the thread of the test harness may allocate beside one of them.
+fn least(mut work: impl FnMut()) -> usize {
+    let mut round = || {
+        let region = Region::new(ALLOCATOR);
+        work();
+        region.change().bytes_allocated
+    };
+    (0..3).map(|_| round()).min().unwrap_or_default()
+}
+
 /// On one thread for a small model, and on the threads of the pool that the caller is in for a large
 /// one. (From outside the pool, handing work over allocates a few hundred bytes every 60 calls or so.)
 #[test]
@@ -32,9 +42,7 @@ fn forces_do_not_allocate() {
             let (q, mut f) = (vec![1e-7; n], vec![0.0; n]);
             let bytes = pool.install(|| {
                 (0..200).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap());
-                let region = Region::new(ALLOCATOR);
-                (0..100).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap());
-                region.change().bytes_allocated
+                least(|| (0..100).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap()))
             });
             assert_eq!(bytes, 0, "{cells} cells, {threads} threads, finite {finite}");
             let side = Subdomain::fine(m, Weights::same(Arc::new(Uniform(1.0))))
@@ -43,9 +51,9 @@ fn forces_do_not_allocate() {
             let bytes = pool.install(|| {
                 let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
                 run.run(200, &mut Silent).unwrap();
-                let region = Region::new(ALLOCATOR);
-                run.run(50, &mut Silent).unwrap();
-                region.change().bytes_allocated
+                least(|| {
+                    run.run(50, &mut Silent).unwrap();
+                })
             });
             assert_eq!(
                 bytes, 0,
