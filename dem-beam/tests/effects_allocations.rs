@@ -20,8 +20,8 @@ static GLOBAL: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 /// One test, since the counter counts for all threads.
 #[test]
 fn steps_with_effects_allocate_nothing() {
-    // Inside a pool: handing work over to one allocates now and then.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    // Inside a pool of one: handing work over to another thread allocates now and then.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| {
         fracture_contact_and_an_obstacle();
         contact_between_two_models();
