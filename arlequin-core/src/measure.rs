@@ -55,7 +55,7 @@ impl<T: Real> Subdomain<T> {
     /// Displacement and velocity of the field at a point \[m, m/s\].
     ///
     /// # Errors
-    /// [`Error::OutsideDomain`].
+    /// [`crate::Error::OutsideDomain`].
     pub fn sample(&self, x: &nalgebra::Point3<T>) -> Result<[nalgebra::Vector3<T>; 2]> {
         let mut row = crate::field::ShapeRow::default();
         self.field().shape_at(x, false, &mut row)?;
