@@ -52,7 +52,6 @@ pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCo
     let place = Folder::left_behind(target);
     let saved = Checkpoint::read(&place)?;
     if place != target && target.exists() {
-        // Begun with --force; said now, not after the last step.
         return Err(Error::Checkpoint {
             path: place.join(checkpoint::NAME),
             reason: format!(
@@ -266,8 +265,7 @@ impl<'a, T: Real> Session<'a, T> {
         Ok((summary, text))
     }
 
-    /// Makes the steps, until the user ends them or `woken`, which may change the stage, says so after one that is not the
-    /// last.
+    /// Makes the steps until the user or `woken`, which may change the stage, ends them before the last.
     pub(crate) fn advance(
         &mut self,
         stop: &AtomicBool,
@@ -283,7 +281,6 @@ impl<'a, T: Real> Session<'a, T> {
             if made == self.steps {
                 break;
             }
-            // Before the checkpoint, which must know what was seen.
             if woken(&self.run, &mut self.stage) {
                 end = End::Woken;
                 break;
