@@ -12,7 +12,7 @@ mod scenario;
 
 use crate::Input;
 use crate::error::{Error, Result, key, value};
-use crate::scene::{Precision, Scene, Source};
+use crate::scene::{Scene, Source};
 use apply::Change;
 use choose::{CostModel, Goal, Proposal, Search};
 use measure::measure;
@@ -90,10 +90,6 @@ pub(crate) struct Foretold {
 /// Refuses a scene of which nothing can be foretold.
 pub(crate) fn readable(scene: &Scene) -> Result<Scenario> {
     crate::wake::refuse(scene, "suggest")?;
-    if scene.time.precision == Precision::Single {
-        let rule = "suggest makes its trial steps in double precision; add --set time.precision=\"double\"";
-        return Err(value("time.precision", "single", rule));
-    }
     let s = scenario::scenario(scene)?;
     if scene.interface.values().any(|i| i.lumped) {
         let rule = "suggest cannot analyse a lumped interface; remove it";
