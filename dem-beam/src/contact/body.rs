@@ -19,12 +19,10 @@ impl ContactBody {
     /// Of a model; make it after the choice of rotations.
     #[must_use]
     pub fn of(model: &DemModel) -> Self {
-        let body = model.body();
-        let both = body.positions().iter().zip(body.radii());
         Self {
             name: model.name().to_owned(),
             finite: model.has_finite_rotations(),
-            spheres: both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect(),
+            spheres: neighbours::spheres(model.body()),
             mass: model.masses().to_vec(),
         }
     }

@@ -296,6 +296,12 @@ fn bounds(spheres: &[Sphere], margin: f64) -> ([f64; 3], [f64; 3]) {
     ([0, 1, 2].map(low), [0, 1, 2].map(high))
 }
 
+/// Spheres of a body at rest.
+pub(super) fn spheres(body: &BondedParticles) -> Vec<Sphere> {
+    let both = body.positions().iter().zip(body.radii());
+    both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect()
+}
+
 /// Spheres displaced by `q`.
 fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
     let moves = q.as_chunks::<3>().0;
@@ -331,8 +337,7 @@ pub(crate) fn overlaps(
     tolerance: f64,
     broken: impl Fn(usize) -> bool,
 ) -> Option<(usize, f64)> {
-    let both = body.positions().iter().zip(body.radii());
-    let rest: Vec<Sphere> = both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect();
+    let rest = spheres(body);
     let now = displaced(&rest, q);
     let largest = body.radii().iter().fold(0.0_f64, |m, r| m.max(*r));
     let mut cells = CellList::default();
