@@ -32,6 +32,7 @@ struct Piece {
 pub(super) struct Work {
     star: Vec<u32>,
     queue: Vec<u32>,
+    beyond: Vec<u32>,
     /// Neighbours with their position relative to the node, nearest first.
     near: Vec<(f64, u32, Vector3<f64>)>,
     pieces: Vec<Piece>,
@@ -57,7 +58,10 @@ impl Work {
     pub(super) fn cell(&mut self, domain: &Domain, walls: &Bins, node: u32) {
         self.start(domain, node);
         let seed = &domain.delaunay.points[node as usize];
-        let within = self.star.iter().all(|&t| domain.inside[t as usize]);
+        let within = self
+            .star
+            .iter()
+            .all(|&t| domain.inside[t as usize] || domain.glued[t as usize]);
         let reach = self
             .star
             .iter()
@@ -166,9 +170,13 @@ impl Work {
             next += 1;
             self.clip_one(domain, tet, &seed);
             for (tag, _) in self.piece.faces() {
-                let id = (tag & !KIND) as u32;
-                if tag & KIND == FREE && !self.queue.contains(&id) {
-                    self.queue.push(id);
+                if tag & KIND == FREE {
+                    domain.beyond((tag & !KIND) as u32, &mut self.beyond);
+                    for id in &self.beyond {
+                        if !self.queue.contains(id) {
+                            self.queue.push(*id);
+                        }
+                    }
                 }
             }
             if !regions.holds(tet) {
