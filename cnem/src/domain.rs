@@ -7,6 +7,7 @@ use crate::circumcentre::circumcentre;
 use crate::constraint::{FaceMesh, Recovery, Surface, recover};
 use crate::delaunay::{Delaunay, volume};
 use crate::error::{Error, Result};
+pub(crate) use flat::is_flat;
 use nalgebra::{Point3, Vector3};
 use search::Starts;
 use std::collections::HashMap;
@@ -14,7 +15,7 @@ use std::collections::HashMap;
 /// Distance to the domain, relative to the largest coordinate, at which a point counts as being on its boundary.
 /// Centroids of boundary faces computed in double precision are within 1e-15 of it; linear precision to 1e-12 asks
 /// for less than 1e-12.
-const ON_BOUNDARY: f64 = 1e-13;
+pub(crate) const ON_BOUNDARY: f64 = 1e-13;
 
 /// Domain of the constrained natural element method: nodes, the constrained Delaunay complex, and its inside.
 ///
@@ -49,6 +50,12 @@ pub struct Domain {
     volume: f64,
 }
 
+/// Largest magnitude of a coordinate.
+pub(crate) fn largest_coordinate(points: &[Point3<f64>]) -> f64 {
+    let all = points.iter().flat_map(|p| p.iter());
+    all.fold(0.0, |m: f64, x| m.max(x.abs()))
+}
+
 impl Domain {
     /// Builds the domain of `points` bounded by `surface`. Up to `1000 + 4 * faces` points may be inserted on faces
     /// that are not in the Delaunay complex; see [`Domain::recovery`].
@@ -70,10 +77,6 @@ impl Domain {
         let mut delaunay = Delaunay::new(points)?;
         let (mesh, recovery) = recover(&mut delaunay, surface, limit)?;
         delaunay.tidy();
-        let scale = points
-            .iter()
-            .flat_map(|p| p.iter().copied())
-            .fold(0.0, |m: f64, x| m.max(x.abs()));
         let tets = delaunay.tets.len();
         let mut domain = Self {
             delaunay,
@@ -84,7 +87,7 @@ impl Domain {
             centre: Vec::new(),
             mesh,
             face_at: HashMap::new(),
-            tolerance: ON_BOUNDARY * scale,
+            tolerance: ON_BOUNDARY * largest_coordinate(points),
             starts: Starts::default(),
             recovery,
             volume: 0.0,

@@ -74,3 +74,46 @@ fn survey() {
         );
     }
 }
+
+fn sphere(square: i32) -> Vec<Point3<f64>> {
+    let r = f64::from(square).sqrt() as i32 + 1;
+    let mut out = Vec::new();
+    for x in -r..=r { for y in -r..=r { for z in -r..=r {
+        if x * x + y * y + z * z == square { out.push(Point3::new(f64::from(x), f64::from(y), f64::from(z))); }
+    } } }
+    out
+}
+
+#[test]
+fn counts() {
+    let mut best = std::collections::BTreeMap::new();
+    for s in 1..4000 { let n = sphere_count(s); if n >= 400 {best.entry(n).or_insert(s);} }
+    println!("{best:?}");
+}
+fn sphere_count(square: i32) -> usize {
+    let r = f64::from(square).sqrt() as i32 + 1;
+    let mut n = 0;
+    for x in -r..=r { for y in -r..=r { let z2 = square - x*x - y*y; if z2 < 0 {continue;} let z = f64::from(z2).sqrt().round() as i32; if z*z==z2 { n += if z==0 {1} else {2}; } } }
+    n
+}
+#[test]
+fn spheres() {
+    for s in [9, 1105, 3989] {
+        let points = sphere(s);
+        let t = std::time::Instant::now();
+        let d = cnem::delaunay::Delaunay::new(&points).unwrap();
+        println!("{} points delaunay {:?} tets {}", points.len(), t.elapsed(), d.tetrahedron_count());
+        let t = std::time::Instant::now();
+        let dom = Domain::new(&points, &cnem::constraint::Surface::convex_hull()).unwrap();
+        println!("domain {:?}", t.elapsed());
+        let t = std::time::Instant::now();
+        let volume = dom.volume();
+        let c = dom.voronoi().map(|c| c.closure(&dom));
+        println!("cells {:?} {c:?}", t.elapsed());
+        let t = std::time::Instant::now();
+        let body = Body::hull("sphere", points.clone(), volume);
+        println!("{:?}", defect(&body));
+        println!("{:?}", defect(&body.mapped(&Map::turn(3))));
+        println!("model {:?}", t.elapsed());
+    }
+}

@@ -11,6 +11,9 @@ use nalgebra::{Point3, Vector3};
 /// Twice the area of a facet, relative to the squared distance of its nodes, below which it is round-off.
 const TINY_FACET: f64 = 1e-13;
 
+/// Distance from the middle plane of two nodes, relative to their distance, at which a corner lies on it.
+const SNAP: f64 = 1e-12;
+
 const NODE: u64 = 1 << 40;
 const WALL: u64 = 2 << 40;
 const FREE: u64 = 3 << 40;
@@ -230,7 +233,11 @@ impl Work {
             if *square > 4.0 * reach {
                 break;
             }
-            if self.piece.clip(r, 0.5 * square, NODE | u64::from(*v)) {
+            let free = |tag| tag & KIND == FREE;
+            if self
+                .piece
+                .clip_near(r, 0.5 * square, NODE | u64::from(*v), SNAP * square, free)
+            {
                 if self.piece.is_empty() {
                     return;
                 }
