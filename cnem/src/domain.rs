@@ -3,9 +3,9 @@
 mod flat;
 mod search;
 
-use crate::circumcentre::circumcentre;
+use crate::circumcentre::{circumcentre, six_volumes};
 use crate::constraint::{FaceMesh, Recovery, Surface, recover};
-use crate::delaunay::{Delaunay, volume};
+use crate::delaunay::Delaunay;
 use crate::error::{Error, Result};
 pub(crate) use flat::is_flat;
 use nalgebra::{Point3, Vector3};
@@ -220,8 +220,9 @@ impl Domain {
     fn measure(&mut self) {
         self.volume = self
             .elements()
-            .map(|t| volume(t.map(|v| &self.delaunay.points[v])))
-            .sum();
+            .map(|t| six_volumes(t.map(|v| &self.delaunay.points[v])))
+            .sum::<f64>()
+            / 6.0;
         let centre_of = |t: &crate::tet::Tet| {
             if t.is_ghost() {
                 Vector3::zeros()

@@ -14,6 +14,7 @@
 //!   so that the centre of a neighbour serves as their own.
 
 use super::Domain;
+use crate::circumcentre::six_volumes;
 use crate::constraint::Face;
 use crate::error::{Error, Result};
 use crate::tet::FACES;
@@ -21,16 +22,18 @@ use nalgebra::{Point3, Vector3};
 
 /// True if the lowest height of a tetrahedron is at most `limit`.
 pub(crate) fn is_flat(corners: [&Point3<f64>; 4], limit: f64) -> bool {
-    let [a, b, c, d] = corners;
-    let six = (b - a).cross(&(c - a)).dot(&(d - a)).abs();
+    let mut longest = 0.0_f64;
     let widest = FACES
         .map(|f| {
             let [a, b, c] = f.map(|k| corners[k]);
+            longest = longest.max((b - a).norm_squared());
+            longest = longest.max((c - a).norm_squared());
             (b - a).cross(&(c - a)).norm_squared()
         })
         .into_iter()
         .fold(0.0, f64::max);
-    six <= limit * widest.sqrt()
+    // Four nodes on a line have neither height nor area.
+    widest <= limit * limit * longest || six_volumes(corners).abs() <= limit * widest.sqrt()
 }
 
 impl Domain {
