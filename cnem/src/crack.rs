@@ -29,10 +29,11 @@ pub struct CrackCopy {
 pub struct Lips {
     /// Index of the triangle in [`Domain::constrained_faces`].
     pub face: usize,
-    /// Nodes of the lip that the triangle's normal points away from, in the order of the triangle.
-    pub below: [usize; 3],
+    /// Nodes of the lip that the triangle's normal points away from, in the order of the triangle; none where the domain
+    /// has only flat tetrahedra on that side, whose other triangles are listed instead.
+    pub below: Option<[usize; 3]>,
     /// Nodes of the lip on the side of the normal, in the same order.
-    pub above: [usize; 3],
+    pub above: Option<[usize; 3]>,
 }
 
 /// Copies of nodes, and the tetrahedra on both sides of every constrained face.
@@ -110,7 +111,11 @@ impl Domain {
     pub fn lips(&self) -> impl Iterator<Item = Lips> + '_ {
         let cracks = self.mesh.faces.iter().enumerate().filter(|f| f.1.crack);
         cracks.map(|(face, _)| {
-            let [below, above] = [0, 1].map(|side| self.face_on_side(face as u32, side).map(|v| v as usize));
+            let [below, above] = [0, 1].map(|side: usize| {
+                let tet = self.copies.sides[face][side] >> 2;
+                let v = self.face_on_side(face as u32, side).map(|v| v as usize);
+                self.inside[tet as usize].then_some(v)
+            });
             Lips { face, below, above }
         })
     }
@@ -178,7 +183,7 @@ impl Domain {
         let (mut star, mut group) = (Vec::new(), Vec::new());
         for (node, below) in nodes {
             self.delaunay.star(node, &mut star);
-            star.retain(|&t| self.inside[t as usize]);
+            star.retain(|&t| self.inside[t as usize] || self.glued[t as usize]);
             // A triangle may lie outside the domain; then any group keeps the node.
             let keeps = star.iter().copied().find(|&t| t == below);
             let Some(start) = keeps.or(star.first().copied()) else {

@@ -167,7 +167,7 @@ fn each_lip_has_its_own_unknowns_and_the_front_is_shared() {
         assert!(domain.nodes()[c.node].y < 0.5 && domain.nodes()[c.node].x == 1.0);
     }
     for lips in domain.lips() {
-        for (below, above) in lips.below.iter().zip(lips.above) {
+        for (below, above) in lips.below.unwrap().iter().zip(lips.above.unwrap()) {
             let front = domain.nodes()[above].y == 0.5;
             assert_eq!(*below == above, front);
             // The normal of these triangles is +x: the node itself stays with the lip below.

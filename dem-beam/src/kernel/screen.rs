@@ -147,9 +147,11 @@ impl<L: Lanes<T = f64>> Test<L> {
     #[inline(always)]
     fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
         if matches!(self.criterion, Criterion::Mises) {
-            let left = l.max(l.nmadd(self.three, t, self.one), self.zero);
-            let room = l.sub(l.sqrt(left), self.size(l, n));
-            return l.nmadd(room, self.size(l, room), b);
+            let left = l.nmadd(self.three, t, self.one);
+            let kept = l.max(left, self.zero);
+            let room = l.sub(l.sqrt(kept), self.size(l, n));
+            // Shear beyond the limit alone leaves no room, and under it alone there is nothing to compare that with.
+            return l.add(l.nmadd(room, self.size(l, room), b), l.sub(kept, left));
         }
         let room = l.sub(l.sub(self.one, t), n);
         l.nmadd(room, self.size(l, room), b)
