@@ -149,11 +149,7 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
                     short(overlap)
                 ),
                 cost,
-                if coarse {
-                    Accept::Between(1.0, 6.0)
-                } else {
-                    Accept::Between(1.0, 5.0)
-                },
+                Accept::AtMost(4.0),
             );
             rows.push(row.note(format!(
                 "theirs {} h_B, ours {} h_B",
@@ -296,7 +292,7 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
             ));
         } else {
             let what = format!("largest over least reflection for h_B from h_D to h_C, {name}");
-            rows.push(Row::new(what, spread, Accept::AtMost(1.2)).note(
+            rows.push(Row::new(what, spread, Accept::AtMost(1.5)).note(
                 "all mediators reflect alike: the place of the least, which the papers name, says nothing",
             ));
         }
