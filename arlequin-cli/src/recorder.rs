@@ -132,6 +132,7 @@ pub(crate) struct Records {
     facts: Table,
     residuals: Vec<f64>,
     top_speed: f64,
+    warnings: Vec<String>,
     frames: Vec<Entry>,
     /// Energy before the first step \[J\].
     pub(crate) initial_energy: f64,
@@ -155,6 +156,8 @@ pub(crate) struct Recorder {
     pub(crate) frames: Frames,
     /// Largest relative velocity jump per interface.
     pub(crate) residuals: Vec<f64>,
+    /// What a user should know: from before the first step, then from the steps, each once.
+    pub(crate) warnings: Vec<String>,
     top_speed: f64,
     /// Energy before the first step \[J\].
     pub(crate) initial_energy: f64,
@@ -170,6 +173,7 @@ impl Recorder {
         mut frames: Frames,
         probe_every: usize,
         frame_every: usize,
+        warnings: Vec<String>,
     ) -> Result<Self> {
         frames.write(run)?;
         let mut out = Self {
@@ -181,6 +185,7 @@ impl Recorder {
             fact_names: facts(run).map(|f| f.0).collect(),
             frames,
             residuals: Vec::new(),
+            warnings,
             top_speed: 0.0,
             initial_energy: run.energy().as_f64(),
             probe_every,
@@ -197,8 +202,20 @@ impl Recorder {
         self.facts = from.facts;
         self.residuals = from.residuals;
         self.top_speed = from.top_speed;
+        for w in from.warnings {
+            self.warn(w);
+        }
         self.initial_energy = from.initial_energy;
         self.frames.resume(from.frames)
+    }
+
+    /// Keeps a warning for the summary; whether it was not known yet.
+    pub(crate) fn warn(&mut self, text: String) -> bool {
+        let new = !self.warnings.contains(&text);
+        if new {
+            self.warnings.push(text);
+        }
+        new
     }
 
     /// What a resumed run must know.
@@ -209,6 +226,7 @@ impl Recorder {
             facts: self.facts.clone(),
             residuals: self.residuals.clone(),
             top_speed: self.top_speed,
+            warnings: self.warnings.clone(),
             frames: self.frames.entries().to_vec(),
             initial_energy: self.initial_energy,
         }

@@ -66,6 +66,11 @@ pub(crate) fn error(text: &str) {
     eprint!("{text}");
 }
 
+/// Shows a warning beside the results: while steps are made, before they end.
+pub(crate) fn warning(text: &str) {
+    eprintln!("warning    {text}");
+}
+
 /// Prints a line.
 pub(crate) fn line(text: &str) {
     println!("{text}");

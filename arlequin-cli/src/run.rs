@@ -1,19 +1,18 @@
 //! `arlequin run` and `arlequin resume`.
 
 use crate::Input;
-use crate::build::{self, Built, Strangers};
+use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result, write};
-use crate::output::plots::{self, Curve, Plot};
 use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
-use crate::output::{Folder, Frames, check_free, csv};
-use crate::recorder::{self, ENERGY_COLUMNS, PhaseClock, Recorder};
+use crate::output::{Folder, Frames, check_free, tables};
+use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
-use crate::scene::{Precision, Quantity};
+use crate::scene::Precision;
 use crate::spectrum;
 use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
-use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
+use arlequin::dem_beam::fracture::SharedLog;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -130,6 +129,7 @@ pub(crate) struct Session<'a, T: Real> {
     pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
     strangers: Strangers,
+    bounds: Bounds,
 }
 
 impl<'a, T: Real> Session<'a, T> {
@@ -146,6 +146,7 @@ impl<'a, T: Real> Session<'a, T> {
                 frames,
                 settings.probe_every,
                 built.frame_every,
+                built.warnings,
             )?,
             input,
             run: built.run,
@@ -158,7 +159,15 @@ impl<'a, T: Real> Session<'a, T> {
             stage: None,
             breaks,
             strangers: built.strangers,
+            bounds: built.bounds,
         })
+    }
+
+    /// Says a warning the moment it is known, once, and keeps it for the summary.
+    pub(crate) fn warn(&mut self, text: String) {
+        if self.recorder.warn(text.clone()) && !self.input.json {
+            report::warning(&text);
+        }
     }
 
     /// Ends the set-up that began then.
@@ -234,13 +243,17 @@ impl<'a, T: Real> Session<'a, T> {
     fn write_results(&mut self, end: End, wake: Option<WakeReport>) -> Result<(Summary, String)> {
         let after = Instant::now();
         self.recorder.finish(&self.run)?;
-        write_tables(self.folder.path(), &self.recorder)?;
-        write_breaks(self.folder.path(), &self.run, &self.breaks)?;
+        tables::write(self.folder.path(), &self.recorder)?;
+        tables::breaks(self.folder.path(), &self.run, &self.breaks)?;
         self.recorder
             .frames
             .finish(&self.folder.path().join("results.pvd"))?;
         if self.input.scene.output.plots {
-            draw_plots(&self.folder, &self.recorder, title(self.input))?;
+            tables::draw(
+                &self.folder.subfolder("plots")?,
+                &self.recorder,
+                title(self.input),
+            )?;
         }
         let [stepping, observing] = self.clock.split();
         let wall = WallSeconds {
@@ -249,11 +262,11 @@ impl<'a, T: Real> Session<'a, T> {
             output: observing + after.elapsed().as_secs_f64(),
             phases: self.clock.phases(&self.run),
         };
+        for w in summary::findings(&self.run, &self.strangers) {
+            self.recorder.warn(w);
+        }
         let mut summary = summarise(self.input, &self.run, &self.recorder, wall, end);
         summary.resumed_at_step = self.resumed_at;
-        summary
-            .warnings
-            .extend(summary::findings(&self.run, &self.strangers));
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
         summary.wake = wake;
         let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
@@ -271,12 +284,23 @@ impl<'a, T: Real> Session<'a, T> {
         stop: &AtomicBool,
         woken: &mut dyn FnMut(&Coupled<T>, &mut Option<Stage>) -> bool,
     ) -> Result<End> {
+        if !self.input.json {
+            self.recorder.warnings.iter().for_each(|w| report::warning(w));
+        }
         let every = self.input.scene.output.checkpoint_every;
         let progress = Progress::new(self.steps);
         let mut end = End::Complete;
+        // Once is enough: the state that follows is as odd.
+        let mut strange = !self.bounds.watch(&self.run).is_empty();
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
+            let drawn = energy.is_some();
             self.recorder.observe(&mut self.run, energy)?;
+            if drawn && !strange {
+                let odd = self.bounds.watch(&self.run);
+                strange = !odd.is_empty();
+                odd.into_iter().for_each(|w| self.warn(w));
+            }
             progress.set(made);
             if made == self.steps {
                 break;
@@ -330,112 +354,6 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-fn write_tables(folder: &Path, r: &Recorder) -> Result<()> {
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(
-        r.readers
-            .iter()
-            .map(|p| format!("{} {}", p.name, p.quantity.label())),
-    );
-    csv(&folder.join("probes.csv"), &names, &columns(&r.probes))?;
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(ENERGY_COLUMNS.map(str::to_owned));
-    names.extend(r.works.iter().map(|w| format!("work {w} [J]")));
-    csv(&folder.join("energy.csv"), &names, &columns(&r.energy))?;
-    if r.fact_names.is_empty() {
-        return Ok(());
-    }
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(r.fact_names.iter().cloned());
-    csv(&folder.join("effects.csv"), &names, &columns(&r.facts))
-}
-
-/// One table of broken bonds per model whose bonds can break.
-fn write_breaks<T: Real>(folder: &Path, run: &Coupled<T>, breaks: &[Option<SharedLog>]) -> Result<()> {
-    let names = [
-        "time [s]",
-        "bond [-]",
-        "first particle [-]",
-        "second particle [-]",
-        "released [J]",
-        "distance [m]",
-    ];
-    for (s, log) in run.subdomains().iter().zip(breaks) {
-        let Some(log) = log else { continue };
-        let log = locked(log);
-        let column = |f: fn(&Break) -> f64| log.events().iter().map(f).collect::<Vec<f64>>();
-        let table = [
-            column(|e| e.time),
-            column(|e| f64::from(e.bond)),
-            column(|e| f64::from(e.pair[0])),
-            column(|e| f64::from(e.pair[1])),
-            column(|e| e.released),
-            column(|e| e.distance),
-        ];
-        let path = folder.join(format!("fracture-{}.csv", s.model().name()));
-        let columns: Vec<&[f64]> = table.iter().map(Vec::as_slice).collect();
-        csv(&path, &names.map(str::to_owned), &columns)?;
-    }
-    Ok(())
-}
-
-fn columns(table: &recorder::Table) -> Vec<&[f64]> {
-    let times = std::iter::once(table.times.as_slice());
-    times.chain(table.columns.iter().map(Vec::as_slice)).collect()
-}
-
-fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
-    let path = folder.subfolder("plots")?;
-    for (quantity, file, name, unit) in [
-        (Quantity::Displacement, "displacement.svg", "displacement", "m"),
-        (Quantity::Velocity, "velocity.svg", "velocity", "m/s"),
-        (Quantity::Rotation, "rotation.svg", "rotation", "rad"),
-    ] {
-        let mine = r.readers.iter().zip(&r.probes.columns);
-        let curves = mine
-            .filter(|(p, _)| p.quantity == quantity)
-            .map(|(p, c)| Curve {
-                name: p.name.clone(),
-                times: &r.probes.times,
-                values: c.clone(),
-            })
-            .collect();
-        let title = headline(title, name);
-        let plot = Plot::over_time(title, name, unit, curves);
-        plots::draw(&path.join(file), &plot)?;
-    }
-    let curve = |name: &str, k: usize| Curve {
-        name: name.to_owned(),
-        times: &r.energy.times,
-        values: r.energy.columns.get(k).cloned().unwrap_or_default(),
-    };
-    let curves = vec![curve("kinetic", 0), curve("internal", 1), curve("invariant H", 3)];
-    let plot = Plot::over_time(headline(title, "energy"), "energy", "J", curves);
-    plots::draw(&path.join("energy.svg"), &plot)?;
-    let mut curves: Vec<_> = r
-        .works
-        .iter()
-        .enumerate()
-        .map(|(k, w)| curve(w, ENERGY_COLUMNS.len() + k))
-        .collect();
-    curves.push(curve("unexplained drift of H", 5));
-    let plot = Plot::over_time(
-        headline(title, "energy ledger"),
-        "work since the start",
-        "J",
-        curves,
-    );
-    plots::draw(&path.join("ledger.svg"), &plot)
-}
-
-fn headline(title: &str, what: &str) -> String {
-    if title.is_empty() {
-        what.to_owned()
-    } else {
-        format!("{title}: {what}")
-    }
-}
-
 fn summarise<T: Real>(
     input: &Input<'_>,
     run: &Coupled<T>,
@@ -478,7 +396,7 @@ fn summarise<T: Real>(
         effects: plan.effects,
         effect_ledger: Vec::new(),
         probes: probe_lines(r),
-        warnings: summary::warnings(run),
+        warnings: r.warnings.clone(),
     }
 }
 

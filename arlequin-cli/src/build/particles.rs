@@ -97,6 +97,7 @@ pub(super) fn body(
         material: table.material,
         shape: table.shape.clone(),
         grains: Some(grains),
+        warnings: Vec::new(),
         model: Box::new(model),
     })
 }

@@ -4,6 +4,7 @@ mod folder;
 mod frames;
 pub(crate) mod plots;
 pub(crate) mod summary;
+pub(crate) mod tables;
 mod vtu;
 
 pub(crate) use folder::{Folder, check_free};

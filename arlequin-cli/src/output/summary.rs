@@ -280,13 +280,3 @@ pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<In
     };
     run.interfaces().iter().enumerate().map(line).collect()
 }
-
-/// Warnings of all interfaces.
-pub(crate) fn warnings<T: Real>(run: &Coupled<T>) -> Vec<String> {
-    let of = |i: &arlequin::core::interface::Interface<T>| {
-        let r = i.report();
-        let with_name = |w: &String| format!("interface '{}': {w}", r.name);
-        r.warnings.iter().map(with_name).collect::<Vec<_>>()
-    };
-    run.interfaces().iter().flat_map(of).collect()
-}

@@ -3,7 +3,7 @@
 use super::sums::{Accumulator, NO_CELL, Sums, UNKNOWN, add_products};
 use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
-use crate::geometry::{BoxTree, Cell, HalfSpace, Polyhedron};
+use crate::geometry::{Body, BoxTree, Cell, HalfSpace};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use sprs::{CsMat, TriMat};
@@ -150,10 +150,15 @@ impl<T: Real> CellSet<T> {
             return vec![(NO_CELL, cell.clone())];
         }
         let mut out = Vec::new();
-        self.tree.any(&cell.bounds(), &mut |k| {
-            let piece = match (cell, &self.cells[k]) {
-                (Cell::Polyhedron(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k]),
-                (a, b) => a.intersection(b),
+        let bounds = cell.bounds();
+        let body = match cell {
+            Cell::Polyhedron(p) => Some(Body::new(p)),
+            Cell::Segment { .. } => None,
+        };
+        self.tree.any(&bounds, &mut |k| {
+            let piece = match (&body, &self.cells[k]) {
+                (Some(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k], &bounds),
+                (_, other) => cell.intersection(other),
             };
             out.extend(piece.map(|c| (k, c)));
             false
@@ -162,13 +167,9 @@ impl<T: Real> CellSet<T> {
     }
 }
 
-fn nonempty<T: Real>(p: &Polyhedron<T>, planes: &[HalfSpace<T>]) -> Option<Cell<T>> {
-    let body = p.intersection(planes);
-    if body.faces.is_empty() {
-        return None;
-    }
+fn nonempty<T: Real>(p: &Body<T>, planes: &[HalfSpace<T>], [low, high]: &[Point3<T>; 2]) -> Option<Cell<T>> {
+    let body = p.within(planes)?;
     // Slivers of round-off, from cells that only touch, carry no measure worth a sample.
-    let [low, high] = crate::geometry::bounds_of(p.faces.iter().flatten());
     let size = (high - low).norm();
     (body.volume() > size * size * size * T::epsilon() * T::of(16.0)).then_some(Cell::Polyhedron(body))
 }

@@ -69,7 +69,8 @@ impl FaceMesh {
         }
     }
 
-    fn replace(&mut self, id: u32, v: [u32; 3]) {
+    /// Gives a face other corners.
+    pub(crate) fn replace(&mut self, id: u32, v: [u32; 3]) {
         self.unlink(id);
         self.faces[id as usize].v = v;
         self.link(id);

@@ -11,6 +11,9 @@ use nalgebra::{Point3, Vector3};
 /// Twice the area of a facet, relative to the squared distance of its nodes, below which it is round-off.
 const TINY_FACET: f64 = 1e-13;
 
+/// Distance from the middle plane of two nodes, relative to their distance, at which a corner lies on it.
+const SNAP: f64 = 1e-12;
+
 const NODE: u64 = 1 << 40;
 const WALL: u64 = 2 << 40;
 const FREE: u64 = 3 << 40;
@@ -32,6 +35,7 @@ struct Piece {
 pub(super) struct Work {
     star: Vec<u32>,
     queue: Vec<u32>,
+    beyond: Vec<u32>,
     /// Neighbours with their position relative to the node, nearest first.
     near: Vec<(f64, u32, Vector3<f64>)>,
     pieces: Vec<Piece>,
@@ -57,7 +61,10 @@ impl Work {
     pub(super) fn cell(&mut self, domain: &Domain, walls: &Bins, node: u32) {
         self.start(domain, node);
         let seed = &domain.delaunay.points[node as usize];
-        let within = self.star.iter().all(|&t| domain.inside[t as usize]);
+        let within = self
+            .star
+            .iter()
+            .all(|&t| domain.inside[t as usize] || domain.glued[t as usize]);
         let reach = self
             .star
             .iter()
@@ -166,9 +173,13 @@ impl Work {
             next += 1;
             self.clip_one(domain, tet, &seed);
             for (tag, _) in self.piece.faces() {
-                let id = (tag & !KIND) as u32;
-                if tag & KIND == FREE && !self.queue.contains(&id) {
-                    self.queue.push(id);
+                if tag & KIND == FREE {
+                    domain.beyond((tag & !KIND) as u32, &mut self.beyond);
+                    for id in &self.beyond {
+                        if !self.queue.contains(id) {
+                            self.queue.push(*id);
+                        }
+                    }
                 }
             }
             if !regions.holds(tet) {
@@ -222,7 +233,11 @@ impl Work {
             if *square > 4.0 * reach {
                 break;
             }
-            if self.piece.clip(r, 0.5 * square, NODE | u64::from(*v)) {
+            let free = |tag| tag & KIND == FREE;
+            if self
+                .piece
+                .clip_near(r, 0.5 * square, NODE | u64::from(*v), SNAP * square, free)
+            {
                 if self.piece.is_empty() {
                     return;
                 }
