@@ -12,7 +12,7 @@ use arlequin::core::Real;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::material::Elastic;
 use arlequin::core::model::{LinearModel, Model};
-use arlequin::core::nalgebra::Point3;
+use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::sprs::TriMat;
 use arlequin::fem_ref::{self, ElementKind, FemModel, Mesh};
 use std::collections::HashMap;
@@ -70,7 +70,7 @@ fn natural(n: usize, depth: f64) -> f64 {
     elongation(&model, &ends)
 }
 
-/// Hexahedra, the nodes of the slit doubled for those behind it.
+/// Hexahedra, the nodes of a slit doubled for those behind it.
 fn finite(n: usize, depth: f64) -> f64 {
     let mesh = fem_ref::generate::block(
         ElementKind::Hex8,
@@ -89,7 +89,8 @@ fn finite(n: usize, depth: f64) -> f64 {
             let slit = (p.x - 1.0).abs() < 1e-9 && p.y < depth - 1e-9;
             connectivity.push(if slit && middle > 1.0 {
                 *second.entry(v).or_insert_with(|| {
-                    nodes.push(p);
+                    // Apart by a millionth: meshes with coincident nodes are refused.
+                    nodes.push(p + Vector3::x() * 1e-6);
                     nodes.len() as u32 - 1
                 })
             } else {
@@ -110,6 +111,8 @@ fn compliance_of_a_cracked_bar_is_that_of_a_mesh_with_a_slit() {
         let limit = 2.0 * fem[1] - fem[0];
         let found = [8, 16].map(|n| natural(n, depth));
         let off = found.map(|c| 100.0 * (c / limit - 1.0));
+        let allowed = if depth > 0.0 { 2.0 } else { 1e-8 };
+        assert!(off.iter().all(|o| o.abs() < allowed), "{depth}: {off:?}");
         println!("depth {depth}: slit {fem:.4?} -> {limit:.4}, crack {found:.4?}, {off:+.2?} %");
     }
 }
