@@ -392,6 +392,7 @@ fn summarise<T: Real>(
                 .map(|w| (w.name, w.work.as_f64()))
                 .collect(),
         },
+        momentum: summary::momentum(run),
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,
         effect_ledger: Vec::new(),

@@ -15,7 +15,6 @@
 //! that about present positions is drawn up, and no claim is made.
 
 use crate::coupled::Coupled;
-use crate::effect::Finding;
 use crate::weight::Weighting;
 use crate::{Real, Subdomain, narrow, parallel};
 use nalgebra::Vector3;
@@ -229,8 +228,9 @@ impl<T: Real> Coupled<T> {
         b.members.iter().map(name).collect()
     }
 
-    /// Momenta that changed though they should stay, by body.
-    pub(crate) fn lost_momentum(&self) -> Vec<(String, Finding)> {
+    /// Momenta that changed by more than round-off though they should stay, and angular ones of bodies about which no claim
+    /// is made that changed by more than small displacements explain: a line each.
+    pub fn lost_momentum(&self) -> Vec<String> {
         let strict = T::of(CHANGED).max(T::epsilon().sqrt());
         let mut out = Vec::new();
         for b in &self.ledger.bodies {
@@ -253,13 +253,12 @@ impl<T: Real> Coupled<T> {
                             .to_owned()
                     }
                 };
-                let message = format!(
-                    "the {what} momentum has changed by up to {:.2e} of what is in play (limit {:.0e}); {why}",
+                out.push(format!(
+                    "body '{}': its {what} momentum has changed by up to {:.2e} of what is in play (limit {:.0e}); {why}",
+                    self.names(b).join(" + "),
                     b.top[k].as_f64(),
                     limits[k].as_f64()
-                );
-                let effect = "momentum";
-                out.push((self.names(b).join(" + "), Finding { effect, message }));
+                ));
             }
         }
         out

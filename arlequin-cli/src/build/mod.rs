@@ -24,6 +24,7 @@ use crate::error::{Error, Result, key, value};
 use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
+use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -53,6 +54,9 @@ pub(crate) struct Start {
     pub(crate) time: f64,
     /// Displacements and velocities of every model.
     pub(crate) states: Vec<[Vec<f64>; 2]>,
+    /// What a model remembers that went on as it was: orientations.
+    #[serde(default)]
+    pub(crate) memories: Vec<Option<Record<f64>>>,
 }
 
 /// A run that is ready to step.
@@ -157,7 +161,12 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             Some(s) => s.states[m].clone(),
             None => drive::initial(scene, m, &body)?,
         };
-        subdomains.push(subdomain(m, body, state, &joints, &mut attachments)?);
+        let memory = start.and_then(|s| s.memories.get(m).cloned().flatten());
+        let made = subdomain(m, body, state, &joints, &mut attachments)?;
+        subdomains.push(match memory {
+            Some(of) => made.with_memory(of),
+            None => made,
+        });
     }
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
