@@ -4,6 +4,7 @@ mod beam_a;
 mod beam_b;
 mod beams;
 mod choices;
+mod claims;
 mod hard;
 mod page;
 mod row;
@@ -138,7 +139,7 @@ const fn cheap(name: &'static str, about: &'static str, evaluate: fn(&Done) -> R
 }
 
 /// All cases, in the order of the table.
-const CASES: [Case; 16] = [
+const CASES: [Case; 17] = [
     cheap(
         "bauman",
         "static bar and springs, table of Bauman et al. 2008",
@@ -191,6 +192,11 @@ const CASES: [Case; 16] = [
         "locking",
         "overlap velocities of the two models, coarse and fine mediator",
         choices::locking,
+    ),
+    cheap(
+        "claims",
+        "two claims of the papers that do not hold here: reflection by direction, damping by a fine mediator",
+        claims::claims,
     ),
     cheap(
         "cantilever",

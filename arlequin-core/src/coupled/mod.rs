@@ -96,7 +96,8 @@ impl<T: Real> Coupled<T> {
             .map(|s| s.kinetic_energy() + s.internal_energy())
             .sum()
     }
-    /// Linear and angular momentum of all subdomains.
+    /// Linear and angular momentum of all subdomains about the origin, each with the arms of its model; see
+    /// [`Coupled::bodies`] for what is kept.
     pub fn momentum(&self) -> [nalgebra::Vector3<T>; 2] {
         let zero = nalgebra::Vector3::zeros();
         self.subdomains
@@ -334,6 +335,11 @@ impl<T: Real> Coupled<T> {
         };
         self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
         self.ledger.top_residual = self.ledger.top_residual.max(residual);
+        let mut momentum_drift = [T::zero(); 2];
+        for b in &mut self.ledger.bodies {
+            let one = b.draw(&self.subdomains);
+            (0..2).for_each(|k| momentum_drift[k] = momentum_drift[k].max(one[k]));
+        }
         let sample = EnergySample {
             step: self.step,
             time: self.time,
@@ -343,6 +349,7 @@ impl<T: Real> Coupled<T> {
             work,
             drift,
             relative_drift: relative,
+            momentum_drift,
             constraint_residual: residual,
         };
         if !drift.is_finite() {

@@ -72,7 +72,8 @@ impl<T: Real> Coupled<T> {
             .collect()
     }
 
-    /// What the present state would need effects for that are not on.
+    /// What the present state would need effects for that are not on, and momenta that changed though nothing changed
+    /// them.
     pub fn watch(&self) -> Vec<(String, super::Finding)> {
         let of = |s: &Subdomain<T>| {
             let on =
@@ -84,7 +85,8 @@ impl<T: Real> Coupled<T> {
                 .map(|f| (s.model().name().to_owned(), f))
                 .collect::<Vec<_>>()
         };
-        self.subdomains.iter().flat_map(of).collect()
+        let found = self.subdomains.iter().flat_map(of);
+        found.chain(self.lost_momentum()).collect()
     }
 
     /// Energy \[J\] that effects have created, `work + stored − supplied` of those that must not and do: zero but for
