@@ -16,8 +16,11 @@ pub(crate) struct Summary {
     pub(crate) scene: String,
     /// Its title.
     pub(crate) title: Option<String>,
-    /// "complete" or "interrupted"; "woken" for the part of a run in which a model slept.
+    /// "complete", "interrupted" or "failed"; "woken" for the part of a run in which a model slept.
     pub(crate) status: &'static str,
+    /// What ended a failed run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) error: Option<String>,
     /// Version of this program.
     pub(crate) version: &'static str,
     /// Step from which a killed or interrupted run went on.

@@ -251,3 +251,37 @@ fn value_and_turn(at: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2] {
     }
     [value, turn]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The functions of a tetrahedron at its centre: `u = t + ω × x` is handed over with its value and its turn `ω`, also
+    /// where the point lies a way beyond.
+    #[test]
+    fn a_turning_body_hands_its_rotation_over_with_its_sign() {
+        let nodes = [
+            Vector3::zeros(),
+            Vector3::x(),
+            Vector3::y() * 2.0,
+            Vector3::new(0.2, 0.3, 1.5),
+        ];
+        let points = nodes.map(Point3::from).to_vec();
+        let mesh =
+            arlequin::fem_ref::Mesh::new(arlequin::fem_ref::ElementKind::Tet4, points, vec![0, 1, 2, 3]);
+        let field = arlequin::fem_ref::FemField::new(mesh.expect("one tetrahedron"));
+        let (spin, shift) = (Vector3::new(0.3, -0.5, 0.7), Vector3::new(1.0, 2.0, -1.0));
+        let motion = |x: &Vector3<f64>| shift + spin.cross(x);
+        let values: Vec<f64> = nodes.iter().flat_map(|x| <[f64; 3]>::from(motion(x))).collect();
+        let centre = nodes.iter().sum::<Vector3<f64>>() / 4.0;
+        for way in [Vector3::zeros(), Vector3::new(0.1, -0.2, 0.3)] {
+            let mut row = ShapeRow::default();
+            field
+                .shape_at(&Point3::from(centre), true, &mut row)
+                .expect("inside");
+            let [value, turn] = value_and_turn(&Placed { row, way }, &values, 3);
+            assert!((value - motion(&(centre + way))).norm() < 1e-14, "{value}");
+            assert!((turn - spin).norm() < 1e-14, "turns by {turn} instead of {spin}");
+        }
+    }
+}

@@ -1,9 +1,13 @@
 //! Which tetrahedron of the domain holds a point.
 
 use super::{Domain, ON_BOUNDARY};
+use crate::circumcentre::six_volumes;
 use crate::delaunay::{Delaunay, linear_gradients, linear_values};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
+
+/// Squared sine of the angle at a corner of a face below which its normal is not used.
+const NEEDLE: f64 = 1e-6;
 
 /// Uniform grid of tetrahedra where walks may start; keeps walks short for queries in any order.
 #[derive(Debug, Clone, Default)]
@@ -56,8 +60,16 @@ impl Domain {
         let t = &self.delaunay.tets[tet as usize];
         [0, 1, 2, 3].map(|slot| {
             let [a, b, c] = t.face(slot).map(|v| &self.delaunay.points[v as usize]);
-            let n = (b - a).cross(&(c - a));
-            n.dot(&(x - a)) / n.norm()
+            let (u, v, to) = (b - a, c - a, x - a);
+            let n = u.cross(&v);
+            let square = n.norm_squared();
+            // Of a needle the direction of the normal is round-off, the volume below `x` is not.
+            let six = if square > NEEDLE * u.norm_squared() * v.norm_squared() {
+                n.dot(&to)
+            } else {
+                six_volumes([a, b, c, x])
+            };
+            six / square.sqrt()
         })
     }
 
@@ -145,7 +157,7 @@ impl Domain {
                 tolerance: self.tolerance,
             });
         };
-        let nodes = self.corners_of(tet);
+        let nodes = self.corners_of(self.thick(tet, x));
         let p = nodes.map(|v| self.nodes()[v]);
         Ok((nodes, linear_values(&p, &linear_gradients(&p).0, x)))
     }
