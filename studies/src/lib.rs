@@ -9,6 +9,7 @@ mod chain;
 pub mod hard;
 pub mod line;
 pub mod solid;
+pub mod strain;
 pub mod waves;
 
 /// A reproducible sequence of uniform numbers in (−1, 1).
