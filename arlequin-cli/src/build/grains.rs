@@ -19,6 +19,8 @@ pub(crate) struct Grains {
     pub(crate) effects: BTreeMap<usize, Box<dyn effect::Effect<f64>>>,
     /// What broke, if bonds can.
     pub(crate) breaks: Option<SharedLog>,
+    /// Whether the scene gives its bonds a strength, fracture on or off.
+    pub(crate) brittle: bool,
     /// What contact with other models needs.
     pub(crate) body: ContactBody,
 }
@@ -31,8 +33,10 @@ impl Grains {
         effects: &[(usize, &Effect)],
     ) -> Result<(DemModel, Self)> {
         let mut breaks = None;
+        let mut brittle = false;
         for (k, e) in effects {
             let Some(f) = &e.fracture else { continue };
+            brittle = true;
             let path = format!("effect[{k}].fracture");
             let spec = fracture(&path, f)?;
             if !e.enabled {
@@ -67,6 +71,7 @@ impl Grains {
             Self {
                 effects: made,
                 breaks,
+                brittle,
                 body,
             },
         ))
