@@ -91,8 +91,10 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
         mediators,
         steps,
         frame_every,
+        warnings,
         ..
     } = built;
+    let packings: Vec<_> = drawn.iter().map(|d| d.packing.clone()).collect();
     // Nothing is written: the folder is only a name.
     let frames = Frames::new(PathBuf::new(), &scene.output.fields, &run, drawn, mediators);
     let plan = run.plan();
@@ -100,7 +102,7 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
     Plan {
         scene: input.source.path.display().to_string(),
         title: scene.title.clone(),
-        models: summary::models(&run),
+        models: summary::models(&run, &packings),
         interface: summary::interfaces(&run, &[]),
         effects: plan.effects.clone(),
         dt: plan.dt,
@@ -111,7 +113,7 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
         output_bytes: count * frames.bytes_per_frame(),
         memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
         setup_seconds,
-        warnings: summary::warnings(&run),
+        warnings,
         asleep: None,
         stepping_seconds: trial(&mut run, steps),
     }

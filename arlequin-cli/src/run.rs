@@ -4,6 +4,7 @@ use crate::Input;
 use crate::build::{self, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result, write};
+use crate::output::packing::PackingLine;
 use crate::output::plots::{self, Curve, Plot};
 use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, check_free, csv};
@@ -130,6 +131,8 @@ pub(crate) struct Session<'a, T: Real> {
     pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
     strangers: Strangers,
+    packings: Vec<Option<PackingLine>>,
+    warnings: Vec<String>,
 }
 
 impl<'a, T: Real> Session<'a, T> {
@@ -138,6 +141,7 @@ impl<'a, T: Real> Session<'a, T> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
+        let packings = built.drawn.iter().map(|d| d.packing.clone()).collect();
         let frames = Frames::new(vtu, &settings.fields, &built.run, built.drawn, built.mediators);
         Ok(Self {
             recorder: Recorder::new(
@@ -158,6 +162,8 @@ impl<'a, T: Real> Session<'a, T> {
             stage: None,
             breaks,
             strangers: built.strangers,
+            packings,
+            warnings: built.warnings,
         })
     }
 
@@ -251,6 +257,8 @@ impl<'a, T: Real> Session<'a, T> {
         };
         let mut summary = summarise(self.input, &self.run, &self.recorder, wall, end);
         summary.resumed_at_step = self.resumed_at;
+        summary.models = summary::models(&self.run, &self.packings);
+        summary.warnings.extend(self.warnings.iter().cloned());
         summary
             .warnings
             .extend(summary::findings(&self.run, &self.strangers));
@@ -453,7 +461,7 @@ fn summarise<T: Real>(
         wake: None,
         set: input.set.to_vec(),
         threads: input.threads,
-        models: summary::models(run),
+        models: Vec::new(),
         precision: input.scene.time.precision.name(),
         dt: plan.dt,
         critical_dt: plan.critical_dt,
@@ -478,7 +486,7 @@ fn summarise<T: Real>(
         effects: plan.effects,
         effect_ledger: Vec::new(),
         probes: probe_lines(r),
-        warnings: summary::warnings(run),
+        warnings: Vec::new(),
     }
 }
 

@@ -14,11 +14,13 @@ mod select;
 
 pub(crate) use between::Strangers;
 pub(crate) use drive::{effect_models, model_index};
+pub(crate) use grains::cut;
 pub(crate) use kinds::{Body, Kind};
 pub(crate) use mesh::View;
 pub(crate) use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
+use crate::output::packing::PackingLine;
 use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
@@ -42,6 +44,8 @@ pub(crate) struct Drawn {
     pub(crate) breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
     pub(crate) spacing: f64,
+    /// How the spheres were packed, where there are any.
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// The state from which a run starts, if not that of `[[initial]]` at time zero.
@@ -69,6 +73,8 @@ pub(crate) struct Built<T: Real = f64> {
     pub(crate) frame_every: usize,
     /// Models of particles between which no contact is on.
     pub(crate) strangers: Strangers,
+    /// What a user should know before the first step: of the bodies, of the interfaces.
+    pub(crate) warnings: Vec<String>,
 }
 
 impl Built {
@@ -82,6 +88,7 @@ impl Built {
             steps: self.steps,
             frame_every: self.frame_every,
             strangers: self.strangers,
+            warnings: self.warnings,
         })
     }
 }
@@ -131,15 +138,19 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             attachments.add(j.spec.fine, Box::new(a));
         }
     }
+    let mut warnings = Vec::new();
     let mut drawn = Vec::new();
     let mut subdomains = Vec::new();
     for (m, body) in bodies.into_iter().enumerate() {
+        let name = body.model.name();
+        warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
         drawn.push(Drawn {
             view: body.view.clone(),
             field: body.field.clone(),
             material: body.material,
             breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
             spacing: body.spacing,
+            packing: body.grains.as_ref().map(|g| g.packing.clone()),
         });
         let state = match start {
             Some(s) => s.states[m].clone(),
@@ -159,6 +170,9 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
     let run = Coupled::of(parts, step_of(scene), Some(guard(scene))).map_err(located)?;
     let steps = steps_of(scene, begin, run.dt())?;
     let frame_every = frames(scene, steps, run.dt());
+    for i in run.interfaces().iter().map(|i| i.report()) {
+        warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
+    }
     Ok(Built {
         run,
         drawn,
@@ -167,6 +181,7 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
         steps,
         frame_every,
         strangers,
+        warnings,
     })
 }
 

@@ -2,6 +2,7 @@
 
 mod folder;
 mod frames;
+pub(crate) mod packing;
 pub(crate) mod plots;
 pub(crate) mod summary;
 mod vtu;

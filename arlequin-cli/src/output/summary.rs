@@ -1,5 +1,6 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
+use super::packing::PackingLine;
 use crate::build::Strangers;
 use crate::recorder::PhaseClock;
 use arlequin::core::effect::EffectLine;
@@ -126,6 +127,9 @@ pub(crate) struct ModelLine {
     pub(crate) unknowns: usize,
     /// Its own critical step \[s\].
     pub(crate) critical_dt: f64,
+    /// How the spheres were packed, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// Where wall time went \[s\].
@@ -251,16 +255,17 @@ pub(crate) fn process_bytes(name: &str) -> Option<usize> {
 }
 
 /// Models of a run.
-pub(crate) fn models<T: Real>(run: &Coupled<T>) -> Vec<ModelLine> {
+pub(crate) fn models<T: Real>(run: &Coupled<T>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
     let plan = run.plan();
-    let line = |(name, kind, nodes, unknowns, critical_dt)| ModelLine {
+    let line = |(k, (name, kind, nodes, unknowns, critical_dt))| ModelLine {
         name,
         kind,
         nodes,
         unknowns,
         critical_dt,
+        packing: packings.get(k).cloned().flatten(),
     };
-    plan.models.into_iter().map(line).collect()
+    plan.models.into_iter().enumerate().map(line).collect()
 }
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
@@ -279,14 +284,4 @@ pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<In
         }
     };
     run.interfaces().iter().enumerate().map(line).collect()
-}
-
-/// Warnings of all interfaces.
-pub(crate) fn warnings<T: Real>(run: &Coupled<T>) -> Vec<String> {
-    let of = |i: &arlequin::core::interface::Interface<T>| {
-        let r = i.report();
-        let with_name = |w: &String| format!("interface '{}': {w}", r.name);
-        r.warnings.iter().map(with_name).collect::<Vec<_>>()
-    };
-    run.interfaces().iter().flat_map(of).collect()
 }
