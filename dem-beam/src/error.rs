@@ -230,7 +230,7 @@ pub enum DemError {
          {coordination}, take more spheres or another seed, or keep them as loose grains with contact on",
         100.0 * share,
         100.0 * limit,
-        sizes(parts)
+        crate::packing::parts::sizes(parts)
     )]
     LooseSpheres {
         /// Spheres without a bond to any part.
@@ -248,14 +248,17 @@ pub enum DemError {
     },
     /// A packing that falls into several parts where one is needed.
     #[error(
-        "{what} needs one connected part, the packing falls into {}: raise the coordination number, or test the parts one by one",
-        sizes(parts)
+        "{what} needs one connected part, the packing falls into {} and {loose} loose spheres: raise the coordination \
+         number, leave loose spheres out, or test the parts one by one",
+        crate::packing::parts::sizes(parts)
     )]
     SeveralParts {
         /// What was wanted.
         what: &'static str,
         /// Spheres of each part, largest first.
         parts: Vec<usize>,
+        /// Spheres that hang on none.
+        loose: usize,
     },
     /// One of several bodies within a surface cannot be filled.
     #[error("body {body} of the {bodies} within the surface ({volume:e} m3): {source}")]
@@ -439,29 +442,7 @@ pub enum DemError {
 /// Shorthand of this crate.
 pub type Result<T> = std::result::Result<T, DemError>;
 
-/// Sizes of parts in words, the first few by number.
-fn sizes(parts: &[usize]) -> String {
-    const NAMED: usize = 6;
-    let named: Vec<String> = parts.iter().take(NAMED).map(ToString::to_string).collect();
-    let more = if parts.len() > NAMED { ", ..." } else { "" };
-    let word = if parts.len() == 1 { "part" } else { "parts" };
-    format!("{} {word} of {}{more} spheres", parts.len(), named.join(", "))
-}
-
 impl DemError {
-    /// The error of the `k`-th of several bodies, from 0; of the only one as it is.
-    pub(crate) fn in_body(self, k: usize, bodies: &[crate::Container]) -> Self {
-        match bodies.len() {
-            1 => self,
-            count => Self::InBody {
-                body: k + 1,
-                bodies: count,
-                volume: bodies[k].volume(),
-                source: Box::new(self),
-            },
-        }
-    }
-
     /// A triangle that names a vertex that does not exist.
     pub(crate) fn no_vertex(vertex: u32) -> Self {
         Self::OutOfRange {

@@ -96,8 +96,9 @@ impl BondedParticles {
     pub(crate) fn of_packing(packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
         let (x, r, pairs) = (&packing.positions, &packing.radii, &packing.pairs);
         check_spheres(x, r)?;
+        let volumes = packing.volumes();
         let grains = Grains {
-            volumes: &packing.volumes,
+            volumes: &volumes,
             loose: packing.loose,
             period: packing.period,
         };

@@ -6,6 +6,7 @@ mod table;
 
 use crate::build::filling::dem;
 use crate::error::{Error, Result, key, value};
+use crate::output::packing::PackingLine;
 use crate::report;
 use crate::scene::{CriterionKind, Protocol, Source};
 use arlequin::dem_beam::calibrate::{Elasticity, Spread, Statistics, beam_for, tension_test};
@@ -249,6 +250,7 @@ pub(crate) fn calibrate(wanted: &Calibrate, source: Option<&Source>) -> Result<E
         warnings: Vec::new(),
         refused: None,
     };
+    report.warnings = PackingLine::of(&packings[0], 1.0).warnings();
     uniform(&found, &mut report);
     if let (Some(young), Some(poisson), None) = (wanted.target_young, wanted.target_poisson, &report.refused)
     {

@@ -4,7 +4,7 @@ use super::{Calibrate, KEY};
 use crate::build::filling::{Filling, Recipe, beam, dem, mean_sphere, spec};
 use crate::build::{Kind, cut};
 use crate::error::{Result, key, unknown, value};
-use crate::scene::{DemTable, Material, ModelTable, NotchBox, Shape, Source};
+use crate::scene::{DemTable, LooseKind, Material, ModelTable, NotchBox, Shape, Source};
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::{BeamMaterial, Packing};
@@ -185,6 +185,8 @@ fn override_by(wanted: &Calibrate, table: &mut ModelTable) {
     }
     let t = &mut table.dem;
     t.coordination = wanted.coordination.or(t.coordination);
+    // Loose grains carry nothing.
+    t.loose = LooseKind::Drop;
     t.protocol = wanted.protocol.or(t.protocol);
     if wanted.radius_ratio.is_some() && wanted.young.is_none() && t.young.is_none() {
         t.young = Some(BeamMaterial::SILICA.young);

@@ -76,7 +76,7 @@ impl PackingLine {
             spheres: p.spheres,
             mass: density * p.volume,
         });
-        let volume: f64 = packing.volumes.iter().sum();
+        let volume: f64 = packing.volumes().iter().sum();
         Self {
             asked: r.asked,
             placed: r.placed,

@@ -25,6 +25,7 @@ mod select;
 mod spectrum;
 mod stiffness;
 mod torn;
+mod weights;
 
 pub use report::DemReport;
 pub use select::LoadShare;
@@ -39,7 +40,6 @@ use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Grains, Matter};
 use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
-use arlequin_core::geometry::Cell;
 use arlequin_core::model::{
     CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
 };
@@ -50,11 +50,7 @@ use arlequin_core::weight::{Weight, Weighting};
 use forces::{Gather, check_rotations};
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
-use rayon::prelude::*;
 use std::sync::Arc;
-
-/// Round-off below zero that a weight `1 - sum` may have.
-const ROUND_OFF: f64 = 1e-9;
 
 #[derive(Debug)]
 enum Kernel {
@@ -106,8 +102,9 @@ impl DemModel {
         }
         // In the packing's numbers first, so that errors name what the caller knows.
         let body = BondedParticles::of_packing(packing, beam, density)?;
+        let volumes = packing.volumes();
         let grains = Grains {
-            volumes: &packing.volumes,
+            volumes: &volumes,
             loose: packing.loose,
             period: None,
         };
@@ -256,26 +253,6 @@ impl DemModel {
         }
     }
 
-    /// Mean of a weight over every bond.
-    fn bond_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
-        let mean = |&[i, j]: &[u32; 2]| {
-            let w = weight.mean(&Cell::Segment {
-                ends: [self.nodes[i as usize], self.nodes[j as usize]],
-                section: 1.0,
-            });
-            if w < 0.0 && w > -ROUND_OFF { 0.0 } else { w }
-        };
-        let means: Vec<f64> = self.body.pairs().par_iter().map(mean).collect();
-        arlequin_core::scalar::check_finite("bond weights", &means)?;
-        Ok(means)
-    }
-
-    fn nodal(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
-        let values: Vec<f64> = self.nodes.iter().map(|x| weight.at(x)).collect();
-        arlequin_core::scalar::check_finite("nodal weights", &values)?;
-        Ok(values)
-    }
-
     fn named(&self, error: &DemError) -> arlequin_core::Error {
         match error {
             DemError::Core(e) => e.clone(),
@@ -337,10 +314,7 @@ impl Model<f64> for DemModel {
     ) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
         let factors = match weighting {
-            Weighting::Energy => {
-                let alone = |i: usize| weight.at(&self.nodes[i]).max(0.0);
-                self.body.mean_over_bonds(&self.bond_means(weight)?, alone)
-            }
+            Weighting::Energy => self.mass_factors(weight)?,
             Weighting::Nodal => self.nodal(weight)?,
         };
         let (linear, angular) = out.split_at_mut(3 * self.nodes.len());

@@ -18,10 +18,10 @@ pub struct Packing {
     pub radii: Vec<f64>,
     /// Bonded pairs, smaller number first, in ascending order.
     pub pairs: Vec<[u32; 2]>,
-    /// Volume each sphere stands for (m^3); those of a body sum to its volume, less what cuts took.
-    pub volumes: Vec<f64>,
     /// Body each sphere lies in, from 0.
     pub bodies: Vec<u32>,
+    /// Volume of each body (m^3), less what cuts took; its spheres stand for it.
+    pub body_volumes: Vec<f64>,
     /// Whether loose spheres stayed ([`super::Loose::Keep`]).
     pub loose: bool,
     /// Volume of the container (m^3): the bodies the spheres stand for.
@@ -60,7 +60,6 @@ impl Packing {
         refuse_crossing(bodies, filled)?;
         let count = filled.iter().map(|f| f.spheres.len()).sum::<usize>();
         let mut spheres = vec![[0.0; 4]; count];
-        let mut volumes = vec![0.0; count];
         let mut body = vec![0_u32; count];
         let mut all = Bonding {
             kept: Vec::with_capacity(count),
@@ -69,19 +68,16 @@ impl Packing {
             coordination_all: 0.0,
         };
         let (mut overlap, mut steps, mut first) = (0.0, 0, 0);
-        for (k, (f, b)) in filled.iter().zip(bodies).enumerate() {
+        for (k, f) in filled.iter().enumerate() {
             let at = |i: u32| f.numbers.get(i as usize).copied().unwrap_or(first + i);
             let share = f.spheres.len() as f64 / count as f64;
-            let kept = || f.bonding.kept.iter().copied();
-            let cube = |i: u32| f.spheres[i as usize][3].powi(3);
-            let unit = b.volume() / kept().map(cube).sum::<f64>();
+            let kept = f.bonding.kept.iter().copied();
             for i in 0..f.spheres.len() as u32 {
                 let place = at(i) as usize;
                 spheres[place] = f.spheres[i as usize];
-                volumes[place] = unit * cube(i);
                 body[place] = k as u32;
             }
-            all.kept.extend(kept().map(at));
+            all.kept.extend(kept.map(at));
             let old = |p: &[u32; 2]| p.map(|i| at(f.bonding.kept[i as usize]));
             all.pairs.extend(f.bonding.pairs.iter().map(old));
             all.tolerance = all.tolerance.max(f.bonding.tolerance);
@@ -100,8 +96,8 @@ impl Packing {
                 .map(|i| Vector3::new(spheres[i][0], spheres[i][1], spheres[i][2]))
                 .collect(),
             radii: kept().map(|i| spheres[i][3]).collect(),
-            volumes: kept().map(|i| volumes[i]).collect(),
             bodies: kept().map(|i| body[i]).collect(),
+            body_volumes: bodies.iter().map(Container::volume).collect(),
             pairs: all.pairs,
             loose,
             volume: container.volume(),

@@ -103,7 +103,7 @@ fn encode(p: &Packing) -> Vec<u8> {
             .iter()
             .flat_map(|x| x.iter())
             .chain(&p.radii)
-            .chain(&p.volumes)
+            .chain(&p.body_volumes)
             .map(|x| x.to_bits()),
     );
     w.extend(p.bodies.iter().map(|&b| u64::from(b)));
@@ -146,8 +146,8 @@ fn decode(bytes: &[u8]) -> Option<Packing> {
     for _ in 0..spheres {
         positions.push(Vector3::new(real()?, real()?, real()?));
     }
-    let mut list = || (0..spheres).map(|_| real()).collect::<Option<Vec<f64>>>();
-    let (radii, volumes) = (list()?, list()?);
+    let mut list = |count: usize| (0..count).map(|_| real()).collect::<Option<Vec<f64>>>();
+    let (radii, body_volumes) = (list(spheres)?, list(bodies)?);
     let mut body = || next.next().and_then(|w| u32::try_from(w).ok());
     let home = (0..spheres).map(|_| body()).collect::<Option<Vec<u32>>>()?;
     let pairs: Vec<[u32; 2]> = next.map(|w| [(w >> 32) as u32, w as u32]).collect();
@@ -179,8 +179,8 @@ fn decode(bytes: &[u8]) -> Option<Packing> {
         positions,
         radii,
         pairs,
-        volumes,
         bodies: home,
+        body_volumes,
         volume: s[0],
         period: None,
         loose: false,

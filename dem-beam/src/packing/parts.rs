@@ -8,6 +8,7 @@
 
 use super::assemble::Packing;
 use super::bonding::{Components, renumber};
+use super::container::Container;
 use crate::error::{DemError, Result};
 use nalgebra::Vector3;
 
@@ -56,9 +57,28 @@ pub struct Cut {
 }
 
 impl Packing {
+    /// Volume each sphere stands for (m^3): that of its body by `r^3`.
+    #[must_use]
+    pub fn volumes(&self) -> Vec<f64> {
+        let mut cubes = vec![0.0; self.body_volumes.len()];
+        let spheres = || self.radii.iter().zip(&self.bodies);
+        for (r, &b) in spheres() {
+            if let Some(c) = cubes.get_mut(b as usize) {
+                *c += r * r * r;
+            }
+        }
+        let volume = |(r, &b): (&f64, &u32)| {
+            let whole = self.body_volumes.get(b as usize).copied().unwrap_or_default();
+            let all = cubes.get(b as usize).copied().unwrap_or(1.0);
+            whole * r * r * r / all
+        };
+        spheres().map(volume).collect()
+    }
+
     /// Connected parts, by the smallest number of their spheres; loose spheres belong to none.
     #[must_use]
     pub fn parts(&self) -> Vec<Part> {
+        let volumes = self.volumes();
         let components = Components::new(self.radii.len(), &self.pairs);
         let mut place = vec![usize::MAX; self.radii.len()];
         let mut out: Vec<Part> = Vec::new();
@@ -73,7 +93,7 @@ impl Packing {
                 });
             }
             out[*at].spheres += 1;
-            out[*at].volume += self.volumes[i as usize];
+            out[*at].volume += volumes[i as usize];
         }
         out
     }
@@ -84,15 +104,16 @@ impl Packing {
         self.radii.len() - self.parts().iter().map(|p| p.spheres).sum::<usize>()
     }
 
-    /// Refuses a packing of several parts, for a test of `what`.
+    /// Refuses a packing of several parts or with loose spheres, for a test of `what`.
     ///
     /// # Errors
     /// [`DemError::SeveralParts`].
     pub fn connected(&self, what: &'static str) -> Result<()> {
         let parts = Components::new(self.radii.len(), &self.pairs).parts();
-        match parts.len() {
-            1 => Ok(()),
-            _ => Err(DemError::SeveralParts { what, parts }),
+        let loose = self.radii.len() - parts.iter().sum::<usize>();
+        match (parts.len(), loose) {
+            (1, 0) => Ok(()),
+            _ => Err(DemError::SeveralParts { what, parts, loose }),
         }
     }
 
@@ -113,8 +134,11 @@ impl Packing {
         let stays = |i: &u32| after.is_part(*i) || !before.is_part(*i);
         let kept: Vec<u32> = (0..count as u32).filter(stays).collect();
         if kept.len() < count {
-            let gone = (0..count as u32).filter(|i| !stays(i));
-            done.volume = gone.map(|i| self.volumes[i as usize]).sum();
+            let volumes = self.volumes();
+            for i in (0..count as u32).filter(|i| !stays(i)).map(|i| i as usize) {
+                self.body_volumes[self.bodies[i] as usize] -= volumes[i];
+                done.volume += volumes[i];
+            }
             done.spheres = count - kept.len();
             self.retain(&kept);
         }
@@ -129,11 +153,33 @@ impl Packing {
     /// Keeps the spheres of these numbers (ascending).
     fn retain(&mut self, kept: &[u32]) {
         renumber(&mut self.pairs, kept, self.radii.len());
-        let pick = |x: &[f64]| kept.iter().map(|&i| x[i as usize]).collect();
         self.positions = kept.iter().map(|&i| self.positions[i as usize]).collect();
-        self.radii = pick(&self.radii);
-        self.volumes = pick(&self.volumes);
+        self.radii = kept.iter().map(|&i| self.radii[i as usize]).collect();
         self.bodies = kept.iter().map(|&i| self.bodies[i as usize]).collect();
         self.report.mean_radius = self.radii.iter().sum::<f64>() / self.radii.len() as f64;
+    }
+}
+
+/// Sizes of parts in words, the first few by number.
+pub(crate) fn sizes(parts: &[usize]) -> String {
+    const NAMED: usize = 6;
+    let named: Vec<String> = parts.iter().take(NAMED).map(ToString::to_string).collect();
+    let more = if parts.len() > NAMED { ", ..." } else { "" };
+    let word = if parts.len() == 1 { "part" } else { "parts" };
+    format!("{} {word} of {}{more} spheres", parts.len(), named.join(", "))
+}
+
+impl DemError {
+    /// The error of the `k`-th of several bodies, from 0; of the only one as it is.
+    pub(crate) fn in_body(self, k: usize, bodies: &[Container]) -> Self {
+        match bodies.len() {
+            1 => self,
+            count => Self::InBody {
+                body: k + 1,
+                bodies: count,
+                volume: bodies[k].volume(),
+                source: Box::new(self),
+            },
+        }
     }
 }
