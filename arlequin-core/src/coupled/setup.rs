@@ -190,6 +190,7 @@ impl<T: Real> Coupled<T> {
                 .resize(self.work.len().max(i.multipliers().len()), T::zero());
         }
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        self.find_bodies();
         Ok(())
     }
 

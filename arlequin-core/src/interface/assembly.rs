@@ -3,7 +3,7 @@
 use super::sums::{Accumulator, NO_CELL, Sums, UNKNOWN, add_products};
 use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
-use crate::geometry::{BoxTree, Cell, HalfSpace, Polyhedron};
+use crate::geometry::{Body, BoxTree, Cell, HalfSpace};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use sprs::{CsMat, TriMat};
@@ -17,7 +17,8 @@ pub enum Sampling {
     Intersection,
     /// Both velocities are interpolated at the mediator nodes first (`Π u̇ − Π ḋ`), the choice of the literature.
     Projection,
-    /// At the integration points of the fine field (particle quadrature).
+    /// At the integration points of a field that has some of its own (particle quadrature): those of the fine one if it
+    /// does, else those of the coarse one.
     Particles,
 }
 
@@ -62,20 +63,23 @@ pub(super) fn assemble<T: Real>(
             refined(spec, sides, &cells, total, components, &mut warnings)?
         }
         Sampling::Particles => {
-            let Some(samples) = sides[1].field.samples() else {
+            let found = [1, 0]
+                .into_iter()
+                .find_map(|m| Some((m, sides[m].field.samples()?)));
+            let Some((m, samples)) = found else {
                 return Err(crate::error::invalid(
                     &format!("interface '{}': sampling", spec.name),
                     "particles",
                     &format!(
-                        "the fine field of '{}' has no integration points of its own; use 'intersection'",
-                        sides[1].name
+                        "neither '{}' nor '{}' has integration points of its own; use 'intersection'",
+                        sides[0].name, sides[1].name
                     ),
                 ));
             };
             let mut sums = Sums::new(spec, sides, components);
             sums.add(samples, UNKNOWN)?;
             let (coupling, covered) = sums.finish(&mut warnings)?;
-            check_coverage(spec, sides, covered, total)?;
+            check_coverage(spec, sides[m].name, covered, total)?;
             (coupling, covered)
         }
     };
@@ -102,13 +106,8 @@ pub(super) fn assemble<T: Real>(
     Ok(built)
 }
 
-fn check_coverage<T: Real>(
-    spec: &InterfaceSpec<T>,
-    sides: &[Side<'_, T>; 2],
-    covered: T,
-    total: T,
-) -> Result<()> {
-    let (interface, model) = (spec.name.clone(), sides[1].name.to_owned());
+fn check_coverage<T: Real>(spec: &InterfaceSpec<T>, model: &str, covered: T, total: T) -> Result<()> {
+    let (interface, model) = (spec.name.clone(), model.to_owned());
     if covered <= T::zero() {
         return Err(Error::EmptyOverlap { interface, model });
     }
@@ -151,10 +150,15 @@ impl<T: Real> CellSet<T> {
             return vec![(NO_CELL, cell.clone())];
         }
         let mut out = Vec::new();
-        self.tree.any(&cell.bounds(), &mut |k| {
-            let piece = match (cell, &self.cells[k]) {
-                (Cell::Polyhedron(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k]),
-                (a, b) => a.intersection(b),
+        let bounds = cell.bounds();
+        let body = match cell {
+            Cell::Polyhedron(p) => Some(Body::new(p)),
+            Cell::Segment { .. } => None,
+        };
+        self.tree.any(&bounds, &mut |k| {
+            let piece = match (&body, &self.cells[k]) {
+                (Some(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k], &bounds),
+                (_, other) => cell.intersection(other),
             };
             out.extend(piece.map(|c| (k, c)));
             false
@@ -163,13 +167,9 @@ impl<T: Real> CellSet<T> {
     }
 }
 
-fn nonempty<T: Real>(p: &Polyhedron<T>, planes: &[HalfSpace<T>]) -> Option<Cell<T>> {
-    let body = p.intersection(planes);
-    if body.faces.is_empty() {
-        return None;
-    }
+fn nonempty<T: Real>(p: &Body<T>, planes: &[HalfSpace<T>], [low, high]: &[Point3<T>; 2]) -> Option<Cell<T>> {
+    let body = p.within(planes)?;
     // Slivers of round-off, from cells that only touch, carry no measure worth a sample.
-    let [low, high] = crate::geometry::bounds_of(p.faces.iter().flatten());
     let size = (high - low).norm();
     (body.volume() > size * size * size * T::epsilon() * T::of(16.0)).then_some(Cell::Polyhedron(body))
 }

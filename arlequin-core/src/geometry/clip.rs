@@ -1,0 +1,238 @@
+//! Clipping of convex bodies that stays closed whatever the round-off.
+//!
+//! Corners are stored once and each is classified once per plane, as inside, on the plane or outside; what every face keeps
+//! follows from that classification alone. The cap is bounded by the edges in the plane that only one kept face has. So a
+//! face that nearly lies in the plane is either kept, or replaced by the cap, or shares its area with it: it is never
+//! counted twice, and the parts on the two sides of a plane add up to the whole.
+
+use super::{HalfSpace, Polyhedron};
+use crate::Real;
+use nalgebra::{Point3, Vector3};
+
+/// Round-off of the evaluation of a plane at a point, in units of epsilon times the size of its terms.
+const PLANE: f64 = 8.0;
+/// Distance below which two corners are one, in units of epsilon times the largest coordinate.
+const WELD: f64 = 32.0;
+
+/// Where a corner lies with respect to a plane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Inside,
+    On,
+    Outside,
+}
+
+/// A convex body whose faces share their corners.
+#[derive(Debug, Clone)]
+pub(crate) struct Body<T: Real> {
+    points: Vec<Point3<T>>,
+    faces: Vec<Vec<u32>>,
+    /// Largest coordinate \[m\].
+    reach: T,
+}
+
+impl<T: Real> Body<T> {
+    /// Welds the corners of a polyhedron's faces.
+    pub(crate) fn new(of: &Polyhedron<T>) -> Self {
+        let all = || of.faces.iter().flatten();
+        let reach = all().fold(T::zero(), |m, p| m.max(p.coords.amax()));
+        let mut out = Self {
+            points: Vec::with_capacity(2 * of.faces.len()),
+            faces: Vec::with_capacity(of.faces.len()),
+            reach,
+        };
+        for face in &of.faces {
+            let mut corners = Vec::with_capacity(face.len());
+            for p in face {
+                let found = (0..out.points.len()).find(|k| out.same(&out.points[*k], p));
+                let k = found.unwrap_or_else(|| {
+                    out.points.push(*p);
+                    out.points.len() - 1
+                });
+                push(&mut corners, k as u32);
+            }
+            out.keep(corners);
+        }
+        out
+    }
+
+    fn same(&self, a: &Point3<T>, b: &Point3<T>) -> bool {
+        (a - b).amax() <= self.reach * T::epsilon() * T::of(WELD)
+    }
+
+    /// Adds a face unless it has shrunk to an edge.
+    fn keep(&mut self, mut corners: Vec<u32>) {
+        while corners.len() > 1 && corners.first() == corners.last() {
+            corners.pop();
+        }
+        if corners.len() >= 3 {
+            self.faces.push(corners);
+        }
+    }
+
+    fn side(&self, plane: &HalfSpace<T>, x: &Point3<T>) -> (Side, T) {
+        let terms = plane.normal.amax() * self.reach + plane.offset.abs();
+        let bound = terms * T::epsilon() * T::of(PLANE);
+        let excess = plane.excess(x);
+        let side = if excess > bound {
+            Side::Outside
+        } else if excess < -bound {
+            Side::Inside
+        } else {
+            Side::On
+        };
+        (side, excess)
+    }
+
+    /// The part within all half-spaces; none if nothing of positive volume is left.
+    pub(crate) fn within(&self, planes: &[HalfSpace<T>]) -> Option<Polyhedron<T>> {
+        // Most pairs of cells whose boxes meet are parted by one face.
+        let parted = |plane: &HalfSpace<T>| {
+            let inside = |x: &Point3<T>| self.side(plane, x).0 == Side::Inside;
+            !self.points.iter().any(inside)
+        };
+        if planes.iter().any(parted) {
+            return None;
+        }
+        let mut body = self.clone();
+        for plane in planes {
+            if !body.clip(plane) {
+                return None;
+            }
+        }
+        Some(body.polyhedron())
+    }
+
+    /// Cuts off what lies beyond a plane; `false` if nothing is left.
+    fn clip(&mut self, plane: &HalfSpace<T>) -> bool {
+        let mut sides: Vec<(Side, T)> = self.points.iter().map(|x| self.side(plane, x)).collect();
+        let used = |s: Side| {
+            let mut corners = self.faces.iter().flatten();
+            corners.any(|k| sides[*k as usize].0 == s)
+        };
+        let (inside, outside) = (used(Side::Inside), used(Side::Outside));
+        if !inside || !outside {
+            return inside;
+        }
+        let mut cuts: Vec<([u32; 2], u32)> = Vec::new();
+        let mut rim: Vec<[u32; 2]> = Vec::new();
+        for face in std::mem::take(&mut self.faces) {
+            let mut piece = Vec::with_capacity(face.len() + 1);
+            for (k, &a) in face.iter().enumerate() {
+                let b = face[(k + 1) % face.len()];
+                let [(sa, _), (sb, _)] = [a, b].map(|c| sides[c as usize]);
+                if sa != Side::Outside {
+                    push(&mut piece, a);
+                }
+                if matches!(
+                    (sa, sb),
+                    (Side::Inside, Side::Outside) | (Side::Outside, Side::Inside)
+                ) {
+                    let edge = if sa == Side::Inside { [a, b] } else { [b, a] };
+                    let cut = self.cut(edge, &mut sides, &mut cuts);
+                    push(&mut piece, cut);
+                }
+            }
+            let before = self.faces.len();
+            self.keep(piece);
+            if let Some(kept) = self.faces[before..].first() {
+                for (k, &a) in kept.iter().enumerate() {
+                    let edge = [a, kept[(k + 1) % kept.len()]];
+                    if edge.iter().all(|c| sides[*c as usize].0 == Side::On) {
+                        toggle(&mut rim, edge);
+                    }
+                }
+            }
+        }
+        self.cap(rim, &plane.normal);
+        self.faces.len() >= 4
+    }
+
+    /// The corner at which an edge, from its inner to its outer end, meets the plane: one for both faces of the edge.
+    fn cut(&mut self, edge: [u32; 2], sides: &mut Vec<(Side, T)>, cuts: &mut Vec<([u32; 2], u32)>) -> u32 {
+        if let Some((_, k)) = cuts.iter().find(|(e, _)| *e == edge) {
+            return *k;
+        }
+        let [(p, ep), (q, eq)] = edge.map(|c| (self.points[c as usize], sides[c as usize].1));
+        let x = p + (q - p) * (ep / (ep - eq));
+        let on = |k: &usize| sides[*k].0 == Side::On && self.same(&self.points[*k], &x);
+        let k = (0..self.points.len()).find(on).unwrap_or_else(|| {
+            self.points.push(x);
+            sides.push((Side::On, T::zero()));
+            self.points.len() - 1
+        }) as u32;
+        cuts.push((edge, k));
+        k
+    }
+
+    /// Closes the body with the loops that its free edges form.
+    fn cap(&mut self, mut rim: Vec<[u32; 2]>, normal: &Vector3<T>) {
+        while let Some([first, mut last]) = rim.pop() {
+            let mut corners = vec![first, last];
+            while last != first {
+                let Some(k) = rim.iter().position(|e| e.contains(&last)) else {
+                    break;
+                };
+                let [a, b] = rim.swap_remove(k);
+                last = if a == last { b } else { a };
+                if last != first {
+                    corners.push(last);
+                }
+            }
+            if last != first {
+                // The faces given did not share their corners: the cap of a convex body is convex.
+                corners.extend(rim.drain(..).flatten());
+                corners = self.around(corners, normal);
+            }
+            self.keep(corners);
+        }
+    }
+
+    /// Corners of a plane section in the order of their angles about its centre.
+    fn around(&self, mut corners: Vec<u32>, normal: &Vector3<T>) -> Vec<u32> {
+        corners.sort_unstable();
+        corners.dedup();
+        let at = |k: &u32| self.points[*k as usize];
+        let sum = corners.iter().fold(Vector3::zeros(), |s, k| s + at(k).coords);
+        let centre = Point3::from(sum / T::of(corners.len() as f64));
+        let n = normal.normalize();
+        let e = if n.x.abs() < T::of(0.7) {
+            Vector3::x()
+        } else {
+            Vector3::y()
+        };
+        let u = n.cross(&e).normalize();
+        let v = n.cross(&u);
+        let angle = |k: &u32| {
+            let d = at(k) - centre;
+            d.dot(&v).atan2(d.dot(&u)).as_f64()
+        };
+        corners.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
+        corners
+    }
+
+    fn polyhedron(&self) -> Polyhedron<T> {
+        let face = |f: &Vec<u32>| f.iter().map(|k| self.points[*k as usize]).collect();
+        Polyhedron {
+            faces: self.faces.iter().map(face).collect(),
+        }
+    }
+}
+
+/// Appends a corner unless it is the last one already.
+fn push(corners: &mut Vec<u32>, k: u32) {
+    if corners.last() != Some(&k) {
+        corners.push(k);
+    }
+}
+
+/// Adds an edge, or removes it if it is there: what remains belongs to one face only.
+fn toggle(rim: &mut Vec<[u32; 2]>, edge: [u32; 2]) {
+    let [a, b] = edge;
+    match rim.iter().position(|e| *e == [a, b] || *e == [b, a]) {
+        Some(k) => {
+            rim.swap_remove(k);
+        }
+        None => rim.push(edge),
+    }
+}

@@ -1,0 +1,208 @@
+//! Integration cells: segments with a cross-section and convex polyhedra, their intersections and quadrature.
+//!
+//! Everything here works in the reference configuration and only at set-up.
+
+mod clip;
+mod polyhedron;
+mod quadrature;
+
+use crate::Real;
+use nalgebra::{Point3, Vector3};
+use quadrature::{gauss_line, tetrahedron_quadrature};
+
+pub use crate::tree::BoxTree;
+pub(crate) use clip::Body;
+pub use polyhedron::{HalfSpace, Polyhedron};
+pub use quadrature::tetrahedron_volume;
+
+/// A sampling point of an integral: position \[m\] and measure \[m³\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample<T: Real> {
+    /// Position \[m\].
+    pub point: Point3<T>,
+    /// Measure attached to it \[m³\].
+    pub measure: T,
+}
+
+/// A piece of a domain on which shape functions are smooth.
+#[derive(Debug, Clone)]
+pub enum Cell<T: Real> {
+    /// A straight line with a constant cross-section.
+    Segment {
+        /// End points \[m\].
+        ends: [Point3<T>; 2],
+        /// Cross-section \[m²\].
+        section: T,
+    },
+    /// A convex body with planar faces.
+    Polyhedron(Polyhedron<T>),
+}
+
+impl<T: Real> Cell<T> {
+    /// Measure \[m³\]: volume, or length times section.
+    pub fn measure(&self) -> T {
+        match self {
+            Self::Segment { ends, section } => (ends[1] - ends[0]).norm() * *section,
+            Self::Polyhedron(p) => p.volume(),
+        }
+    }
+
+    /// Corners of the axis-aligned bounding box.
+    pub fn bounds(&self) -> [Point3<T>; 2] {
+        match self {
+            Self::Segment { ends, .. } => bounds_of(ends.iter()),
+            Self::Polyhedron(p) => bounds_of(p.faces.iter().flatten()),
+        }
+    }
+
+    /// The common part of two cells of the same kind; `None` where it is empty or of lower dimension.
+    /// Two segments intersect only along a common line.
+    pub fn intersection(&self, other: &Self) -> Option<Self> {
+        match (self, other) {
+            (
+                Self::Segment { ends, section },
+                Self::Segment {
+                    ends: e2,
+                    section: s2,
+                },
+            ) => {
+                let length = (ends[1] - ends[0]).norm();
+                let axis = (ends[1] - ends[0]) / length;
+                let tolerance = length * T::epsilon() * T::of(64.0);
+                let at = |p: &Point3<T>| axis.dot(&(p - ends[0]));
+                let off = |p: &Point3<T>| (p - ends[0] - axis * at(p)).norm() > length * T::epsilon().sqrt();
+                if e2.iter().any(off) {
+                    return None;
+                }
+                let (a, b) = (at(&e2[0]).min(at(&e2[1])), at(&e2[0]).max(at(&e2[1])));
+                let (a, b) = (a.max(T::zero()), b.min(length));
+                (b - a > tolerance).then(|| Self::Segment {
+                    ends: [ends[0] + axis * a, ends[0] + axis * b],
+                    section: section.min(*s2),
+                })
+            }
+            (Self::Polyhedron(p), Self::Polyhedron(q)) => {
+                let body = p.intersection(&q.half_spaces());
+                let size = p.volume().min(q.volume());
+                (!body.faces.is_empty() && body.volume() > size * T::epsilon() * T::of(16.0))
+                    .then_some(Self::Polyhedron(body))
+            }
+            _ => None,
+        }
+    }
+
+    /// The part on the inner side of a plane.
+    pub fn clip(&self, plane: &HalfSpace<T>) -> Option<Self> {
+        match self {
+            Self::Segment { ends, section } => {
+                let (ea, eb) = (plane.excess(&ends[0]), plane.excess(&ends[1]));
+                if ea >= T::zero() && eb >= T::zero() {
+                    return None;
+                }
+                if ea <= T::zero() && eb <= T::zero() {
+                    return Some(self.clone());
+                }
+                let x = ends[0] + (ends[1] - ends[0]) * (ea / (ea - eb));
+                let ends = if ea < T::zero() {
+                    [ends[0], x]
+                } else {
+                    [x, ends[1]]
+                };
+                Some(Self::Segment {
+                    ends,
+                    section: *section,
+                })
+            }
+            Self::Polyhedron(p) => {
+                let body = p.clip(plane);
+                (!body.faces.is_empty()).then_some(Self::Polyhedron(body))
+            }
+        }
+    }
+
+    /// Appends quadrature samples that integrate polynomials up to `degree` (at most 5) exactly.
+    pub fn quadrature(&self, degree: usize, out: &mut Vec<Sample<T>>) {
+        match self {
+            Self::Segment { ends, section } => {
+                let length = (ends[1] - ends[0]).norm() * *section;
+                for (s, w) in gauss_line(degree) {
+                    let point = ends[0] + (ends[1] - ends[0]) * T::of(s);
+                    out.push(Sample {
+                        point,
+                        measure: length * T::of(w),
+                    });
+                }
+            }
+            Self::Polyhedron(p) => {
+                if degree > 2 || !p.quadratic_rule(out) {
+                    p.for_each_tetrahedron(|t| tetrahedron_quadrature(&t, degree, out));
+                }
+            }
+        }
+    }
+
+    /// All corners, with repetitions.
+    pub fn corners(&self) -> Vec<Point3<T>> {
+        match self {
+            Self::Segment { ends, .. } => ends.to_vec(),
+            Self::Polyhedron(p) => p.faces.iter().flatten().copied().collect(),
+        }
+    }
+}
+
+/// Bounding box of points.
+pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [Point3<T>; 2] {
+    let big = T::of(f64::from(f32::MAX));
+    let mut b = [Point3::new(big, big, big), Point3::new(-big, -big, -big)];
+    for p in points {
+        b[0] = b[0].inf(p);
+        b[1] = b[1].sup(p);
+    }
+    b
+}
+
+/// Mean of a function over a cell, by quadrature on `8^levels` parts; exact for quintics at any level.
+pub fn mean<T: Real>(cell: &Cell<T>, levels: usize, f: &dyn Fn(&Point3<T>) -> T) -> T {
+    let mut parts = vec![cell.clone()];
+    for _ in 0..levels {
+        parts = parts.iter().flat_map(halves).collect();
+    }
+    let mut samples = Vec::new();
+    for p in &parts {
+        p.quadrature(5, &mut samples);
+    }
+    let total: T = samples.iter().map(|s| s.measure).sum();
+    samples.iter().map(|s| f(&s.point) * s.measure).sum::<T>() / total
+}
+
+/// The cell cut through its centre across its three box directions (8 parts), a segment in two.
+fn halves<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
+    if let Cell::Segment {
+        ends: [a, b],
+        section,
+    } = cell
+    {
+        let mid = nalgebra::center(a, b);
+        return [[*a, mid], [mid, *b]]
+            .map(|ends| Cell::Segment {
+                ends,
+                section: *section,
+            })
+            .into();
+    }
+    let [low, high] = cell.bounds();
+    let mid = nalgebra::center(&low, &high);
+    let mut parts = vec![cell.clone()];
+    for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+        let plane = HalfSpace::new(&mid, axis);
+        parts = parts
+            .iter()
+            .flat_map(|c| [c.clip(&plane), c.clip(&plane.flipped())])
+            .flatten()
+            .collect();
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests;
