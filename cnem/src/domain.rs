@@ -6,6 +6,7 @@ mod search;
 
 use crate::circumcentre::{circumcentre, six_volumes};
 use crate::constraint::{FaceMesh, Recovery, Surface, recover};
+use crate::crack::Copies;
 use crate::delaunay::Delaunay;
 use crate::error::{Error, Result};
 pub use checks::Neighbours;
@@ -47,6 +48,7 @@ pub struct Domain {
     /// Constrained face at `tetrahedron << 2 | slot`.
     pub(crate) face_at: HashMap<u32, u32>,
     pub(crate) tolerance: f64,
+    pub(crate) copies: Copies,
     starts: Starts,
     recovery: Recovery,
     volume: f64,
@@ -92,6 +94,7 @@ impl Domain {
             mesh,
             face_at: HashMap::new(),
             tolerance: ON_BOUNDARY * largest_coordinate(points),
+            copies: Copies::default(),
             starts: Starts::default(),
             recovery,
             volume: 0.0,
@@ -103,11 +106,13 @@ impl Domain {
         domain.flood(surface.boundary_faces().len())?;
         domain.level()?;
         domain.check_nodes()?;
+        domain.open_cracks();
         domain.measure();
         Ok(domain)
     }
 
-    /// All nodes, those inserted on constrained faces at the end.
+    /// All nodes: the given ones, those inserted on constrained faces (see [`Domain::recovery`]), and the copies for the
+    /// second lips of cracks (see [`Domain::copies`]).
     pub fn nodes(&self) -> &[Point3<f64>] {
         &self.delaunay.points
     }
@@ -133,12 +138,15 @@ impl Domain {
         inside.map(|t| t.0.v.map(|v| v as usize))
     }
 
-    /// Constrained faces after recovery: nodes, whether it is a crack face, and the input face it comes from.
+    /// Constrained faces after recovery: nodes, whether it is a crack face, and the input face it comes from. Of a crack
+    /// face the nodes of one lip are given, of a boundary face those on the inside; see also [`Domain::lips`].
     pub fn constrained_faces(&self) -> impl Iterator<Item = ([usize; 3], bool, usize)> + '_ {
-        self.mesh
-            .faces
-            .iter()
-            .map(|f| (f.v.map(|v| v as usize), f.crack, f.origin as usize))
+        self.mesh.faces.iter().enumerate().map(|(i, f)| {
+            let inside = |side: &usize| self.inside[(self.copies.sides[i][*side] >> 2) as usize];
+            let side = [0, 1].into_iter().find(inside).unwrap_or(0);
+            let v = self.face_on_side(i as u32, side).map(|v| v as usize);
+            (v, f.crack, f.origin as usize)
+        })
     }
 
     /// Distance from the domain up to which a point counts as being on the boundary (m).

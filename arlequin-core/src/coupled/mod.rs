@@ -281,15 +281,23 @@ impl<T: Real> Coupled<T> {
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
     }
 
+    /// The error for a quantity that is no longer finite: of the first model with such a state, or with such an energy.
+    fn diverged(&self, what: &'static str) -> Error {
+        let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy;
+        let all = || self.subdomains.iter();
+        let found = all().find(|s| !s.is_finite());
+        let found = found.or_else(|| all().find(|s| !energy(s).is_finite()));
+        Error::Diverged {
+            step: self.step,
+            time: self.time.as_f64(),
+            what,
+            model: found.map_or_else(String::new, |s| s.model().name().to_owned()),
+        }
+    }
+
     fn draw(&mut self, invariant: T) -> Result<EnergySample<T>> {
-        if let Some(s) = self.subdomains.iter().find(|s| !s.is_finite()) {
-            let model = s.model().name().to_owned();
-            return Err(Error::Diverged {
-                step: self.step,
-                time: self.time.as_f64(),
-                what: "velocity",
-                model,
-            });
+        if self.subdomains.iter().any(|s| !s.is_finite()) {
+            return Err(self.diverged("velocity"));
         }
         let mut residual = T::zero();
         let speed = |s: &Subdomain<T>| {
@@ -328,8 +336,9 @@ impl<T: Real> Coupled<T> {
         self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
         self.ledger.top_residual = self.ledger.top_residual.max(residual);
         let mut momentum_drift = [T::zero(); 2];
+        let rate = T::of(self.step as f64) / self.dt;
         for b in &mut self.ledger.bodies {
-            let one = b.draw(&self.subdomains);
+            let one = b.draw(&self.subdomains, rate);
             (0..2).for_each(|k| momentum_drift[k] = momentum_drift[k].max(one[k]));
         }
         let sample = EnergySample {
@@ -344,10 +353,13 @@ impl<T: Real> Coupled<T> {
             momentum_drift,
             constraint_residual: residual,
         };
+        if !drift.is_finite() {
+            return Err(self.diverged("energy"));
+        }
         // Growth is measured against what was put in, not against the (growing) energy itself.
         let reference = start.abs().max(volume);
         let bound = self.guard.growth * reference;
-        if !drift.is_finite() || (reference > T::zero() && drift > bound) {
+        if reference > T::zero() && drift > bound {
             return Err(Error::EnergyGrowth {
                 step: self.step,
                 time: self.time.as_f64(),

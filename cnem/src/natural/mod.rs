@@ -191,7 +191,7 @@ impl Domain {
                 set(&mut s.row, b, t, slopes);
             }
             Place::Patch(face) => {
-                s.counters.linear += usize::from(!self.on_patch(kind, x, face, &mut s.planar));
+                s.counters.linear += usize::from(!self.on_patch(kind, x, face, tet, &mut s.planar));
                 for (&v, &w) in s.planar.nodes.iter().zip(&s.planar.weights) {
                     set(&mut s.row, v, w, slopes);
                 }
@@ -248,7 +248,7 @@ impl Domain {
     fn on_edges(&self, v: [u32; 4], x: &Point3<f64>) -> Option<Place> {
         for i in 0..4 {
             for j in 0..i {
-                let edge = key(v[i], v[j]);
+                let edge = key(self.copies.original(v[i]), self.copies.original(v[j]));
                 let Some(faces) = self.mesh.edges.get(&edge) else {
                     continue;
                 };
@@ -261,7 +261,8 @@ impl Domain {
                 }
                 return Some(match (self.mesh.flat_pair(self.nodes(), edge), faces.first()) {
                     (Some(_), Some(&face)) => Place::Patch(face),
-                    _ => Place::Edge(edge.0, edge.1),
+                    _ if edge.0 == self.copies.original(v[i]) => Place::Edge(v[i], v[j]),
+                    _ => Place::Edge(v[j], v[i]),
                 });
             }
         }

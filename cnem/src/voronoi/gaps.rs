@@ -128,6 +128,11 @@ impl Regions {
             for &t in &region.tets {
                 region.nodes.extend(domain.delaunay.tets[t as usize].v);
             }
+            // Which copy of a node gets its part is a matter of the tetrahedron.
+            for i in 0..region.nodes.len() {
+                let original = domain.copies.original(region.nodes[i]);
+                region.nodes.extend(domain.copies.of(original));
+            }
             region.nodes.sort_unstable();
             region.nodes.dedup();
             for &v in &region.nodes {
