@@ -20,6 +20,8 @@ pub(crate) struct Grains {
     pub(crate) effects: BTreeMap<usize, Box<dyn effect::Effect<f64>>>,
     /// What broke, if bonds can.
     pub(crate) breaks: Option<SharedLog>,
+    /// Whether the scene gives its bonds a strength, fracture on or off.
+    pub(crate) brittle: bool,
     /// What contact with other models needs.
     pub(crate) body: ContactBody,
     /// How the packing came out.
@@ -35,8 +37,10 @@ impl Grains {
         packing: PackingLine,
     ) -> Result<(DemModel, Self)> {
         let mut breaks = None;
+        let mut brittle = false;
         for (k, e) in effects {
             let Some(f) = &e.fracture else { continue };
+            brittle = true;
             let path = format!("effect[{k}].fracture");
             let spec = fracture(&path, f)?;
             if !e.enabled {
@@ -71,6 +75,7 @@ impl Grains {
             Self {
                 effects: made,
                 breaks,
+                brittle,
                 body,
                 packing,
             },
