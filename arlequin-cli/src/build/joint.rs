@@ -89,9 +89,7 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
     let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
     let absorber = match table.absorber.as_ref().or(standard) {
-        Some(a) if a.rate != Some(0.0) => {
-            Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?)
-        }
+        Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
         _ => None,
     };
     let junction = junction(&path, table, mediator.spacing())?;
