@@ -136,21 +136,30 @@ fn check_5_the_scheme_filters_nothing_and_the_absorber_does() {
 
 #[test]
 fn check_6_patch_test_is_exact_where_it_can_be() {
-    let with = |profile| {
-        waves::patch(&Line {
+    let both = |profile| {
+        waves::patch_defects(&Line {
             profile,
             ..waves::patch_line()
         })
         .unwrap()
     };
+    let with = |profile| both(profile).displacement;
     let linear = with(Profile::Linear);
     assert!(linear <= 1e-11, "linear weight {linear:e}");
+    let strain = both(Profile::Linear).strain;
+    assert!(strain <= 1e-10, "strain, linear weight {strain:e}");
     let stations: Vec<f64> = (0..=4).map(|k| f64::from(k) / 4.0).collect();
     let compatible = with(Profile::mediator_compatible(&stations).unwrap());
     assert!(compatible <= 1e-11, "mediator-compatible weight {compatible:e}");
     // The plain cubic is not in the mediator space: finite, known, small.
     let cubic = with(Profile::Cubic);
     assert!(cubic > 1e-6 && cubic < 5e-3, "cubic weight {cubic:e}");
+    // In strain the same state is off by far more than in displacement.
+    let strain = both(Profile::Cubic).strain;
+    assert!(
+        strain > 10.0 * cubic && strain < 0.2,
+        "strain, cubic weight {strain:e}"
+    );
 }
 
 #[test]
@@ -175,6 +184,18 @@ fn check_7_reflection_below_the_cutoff() {
             assert!((power - 1.0).abs() < 1e-8, "power balance at {}", s.wavelength);
         }
         assert!((six[0].wavelength - 42.0).abs() < 1e-5);
+        println!("{overlap} strain {:?} {:?}", six[3].strain, six[5].strain);
+        for p in [
+            Profile::Linear,
+            Profile::mediator_compatible(&[0.0, 0.25, 0.5, 0.75, 1.0]).unwrap(),
+        ] {
+            let l = Line {
+                profile: p.clone(),
+                ..line.clone()
+            };
+            let s = waves::scattering(&l, &[12.0, 40.0]).unwrap();
+            println!("{p:?} strain {:?} {:?}", s[0].strain, s[1].strain);
+        }
         let r = six.iter().fold(0.0, |m: f64, s| m.max(s.reflection));
         assert!(
             (r / sampled - 1.0).abs() <= 0.01,
