@@ -91,6 +91,7 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
         mediators,
         steps,
         frame_every,
+        warnings,
         ..
     } = built;
     // Nothing is written: the folder is only a name.
@@ -111,7 +112,7 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
         output_bytes: count * frames.bytes_per_frame(),
         memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
         setup_seconds,
-        warnings: summary::warnings(&run),
+        warnings,
         asleep: None,
         stepping_seconds: trial(&mut run, steps),
     }

@@ -7,7 +7,7 @@
 
 use crate::check::Plan;
 use crate::effects::Comparison;
-use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, Summary, WakeReport};
+use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, MomentumLine, Summary, WakeReport};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::Path;
@@ -66,6 +66,11 @@ pub(crate) fn error(text: &str) {
     eprint!("{text}");
 }
 
+/// Shows a warning beside the results: while steps are made, before they end.
+pub(crate) fn warning(text: &str) {
+    eprintln!("warning    {text}");
+}
+
 /// Prints a line.
 pub(crate) fn line(text: &str) {
     println!("{text}");
@@ -101,6 +106,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     for (name, work) in &s.energy.ledger {
         println!("work       {name:<24} {work:>14.6e} J");
     }
+    momentum(&s.momentum);
     effects(&s.effect_ledger);
     for (name, p) in &s.probes {
         let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
@@ -261,6 +267,28 @@ fn effects(all: &[EffectReport]) {
         );
         if let (Some(n), Some(of)) = (e.facts.get("broken bonds"), e.facts.get("bonds")) {
             println!("           {n} of {of} bonds broke");
+        }
+    }
+}
+
+fn momentum(all: &[MomentumLine]) {
+    let size = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    for m in all {
+        let name = m.models.join(" + ");
+        let (p, l) = (size(&m.linear), size(&m.angular));
+        let change = |d: Option<f64>| d.map_or_else(String::new, |d| format!(", changed by {d:.1e}"));
+        println!(
+            "momentum   {name:<24} {p:>14.6e} kg m/s{}; angular {l:.6e} kg m²/s{}",
+            change(m.linear_drift),
+            change(m.angular_drift)
+        );
+        if let Some(why) = &m.because {
+            let not = if m.keeps == "linear" {
+                "the angular one"
+            } else {
+                "either"
+            };
+            println!("           no claim about {not}: {why}");
         }
     }
 }

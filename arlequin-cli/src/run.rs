@@ -1,19 +1,18 @@
 //! `arlequin run` and `arlequin resume`.
 
 use crate::Input;
-use crate::build::{self, Built, Strangers};
+use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
-use crate::error::{Error, Result, write};
-use crate::output::plots::{self, Curve, Plot};
+use crate::error::{Error, Result};
 use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
-use crate::output::{Folder, Frames, check_free, csv};
-use crate::recorder::{self, ENERGY_COLUMNS, PhaseClock, Recorder};
+use crate::output::{Folder, Frames, Place, put, tables};
+use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
-use crate::scene::{Precision, Quantity};
+use crate::scene::Precision;
 use crate::spectrum;
 use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
-use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
+use arlequin::dem_beam::fracture::SharedLog;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -27,23 +26,30 @@ const INTERRUPTED: u8 = 130;
 pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<ExitCode> {
     let begin = Instant::now();
     let target = out.map_or_else(|| default_folder(input), Path::to_owned);
-    check_free(&target, force)?;
+    let place = Place::new(&target, force, &inputs(input)?);
+    place.check()?;
     if let Some(asleep) = &input.scene.wake {
-        return wake::run(input, asleep, &target, force);
+        return wake::run(input, asleep, place);
     }
     let origin = Origin::of(input.source, input.set)?;
     let built = build::build(&input.scene, input.source.folder())?;
     // Made only now: Ctrl-C during the set-up leaves nothing behind.
     let stop = watch_interrupt()?;
-    let lasting = input.scene.output.checkpoint_every.is_some();
-    let start = |lasting| Folder::begin(&target, force, lasting);
     match input.scene.time.precision {
-        Precision::Double => Session::new(input, built, start(lasting)?, origin)?.whole(begin, &stop),
+        Precision::Double => Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop),
         Precision::Single => {
             let built = built.narrowed()?;
-            Session::new(input, built, start(lasting)?, origin)?.whole(begin, &stop)
+            Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop)
         }
     }
+}
+
+/// Files a run reads.
+fn inputs(input: &Input<'_>) -> Result<Vec<PathBuf>> {
+    let folder = input.source.folder();
+    let named = input.source.files(input.set)?;
+    let named = named.iter().map(|f| folder.join(f));
+    Ok(std::iter::once(input.source.path.clone()).chain(named).collect())
 }
 
 /// Goes on with the run of a folder from its last checkpoint.
@@ -105,12 +111,21 @@ pub(crate) enum End {
     Woken,
 }
 
-impl End {
-    fn status(self) -> &'static str {
+/// How a run ended.
+enum Status {
+    /// By plan or by its user.
+    Ended(End),
+    /// By an error, in words.
+    Failed(String),
+}
+
+impl Status {
+    fn name(&self) -> &'static str {
         match self {
-            Self::Complete => "complete",
-            Self::Interrupted => "interrupted",
-            Self::Woken => "woken",
+            Self::Ended(End::Complete) => "complete",
+            Self::Ended(End::Interrupted) => "interrupted",
+            Self::Ended(End::Woken) => "woken",
+            Self::Failed(_) => "failed",
         }
     }
 }
@@ -130,6 +145,7 @@ pub(crate) struct Session<'a, T: Real> {
     pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
     strangers: Strangers,
+    bounds: Bounds,
 }
 
 impl<'a, T: Real> Session<'a, T> {
@@ -146,6 +162,7 @@ impl<'a, T: Real> Session<'a, T> {
                 frames,
                 settings.probe_every,
                 built.frame_every,
+                built.warnings,
             )?,
             input,
             run: built.run,
@@ -158,7 +175,15 @@ impl<'a, T: Real> Session<'a, T> {
             stage: None,
             breaks,
             strangers: built.strangers,
+            bounds: built.bounds,
         })
+    }
+
+    /// Says a warning the moment it is known, once, and keeps it for the summary.
+    pub(crate) fn warn(&mut self, text: String) {
+        if self.recorder.warn(text.clone()) && !self.input.json {
+            report::warning(&text);
+        }
     }
 
     /// Ends the set-up that began then.
@@ -197,17 +222,23 @@ impl<'a, T: Real> Session<'a, T> {
 
     /// Makes the steps that are left and writes the results.
     fn complete(mut self, stop: &AtomicBool) -> Result<ExitCode> {
-        let end = self.advance(stop, &mut |_, _| false)?;
-        if end == End::Interrupted {
-            self.save()?;
-        }
+        let end = self.advance(stop, &mut |_, _| false);
         self.conclude(end, None)
     }
 
-    /// Writes the results of the steps made and ends the folder.
-    pub(crate) fn conclude(mut self, end: End, wake: Option<WakeReport>) -> Result<ExitCode> {
-        let (summary, text) = self.write_results(end, wake)?;
-        let place = self.folder.finish()?;
+    /// Writes the results of the steps made, however they ended, and ends the folder.
+    pub(crate) fn conclude(mut self, end: Result<End>, wake: Option<WakeReport>) -> Result<ExitCode> {
+        let written = end.and_then(|end| {
+            if end == End::Interrupted {
+                self.save()?;
+            }
+            Ok((end, self.write_results(end, wake.clone())?))
+        });
+        let (end, (summary, text)) = match written {
+            Ok(done) => done,
+            Err(e) => return Err(self.salvage(e, wake)),
+        };
+        let place = self.folder.finish(false)?;
         if end == End::Complete {
             // Only now: killed in between, the run would have neither results nor a checkpoint.
             checkpoint::remove(&place)?;
@@ -226,43 +257,100 @@ impl<'a, T: Real> Session<'a, T> {
 
     /// Writes the results of the steps made and moves them into a folder inside; the folder is free for another run.
     pub(crate) fn put_aside(mut self, name: &str) -> Result<Folder> {
-        self.write_results(End::Woken, None)?;
-        self.folder.put_aside(name)?;
-        Ok(self.folder)
+        if let Err(e) = self.write_results(End::Woken, None) {
+            return Err(self.salvage(e, None));
+        }
+        match self.folder.put_aside(name) {
+            Ok(()) => Ok(self.folder),
+            Err(e) => Err(self.folder.keep(e)),
+        }
+    }
+
+    /// Keeps what a run computed before it failed: every file that can still be written. A run that made no step has
+    /// nothing.
+    fn salvage(mut self, error: Error, wake: Option<WakeReport>) -> Error {
+        if self.run.steps() == 0 {
+            return error;
+        }
+        self.clock.enter(None);
+        let path = self.folder.path().to_owned();
+        let mut tries = vec![
+            tables::write(&path, &self.recorder),
+            tables::breaks(&path, &self.run, &self.breaks),
+            self.recorder.frames.finish(&path.join("results.pvd")),
+        ];
+        if self.input.scene.output.plots {
+            let plots = self.folder.subfolder("plots");
+            tries.push(plots.and_then(|p| tables::draw(&p, &self.recorder, title(self.input))));
+        }
+        let mut summary = self.summary(Status::Failed(error.to_string()), 0.0);
+        summary.wake = wake;
+        tries.push(self.write_summary(&summary).map(|_| ()));
+        let lost: Vec<String> = tries
+            .into_iter()
+            .filter_map(|t| Some(t.err()?.to_string()))
+            .collect();
+        let mut what = format!("the {} steps before are kept", self.run.steps());
+        if !lost.is_empty() {
+            what += &format!(", but for what failed too ({})", lost.join("; "));
+        }
+        match self.folder.finish(true) {
+            Ok(place) => error.kept(what, &place),
+            Err(e) => Error::Kept {
+                source: Box::new(error),
+                what: format!("{what}; {e};"),
+                place: path,
+            },
+        }
     }
 
     fn write_results(&mut self, end: End, wake: Option<WakeReport>) -> Result<(Summary, String)> {
         let after = Instant::now();
         self.recorder.finish(&self.run)?;
-        write_tables(self.folder.path(), &self.recorder)?;
-        write_breaks(self.folder.path(), &self.run, &self.breaks)?;
+        tables::write(self.folder.path(), &self.recorder)?;
+        tables::breaks(self.folder.path(), &self.run, &self.breaks)?;
         self.recorder
             .frames
             .finish(&self.folder.path().join("results.pvd"))?;
         if self.input.scene.output.plots {
-            draw_plots(&self.folder, &self.recorder, title(self.input))?;
+            tables::draw(
+                &self.folder.subfolder("plots")?,
+                &self.recorder,
+                title(self.input),
+            )?;
         }
-        let [stepping, observing] = self.clock.split();
-        let wall = WallSeconds {
-            setup: self.setup,
-            stepping,
-            output: observing + after.elapsed().as_secs_f64(),
-            phases: self.clock.phases(&self.run),
-        };
-        let mut summary = summarise(self.input, &self.run, &self.recorder, wall, end);
-        summary.resumed_at_step = self.resumed_at;
-        summary
-            .warnings
-            .extend(summary::findings(&self.run, &self.strangers));
-        summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        for w in summary::findings(&self.run, &self.strangers) {
+            self.recorder.warn(w);
+        }
+        let mut summary = self.summary(Status::Ended(end), after.elapsed().as_secs_f64());
         summary.wake = wake;
-        let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
+        let text = self.write_summary(&summary)?;
+        Ok((summary, text))
+    }
+
+    fn write_summary(&self, summary: &Summary) -> Result<String> {
+        let text = serde_json::to_string_pretty(summary).map_err(|e| Error::System {
             what: "writing summary.json",
             message: e.to_string(),
         })?;
         let path = self.folder.path().join("summary.json");
-        std::fs::write(&path, &text).map_err(write(&path))?;
-        Ok((summary, text))
+        put(&path, &[text.as_bytes()])?;
+        Ok(text)
+    }
+
+    /// What there is to say, after so many seconds of writing.
+    fn summary(&self, status: Status, writing: f64) -> Summary {
+        let [stepping, observing] = self.clock.split();
+        let wall = WallSeconds {
+            setup: self.setup,
+            stepping,
+            output: observing + writing,
+            phases: self.clock.phases(&self.run),
+        };
+        let mut summary = summarise(self.input, &self.run, &self.recorder, wall, status);
+        summary.resumed_at_step = self.resumed_at;
+        summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        summary
     }
 
     /// Makes the steps until the user or `woken`, which may change the stage, ends them before the last.
@@ -271,12 +359,23 @@ impl<'a, T: Real> Session<'a, T> {
         stop: &AtomicBool,
         woken: &mut dyn FnMut(&Coupled<T>, &mut Option<Stage>) -> bool,
     ) -> Result<End> {
+        if !self.input.json {
+            self.recorder.warnings.iter().for_each(|w| report::warning(w));
+        }
         let every = self.input.scene.output.checkpoint_every;
         let progress = Progress::new(self.steps);
         let mut end = End::Complete;
+        // Once is enough: the state that follows is as odd.
+        let mut strange = !self.bounds.watch(&self.run).is_empty();
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
+            let drawn = energy.is_some();
             self.recorder.observe(&mut self.run, energy)?;
+            if drawn && !strange {
+                let odd = self.bounds.watch(&self.run);
+                strange = !odd.is_empty();
+                odd.into_iter().for_each(|w| self.warn(w));
+            }
             progress.set(made);
             if made == self.steps {
                 break;
@@ -330,124 +429,22 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-fn write_tables(folder: &Path, r: &Recorder) -> Result<()> {
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(
-        r.readers
-            .iter()
-            .map(|p| format!("{} {}", p.name, p.quantity.label())),
-    );
-    csv(&folder.join("probes.csv"), &names, &columns(&r.probes))?;
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(ENERGY_COLUMNS.map(str::to_owned));
-    names.extend(r.works.iter().map(|w| format!("work {w} [J]")));
-    csv(&folder.join("energy.csv"), &names, &columns(&r.energy))?;
-    if r.fact_names.is_empty() {
-        return Ok(());
-    }
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(r.fact_names.iter().cloned());
-    csv(&folder.join("effects.csv"), &names, &columns(&r.facts))
-}
-
-/// One table of broken bonds per model whose bonds can break.
-fn write_breaks<T: Real>(folder: &Path, run: &Coupled<T>, breaks: &[Option<SharedLog>]) -> Result<()> {
-    let names = [
-        "time [s]",
-        "bond [-]",
-        "first particle [-]",
-        "second particle [-]",
-        "released [J]",
-        "distance [m]",
-    ];
-    for (s, log) in run.subdomains().iter().zip(breaks) {
-        let Some(log) = log else { continue };
-        let log = locked(log);
-        let column = |f: fn(&Break) -> f64| log.events().iter().map(f).collect::<Vec<f64>>();
-        let table = [
-            column(|e| e.time),
-            column(|e| f64::from(e.bond)),
-            column(|e| f64::from(e.pair[0])),
-            column(|e| f64::from(e.pair[1])),
-            column(|e| e.released),
-            column(|e| e.distance),
-        ];
-        let path = folder.join(format!("fracture-{}.csv", s.model().name()));
-        let columns: Vec<&[f64]> = table.iter().map(Vec::as_slice).collect();
-        csv(&path, &names.map(str::to_owned), &columns)?;
-    }
-    Ok(())
-}
-
-fn columns(table: &recorder::Table) -> Vec<&[f64]> {
-    let times = std::iter::once(table.times.as_slice());
-    times.chain(table.columns.iter().map(Vec::as_slice)).collect()
-}
-
-fn draw_plots(folder: &Folder, r: &Recorder, title: &str) -> Result<()> {
-    let path = folder.subfolder("plots")?;
-    for (quantity, file, name, unit) in [
-        (Quantity::Displacement, "displacement.svg", "displacement", "m"),
-        (Quantity::Velocity, "velocity.svg", "velocity", "m/s"),
-        (Quantity::Rotation, "rotation.svg", "rotation", "rad"),
-    ] {
-        let mine = r.readers.iter().zip(&r.probes.columns);
-        let curves = mine
-            .filter(|(p, _)| p.quantity == quantity)
-            .map(|(p, c)| Curve {
-                name: p.name.clone(),
-                times: &r.probes.times,
-                values: c.clone(),
-            })
-            .collect();
-        let title = headline(title, name);
-        let plot = Plot::over_time(title, name, unit, curves);
-        plots::draw(&path.join(file), &plot)?;
-    }
-    let curve = |name: &str, k: usize| Curve {
-        name: name.to_owned(),
-        times: &r.energy.times,
-        values: r.energy.columns.get(k).cloned().unwrap_or_default(),
-    };
-    let curves = vec![curve("kinetic", 0), curve("internal", 1), curve("invariant H", 3)];
-    let plot = Plot::over_time(headline(title, "energy"), "energy", "J", curves);
-    plots::draw(&path.join("energy.svg"), &plot)?;
-    let mut curves: Vec<_> = r
-        .works
-        .iter()
-        .enumerate()
-        .map(|(k, w)| curve(w, ENERGY_COLUMNS.len() + k))
-        .collect();
-    curves.push(curve("unexplained drift of H", 5));
-    let plot = Plot::over_time(
-        headline(title, "energy ledger"),
-        "work since the start",
-        "J",
-        curves,
-    );
-    plots::draw(&path.join("ledger.svg"), &plot)
-}
-
-fn headline(title: &str, what: &str) -> String {
-    if title.is_empty() {
-        what.to_owned()
-    } else {
-        format!("{title}: {what}")
-    }
-}
-
 fn summarise<T: Real>(
     input: &Input<'_>,
     run: &Coupled<T>,
     r: &Recorder,
     wall_seconds: WallSeconds,
-    end: End,
+    status: Status,
 ) -> Summary {
     let plan = run.plan();
     Summary {
         scene: input.source.path.display().to_string(),
         title: input.scene.title.clone(),
-        status: end.status(),
+        status: status.name(),
+        error: match status {
+            Status::Failed(words) => Some(words),
+            Status::Ended(_) => None,
+        },
         version: env!("CARGO_PKG_VERSION"),
         resumed_at_step: None,
         wake: None,
@@ -474,11 +471,12 @@ fn summarise<T: Real>(
                 .map(|w| (w.name, w.work.as_f64()))
                 .collect(),
         },
+        momentum: summary::momentum(run),
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,
         effect_ledger: Vec::new(),
         probes: probe_lines(r),
-        warnings: summary::warnings(run),
+        warnings: r.warnings.clone(),
     }
 }
 

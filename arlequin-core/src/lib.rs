@@ -20,6 +20,7 @@ pub mod material;
 mod measure;
 pub mod mediator;
 pub mod model;
+pub mod momentum;
 mod motion;
 mod narrow;
 pub mod observer;

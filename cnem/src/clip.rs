@@ -68,9 +68,54 @@ impl Polyhedron {
 
     /// Keeps the part with `normal . y <= offset`; the cut gets `tag`. True if anything was cut off.
     pub(crate) fn clip(&mut self, normal: &Vector3<f64>, offset: f64, tag: u64) -> bool {
-        if !self.points.iter().any(|p| normal.dot(p) > offset) {
-            return false;
+        self.clip_near(normal, offset, tag, 0.0, |_| false)
+    }
+
+    /// As `clip`; corners with `|normal . y - offset| <= snap` lie on the plane. A face with such corners only is the cut
+    /// itself and gets `tag`, if `free` says so of the tag it has: whether round-off puts it before or behind the plane
+    /// must not decide over its area.
+    pub(crate) fn clip_near(
+        &mut self,
+        normal: &Vector3<f64>,
+        offset: f64,
+        tag: u64,
+        snap: f64,
+        free: impl Fn(u64) -> bool,
+    ) -> bool {
+        let place = |p: &Vector3<f64>| {
+            let s = normal.dot(p) - offset;
+            if s.abs() <= snap { 0.0 } else { s }
+        };
+        let (mut before, mut on, mut behind) = (false, false, false);
+        for p in &self.points {
+            let s = place(p);
+            before |= s < 0.0;
+            behind |= s > 0.0;
+            on |= s == 0.0;
         }
+        if !before {
+            self.points.clear();
+            self.faces.clear();
+            return true;
+        }
+        if on {
+            let mut start = 0;
+            for (end, face_tag) in &mut self.faces {
+                let polygon = &self.points[start..*end];
+                start = *end;
+                if free(*face_tag) && polygon.iter().all(|p| place(p) == 0.0) {
+                    *face_tag = tag;
+                }
+            }
+        }
+        if behind {
+            self.cut(normal, place, tag);
+        }
+        behind
+    }
+
+    /// Cuts off what is behind the plane.
+    fn cut(&mut self, normal: &Vector3<f64>, place: impl Fn(&Vector3<f64>) -> f64, tag: u64) {
         self.spare.clear();
         self.spare_faces.clear();
         self.cap.clear();
@@ -81,7 +126,7 @@ impl Polyhedron {
             let first = self.spare.len();
             for (i, p) in polygon.iter().enumerate() {
                 let q = &polygon[(i + 1) % polygon.len()];
-                let (sp, sq) = (normal.dot(p) - offset, normal.dot(q) - offset);
+                let (sp, sq) = (place(p), place(q));
                 if sp <= 0.0 {
                     self.spare.push(*p);
                     if sp >= 0.0 {
@@ -107,7 +152,6 @@ impl Polyhedron {
             self.points.clear();
             self.faces.clear();
         }
-        true
     }
 
     /// Orders the points of the cut around its middle.

@@ -1,16 +1,22 @@
 //! The domain: Delaunay complex, constrained faces, what is inside.
 
-use crate::circumcentre::circumcentre;
+mod flat;
+mod search;
+
+use crate::circumcentre::{circumcentre, six_volumes};
 use crate::constraint::{FaceMesh, Recovery, Surface, recover};
-use crate::delaunay::{Delaunay, linear_gradients, linear_values, volume};
+use crate::crack::Copies;
+use crate::delaunay::Delaunay;
 use crate::error::{Error, Result};
+pub(crate) use flat::is_flat;
 use nalgebra::{Point3, Vector3};
+use search::Starts;
 use std::collections::HashMap;
 
 /// Distance to the domain, relative to the largest coordinate, at which a point counts as being on its boundary.
 /// Centroids of boundary faces computed in double precision are within 1e-15 of it; linear precision to 1e-12 asks
 /// for less than 1e-12.
-const ON_BOUNDARY: f64 = 1e-13;
+pub(crate) const ON_BOUNDARY: f64 = 1e-13;
 
 /// Domain of the constrained natural element method: nodes, the constrained Delaunay complex, and its inside.
 ///
@@ -26,7 +32,12 @@ const ON_BOUNDARY: f64 = 1e-13;
 #[derive(Debug, Clone)]
 pub struct Domain {
     pub(crate) delaunay: Delaunay,
+    /// Tetrahedra of the domain, without flat ones.
     pub(crate) inside: Vec<bool>,
+    /// Tetrahedra without thickness, anywhere.
+    flat: Vec<bool>,
+    /// Tetrahedra without thickness between tetrahedra of the domain.
+    pub(crate) glued: Vec<bool>,
     /// Per tetrahedron, bit `slot`: the face opposite to `slot` is not seen through.
     pub(crate) walls: Vec<u8>,
     /// Vector from the first vertex to the circumcentre.
@@ -35,54 +46,16 @@ pub struct Domain {
     /// Constrained face at `tetrahedron << 2 | slot`.
     pub(crate) face_at: HashMap<u32, u32>,
     pub(crate) tolerance: f64,
+    pub(crate) copies: Copies,
     starts: Starts,
     recovery: Recovery,
     volume: f64,
 }
 
-/// Uniform grid of tetrahedra where walks may start; keeps walks short for queries in any order.
-#[derive(Debug, Clone, Default)]
-struct Starts {
-    low: Point3<f64>,
-    inverse: f64,
-    counts: [usize; 3],
-    tets: Vec<u32>,
-}
-
-impl Starts {
-    /// About four nodes per bin.
-    fn new(delaunay: &Delaunay) -> Self {
-        let [low, high] = crate::bins::around(&delaunay.points, 0.0);
-        let extent = high - low;
-        let longest = extent.max();
-        let filled: f64 = extent.iter().map(|e| (e / longest).max(1e-2)).product();
-        let size = longest * (4.0 * filled / delaunay.points.len() as f64).cbrt();
-        let counts = [0, 1, 2].map(|k| ((extent[k] / size).ceil() as usize).max(1));
-        let mut tets = vec![0; counts.iter().product()];
-        let mut hint = 0;
-        for (i, start) in tets.iter_mut().enumerate() {
-            let index = [
-                i / (counts[1] * counts[2]),
-                i / counts[2] % counts[1],
-                i % counts[2],
-            ];
-            let middle = Point3::from([0, 1, 2].map(|k| low[k] + (index[k] as f64 + 0.5) * size));
-            hint = delaunay.walk(&middle, hint);
-            *start = hint;
-        }
-        Self {
-            low,
-            inverse: 1.0 / size,
-            counts,
-            tets,
-        }
-    }
-
-    fn at(&self, x: &Point3<f64>) -> u32 {
-        let index =
-            |k: usize| (((x[k] - self.low[k]) * self.inverse).max(0.0) as usize).min(self.counts[k] - 1);
-        self.tets[(index(0) * self.counts[1] + index(1)) * self.counts[2] + index(2)]
-    }
+/// Largest magnitude of a coordinate.
+pub(crate) fn largest_coordinate(points: &[Point3<f64>]) -> f64 {
+    let all = points.iter().flat_map(|p| p.iter());
+    all.fold(0.0, |m: f64, x| m.max(x.abs()))
 }
 
 impl Domain {
@@ -106,19 +79,18 @@ impl Domain {
         let mut delaunay = Delaunay::new(points)?;
         let (mesh, recovery) = recover(&mut delaunay, surface, limit)?;
         delaunay.tidy();
-        let scale = points
-            .iter()
-            .flat_map(|p| p.iter().copied())
-            .fold(0.0, |m: f64, x| m.max(x.abs()));
         let tets = delaunay.tets.len();
         let mut domain = Self {
             delaunay,
             inside: vec![false; tets],
+            flat: Vec::new(),
+            glued: Vec::new(),
             walls: vec![0; tets],
             centre: Vec::new(),
             mesh,
             face_at: HashMap::new(),
-            tolerance: ON_BOUNDARY * scale,
+            tolerance: ON_BOUNDARY * largest_coordinate(points),
+            copies: Copies::default(),
             starts: Starts::default(),
             recovery,
             volume: 0.0,
@@ -128,12 +100,15 @@ impl Domain {
         }
         domain.raise_walls()?;
         domain.flood(surface.boundary_faces().len())?;
+        domain.level()?;
         domain.check_nodes()?;
+        domain.open_cracks();
         domain.measure();
         Ok(domain)
     }
 
-    /// All nodes, those inserted on constrained faces at the end.
+    /// All nodes: the given ones, those inserted on constrained faces (see [`Domain::recovery`]), and the copies for the
+    /// second lips of cracks (see [`Domain::copies`]).
     pub fn nodes(&self) -> &[Point3<f64>] {
         &self.delaunay.points
     }
@@ -159,12 +134,15 @@ impl Domain {
         inside.map(|t| t.0.v.map(|v| v as usize))
     }
 
-    /// Constrained faces after recovery: nodes, whether it is a crack face, and the input face it comes from.
+    /// Constrained faces after recovery: nodes, whether it is a crack face, and the input face it comes from. Of a crack
+    /// face the nodes of one lip are given, of a boundary face those on the inside; see also [`Domain::lips`].
     pub fn constrained_faces(&self) -> impl Iterator<Item = ([usize; 3], bool, usize)> + '_ {
-        self.mesh
-            .faces
-            .iter()
-            .map(|f| (f.v.map(|v| v as usize), f.crack, f.origin as usize))
+        self.mesh.faces.iter().enumerate().map(|(i, f)| {
+            let inside = |side: &usize| self.inside[(self.copies.sides[i][*side] >> 2) as usize];
+            let side = [0, 1].into_iter().find(inside).unwrap_or(0);
+            let v = self.face_on_side(i as u32, side).map(|v| v as usize);
+            (v, f.crack, f.origin as usize)
+        })
     }
 
     /// Distance from the domain up to which a point counts as being on the boundary (m).
@@ -247,25 +225,12 @@ impl Domain {
         }
     }
 
-    fn check_nodes(&self) -> Result<()> {
-        let mut used = vec![false; self.nodes().len()];
-        self.elements().flatten().for_each(|v| used[v] = true);
-        let mut outside = (0..used.len()).filter(|&v| !used[v]);
-        match outside.next() {
-            None => Ok(()),
-            Some(node) => Err(Error::NodeOutside {
-                node,
-                point: self.nodes()[node].into(),
-                count: 1 + outside.count(),
-            }),
-        }
-    }
-
     fn measure(&mut self) {
         self.volume = self
             .elements()
-            .map(|t| volume(t.map(|v| &self.delaunay.points[v])))
-            .sum();
+            .map(|t| six_volumes(t.map(|v| &self.delaunay.points[v])))
+            .sum::<f64>()
+            / 6.0;
         let centre_of = |t: &crate::tet::Tet| {
             if t.is_ghost() {
                 Vector3::zeros()
@@ -274,99 +239,7 @@ impl Domain {
             }
         };
         self.centre = self.delaunay.tets.iter().map(centre_of).collect();
+        self.share_centres();
         self.starts = Starts::new(&self.delaunay);
-    }
-
-    /// Distance from `x` to the planes of a tetrahedron, positive outside, one per slot.
-    pub(crate) fn plane_distances(&self, tet: u32, x: &Point3<f64>) -> [f64; 4] {
-        let t = &self.delaunay.tets[tet as usize];
-        [0, 1, 2, 3].map(|slot| {
-            let [a, b, c] = t.face(slot).map(|v| &self.delaunay.points[v as usize]);
-            let n = (b - a).cross(&(c - a));
-            n.dot(&(x - a)) / n.norm()
-        })
-    }
-
-    /// A tetrahedron of the domain that holds `x`, up to the tolerance; `near` is scratch.
-    pub(crate) fn locate(&self, x: &Point3<f64>, near: &mut Vec<u32>) -> Result<u32> {
-        self.search(x, self.tolerance, near)
-            .ok_or_else(|| Error::OutsideDomain {
-                point: (*x).into(),
-                tolerance: self.tolerance,
-            })
-    }
-
-    /// A tetrahedron of the domain within a distance of `x`, relative to the largest coordinate.
-    pub(crate) fn locate_near(&self, x: &Point3<f64>, relative: f64) -> Option<u32> {
-        self.search(x, self.tolerance * (relative / ON_BOUNDARY), &mut Vec::new())
-    }
-
-    fn search(&self, x: &Point3<f64>, tolerance: f64, near: &mut Vec<u32>) -> Option<u32> {
-        if !x.iter().all(|c| c.is_finite()) {
-            return None;
-        }
-        let found = self.delaunay.walk(x, self.starts.at(x));
-        if self.inside[found as usize] {
-            return Some(found);
-        }
-        near.clear();
-        near.push(found);
-        let mut next = 0;
-        while next < near.len() && next < 256 {
-            let t = self.delaunay.tets[near[next] as usize];
-            next += 1;
-            for n in t.n.map(|n| n >> 2) {
-                let other = &self.delaunay.tets[n as usize];
-                if near.contains(&n) || other.is_ghost() {
-                    continue;
-                }
-                if self.plane_distances(n, x).iter().all(|d| *d <= tolerance) {
-                    if self.inside[n as usize] {
-                        return Some(n);
-                    }
-                    near.push(n);
-                }
-            }
-        }
-        None
-    }
-
-    /// Tetrahedra in the order of [`Domain::elements`].
-    pub(crate) fn element_ids(&self) -> Vec<u32> {
-        (0..self.inside.len() as u32)
-            .filter(|&t| self.inside[t as usize])
-            .collect()
-    }
-
-    /// Vertices of a tetrahedron.
-    pub(crate) fn corners_of(&self, tet: u32) -> [usize; 4] {
-        self.delaunay.tets[tet as usize].v.map(|v| v as usize)
-    }
-
-    /// Nodes and linear functions at `x` of the tetrahedron at `node` that is closest to holding it.
-    pub(crate) fn linear_at_node(&self, node: usize, x: &Point3<f64>) -> Result<([usize; 4], [f64; 4])> {
-        let mut star = Vec::new();
-        self.delaunay.star(node as u32, &mut star);
-        let far = |t: u32| {
-            self.plane_distances(t, x)
-                .into_iter()
-                .fold(f64::NEG_INFINITY, f64::max)
-        };
-        let inside = star.into_iter().filter(|&t| self.inside[t as usize]);
-        let nearest = inside.map(|t| (far(t), t)).min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, tet)) = nearest else {
-            return Err(Error::OutsideDomain {
-                point: (*x).into(),
-                tolerance: self.tolerance,
-            });
-        };
-        let nodes = self.corners_of(tet);
-        let p = nodes.map(|v| self.nodes()[v]);
-        Ok((nodes, linear_values(&p, &linear_gradients(&p).0, x)))
-    }
-
-    /// True if `x` is in the closed domain (up to [`Domain::tolerance`]).
-    pub fn contains(&self, x: &Point3<f64>) -> bool {
-        self.locate(x, &mut Vec::new()).is_ok()
     }
 }

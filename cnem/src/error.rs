@@ -48,6 +48,21 @@ pub enum Error {
         /// Number of nodes that repeat an earlier one.
         count: usize,
     },
+    /// Two nodes are closer to each other than the round-off of coordinates of this size.
+    #[error(
+        "nodes {first} and {second} are {distance:e} m apart, which coordinates of this size do not resolve \
+         (limit {tolerance:e} m); merge them, or move the body to the origin"
+    )]
+    NodesTooClose {
+        /// One node.
+        first: usize,
+        /// The other node.
+        second: usize,
+        /// Their distance (m).
+        distance: f64,
+        /// Distance that is needed (m).
+        tolerance: f64,
+    },
     /// More nodes or tetrahedra than 32-bit indices can name.
     #[error("{nodes} nodes exceed the limit of {limit} for 32-bit indices; split the model")]
     TooManyNodes {

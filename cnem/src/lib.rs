@@ -5,6 +5,7 @@
 //! - [`delaunay`]: Delaunay tetrahedralisation with exact [`predicates`], for any set of distinct nodes;
 //! - [`constraint`]: boundary and crack faces, and their recovery in the complex;
 //! - [`domain`]: what is inside; the object everything else is asked from;
+//! - [`crack`]: nodes on a crack, one unknown for each lip;
 //! - [`natural`]: Sibson and Laplace shape functions with the visibility criterion;
 //! - [`voronoi`]: the cells of the nodes, cut off at the constrained faces;
 //! - [`scni`]: stabilised conforming nodal integration on these cells;
@@ -67,6 +68,7 @@ pub(crate) mod bins;
 pub(crate) mod circumcentre;
 pub(crate) mod clip;
 pub mod constraint;
+pub mod crack;
 pub mod delaunay;
 pub mod domain;
 pub mod error;

@@ -290,7 +290,8 @@ fn missing_faces_are_recovered_or_named() -> Result<()> {
     let domain = Domain::new(&points, &surface)?;
     let inserted = &domain.recovery().inserted;
     assert!(!inserted.is_empty() && inserted.len() < 400, "{}", inserted.len());
-    assert_eq!(domain.nodes().len(), points.len() + inserted.len());
+    let copies = domain.copies().count();
+    assert_eq!(domain.nodes().len(), points.len() + inserted.len() + copies);
     assert!(inserted.iter().all(|i| i.face == 12 || i.face == 13));
     let area: f64 = domain
         .constrained_faces()

@@ -263,19 +263,6 @@ pub enum DemError {
         /// Critical step (s).
         critical: f64,
     },
-    /// A particle turned so far that its rotation vector no longer describes its motion.
-    #[error(
-        "particle {particle} has turned by {angle:.3} rad, above {limit} rad: rotation vectors end \
-         below a full turn; run spinning bodies with `BeamDynamics`"
-    )]
-    RotationTooLarge {
-        /// Particle number.
-        particle: usize,
-        /// Rotation angle found (rad).
-        angle: f64,
-        /// Largest accepted angle (rad).
-        limit: f64,
-    },
     /// Selected particles cannot carry a load.
     #[error("load on {count} particles: {reason}")]
     BadSelection {

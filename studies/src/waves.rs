@@ -207,11 +207,20 @@ pub fn patch_line() -> Line {
     }
 }
 
-/// Reflection and transmission at wavelengths given in coarse elements, from the harmonic analysis.
+/// Reflection and transmission at wavelengths given in coarse elements, from the harmonic analysis; the wave comes out of
+/// the chain.
 ///
 /// # Errors
 /// Those of the set-up and the analysis.
 pub fn scattering(line: &Line, wavelengths: &[f64]) -> Result<Vec<Scattering<f64>>> {
+    scattering_from(line, FINE, wavelengths)
+}
+
+/// The same at the same frequencies for a wave that comes out of subdomain `side`.
+///
+/// # Errors
+/// Those of the set-up and the analysis.
+pub fn scattering_from(line: &Line, side: usize, wavelengths: &[f64]) -> Result<Vec<Scattering<f64>>> {
     let line = Line {
         coarse_elements: (line.overlap / line.h) as usize + 10,
         fine_bonds: line.overlap as usize + 40,
@@ -233,7 +242,12 @@ pub fn scattering(line: &Line, wavelengths: &[f64]) -> Result<Vec<Scattering<f64
         mass: line.h,
         spacing: line.h,
     };
-    let harmonic = HarmonicOverlap::new(&c, fine, coarse)?;
+    let [incident, outgoing] = if side == FINE {
+        [fine, coarse]
+    } else {
+        [coarse, fine]
+    };
+    let harmonic = HarmonicOverlap::new(&c, incident, outgoing)?;
     wavelengths
         .iter()
         .map(|w| harmonic.response(2.0 * (PI / (w * line.h)).sin()))

@@ -62,10 +62,14 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         rim: Rim::Inscribed,
         folder,
     };
-    let inset = match table.mediator.shape {
-        None if is_hull(sides[1].1) => Some(within_hull(request, sides[1].1)?),
-        _ => None,
-    };
+    let mut inset = None;
+    for (_, body) in sides
+        .iter()
+        .filter(|s| table.mediator.shape.is_none() && is_hull(s.1))
+    {
+        let shape = inset.as_ref().unwrap_or(&shape);
+        inset = Some(within_hull(Request { shape, ..request }, body)?);
+    }
     let shape = inset.as_ref().unwrap_or(&shape);
     let request = Request { shape, ..request };
     let mesh = request.mesh()?;
@@ -77,7 +81,7 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         Some(a) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
     };
     let junction = junction(&path, table, mediator.spacing())?;
-    let options = options(table, sides[1].1);
+    let options = options(table, sides);
     Ok(Joint {
         spec: InterfaceSpec {
             name: name.to_owned(),
@@ -97,13 +101,13 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     })
 }
 
-fn options(table: &Interface, fine: &Body) -> InterfaceOptions<f64> {
+fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
     InterfaceOptions {
         sampling: match table.sampling {
             Some(SamplingKind::Intersection) => Sampling::Intersection,
             Some(SamplingKind::Projection) => Sampling::Projection,
             Some(SamplingKind::Particles) => Sampling::Particles,
-            None if fine.field.samples().is_some() => Sampling::Particles,
+            None if sides.iter().any(|s| s.1.field.samples().is_some()) => Sampling::Particles,
             None => Sampling::Intersection,
         },
         lumped: table.lumped,
@@ -282,11 +286,11 @@ fn is_hull(body: &Body) -> bool {
 
 /// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
 /// of the particles. The hull is convex, so that its nodes decide. Only faces on the particles' own surface move.
-fn within_hull(request: Request<'_>, fine: &Body) -> Result<Shape> {
+fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
     let mut row = ShapeRow::default();
     for step in 1..=30 {
-        let inset = 0.1 * f64::from(step) * fine.spacing;
-        let Some(shape) = moved_inwards(request.shape, &fine.shape, inset) else {
+        let inset = 0.1 * f64::from(step) * grains.spacing;
+        let Some(shape) = moved_inwards(request.shape, &grains.shape, inset) else {
             break;
         };
         let mesh = Request {
@@ -295,7 +299,7 @@ fn within_hull(request: Request<'_>, fine: &Body) -> Result<Shape> {
         }
         .mesh()?;
         let mut nodes = mesh.nodes().iter();
-        if nodes.all(|x| fine.field.shape_at(x, false, &mut row).is_ok()) {
+        if nodes.all(|x| grains.field.shape_at(x, false, &mut row).is_ok()) {
             return Ok(shape);
         }
     }

@@ -55,6 +55,8 @@ pub(crate) struct Body {
     pub(crate) shape: Shape,
     /// What only particles have.
     pub(crate) grains: Option<Grains>,
+    /// What a user should know of it, without its name.
+    pub(crate) warnings: Vec<String>,
 }
 
 impl std::fmt::Debug for Body {
@@ -148,6 +150,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         },
         shape: table.shape.clone(),
         grains: None,
+        warnings: Vec::new(),
     })
 }
 
@@ -194,5 +197,6 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
         material: table.material,
         shape: table.shape.clone(),
         grains: None,
+        warnings: Vec::new(),
     })
 }

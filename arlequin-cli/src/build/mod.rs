@@ -9,6 +9,7 @@ mod kinds;
 mod mesh;
 mod natural;
 mod particles;
+mod plausible;
 mod probe;
 mod select;
 
@@ -16,12 +17,14 @@ pub(crate) use between::Strangers;
 pub(crate) use drive::{effect_models, model_index};
 pub(crate) use kinds::{Body, Kind};
 pub(crate) use mesh::View;
+pub(crate) use plausible::Bounds;
 pub(crate) use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
 use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
+use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Partition, Real, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -51,6 +54,9 @@ pub(crate) struct Start {
     pub(crate) time: f64,
     /// Displacements and velocities of every model.
     pub(crate) states: Vec<[Vec<f64>; 2]>,
+    /// What a model remembers that went on as it was: orientations.
+    #[serde(default)]
+    pub(crate) memories: Vec<Option<Record<f64>>>,
 }
 
 /// A run that is ready to step.
@@ -69,6 +75,10 @@ pub(crate) struct Built<T: Real = f64> {
     pub(crate) frame_every: usize,
     /// Models of particles between which no contact is on.
     pub(crate) strangers: Strangers,
+    /// What a user should know before the first step: of the bodies, of the interfaces, of the scene as a whole.
+    pub(crate) warnings: Vec<String>,
+    /// What the motion is held against.
+    pub(crate) bounds: Bounds,
 }
 
 impl Built {
@@ -82,6 +92,8 @@ impl Built {
             steps: self.steps,
             frame_every: self.frame_every,
             strangers: self.strangers,
+            warnings: self.warnings,
+            bounds: self.bounds,
         })
     }
 }
@@ -131,9 +143,13 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             attachments.add(j.spec.fine, Box::new(a));
         }
     }
+    let (mut warnings, mut bounds) = (Vec::new(), Bounds::default());
     let mut drawn = Vec::new();
     let mut subdomains = Vec::new();
     for (m, body) in bodies.into_iter().enumerate() {
+        let name = body.model.name();
+        warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
+        bounds.add(body.model.nodes(), &body.material, !may_leave(scene, m));
         drawn.push(Drawn {
             view: body.view.clone(),
             field: body.field.clone(),
@@ -145,7 +161,12 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             Some(s) => s.states[m].clone(),
             None => drive::initial(scene, m, &body)?,
         };
-        subdomains.push(subdomain(m, body, state, &joints, &mut attachments)?);
+        let memory = start.and_then(|s| s.memories.get(m).cloned().flatten());
+        let made = subdomain(m, body, state, &joints, &mut attachments)?;
+        subdomains.push(match memory {
+            Some(of) => made.with_memory(of),
+            None => made,
+        });
     }
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
@@ -159,7 +180,10 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
     let run = Coupled::of(parts, step_of(scene), Some(guard(scene))).map_err(located)?;
     let steps = steps_of(scene, begin, run.dt())?;
     let frame_every = frames(scene, steps, run.dt());
-    Ok(Built {
+    for i in run.interfaces().iter().map(|i| i.report()) {
+        warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
+    }
+    let mut built = Built {
         run,
         drawn,
         mediators,
@@ -167,7 +191,19 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
         steps,
         frame_every,
         strangers,
-    })
+        warnings,
+        bounds,
+    };
+    let odd = plausible::warnings(scene, &built);
+    built.warnings.extend(odd);
+    Ok(built)
+}
+
+/// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds that break.
+fn may_leave(scene: &Scene, m: usize) -> bool {
+    let loose = scene.effect.iter().any(|e| e.enabled && e.is_for_particles());
+    let table = scene.model.values().nth(m).filter(|t| t.kind == Kind::Dem);
+    table.is_some_and(|t| loose || t.dem.finite_rotations)
 }
 
 /// Effects of a scene on each of its models, with their numbers.

@@ -68,6 +68,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         },
         shape: table.shape.clone(),
         grains: None,
+        warnings: Vec::new(),
     })
 }
 

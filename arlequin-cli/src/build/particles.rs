@@ -8,17 +8,17 @@ use crate::error::{Result, core};
 use crate::scene::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind as Neighbours;
-use arlequin::core::Model;
 use arlequin::core::field::{Interpolation, ParticleField, ShapeRow};
 use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Error as Core, Model};
 use arlequin::dem_beam::DemModel;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// The particle field of a scene: natural neighbours between the centres, for probes, and the particles themselves as
-/// integration points of interfaces, where gradients exist as well.
+/// The particle field of a scene: natural neighbours between the centres, for probes and for integration points of another
+/// model, and the particles themselves as integration points of interfaces, where gradients exist as well.
 struct ParticlePoints {
     natural: NaturalField,
     particles: Arc<ParticleField<f64>>,
@@ -34,10 +34,11 @@ impl Interpolation<f64> for ParticlePoints {
         gradient: bool,
         row: &mut ShapeRow<f64>,
     ) -> arlequin::core::Result<()> {
-        if gradient {
-            return self.particles.shape_at(x, true, row);
+        // Between the particles, where those of another model are, the natural neighbours have gradients as well.
+        match gradient.then(|| self.particles.shape_at(x, true, row)) {
+            None | Some(Err(Core::OutsideDomain { .. })) => self.natural.shape_at(x, gradient, row),
+            Some(found) => found,
         }
-        self.natural.shape_at(x, false, row)
     }
     fn samples(&self) -> Option<&[Sample<f64>]> {
         self.particles.samples()
@@ -96,6 +97,7 @@ pub(super) fn body(
         material: table.material,
         shape: table.shape.clone(),
         grains: Some(grains),
+        warnings: Vec::new(),
         model: Box::new(model),
     })
 }

@@ -3,6 +3,8 @@
 use crate::build::Strangers;
 use crate::recorder::PhaseClock;
 use arlequin::core::effect::EffectLine;
+use arlequin::core::momentum::{Arms, BodyMomentum, Claim};
+use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{Coupled, Real};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -14,8 +16,11 @@ pub(crate) struct Summary {
     pub(crate) scene: String,
     /// Its title.
     pub(crate) title: Option<String>,
-    /// "complete" or "interrupted"; "woken" for the part of a run in which a model slept.
+    /// "complete", "interrupted" or "failed"; "woken" for the part of a run in which a model slept.
     pub(crate) status: &'static str,
+    /// What ended a failed run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) error: Option<String>,
     /// Version of this program.
     pub(crate) version: &'static str,
     /// Step from which a killed or interrupted run went on.
@@ -48,6 +53,8 @@ pub(crate) struct Summary {
     pub(crate) peak_bytes: Option<usize>,
     /// Energy \[J\].
     pub(crate) energy: Energy,
+    /// Momentum of every body.
+    pub(crate) momentum: Vec<MomentumLine>,
     /// Interfaces.
     pub(crate) interface: Vec<InterfaceLine>,
     /// Effects that were on.
@@ -159,6 +166,29 @@ pub(crate) struct Energy {
     pub(crate) ledger: BTreeMap<String, f64>,
 }
 
+/// Momentum of a body: of the models that interfaces and contact hold together.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct MomentumLine {
+    /// Its models.
+    pub(crate) models: Vec<String>,
+    /// Linear momentum at the end \[kg m/s\].
+    pub(crate) linear: [f64; 3],
+    /// Angular momentum at the end \[kg m²/s\].
+    pub(crate) angular: [f64; 3],
+    /// Fixed point it is about: the centre of mass at the start \[m\].
+    pub(crate) about: [f64; 3],
+    /// Positions it is drawn up with: at "rest" or "present" ones.
+    pub(crate) arms: &'static str,
+    /// What must stay: "both", "linear" or "neither".
+    pub(crate) keeps: &'static str,
+    /// Why not both.
+    pub(crate) because: Option<String>,
+    /// Largest change relative to `Σ |m v|` \[–\]; none where something acts from outside.
+    pub(crate) linear_drift: Option<f64>,
+    /// The same of the angular one, relative to `Σ |y × m v| + |I ω|` \[–\].
+    pub(crate) angular_drift: Option<f64>,
+}
+
 /// An interface.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct InterfaceLine {
@@ -253,7 +283,35 @@ pub(crate) fn findings<T: Real>(run: &Coupled<T>, strangers: &Strangers) -> Vec<
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
     let all = run.watch().into_iter().chain(strangers.watch(run));
-    all.map(text).collect()
+    all.map(text).chain(run.lost_momentum()).collect()
+}
+
+/// Momentum of the bodies of a run.
+pub(crate) fn momentum<T: Real>(run: &Coupled<T>) -> Vec<MomentumLine> {
+    let line = |b: BodyMomentum<T>| {
+        let (keeps, because) = match b.claim {
+            Claim::Both => ("both", None),
+            Claim::Linear(why) => ("linear", Some(why)),
+            Claim::Neither(why) => ("neither", Some(why)),
+        };
+        let three = |v: Vector3<T>| <[T; 3]>::from(v).map(Real::as_f64);
+        let [linear_drift, angular_drift] = b.drift.map(|d| (keeps != "neither").then(|| d.as_f64()));
+        MomentumLine {
+            models: b.models,
+            linear: three(b.linear),
+            angular: three(b.angular),
+            about: three(b.centre),
+            arms: match b.arms {
+                Arms::Reference => "rest",
+                Arms::Current => "present",
+            },
+            keeps,
+            because,
+            linear_drift,
+            angular_drift,
+        }
+    };
+    run.bodies().into_iter().map(line).collect()
 }
 
 /// A figure of this process's memory \[bytes\], such as `VmRSS:` or `VmHWM:`, where the system tells.
@@ -305,14 +363,4 @@ pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<In
         }
     };
     run.interfaces().iter().enumerate().map(line).collect()
-}
-
-/// Warnings of all interfaces.
-pub(crate) fn warnings<T: Real>(run: &Coupled<T>) -> Vec<String> {
-    let of = |i: &arlequin::core::interface::Interface<T>| {
-        let r = i.report();
-        let with_name = |w: &String| format!("interface '{}': {w}", r.name);
-        r.warnings.iter().map(with_name).collect::<Vec<_>>()
-    };
-    run.interfaces().iter().flat_map(of).collect()
 }

@@ -10,7 +10,8 @@ mod source;
 mod wake;
 
 pub(crate) use drive::{
-    Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Support, TimeShape, Wave,
+    Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Spin, Support, TimeShape,
+    Wave,
 };
 pub(crate) use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
 pub(crate) use interface::{

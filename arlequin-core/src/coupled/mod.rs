@@ -113,7 +113,8 @@ impl<T: Real> Coupled<T> {
             .map(|s| s.kinetic_energy() + s.internal_energy())
             .sum()
     }
-    /// Linear and angular momentum of all subdomains.
+    /// Linear and angular momentum of all subdomains about the origin, each with the arms of its model; see
+    /// [`Coupled::bodies`] for what is kept.
     pub fn momentum(&self) -> [nalgebra::Vector3<T>; 2] {
         let zero = nalgebra::Vector3::zeros();
         self.subdomains
@@ -297,15 +298,23 @@ impl<T: Real> Coupled<T> {
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
     }
 
+    /// The error for a quantity that is no longer finite: of the first model with such a state, or with such an energy.
+    fn diverged(&self, what: &'static str) -> Error {
+        let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy;
+        let all = || self.subdomains.iter();
+        let found = all().find(|s| !s.is_finite());
+        let found = found.or_else(|| all().find(|s| !energy(s).is_finite()));
+        Error::Diverged {
+            step: self.step,
+            time: self.time.as_f64(),
+            what,
+            model: found.map_or_else(String::new, |s| s.model().name().to_owned()),
+        }
+    }
+
     fn draw(&mut self, invariant: T) -> Result<EnergySample<T>> {
-        if let Some(s) = self.subdomains.iter().find(|s| !s.is_finite()) {
-            let model = s.model().name().to_owned();
-            return Err(Error::Diverged {
-                step: self.step,
-                time: self.time.as_f64(),
-                what: "velocity",
-                model,
-            });
+        if self.subdomains.iter().any(|s| !s.is_finite()) {
+            return Err(self.diverged("velocity"));
         }
         let mut residual = T::zero();
         let speed = |s: &Subdomain<T>| {
@@ -343,6 +352,11 @@ impl<T: Real> Coupled<T> {
         };
         self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
         self.ledger.top_residual = self.ledger.top_residual.max(residual);
+        let mut momentum_drift = [T::zero(); 2];
+        for b in &mut self.ledger.bodies {
+            let one = b.draw(&self.subdomains);
+            (0..2).for_each(|k| momentum_drift[k] = momentum_drift[k].max(one[k]));
+        }
         let sample = EnergySample {
             step: self.step,
             time: self.time,
@@ -352,12 +366,16 @@ impl<T: Real> Coupled<T> {
             work,
             drift,
             relative_drift: relative,
+            momentum_drift,
             constraint_residual: residual,
         };
+        if !drift.is_finite() {
+            return Err(self.diverged("energy"));
+        }
         // Growth is measured against what was put in, not against the (growing) energy itself.
         let reference = start.abs().max(volume);
         let bound = self.guard.growth * reference;
-        if !drift.is_finite() || (reference > T::zero() && drift > bound) {
+        if reference > T::zero() && drift > bound {
             return Err(Error::EnergyGrowth {
                 step: self.step,
                 time: self.time.as_f64(),

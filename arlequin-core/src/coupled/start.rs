@@ -33,6 +33,7 @@ impl<T: Real> Coupled<T> {
             i.project([&mut c.state.a, &mut d.state.a], inverse, T::one());
         }
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        self.find_bodies();
         Ok(())
     }
 }

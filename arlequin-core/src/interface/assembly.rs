@@ -17,7 +17,8 @@ pub enum Sampling {
     Intersection,
     /// Both velocities are interpolated at the mediator nodes first (`Π u̇ − Π ḋ`), the choice of the literature.
     Projection,
-    /// At the integration points of the fine field (particle quadrature).
+    /// At the integration points of a field that has some of its own (particle quadrature): those of the fine one if it
+    /// does, else those of the coarse one.
     Particles,
 }
 
@@ -67,20 +68,23 @@ pub(super) fn assemble<T: Real>(
             refined(spec, sides, &cells, total, components, &mut warnings)?
         }
         Sampling::Particles => {
-            let Some(samples) = sides[1].field.samples() else {
+            let found = [1, 0]
+                .into_iter()
+                .find_map(|m| Some((m, sides[m].field.samples()?)));
+            let Some((m, samples)) = found else {
                 return Err(crate::error::invalid(
                     &format!("interface '{}': sampling", spec.name),
                     "particles",
                     &format!(
-                        "the fine field of '{}' has no integration points of its own; use 'intersection'",
-                        sides[1].name
+                        "neither '{}' nor '{}' has integration points of its own; use 'intersection'",
+                        sides[0].name, sides[1].name
                     ),
                 ));
             };
-            let mut sums = Sums::new(spec, sides, components);
+            let mut sums = Sums::new(spec, sides, components).over_particles(m);
             sums.add(samples, UNKNOWN)?;
             let (coupling, [covered, reached]) = sums.finish(&mut warnings)?;
-            check_coverage(spec, sides, covered, total)?;
+            check_coverage(spec, sides[m].name, covered, total)?;
             (coupling, covered + reached)
         }
     };
@@ -119,13 +123,8 @@ fn degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> Option<
     Some(wanted.min(HIGHEST))
 }
 
-fn check_coverage<T: Real>(
-    spec: &InterfaceSpec<T>,
-    sides: &[Side<'_, T>; 2],
-    covered: T,
-    total: T,
-) -> Result<()> {
-    let (interface, model) = (spec.name.clone(), sides[1].name.to_owned());
+fn check_coverage<T: Real>(spec: &InterfaceSpec<T>, model: &str, covered: T, total: T) -> Result<()> {
+    let (interface, model) = (spec.name.clone(), model.to_owned());
     if covered <= T::zero() {
         return Err(Error::EmptyOverlap { interface, model });
     }

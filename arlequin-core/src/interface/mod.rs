@@ -217,6 +217,11 @@ pub struct Interface<T: Real> {
 }
 
 impl<T: Real> Interface<T> {
+    /// Whether each component of a multiplier acts on that component alone.
+    pub(crate) fn splits(&self) -> bool {
+        self.components == 1 || self.coupling[0].shared == self.components
+    }
+
     /// Builds the coupling matrices of a mediator between two sides (coarse first) and factors the operator.
     ///
     /// # Errors

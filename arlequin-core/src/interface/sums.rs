@@ -105,10 +105,12 @@ pub(super) struct Sums<'a, T: Real> {
     beyond: Option<Beyond<'a, T>>,
 }
 
-/// Mediator and coarse field beyond their surfaces, for particles of the overlap that stick out of them.
+/// Mediator and the other model's field beyond their surfaces, for particles of the overlap that stick out of them.
 struct Beyond<'a, T: Real> {
+    /// The side whose particles sample the integrals.
+    particles: usize,
     mediator: Reach<'a, T, dyn Mediator<T>>,
-    coarse: Reach<'a, T, dyn Interpolation<T> + 'a>,
+    other: Reach<'a, T, dyn Interpolation<T> + 'a>,
 }
 
 impl<'a, T: Real> Sums<'a, T> {
@@ -123,21 +125,28 @@ impl<'a, T: Real> Sums<'a, T> {
             lost: T::zero(),
             rows: ShapeRow::default(),
             cols: [ShapeRow::default(), ShapeRow::default()],
-            beyond: match spec.options.sampling {
-                Sampling::Particles => Some(Beyond {
-                    mediator: Reach::new(&*spec.mediator),
-                    coarse: Reach::new(sides[0].field),
-                }),
-                _ => None,
-            },
+            beyond: None,
         }
+    }
+
+    /// The same for sums over the particles of one side, which may stick out of mediator and other model.
+    pub(super) fn over_particles(mut self, side: usize) -> Self {
+        self.beyond = Some(Beyond {
+            particles: side,
+            mediator: Reach::new(&*self.spec.mediator),
+            other: Reach::new(self.sides[1 - side].field),
+        });
+        self
     }
 
     /// Whether both models share a point: a particle there may stick out of the mediator and the coarse model.
     fn is_shared(&self, x: &Point3<T>) -> bool {
-        let w = self.sides[1].weight.at(x);
-        let floor = T::epsilon().sqrt();
-        self.beyond.is_some() && w > floor.min(T::of(1e-9)) && w < T::one() - floor.min(T::of(1e-9))
+        let Some(beyond) = &self.beyond else {
+            return false;
+        };
+        let w = self.sides[beyond.particles].weight.at(x);
+        let floor = T::epsilon().max(T::of(1e-9));
+        w > floor && w < T::one() - floor
     }
 
     /// Adds samples that lie in one cell each of mediator, coarse and fine field, where known.
@@ -170,9 +179,9 @@ impl<'a, T: Real> Sums<'a, T> {
                 ) {
                     Err(Error::OutsideDomain { .. }) => {
                         reached = true;
-                        let beyond = self.beyond.as_mut().filter(|_| shared && m == 0);
+                        let beyond = self.beyond.as_mut().filter(|b| shared && m != b.particles);
                         inside &=
-                            match beyond.map(|b| b.coarse.shape_at(&s.point, gradient, &mut self.cols[0])) {
+                            match beyond.map(|b| b.other.shape_at(&s.point, gradient, &mut self.cols[m])) {
                                 None | Some(Err(Error::OutsideDomain { .. })) => false,
                                 Some(other) => other.map(|()| true)?,
                             };

@@ -69,7 +69,8 @@ impl FaceMesh {
         }
     }
 
-    fn replace(&mut self, id: u32, v: [u32; 3]) {
+    /// Gives a face other corners.
+    pub(crate) fn replace(&mut self, id: u32, v: [u32; 3]) {
         self.unlink(id);
         self.faces[id as usize].v = v;
         self.link(id);
@@ -108,6 +109,10 @@ impl FaceMesh {
 
     /// Swaps the diagonal of a flat pair.
     pub(crate) fn swap(&mut self, edge: (u32, u32), [f, g, c, d]: [u32; 4]) {
+        let old = self.faces[f as usize].v;
+        let with_edge = (0..3).any(|k| old[k] == edge.0 && old[(k + 1) % 3] == edge.1);
+        // Seen from where `old` runs counter-clockwise, so do the new faces.
+        let (c, d) = if with_edge { (c, d) } else { (d, c) };
         self.unlink(f);
         self.unlink(g);
         self.faces[f as usize].v = [c, edge.0, d];

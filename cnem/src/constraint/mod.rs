@@ -5,16 +5,19 @@
 //! faces inside the domain that are not seen through.
 //!
 //! Every constrained face must be a face of the Delaunay complex. Where one is not, in this order:
-//! 1. the diagonals of flat patches are swapped to the ones the Delaunay complex has (same geometry),
+//! 1. flat patches take the triangles that the Delaunay complex has on one side of them, or single diagonals are
+//!    swapped to those it has (same geometry),
 //! 2. faces and edges are split at nodes that lie on them (to 1e-10 of the edge length),
 //! 3. points are inserted on the missing edges and faces; they are nodes of the domain and are reported.
 //!
 //! If that does not end within the allowed number of points, the error names the faces.
 
 mod mesh;
+mod patch;
 mod recover;
 
 pub(crate) use mesh::{Face, FaceMesh, key};
+pub(crate) use patch::depth;
 pub(crate) use recover::recover;
 
 use crate::bins::{Bins, around};

@@ -81,6 +81,8 @@ impl Work<'_> {
     /// Lawson swaps in the flat patches around missing faces. The perturbed circle test is the restriction of the
     /// sphere test to the plane, so a flat patch ends in the triangulation the complex has there, if it has one.
     fn swap_diagonals(&mut self) {
+        let missing = self.missing_faces();
+        self.done.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
         let mut queue: Vec<(u32, u32)> = Vec::new();
         for f in self.missing_faces() {
             let v = self.mesh.faces[f as usize].v;

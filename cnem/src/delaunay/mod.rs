@@ -39,7 +39,7 @@ pub struct Delaunay {
     pub(crate) at_vertex: Vec<u32>,
     duplicates: Vec<(usize, usize)>,
     /// Rank of the vertices in the tie-break; empty when it is the index.
-    rank: Vec<u32>,
+    pub(crate) rank: Vec<u32>,
     work: insert::Work,
 }
 
@@ -150,7 +150,7 @@ impl Delaunay {
         }
     }
 
-    /// Tetrahedra (ghosts too) that contain a vertex.
+    /// Tetrahedra (ghosts too) that contain a vertex. Behind a crack there are those of its copy, which are left out.
     pub(crate) fn star(&self, vertex: u32, out: &mut Vec<u32>) {
         out.clear();
         let first = self.at_vertex[vertex as usize];
@@ -163,8 +163,10 @@ impl Delaunay {
             let t = &self.tets[out[next] as usize];
             next += 1;
             for (&v, &n) in t.v.iter().zip(&t.n) {
-                if v != vertex && !out.contains(&(n >> 2)) {
-                    out.push(n >> 2);
+                let other = n >> 2;
+                let same = || self.tets[other as usize].slot_of(vertex).is_some();
+                if v != vertex && !out.contains(&other) && same() {
+                    out.push(other);
                 }
             }
         }

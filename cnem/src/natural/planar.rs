@@ -42,9 +42,12 @@ fn circumcentre(o: &Vector2<f64>, p: &Vector2<f64>, q: &Vector2<f64>) -> Vector2
 }
 
 impl Domain {
-    /// Weights of the nodes of the patch around `face`, which holds `x`. False if the linear ones had to be used.
-    pub(super) fn on_patch(&self, kind: Kind, x: &Point3<f64>, face: u32, s: &mut Planar) -> bool {
-        let v = self.mesh.faces[face as usize].v;
+    /// Weights of the nodes of the patch around `face`, which holds `x`, as seen from the side of it on which `tet` is.
+    /// False if the linear ones had to be used.
+    pub(super) fn on_patch(&self, kind: Kind, x: &Point3<f64>, face: u32, tet: u32, s: &mut Planar) -> bool {
+        let corners = self.corners_of(tet).map(|v| self.delaunay.points[v] - x);
+        let side = self.side_towards(face, &corners.into_iter().sum());
+        let v = self.face_on_side(face, side);
         let [a, b, c] = v.map(|v| self.delaunay.points[v as usize]);
         let normal = (b - a).cross(&(c - a));
         // On axis-parallel planes two coordinates are kept as they are, so that circle tests on grids are exact.
@@ -66,7 +69,8 @@ impl Domain {
         s.faces.clear();
         let first = s.triangle(self, face, v, &project);
         s.faces.push(first);
-        self.flood_patch(s, &project);
+        let towards = if side == 1 { normal } else { -normal };
+        self.flood_patch(s, &towards, &project);
         s.weigh(kind) && s.finish(self, x) || {
             s.linear(v, &project, self);
             false
@@ -74,17 +78,27 @@ impl Domain {
     }
 
     /// Flood over the edges inside the patch while the circle holds the origin.
-    fn flood_patch(&self, s: &mut Planar, project: &dyn Fn(&Point3<f64>) -> Vector2<f64>) {
+    fn flood_patch(
+        &self,
+        s: &mut Planar,
+        towards: &Vector3<f64>,
+        project: &dyn Fn(&Point3<f64>) -> Vector2<f64>,
+    ) {
         let mut next = 0;
         while next < s.faces.len() && next < MAX_FACES {
             let Triangle { face, v, .. } = s.faces[next];
             next += 1;
             for i in 0..3 {
                 let (p, q) = (v[i], v[(i + 1) % 3]);
-                let Some([f, g, c, d]) = self.mesh.flat_pair(self.nodes(), key(p, q)) else {
+                let edge = key(self.copies.original(p), self.copies.original(q));
+                let Some([f, g, ..]) = self.mesh.flat_pair(self.nodes(), edge) else {
                     continue;
                 };
-                let (other, apex) = if f == face { (g, d) } else { (f, c) };
+                let other = if f == face { g } else { f };
+                let ends = self.face_on_side(other, self.side_towards(other, towards));
+                let Some(apex) = ends.into_iter().find(|&v| v != p && v != q) else {
+                    continue;
+                };
                 if s.faces.iter().any(|t| t.face == other) {
                     continue;
                 }

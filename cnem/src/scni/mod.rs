@@ -16,7 +16,8 @@ pub(crate) use stabilise::SubCells;
 
 use crate::domain::Domain;
 use crate::error::Result;
-use crate::natural::{Kind, Scratch};
+use crate::natural::{Kind, Row, Scratch};
+use crate::tet::NONE;
 use crate::voronoi::{Facet, Side, Voronoi};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -122,15 +123,29 @@ impl Smoothing {
     }
 }
 
+/// Shape functions at the centroid of a facet, seen from the tetrahedron it lies in where that is known: the two lips
+/// of a crack have different values.
+fn shape_on<'s>(domain: &Domain, kind: Kind, facet: &Facet, tet: u32, s: &'s mut Scratch) -> Result<&'s Row> {
+    let x = &facet.centroid;
+    if tet != NONE {
+        let distance = domain
+            .plane_distances(tet, x)
+            .into_iter()
+            .fold(f64::MIN, f64::max);
+        if matches!(facet.side, Side::Face(_)) || distance <= domain.tolerance {
+            return Ok(domain.shape_within(kind, x, tet, s, false));
+        }
+    }
+    domain.shape(kind, x, s)
+}
+
 /// Evaluates the facets that cell `i` owns: those to higher nodes and those on the boundary.
 fn sample(domain: &Domain, cells: &Voronoi, kind: Kind, i: usize, s: &mut Scratch) -> Result<Vec<Sampled>> {
-    let owned = cells
-        .facets(i)
-        .iter()
-        .filter(|f| !matches!(f.side, Side::Node(j) if j < i));
+    let facets = cells.facets(i).iter().zip(cells.tets(i));
+    let owned = facets.filter(|f| !matches!(f.0.side, Side::Node(j) if j < i));
     owned
-        .map(|facet| {
-            let (nodes, values, extrapolated) = match domain.shape(kind, &facet.centroid, s) {
+        .map(|(facet, &tet)| {
+            let (nodes, values, extrapolated) = match shape_on(domain, kind, facet, tet, s) {
                 Ok(row) => (row.nodes.clone(), row.values.clone(), false),
                 // The common boundary of two cells at a re-entrant edge need not be convex: its centroid may lie outside.
                 Err(_) => {

@@ -5,11 +5,14 @@ use super::{Facet, Side};
 use crate::bins::{Bins, around};
 use crate::clip::Polyhedron;
 use crate::domain::Domain;
-use crate::tet::INF;
+use crate::tet::{INF, NONE};
 use nalgebra::{Point3, Vector3};
 
 /// Twice the area of a facet, relative to the squared distance of its nodes, below which it is round-off.
 const TINY_FACET: f64 = 1e-13;
+
+/// Distance from the middle plane of two nodes, relative to their distance, at which a corner lies on it.
+const SNAP: f64 = 1e-12;
 
 const NODE: u64 = 1 << 40;
 const WALL: u64 = 2 << 40;
@@ -25,6 +28,9 @@ struct Piece {
     area: Vector3<f64>,
     moment: Vector3<f64>,
     weight: f64,
+    /// Tetrahedron with the largest part, and that part.
+    tet: u32,
+    largest: f64,
 }
 
 /// Working memory and result of one cell.
@@ -32,6 +38,7 @@ struct Piece {
 pub(super) struct Work {
     star: Vec<u32>,
     queue: Vec<u32>,
+    beyond: Vec<u32>,
     /// Neighbours with their position relative to the node, nearest first.
     near: Vec<(f64, u32, Vector3<f64>)>,
     pieces: Vec<Piece>,
@@ -42,11 +49,15 @@ pub(super) struct Work {
     pub(super) keep: Option<Vec<Polyhedron>>,
     pub(super) volume: f64,
     pub(super) facets: Vec<Facet>,
+    /// A tetrahedron in which most of each facet lies, `NONE` where no wall is near.
+    pub(super) tets: Vec<u32>,
+    reached: Vec<u32>,
 }
 
 impl Work {
     fn start(&mut self, domain: &Domain, node: u32) {
         self.volume = 0.0;
+        self.tets.clear();
         self.pieces.clear();
         self.parts.clear();
         self.facets.clear();
@@ -57,7 +68,10 @@ impl Work {
     pub(super) fn cell(&mut self, domain: &Domain, walls: &Bins, node: u32) {
         self.start(domain, node);
         let seed = &domain.delaunay.points[node as usize];
-        let within = self.star.iter().all(|&t| domain.inside[t as usize]);
+        let within = self
+            .star
+            .iter()
+            .all(|&t| domain.inside[t as usize] || domain.glued[t as usize]);
         let reach = self
             .star
             .iter()
@@ -76,35 +90,45 @@ impl Work {
     pub(super) fn clipped(&mut self, domain: &Domain, regions: &Regions, node: u32) {
         self.start(domain, node);
         self.by_clipping(domain, regions, node);
+        let original = domain.copies.original(node);
         for region in regions.of_node(node) {
             self.near.clear();
             let seed = domain.delaunay.points[node as usize];
-            for &v in region.nodes.iter().filter(|&&v| v != node) {
-                let r = domain.delaunay.points[v as usize] - seed;
-                self.near.push((r.norm_squared(), v, r));
+            for &v in &region.nodes {
+                self.add_near(domain, node, v);
             }
             self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
             for &tet in &region.tets {
-                self.clip_one(domain, tet, &seed);
-                self.take_piece(domain, tet);
+                if domain.copy_at(tet, original, &mut self.reached) == node {
+                    self.clip_one(domain, tet, &seed);
+                    self.take_piece(domain, tet, node);
+                }
             }
         }
         self.finish(&domain.delaunay.points[node as usize]);
     }
 
-    fn add(&mut self, tag: u64, area: Vector3<f64>, moment: Vector3<f64>, weight: f64) {
-        match self.pieces.iter_mut().find(|p| p.tag == tag) {
+    fn add(&mut self, part: Piece) {
+        match self.pieces.iter_mut().find(|p| p.tag == part.tag) {
             Some(p) => {
-                p.area += area;
-                p.moment += moment;
-                p.weight += weight;
+                p.area += part.area;
+                p.moment += part.moment;
+                p.weight += part.weight;
+                if part.largest > p.largest {
+                    (p.tet, p.largest) = (part.tet, part.largest);
+                }
             }
-            None => self.pieces.push(Piece {
-                tag,
-                area,
-                moment,
-                weight,
-            }),
+            None => self.pieces.push(part),
+        }
+    }
+
+    /// Lists a neighbour once, whatever its copies.
+    fn add_near(&mut self, domain: &Domain, node: u32, v: u32) {
+        let v = domain.copies.original(v);
+        if v != domain.copies.original(node) && !self.near.iter().any(|n| n.1 == v) {
+            let seed = &domain.delaunay.points[node as usize];
+            let r = domain.delaunay.points[v as usize] - seed;
+            self.near.push((r.norm_squared(), v, r));
         }
     }
 
@@ -134,12 +158,14 @@ impl Work {
                     let weight = 0.5 * twice / r.norm();
                     let area = r * (0.5 * twice / r.norm_squared());
                     self.volume += twice / 12.0;
-                    self.add(
-                        NODE | u64::from(other),
+                    self.add(Piece {
+                        tag: NODE | u64::from(other),
                         area,
-                        (m + from + to) * (weight / 3.0),
+                        moment: (m + from + to) * (weight / 3.0),
                         weight,
-                    );
+                        tet: NONE,
+                        largest: 0.0,
+                    });
                 }
             }
         }
@@ -148,11 +174,11 @@ impl Work {
     fn by_clipping(&mut self, domain: &Domain, regions: &Regions, node: u32) {
         let seed = domain.delaunay.points[node as usize];
         self.near.clear();
-        for &t in &self.star {
-            for &v in &domain.delaunay.tets[t as usize].v {
-                if v != node && v != INF && !self.near.iter().any(|n| n.1 == v) {
-                    let r = domain.delaunay.points[v as usize] - seed;
-                    self.near.push((r.norm_squared(), v, r));
+        for i in 0..self.star.len() {
+            let t = self.star[i];
+            for v in domain.delaunay.tets[t as usize].v {
+                if v != INF {
+                    self.add_near(domain, node, v);
                 }
             }
         }
@@ -160,36 +186,57 @@ impl Work {
         self.queue.clear();
         self.queue
             .extend(self.star.iter().filter(|&&t| domain.inside[t as usize]));
+        let original = domain.copies.original(node);
         let mut next = 0;
         while next < self.queue.len() {
             let tet = self.queue[next];
             next += 1;
             self.clip_one(domain, tet, &seed);
             for (tag, _) in self.piece.faces() {
-                let id = (tag & !KIND) as u32;
-                if tag & KIND == FREE && !self.queue.contains(&id) {
-                    self.queue.push(id);
+                if tag & KIND == FREE {
+                    domain.beyond((tag & !KIND) as u32, &mut self.beyond);
+                    for &id in &self.beyond {
+                        let known = self.queue.contains(&id);
+                        if !known && domain.copy_at(id, original, &mut self.reached) == node {
+                            self.queue.push(id);
+                        }
+                    }
                 }
             }
             if !regions.holds(tet) {
-                self.take_piece(domain, tet);
+                self.take_piece(domain, tet, node);
             }
         }
     }
 
-    /// Adds the piece of a tetrahedron to the cell.
-    fn take_piece(&mut self, domain: &Domain, tet: u32) {
+    /// Adds the piece of a tetrahedron to the cell. A face towards a tetrahedron where another copy of the node rules is
+    /// a facet between the two.
+    fn take_piece(&mut self, domain: &Domain, tet: u32, node: u32) {
         let piece = std::mem::take(&mut self.piece);
         for (tag, face) in piece.faces() {
-            if tag & KIND != FREE {
-                let weight = face.area.norm();
-                let tag = if tag & KIND == WALL && along(domain, tag & !KIND, &face.area) {
-                    tag | LIP
-                } else {
-                    tag
-                };
-                self.add(tag, face.area, face.centroid * weight, weight);
-            }
+            let id = tag & !KIND;
+            let tag = match tag & KIND {
+                WALL if along(domain, id, &face.area) => tag | LIP,
+                NODE => NODE | u64::from(domain.copy_at(tet, id as u32, &mut self.reached)),
+                FREE => {
+                    let original = domain.copies.original(node);
+                    let copy = domain.copy_at(id as u32, original, &mut self.reached);
+                    if copy == node {
+                        continue;
+                    }
+                    NODE | u64::from(copy)
+                }
+                _ => tag,
+            };
+            let weight = face.area.norm();
+            self.add(Piece {
+                tag,
+                area: face.area,
+                moment: face.centroid * weight,
+                weight,
+                tet,
+                largest: weight,
+            });
         }
         if !piece.is_empty() {
             let volume = piece.volume();
@@ -222,7 +269,11 @@ impl Work {
             if *square > 4.0 * reach {
                 break;
             }
-            if self.piece.clip(r, 0.5 * square, NODE | u64::from(*v)) {
+            let free = |tag| tag & KIND == FREE;
+            if self
+                .piece
+                .clip_near(r, 0.5 * square, NODE | u64::from(*v), SNAP * square, free)
+            {
                 if self.piece.is_empty() {
                     return;
                 }
@@ -242,6 +293,7 @@ impl Work {
                 } else {
                     Side::Face(id)
                 };
+                self.tets.push(p.tet);
                 self.facets.push(Facet {
                     side,
                     area: p.area,

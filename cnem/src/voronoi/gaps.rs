@@ -87,6 +87,7 @@ impl Regions {
             }
             let id = self.regions.len() as u32;
             let mut tets = vec![start];
+            let mut beyond = Vec::new();
             self.of_tet.insert(start, id);
             let mut next = 0;
             while next < tets.len() {
@@ -94,10 +95,15 @@ impl Regions {
                 next += 1;
                 for slot in 0..4 {
                     let other = domain.delaunay.tets[tet as usize].n[slot] >> 2;
-                    let wall = domain.walls[tet as usize] >> slot & 1 == 1;
-                    if !wall && self.of_tet.get(&other) == Some(&u32::MAX) {
-                        self.of_tet.insert(other, id);
-                        tets.push(other);
+                    if domain.walls[tet as usize] >> slot & 1 == 1 {
+                        continue;
+                    }
+                    domain.beyond(other, &mut beyond);
+                    for &other in &beyond {
+                        if self.of_tet.get(&other) == Some(&u32::MAX) {
+                            self.of_tet.insert(other, id);
+                            tets.push(other);
+                        }
                     }
                 }
             }
@@ -121,6 +127,11 @@ impl Regions {
         for (id, region) in self.regions.iter_mut().enumerate() {
             for &t in &region.tets {
                 region.nodes.extend(domain.delaunay.tets[t as usize].v);
+            }
+            // Which copy of a node gets its part is a matter of the tetrahedron.
+            for i in 0..region.nodes.len() {
+                let original = domain.copies.original(region.nodes[i]);
+                region.nodes.extend(domain.copies.of(original));
             }
             region.nodes.sort_unstable();
             region.nodes.dedup();

@@ -1,7 +1,7 @@
 //! Voronoi cells of the nodes, cut off at the constrained faces.
 //!
 //! The cell of a node is the part of the domain that is closer to it than to any other node and connected to it without
-//! crossing a constrained face. Cells far from the constraints are read off the circumcentres; the others are collected
+//! crossing a constrained face. Copies of a node (see [`crate::crack`]) share what is closest to it by their lips. Cells far from the constraints are read off the circumcentres; the others are collected
 //! tetrahedron by tetrahedron: clip it by the bisectors of the node, continue over the free faces of what is left.
 //!
 //! A part of the domain whose closest node is behind a constrained face belongs to no cell by that rule. It cannot exist
@@ -57,6 +57,8 @@ pub struct Voronoi {
     volumes: Vec<f64>,
     start: Vec<usize>,
     facets: Vec<Facet>,
+    /// A tetrahedron in which most of each facet lies, `NONE` where no wall is near.
+    tets: Vec<u32>,
     pub(crate) regions: Regions,
 }
 
@@ -91,6 +93,11 @@ impl Voronoi {
     /// If there is no such node.
     pub fn facets(&self, node: usize) -> &[Facet] {
         &self.facets[self.start[node]..self.start[node + 1]]
+    }
+
+    /// A tetrahedron in which most of each facet of a node's cell lies, `NONE` where no wall is near.
+    pub(crate) fn tets(&self, node: usize) -> &[u32] {
+        &self.tets[self.start[node]..self.start[node + 1]]
     }
 
     /// What was handed over to other nodes because its closest node is behind a constrained face.
@@ -143,11 +150,11 @@ impl Domain {
     }
 
     fn cells(&self, make: impl Fn(&mut Work, u32) + Sync) -> Voronoi {
-        let cells: Vec<(f64, Vec<Facet>)> = (0..self.nodes().len() as u32)
+        let cells: Vec<(f64, Vec<Facet>, Vec<u32>)> = (0..self.nodes().len() as u32)
             .into_par_iter()
             .map_init(Work::default, |work, node| {
                 make(work, node);
-                (work.volume, work.facets.clone())
+                (work.volume, work.facets.clone(), work.tets.clone())
             })
             .collect();
         let mut out = Voronoi {
@@ -155,8 +162,9 @@ impl Domain {
             start: vec![0],
             ..Voronoi::default()
         };
-        for (volume, facets) in cells {
+        for (volume, facets, tets) in cells {
             out.volumes.push(volume);
+            out.tets.extend(tets);
             out.facets.extend(facets);
             out.start.push(out.facets.len());
         }

@@ -2,6 +2,8 @@
 #![allow(dead_code, reason = "every target uses its own part")]
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+pub(crate) mod bodies;
+
 use arlequin_core::Real;
 use arlequin_core::sprs::{CsMat, TriMat};
 use cnem::Elastic;
@@ -24,8 +26,7 @@ pub(crate) fn silica() -> Elastic<f64> {
     Elastic::new(72.5e9, 0.17, 2200.0).unwrap()
 }
 
-/// Nodes of the grid cells that `keep` keeps, moved by up to `amount` spacings where they are not on the border, and
-/// the border itself. Cells have size `h`.
+/// The domain of [`block_mesh`].
 pub(crate) fn block(
     counts: [usize; 3],
     h: f64,
@@ -33,6 +34,19 @@ pub(crate) fn block(
     seed: u64,
     keep: impl Fn(usize, usize, usize) -> bool,
 ) -> Domain {
+    let (points, faces) = block_mesh(counts, h, amount, seed, keep);
+    Domain::new(&points, &Surface::boundary(faces)).unwrap()
+}
+
+/// Nodes of the grid cells that `keep` keeps, moved by up to `amount` spacings where they are not on the border, and
+/// the border itself. Cells have size `h`.
+pub(crate) fn block_mesh(
+    counts: [usize; 3],
+    h: f64,
+    amount: f64,
+    seed: u64,
+    keep: impl Fn(usize, usize, usize) -> bool,
+) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
     let n = counts.map(|c| c + 1);
     let id = |i: usize, j: usize, k: usize| i + n[0] * (j + n[1] * k);
     let mut used = vec![0; n[0] * n[1] * n[2]];
@@ -89,7 +103,7 @@ pub(crate) fn block(
         .iter()
         .map(|q| q.map(|v| new[v]))
         .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]);
-    Domain::new(&points, &Surface::boundary(faces.collect())).unwrap()
+    (points, faces.collect())
 }
 
 /// `K` without the rows and columns of prescribed unknowns, and the map from free to all unknowns.

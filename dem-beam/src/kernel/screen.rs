@@ -16,7 +16,7 @@
 //! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength beforehand, and
 //! multiplied by a length where that saves a division.
 
-use super::engine::RotationVector;
+use super::engine::Posed;
 use super::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, sum};
 use super::law::{Finite, FiniteNear, FiniteReady, FiniteSlot, Law, Linear, LinearSlot, turned_axes};
 use crate::bond::BeamRigidity;
@@ -147,9 +147,11 @@ impl<L: Lanes<T = f64>> Test<L> {
     #[inline(always)]
     fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
         if matches!(self.criterion, Criterion::Mises) {
-            let left = l.max(l.nmadd(self.three, t, self.one), self.zero);
-            let room = l.sub(l.sqrt(left), self.size(l, n));
-            return l.nmadd(room, self.size(l, room), b);
+            let left = l.nmadd(self.three, t, self.one);
+            let kept = l.max(left, self.zero);
+            let room = l.sub(l.sqrt(kept), self.size(l, n));
+            // Shear beyond the limit alone leaves no room, and under it alone there is nothing to compare that with.
+            return l.add(l.nmadd(room, self.size(l, room), b), l.sub(kept, left));
         }
         let room = l.sub(l.sub(self.one, t), n);
         l.nmadd(room, self.size(l, room), b)
@@ -171,7 +173,7 @@ impl<L: Lanes<T = f64>> Test<L> {
 }
 
 /// A law that can be screened.
-pub(crate) trait Screened: RotationVector {
+pub(crate) trait Screened: Posed {
     /// Above zero where a half-bond may have reached its limit.
     fn excess<L: Lanes<T = f64>>(
         l: L,

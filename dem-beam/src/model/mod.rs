@@ -11,11 +11,12 @@
 //! particle i are multiplied by `alpha(x_i)`, mass and inertia by `beta(x_i)`; such a model has no
 //! symmetric stiffness and is not offered as a linear one.
 //!
-//! Finite rotations ([`DemModel::with_finite_rotations`]): the unknowns are rotation vectors `th`
-//! and the forces the exact gradient `-dU/dth` of the frame-indifferent energy, so energy is
-//! conserved for any deformation. The kinetic energy is `1/2 I |dth/dt|^2`, which is that of the
-//! spin for rotations about a fixed axis and differs from it by terms of the order of
-//! `|th x dth/dt|^2` otherwise. A particle may turn by 6 rad at most.
+//! Finite rotations ([`DemModel::with_finite_rotations`]): the velocities of the rotations are spins `w` about fixed axes
+//! and their accelerations torques over inertias, which is exact for spheres. The model keeps a unit quaternion per
+//! particle that turns with `exp(dt w)` in every step ([`Model::advance`]); the rotation unknowns are the spin added up
+//! over time, from the rotation vector that the initial state gives. Torques and forces balance about the present
+//! centres, so the scheme keeps angular momentum to round-off and the energy as well as for translations, however far a
+//! particle turns.
 
 mod breaking;
 pub(crate) mod forces;
@@ -43,11 +44,12 @@ use arlequin_core::geometry::{Cell, Sample};
 use arlequin_core::model::{
     CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
 };
+use arlequin_core::momentum::Arms;
 use arlequin_core::parallel;
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
-use forces::{Gather, check_rotations};
+use forces::Gather;
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
 use rayon::prelude::*;
@@ -166,7 +168,7 @@ impl DemModel {
         })
     }
 
-    /// The same body under the finite-rotation law; see the module text for what it conserves.
+    /// The same body under the finite-rotation law; see the module text.
     #[must_use]
     pub fn with_finite_rotations(mut self) -> Self {
         self.kernel = Kernel::Finite(Gather::new(&self.body));
@@ -266,7 +268,10 @@ impl DemModel {
     fn reader<'a>(&'a self, q: &'a [f64]) -> Reader<'a> {
         Reader {
             q,
-            finite: self.has_finite_rotations(),
+            reached: match &self.kernel {
+                Kernel::Linear(_) => None,
+                Kernel::Finite(k) => Some(k.reached()),
+            },
             factors: self.factors.as_deref(),
             rigidity: *self.body.rigidity(),
         }
@@ -329,6 +334,7 @@ impl Model<f64> for DemModel {
         Ok(())
     }
 
+    /// Orientations begin anew from rest.
     fn set_internal_weight(
         &mut self,
         alpha: &dyn Weight<f64>,
@@ -352,25 +358,32 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let factors = self.factors.as_deref();
+        let marks = self.fracture.as_mut().and_then(FractureState::marks);
         match &mut self.kernel {
-            Kernel::Linear(k) => {
-                let marks = self.fracture.as_mut().and_then(FractureState::marks);
-                k.add(q, f, factors, marks);
-            }
-            Kernel::Finite(_) => {
-                if let Err(e) = check_rotations(&q[q.len() / 2..]) {
-                    // A particle without bonds may spin as it likes.
-                    if let Some(e) = self.refused(e, q) {
-                        return Err(self.named(&e));
-                    }
-                }
-                if let Kernel::Finite(k) = &mut self.kernel {
-                    let marks = self.fracture.as_mut().and_then(FractureState::marks);
-                    k.add(q, f, self.factors.as_deref(), marks);
-                }
-            }
+            Kernel::Linear(k) => k.add(q, f, factors, marks),
+            Kernel::Finite(k) => k.add(q, f, factors, marks),
         }
         Ok(())
+    }
+
+    fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
+        check_size(self, "displacements", q.len())?;
+        check_size(self, "forces", f.len())?;
+        let factors = self.factors.as_deref();
+        let marks = self.fracture.as_mut().and_then(FractureState::marks);
+        match &mut self.kernel {
+            Kernel::Linear(k) => k.advance(q, f, factors, marks),
+            Kernel::Finite(k) => k.advance(q, f, factors, marks),
+        }
+        Ok(())
+    }
+
+    fn arms(&self) -> Arms {
+        if self.has_finite_rotations() {
+            Arms::Current
+        } else {
+            Arms::Reference
+        }
     }
 
     /// Sum of the weighted bond energies \[J\]; with nodal weighting bonds carry the mean of `alpha`
@@ -421,14 +434,11 @@ impl Model<f64> for DemModel {
     }
 
     fn save(&self) -> Record<f64> {
-        self.fracture
-            .as_ref()
-            .map(FractureState::save)
-            .unwrap_or_default()
+        self.remember()
     }
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
-        self.restore_breaks(from)
+        self.recall(from.clone())
     }
 
     fn effects(&self) -> &[&'static str] {

@@ -1,0 +1,259 @@
+//! Cracks that open: every lip has its own copy of the nodes on it.
+//!
+//! At a node of a crack face the tetrahedra of the domain fall into groups that are joined over faces without a wall.
+//! Each group is one unknown: the first keeps the node, every other one gets a copy of it at the same place. Around a
+//! node of the crack front the tetrahedra are one group, so the front is shared; a crack that cuts the whole body
+//! leaves no common unknown. The tetrahedra themselves carry the copies, hence shape functions, cells, gradients, masses
+//! and loads use them without further ado.
+
+use crate::delaunay::Delaunay;
+use crate::domain::Domain;
+use crate::tet::NONE;
+use nalgebra::Vector3;
+use std::collections::HashMap;
+
+/// Tetrahedra looked at in the search for the copy that belongs to a place.
+const MAX_REACHED: usize = 4096;
+
+/// Node of a crack lip that was given an unknown of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CrackCopy {
+    /// Its index among the nodes of the domain.
+    pub node: usize,
+    /// The node it is a copy of, at the same place.
+    pub original: usize,
+}
+
+/// One triangle of a crack with the nodes of its two lips.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Lips {
+    /// Index of the triangle in [`Domain::constrained_faces`].
+    pub face: usize,
+    /// Nodes of the lip that the triangle's normal points away from, in the order of the triangle; none where the domain
+    /// has only flat tetrahedra on that side, whose other triangles are listed instead.
+    pub below: Option<[usize; 3]>,
+    /// Nodes of the lip on the side of the normal, in the same order.
+    pub above: Option<[usize; 3]>,
+}
+
+/// Copies of nodes, and the tetrahedra on both sides of every constrained face.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Copies {
+    /// Number of nodes before the first copy.
+    first: u32,
+    /// Originals of the copies.
+    originals: Vec<u32>,
+    /// All unknowns of a node with copies, itself first.
+    of: HashMap<u32, Vec<u32>>,
+    /// `tetrahedron << 2 | slot` below and above every constrained face.
+    pub(crate) sides: Vec<[u32; 2]>,
+}
+
+impl Copies {
+    pub(crate) fn new(nodes: usize, sides: Vec<[u32; 2]>) -> Self {
+        Self {
+            first: nodes as u32,
+            sides,
+            ..Self::default()
+        }
+    }
+
+    /// The node that a vertex is a copy of, itself for all others.
+    #[inline]
+    pub(crate) fn original(&self, v: u32) -> u32 {
+        if v < self.first || v == crate::tet::INF {
+            v
+        } else {
+            self.originals[(v - self.first) as usize]
+        }
+    }
+
+    /// All unknowns of a node, none if there is only itself.
+    #[inline]
+    pub(crate) fn of(&self, original: u32) -> &[u32] {
+        if self.originals.is_empty() {
+            &[]
+        } else {
+            self.of.get(&original).map_or(&[], Vec::as_slice)
+        }
+    }
+
+    fn add(&mut self, original: u32, copy: u32) {
+        self.originals.push(original);
+        self.of
+            .entry(original)
+            .or_insert_with(|| vec![original])
+            .push(copy);
+    }
+}
+
+impl Domain {
+    /// Nodes that were copied because a crack separates what is around them, in order of their indices, which follow
+    /// those of all other nodes. A node with several copies lies where cracks cross.
+    pub fn copies(&self) -> impl Iterator<Item = CrackCopy> + '_ {
+        let first = self.copies.first as usize;
+        let copy = move |(k, &v): (usize, &u32)| CrackCopy {
+            node: first + k,
+            original: v as usize,
+        };
+        self.copies.originals.iter().enumerate().map(copy)
+    }
+
+    /// The node of which `node` is a copy, itself if it is none.
+    pub fn original(&self, node: usize) -> usize {
+        match node.checked_sub(self.copies.first as usize) {
+            Some(k) => self.copies.originals.get(k).map_or(node, |&v| v as usize),
+            None => node,
+        }
+    }
+
+    /// Crack triangles with the nodes of both lips; on the front the two agree.
+    pub fn lips(&self) -> impl Iterator<Item = Lips> + '_ {
+        let cracks = self.mesh.faces.iter().enumerate().filter(|f| f.1.crack);
+        cracks.map(|(face, _)| {
+            let [below, above] = [0, 1].map(|side: usize| {
+                let tet = self.copies.sides[face][side] >> 2;
+                let v = self.face_on_side(face as u32, side).map(|v| v as usize);
+                self.inside[tet as usize].then_some(v)
+            });
+            Lips { face, below, above }
+        })
+    }
+
+    /// Vertices of a constrained face as the tetrahedron below (0) or above (1) it has them.
+    pub(crate) fn face_on_side(&self, face: u32, side: usize) -> [u32; 3] {
+        let tet = self.copies.sides[face as usize][side] >> 2;
+        let corners = self.delaunay.tets[tet as usize].v;
+        self.mesh.faces[face as usize].v.map(|v| {
+            let same = corners.iter().find(|&&w| self.copies.original(w) == v);
+            same.copied().unwrap_or(v)
+        })
+    }
+
+    /// The side of a constrained face, below (0) or above (1), on which a direction from the face leads.
+    pub(crate) fn side_towards(&self, face: u32, direction: &Vector3<f64>) -> usize {
+        let [a, b, c] = self.mesh.faces[face as usize]
+            .v
+            .map(|v| &self.delaunay.points[v as usize]);
+        usize::from((b - a).cross(&(c - a)).dot(direction) > 0.0)
+    }
+
+    /// The unknown that a node with copies has in and around a tetrahedron: that of the tetrahedron with the node that is
+    /// reached over the fewest faces without crossing a wall; of several the first.
+    pub(crate) fn copy_at(&self, tet: u32, original: u32, reached: &mut Vec<u32>) -> u32 {
+        let all = self.copies.of(original);
+        let Some(&itself) = all.first() else {
+            return original;
+        };
+        reached.clear();
+        reached.push(tet);
+        let (mut next, mut level) = (0, 1);
+        let mut found = None;
+        while next < reached.len() && next < MAX_REACHED {
+            let tet = reached[next];
+            let t = &self.delaunay.tets[tet as usize];
+            let here = t.v.into_iter().find(|v| all.contains(v));
+            found = here.map_or(found, |v| Some(found.map_or(v, |f: u32| f.min(v))));
+            for (slot, &n) in t.n.iter().enumerate() {
+                if self.walls[tet as usize] >> slot & 1 == 0 && !reached.contains(&(n >> 2)) {
+                    reached.push(n >> 2);
+                }
+            }
+            next += 1;
+            if next == level {
+                if let Some(copy) = found {
+                    return copy;
+                }
+                level = reached.len();
+            }
+        }
+        found.unwrap_or(itself)
+    }
+
+    /// Gives every group of tetrahedra around a crack node its own vertex.
+    pub(crate) fn open_cracks(&mut self) {
+        self.copies = Copies::new(self.delaunay.points.len(), self.sides());
+        let mut nodes: Vec<(u32, u32)> = Vec::new();
+        for (i, f) in self.mesh.faces.iter().enumerate().filter(|f| f.1.crack) {
+            nodes.extend(f.v.map(|v| (v, self.copies.sides[i][0] >> 2)));
+        }
+        // Of the faces at a node the first decides which lip keeps it.
+        nodes.sort_by_key(|n| n.0);
+        nodes.dedup_by_key(|n| n.0);
+        let (mut star, mut group) = (Vec::new(), Vec::new());
+        for (node, below) in nodes {
+            self.delaunay.star(node, &mut star);
+            star.retain(|&t| self.inside[t as usize] || self.glued[t as usize]);
+            // A triangle may lie outside the domain; then any group keeps the node.
+            let keeps = star.iter().copied().find(|&t| t == below);
+            let Some(start) = keeps.or(star.first().copied()) else {
+                continue;
+            };
+            self.take_group(node, start, &mut star, &mut group);
+            self.delaunay.at_vertex[node as usize] = start;
+            while let Some(&start) = star.first() {
+                self.take_group(node, start, &mut star, &mut group);
+                let copy = self.delaunay.copy_vertex(node, &group);
+                self.copies.add(node, copy);
+            }
+        }
+        self.delaunay.rank_copies(&self.copies.originals);
+    }
+
+    /// Moves the tetrahedra around a node that are joined to `start` out of `star`.
+    fn take_group(&self, node: u32, start: u32, star: &mut Vec<u32>, group: &mut Vec<u32>) {
+        group.clear();
+        group.push(start);
+        star.retain(|&t| t != start);
+        let mut next = 0;
+        while next < group.len() {
+            let tet = group[next];
+            next += 1;
+            let t = &self.delaunay.tets[tet as usize];
+            for slot in 0..4 {
+                let other = t.n[slot] >> 2;
+                let free = self.walls[tet as usize] >> slot & 1 == 0;
+                if free && t.v[slot] != node && star.contains(&other) {
+                    star.retain(|&t| t != other);
+                    group.push(other);
+                }
+            }
+        }
+    }
+
+    /// Tetrahedra below and above every constrained face.
+    fn sides(&self) -> Vec<[u32; 2]> {
+        let mut out = vec![[NONE; 2]; self.mesh.faces.len()];
+        for (&side, &face) in &self.face_at {
+            let outward = self.delaunay.tets[(side >> 2) as usize].face((side & 3) as usize);
+            let v = self.mesh.faces[face as usize].v;
+            let turned = outward.iter().position(|&w| w == v[0]);
+            // A face whose vertices run as seen from outside a tetrahedron has it below.
+            let below = turned.is_some_and(|k| outward[(k + 1) % 3] == v[1]);
+            out[face as usize][usize::from(!below)] = side;
+        }
+        out
+    }
+}
+
+impl Delaunay {
+    /// Ties between spheres are broken as if the copies were their originals.
+    fn rank_copies(&mut self, originals: &[u32]) {
+        if !originals.is_empty() {
+            let own = 0..(self.points.len() - originals.len()) as u32;
+            self.rank = own.chain(originals.iter().copied()).collect();
+        }
+    }
+
+    /// A second vertex at the place of `v` for some of the tetrahedra around it.
+    fn copy_vertex(&mut self, v: u32, tets: &[u32]) -> u32 {
+        let copy = self.points.len() as u32;
+        self.points.push(self.points[v as usize]);
+        self.at_vertex.push(tets.first().copied().unwrap_or(NONE));
+        for &t in tets {
+            let corners = &mut self.tets[t as usize].v;
+            *corners = corners.map(|w| if w == v { copy } else { w });
+        }
+        copy
+    }
+}

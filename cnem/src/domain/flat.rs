@@ -1,0 +1,250 @@
+//! Flat tetrahedra: those that the round-off of the coordinates alone has made.
+//!
+//! Nodes that ought to lie in one plane or on one circle do so up to the round-off of their coordinates only. The
+//! complex, exact for the coordinates as they are, then holds tetrahedra without thickness: on oblique planar faces,
+//! between the triangles of the face and those of its exact hull; along straight edges; and inside, between two pairs
+//! of triangles over the same four cocircular nodes. Their sign, centre and volume mean nothing. A tetrahedron is flat if
+//! its lowest height is at most the distance [`Domain::tolerance`] below which no point can be told from the boundary
+//! either.
+//!
+//! - Flat tetrahedra next to constrained faces are taken out of the domain, one after the other from outside. The
+//!   faces behind them become the constrained ones: a planar patch is again a patch, that of the tetrahedra with a thickness.
+//! - Those inside belong to no cell, have no volume and are no elements. They remain as connections ([`Domain::glued`]):
+//!   searches pass through them. All spheres through their four nodes that are empty belong to the same Voronoi edge,
+//!   so that the centre of a neighbour serves as their own.
+
+use super::Domain;
+use crate::circumcentre::six_volumes;
+use crate::constraint::Face;
+use crate::error::{Error, Result};
+use crate::tet::FACES;
+use nalgebra::{Point3, Vector3};
+
+/// Ratio of lowest height to longest edge below which a tetrahedron's own linear functions are not used: they lose
+/// `1e-16 / ratio²`, those of a thick one next to it, extrapolated, `1e-16`.
+const THIN: f64 = 1e-6;
+
+/// True if the lowest height of a tetrahedron is at most `limit`.
+pub(crate) fn is_flat(corners: [&Point3<f64>; 4], limit: f64) -> bool {
+    let (widest, longest) = sizes(corners);
+    // Four nodes on a line have neither height nor area.
+    widest <= limit * longest || six_volumes(corners).abs() <= limit * widest
+}
+
+/// Twice the largest area of a face, and the longest edge.
+fn sizes(corners: [&Point3<f64>; 4]) -> (f64, f64) {
+    let (mut widest, mut longest) = (0.0_f64, 0.0_f64);
+    for f in FACES {
+        let [a, b, c] = f.map(|k| corners[k]);
+        let (u, v) = (b - a, c - a);
+        widest = widest.max(u.cross(&v).norm_squared());
+        longest = longest.max(u.norm_squared()).max(v.norm_squared());
+    }
+    (widest.sqrt(), longest.sqrt())
+}
+
+impl Domain {
+    /// Marks flat tetrahedra and takes those next to constrained faces out of the domain.
+    pub(super) fn level(&mut self) -> Result<()> {
+        let delaunay = &self.delaunay;
+        let flat = |t: &crate::tet::Tet| !t.is_ghost() && is_flat(delaunay.corners(t), self.tolerance);
+        self.flat = delaunay.tets.iter().map(flat).collect();
+        self.glued = self
+            .flat
+            .iter()
+            .zip(&self.inside)
+            .map(|(f, i)| *f && *i)
+            .collect();
+        for (inside, flat) in self.inside.iter_mut().zip(&self.flat) {
+            *inside &= !flat;
+        }
+        let mut queue: Vec<u32> = (0..self.glued.len() as u32)
+            .filter(|&t| self.glued[t as usize])
+            .collect();
+        let mut dropped = Vec::new();
+        while let Some(t) = queue.pop() {
+            if self.glued[t as usize] && self.walls[t as usize] != 0 {
+                self.take_out(t, &mut dropped, &mut queue)?;
+            }
+        }
+        if !dropped.is_empty() {
+            self.renumber_faces(&dropped);
+        }
+        Ok(())
+    }
+
+    /// Takes one flat tetrahedron out: the faces it had no constraint on become constrained.
+    fn take_out(&mut self, tet: u32, dropped: &mut Vec<u32>, queue: &mut Vec<u32>) -> Result<()> {
+        self.glued[tet as usize] = false;
+        let t = self.delaunay.tets[tet as usize];
+        let walls = self.walls[tet as usize];
+        let mut free = Vec::with_capacity(4);
+        let mut template: Option<Face> = None;
+        for (slot, &other) in t.n.iter().enumerate() {
+            let side = tet << 2 | slot as u32;
+            if walls >> slot & 1 == 0 {
+                continue;
+            }
+            let Some(&id) = self.face_at.get(&side) else {
+                continue;
+            };
+            let face = self.mesh.faces[id as usize];
+            if template.is_none_or(|f| f.crack) {
+                template = Some(face);
+            }
+            // A crack face goes on bounding what is on its other side.
+            if !face.crack {
+                for side in [side, other] {
+                    self.face_at.remove(&side);
+                    self.walls[(side >> 2) as usize] &= !(1 << (side & 3));
+                }
+                free.push(id);
+            }
+        }
+        let Some(template) = template else { return Ok(()) };
+        for (slot, &other) in t.n.iter().enumerate().filter(|s| walls >> s.0 & 1 == 0) {
+            let v = t.face(slot);
+            let id = match free.pop() {
+                Some(id) => {
+                    self.mesh.replace(id, v);
+                    id
+                }
+                None => {
+                    self.mesh.push(Face { v, ..template });
+                    self.mesh.faces.len() as u32 - 1
+                }
+            };
+            for side in [tet << 2 | slot as u32, other] {
+                self.face_at.insert(side, id);
+                self.walls[(side >> 2) as usize] |= 1 << (side & 3);
+            }
+            queue.push(other >> 2);
+        }
+        dropped.append(&mut free);
+        Ok(())
+    }
+
+    /// Leaves the given faces out of the numbering.
+    fn renumber_faces(&mut self, dropped: &[u32]) {
+        let mut place = vec![u32::MAX; self.mesh.faces.len()];
+        let mut mesh = crate::constraint::FaceMesh::default();
+        for (i, face) in self.mesh.faces.iter().enumerate() {
+            if !dropped.contains(&(i as u32)) {
+                place[i] = mesh.faces.len() as u32;
+                mesh.push(*face);
+            }
+        }
+        self.mesh = mesh;
+        self.face_at.values_mut().for_each(|f| *f = place[*f as usize]);
+    }
+
+    /// Gives every flat tetrahedron inside the centre of the next one that has a centre of its own.
+    pub(super) fn share_centres(&mut self) {
+        let mut queue: Vec<u32> = Vec::new();
+        for (tet, glued) in self.glued.iter().enumerate() {
+            let next_to = |t: &crate::tet::Tet| t.n.iter().any(|n| self.glued[(n >> 2) as usize]);
+            if !glued && self.inside[tet] && next_to(&self.delaunay.tets[tet]) {
+                queue.push(tet as u32);
+            }
+        }
+        let mut done = vec![false; self.glued.len()];
+        let mut next = 0;
+        while next < queue.len() {
+            let from = queue[next];
+            next += 1;
+            let t = self.delaunay.tets[from as usize];
+            for other in t.n.map(|n| (n >> 2) as usize) {
+                if !self.glued[other] || done[other] {
+                    continue;
+                }
+                done[other] = true;
+                let [p, q] =
+                    [t.v[0], self.delaunay.tets[other].v[0]].map(|v| &self.delaunay.points[v as usize]);
+                let moved: Vector3<f64> = p - q;
+                self.centre[other] = moved + self.centre[from as usize];
+                queue.push(other as u32);
+            }
+        }
+    }
+
+    /// Tetrahedra of the domain behind one that may be flat, through flat ones; itself if it is none.
+    pub(crate) fn beyond(&self, tet: u32, out: &mut Vec<u32>) {
+        out.clear();
+        out.push(tet);
+        let mut next = 0;
+        while next < out.len() {
+            let at = out[next];
+            next += 1;
+            if !self.glued[at as usize] {
+                continue;
+            }
+            for n in self.delaunay.tets[at as usize].n.map(|n| n >> 2) {
+                if (self.inside[n as usize] || self.glued[n as usize]) && !out.contains(&n) {
+                    out.push(n);
+                }
+            }
+        }
+        out.retain(|&t| !self.glued[t as usize]);
+    }
+
+    /// The tetrahedron itself unless it is too thin for linear functions; else the nearest one that is not, reached without
+    /// crossing a constrained face.
+    pub(crate) fn thick(&self, tet: u32, x: &Point3<f64>) -> u32 {
+        let corners = |t: u32| self.delaunay.corners(&self.delaunay.tets[t as usize]);
+        let thin = |t: u32| is_flat(corners(t), THIN * sizes(corners(t)).1);
+        if !thin(tet) {
+            return tet;
+        }
+        let mut reached = vec![tet];
+        let mut best = (f64::INFINITY, tet);
+        let mut next = 0;
+        while next < reached.len() && next < 256 {
+            let at = reached[next];
+            next += 1;
+            if self.inside[at as usize] && !thin(at) {
+                let far = self.plane_distances(at, x).into_iter().fold(0.0, f64::max);
+                if far < best.0 {
+                    best = (far, at);
+                }
+                continue;
+            }
+            let t = &self.delaunay.tets[at as usize];
+            for (slot, other) in t.n.iter().map(|n| n >> 2).enumerate() {
+                let wall = self.walls[at as usize] >> slot & 1 == 1;
+                if !wall && !reached.contains(&other) {
+                    reached.push(other);
+                }
+            }
+        }
+        best.1
+    }
+
+    /// The nodes that only flat tetrahedra hold are as good as equal to another node, or on a line or plane of others.
+    pub(super) fn check_nodes(&self) -> Result<()> {
+        let mut used = vec![false; self.nodes().len()];
+        self.elements().flatten().for_each(|v| used[v] = true);
+        let mut outside = (0..used.len()).filter(|&v| !used[v]);
+        let Some(node) = outside.next() else { return Ok(()) };
+        let point = self.nodes()[node].into();
+        let mut star = Vec::new();
+        self.delaunay.star(node as u32, &mut star);
+        let ends = star.iter().flat_map(|&t| self.delaunay.tets[t as usize].v);
+        let near = ends
+            .filter(|&v| v != crate::tet::INF && v as usize != node)
+            .map(|v| ((self.nodes()[v as usize] - self.nodes()[node]).norm(), v as usize))
+            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        match near {
+            Some((distance, other)) if distance <= 2.0 * self.tolerance => Err(Error::NodesTooClose {
+                first: node.min(other),
+                second: node.max(other),
+                distance,
+                tolerance: 2.0 * self.tolerance,
+            }),
+            _ => Err(Error::NodeOutside {
+                node,
+                point,
+                count: 1 + outside.count(),
+            }),
+        }
+    }
+}

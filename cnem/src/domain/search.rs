@@ -1,0 +1,169 @@
+//! Which tetrahedron of the domain holds a point.
+
+use super::{Domain, ON_BOUNDARY};
+use crate::circumcentre::six_volumes;
+use crate::delaunay::{Delaunay, linear_gradients, linear_values};
+use crate::error::{Error, Result};
+use nalgebra::Point3;
+
+/// Squared sine of the angle at a corner of a face below which its normal is not used.
+const NEEDLE: f64 = 1e-6;
+
+/// Uniform grid of tetrahedra where walks may start; keeps walks short for queries in any order.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Starts {
+    low: Point3<f64>,
+    inverse: f64,
+    counts: [usize; 3],
+    tets: Vec<u32>,
+}
+
+impl Starts {
+    /// About four nodes per bin.
+    pub(super) fn new(delaunay: &Delaunay) -> Self {
+        let [low, high] = crate::bins::around(&delaunay.points, 0.0);
+        let extent = high - low;
+        let longest = extent.max();
+        let filled: f64 = extent.iter().map(|e| (e / longest).max(1e-2)).product();
+        let size = longest * (4.0 * filled / delaunay.points.len() as f64).cbrt();
+        let counts = [0, 1, 2].map(|k| ((extent[k] / size).ceil() as usize).max(1));
+        let mut tets = vec![0; counts.iter().product()];
+        let mut hint = 0;
+        for (i, start) in tets.iter_mut().enumerate() {
+            let index = [
+                i / (counts[1] * counts[2]),
+                i / counts[2] % counts[1],
+                i % counts[2],
+            ];
+            let middle = Point3::from([0, 1, 2].map(|k| low[k] + (index[k] as f64 + 0.5) * size));
+            hint = delaunay.walk(&middle, hint);
+            *start = hint;
+        }
+        Self {
+            low,
+            inverse: 1.0 / size,
+            counts,
+            tets,
+        }
+    }
+
+    fn at(&self, x: &Point3<f64>) -> u32 {
+        let index =
+            |k: usize| (((x[k] - self.low[k]) * self.inverse).max(0.0) as usize).min(self.counts[k] - 1);
+        self.tets[(index(0) * self.counts[1] + index(1)) * self.counts[2] + index(2)]
+    }
+}
+
+impl Domain {
+    /// Distance from `x` to the planes of a tetrahedron, positive outside, one per slot.
+    pub(crate) fn plane_distances(&self, tet: u32, x: &Point3<f64>) -> [f64; 4] {
+        let t = &self.delaunay.tets[tet as usize];
+        [0, 1, 2, 3].map(|slot| {
+            let [a, b, c] = t.face(slot).map(|v| &self.delaunay.points[v as usize]);
+            let (u, v, to) = (b - a, c - a, x - a);
+            let n = u.cross(&v);
+            let square = n.norm_squared();
+            // Of a needle the direction of the normal is round-off, the volume below `x` is not.
+            let six = if square > NEEDLE * u.norm_squared() * v.norm_squared() {
+                n.dot(&to)
+            } else {
+                six_volumes([a, b, c, x])
+            };
+            six / square.sqrt()
+        })
+    }
+
+    /// A tetrahedron of the domain that holds `x`, up to the tolerance; `near` is scratch.
+    pub(crate) fn locate(&self, x: &Point3<f64>, near: &mut Vec<u32>) -> Result<u32> {
+        self.search(x, self.tolerance, near)
+            .ok_or_else(|| Error::OutsideDomain {
+                point: (*x).into(),
+                tolerance: self.tolerance,
+            })
+    }
+
+    /// A tetrahedron of the domain within a distance of `x`, relative to the largest coordinate.
+    pub(crate) fn locate_near(&self, x: &Point3<f64>, relative: f64) -> Option<u32> {
+        self.search(x, self.tolerance * (relative / ON_BOUNDARY), &mut Vec::new())
+    }
+
+    fn search(&self, x: &Point3<f64>, tolerance: f64, near: &mut Vec<u32>) -> Option<u32> {
+        if !x.iter().all(|c| c.is_finite()) {
+            return None;
+        }
+        let found = self.delaunay.walk(x, self.starts.at(x));
+        if self.inside[found as usize] {
+            return Some(found);
+        }
+        near.clear();
+        near.push(found);
+        let mut next = 0;
+        while next < near.len() && next < 256 {
+            let t = self.delaunay.tets[near[next] as usize];
+            next += 1;
+            for n in t.n.map(|n| n >> 2) {
+                let other = &self.delaunay.tets[n as usize];
+                if near.contains(&n) || other.is_ghost() {
+                    continue;
+                }
+                if self.flat[n as usize] {
+                    // Its planes mean nothing; it only leads on.
+                    if self.box_holds(n, x, tolerance) {
+                        near.push(n);
+                    }
+                } else if self.plane_distances(n, x).iter().all(|d| *d <= tolerance) {
+                    if self.inside[n as usize] {
+                        return Some(n);
+                    }
+                    near.push(n);
+                }
+            }
+        }
+        None
+    }
+
+    fn box_holds(&self, tet: u32, x: &Point3<f64>, tolerance: f64) -> bool {
+        let corners = self.delaunay.corners(&self.delaunay.tets[tet as usize]);
+        let [low, high] = crate::bins::around(corners, tolerance);
+        (0..3).all(|k| low[k] <= x[k] && x[k] <= high[k])
+    }
+
+    /// Tetrahedra in the order of [`Domain::elements`].
+    pub(crate) fn element_ids(&self) -> Vec<u32> {
+        (0..self.inside.len() as u32)
+            .filter(|&t| self.inside[t as usize])
+            .collect()
+    }
+
+    /// Vertices of a tetrahedron.
+    pub(crate) fn corners_of(&self, tet: u32) -> [usize; 4] {
+        self.delaunay.tets[tet as usize].v.map(|v| v as usize)
+    }
+
+    /// Nodes and linear functions at `x` of the tetrahedron at `node` that is closest to holding it.
+    pub(crate) fn linear_at_node(&self, node: usize, x: &Point3<f64>) -> Result<([usize; 4], [f64; 4])> {
+        let mut star = Vec::new();
+        self.delaunay.star(node as u32, &mut star);
+        let far = |t: u32| {
+            self.plane_distances(t, x)
+                .into_iter()
+                .fold(f64::NEG_INFINITY, f64::max)
+        };
+        let inside = star.into_iter().filter(|&t| self.inside[t as usize]);
+        let nearest = inside.map(|t| (far(t), t)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, tet)) = nearest else {
+            return Err(Error::OutsideDomain {
+                point: (*x).into(),
+                tolerance: self.tolerance,
+            });
+        };
+        let nodes = self.corners_of(self.thick(tet, x));
+        let p = nodes.map(|v| self.nodes()[v]);
+        Ok((nodes, linear_values(&p, &linear_gradients(&p).0, x)))
+    }
+
+    /// True if `x` is in the closed domain (up to [`Domain::tolerance`]).
+    pub fn contains(&self, x: &Point3<f64>) -> bool {
+        self.locate(x, &mut Vec::new()).is_ok()
+    }
+}

@@ -1,0 +1,185 @@
+//! What a run says of itself: the sample of the ledger, and every line of it after a restart.
+
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
+#[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
+mod support;
+
+use arlequin::core::coupled::Parts;
+use arlequin::core::effect::{Demand, Instant, PairEffect, PairSite, PairSpec};
+use arlequin::core::junction::L2;
+use arlequin::core::nalgebra::Vector3;
+use arlequin::core::observer::Silent;
+use arlequin::core::subdomain::PrescribedMotion;
+use arlequin::core::time::TimeFunction;
+use arlequin::core::weight::Profile;
+use arlequin::core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin::dem_beam::packing::{Lattice, lattice};
+use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
+use arlequin::fem_ref::ElementKind;
+use arlequin_studies::line::Line;
+use support::solid::{self, bodies, couple, mediator};
+
+/// Goes on from a snapshot in a second run and compares every line of the ledger with the run that never stopped.
+fn same_ledger(build: impl Fn() -> Coupled<f64>, [first, then]: [usize; 2]) -> Coupled<f64> {
+    let mut whole = build();
+    whole.run(first, &mut Silent).unwrap();
+    let saved = whole.snapshot();
+    let mut again = build();
+    again.restore(&saved).unwrap();
+    let figures = |run: &Coupled<f64>| {
+        let works = run.works().into_iter().map(|w| (w.name, w.work.to_bits()));
+        (
+            works.collect::<Vec<_>>(),
+            run.start_loss().to_bits(),
+            run.drift().to_bits(),
+            run.constraint_residual().to_bits(),
+        )
+    };
+    assert_eq!(figures(&whole), figures(&again), "right after the restart");
+    whole.run(then, &mut Silent).unwrap();
+    again.run(then, &mut Silent).unwrap();
+    assert_eq!(figures(&whole), figures(&again), "some steps later");
+    let samples = [&whole, &again].map(|r| r.last_energy().unwrap().clone());
+    assert_eq!(samples[0], samples[1]);
+    assert!(again.drift() < 1e-9, "drift {:e}", again.drift());
+    again
+}
+
+#[test]
+fn a_restart_keeps_the_loss_of_an_inconsistent_start() {
+    let line = Line {
+        coarse_elements: 20,
+        fine_bonds: 100,
+        ..Line::default()
+    };
+    let loss = std::cell::Cell::new(0.0);
+    let run = same_ledger(
+        || {
+            // The run that goes on may have been given another start: what was lost is in the snapshot.
+            let speed = if loss.get() > 0.0 { 0.0 } else { 1.0 };
+            let run = line.build(&|_| (0.0, speed), &|_| (0.0, -speed)).unwrap();
+            loss.set(run.start_loss().max(loss.get()));
+            run
+        },
+        [30, 30],
+    );
+    assert!(loss.get() > 0.0);
+    assert_eq!(run.start_loss().to_bits(), loss.get().to_bits());
+}
+
+/// A spring between the last node of one bar and the first of another.
+#[derive(Default)]
+struct Spring {
+    last: usize,
+    force: f64,
+    stiffness: f64,
+}
+
+impl PairEffect<f64> for Spring {
+    fn name(&self) -> &str {
+        "spring"
+    }
+    fn attach(&mut self, site: &PairSite<'_, f64>) -> arlequin::core::Result<()> {
+        self.last = site.sites[0].model.layout().nodes - 1;
+        self.stiffness = 0.05;
+        Ok(())
+    }
+    fn add_forces(&mut self, at: [&Instant<'_, f64>; 2], f: [&mut [f64]; 2]) -> arlequin::core::Result<()> {
+        self.force = self.stiffness * (at[1].q[0] - at[0].q[self.last]);
+        f[0][self.last] += self.force;
+        f[1][0] -= self.force;
+        Ok(())
+    }
+    fn power(&self, v: [&[f64]; 2]) -> f64 {
+        self.force * (v[0][self.last] - v[1][0])
+    }
+    fn demand(&self) -> [Demand<f64>; 2] {
+        let one = Demand {
+            stiffness: 0.4,
+            ..Demand::none()
+        };
+        [one, one]
+    }
+}
+
+#[test]
+fn a_restart_keeps_the_work_of_pair_effects() {
+    let build = || {
+        let [bar, chain] = Line::default()
+            .subdomains(&|_| (0.0, 1.0), &|_| (0.0, -1.0))
+            .unwrap();
+        let parts = Parts {
+            start: 0.0,
+            subdomains: vec![bar, chain],
+            interfaces: Vec::new(),
+            pairs: vec![PairSpec {
+                sides: [0, 1],
+                effect: Box::new(Spring::default()),
+            }],
+        };
+        Coupled::of(parts, TimeStep::Fraction(0.5), None).unwrap()
+    };
+    let run = same_ledger(build, [60, 60]);
+    let work = run.works()[0].work;
+    assert!(work < -1e-3, "the spring took energy: {work}");
+}
+
+#[test]
+fn a_restart_keeps_the_work_of_a_model_that_evolves() {
+    let build = || {
+        let packing = lattice(Lattice::Cubic, [12, 2, 2], 1e-3).unwrap();
+        let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+        let model = model
+            .with_fracture(Fracture::new(Criterion::Rankine, 100e6))
+            .unwrap();
+        let ends = [0.0, 1.0].map(|end| {
+            let far = model
+                .nodes()
+                .iter()
+                .fold(f64::NEG_INFINITY, |m, x| m.max(x.x * (2.0 * end - 1.0)));
+            model.select(|x| x.x * (2.0 * end - 1.0) > far - 0.5e-3)
+        });
+        let pull = model.translations(&ends[1], [true, false, false]);
+        let held = model.clamped(&ends[0]);
+        let body = Subdomain::fine(model, Weights::uncoupled())
+            .with_support(PrescribedMotion::fixed(held))
+            .with_support(PrescribedMotion {
+                dofs: pull,
+                amplitude: 4.0,
+                time: TimeFunction::Table(vec![(0.0, 0.0), (1.0, 1.0)]),
+            });
+        Coupled::new(vec![body], Vec::new(), TimeStep::Fraction(0.8), None).unwrap()
+    };
+    let run = same_ledger(build, [5_000, 1_000]);
+    let line = &run.works()[0];
+    assert!(line.name == "bar/fracture" && line.work < 0.0, "{line:?}");
+}
+
+#[test]
+fn the_sample_of_the_ledger_holds_half_m_v_squared() {
+    // A coupled body of 4 kg in steady flight: nothing but ½ m v², in every sample.
+    let v = Vector3::new(0.5, -2.0, 1.0);
+    let fly = |s: Subdomain<f64>| {
+        let n = s.model().layout().dofs();
+        s.with_initial(vec![0.0; n], (0..n).map(|k| v[k % 3]).collect())
+            .unwrap()
+    };
+    let space = mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2]);
+    let parts = bodies(Profile::Cubic, 0.05).map(fly);
+    let mut run = couple(parts.into(), space, Box::new(L2)).unwrap();
+    run.run(50, &mut Silent).unwrap();
+    let expected = 0.5 * 4.0 * v.norm_squared();
+    let sample = run.last_energy().unwrap();
+    for (name, found) in [
+        ("kinetic", sample.kinetic),
+        ("total", sample.total()),
+        ("invariant", sample.invariant),
+    ] {
+        assert!(
+            (found / expected - 1.0).abs() < 1e-12,
+            "{name}: {found} {expected}"
+        );
+    }
+    assert!(sample.internal.abs() < 1e-12, "{:e}", sample.internal);
+}
