@@ -1,5 +1,26 @@
 //! Errors of the core: each names the object, the value, the limit and a way out.
 
+/// What a weight is a share of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Share {
+    /// Internal energy, `α`.
+    Internal,
+    /// Kinetic energy, `β`.
+    Kinetic,
+    /// External work, `γ`.
+    External,
+}
+
+impl std::fmt::Display for Share {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Internal => "internal energy (alpha)",
+            Self::Kinetic => "kinetic energy (beta)",
+            Self::External => "external work (gamma)",
+        })
+    }
+}
+
 /// What can go wrong in the core.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -92,7 +113,7 @@ pub enum Error {
     },
     /// Weights do not sum to one.
     #[error(
-        "model '{model}', at ({:.6e}, {:.6e}, {:.6e}) m: the weights of the {kind} of the models there sum to {sum:.6} ({present}), not to 1 within {limit:.0e}; let both models fill the whole overlap, give the fine one the complement of the coarse one's weights, or, for a deliberate study, choose an unchecked partition", point[0], point[1], point[2]
+        "model '{model}', at ({:.6e}, {:.6e}, {:.6e}) m: the weights of the {kind} of the models there sum to {sum:.6} ({present}), not to 1 within 1e-6; let both models fill the whole overlap, give the fine one the complement of the coarse one's weights, or, for a deliberate study, choose an unchecked partition", point[0], point[1], point[2]
     )]
     PartitionOfUnity {
         /// Model the point belongs to.
@@ -100,13 +121,11 @@ pub enum Error {
         /// The point \[m\].
         point: [f64; 3],
         /// Which weights.
-        kind: &'static str,
+        kind: Share,
         /// Models that are there, with their weights.
         present: String,
         /// Sum of the weights.
         sum: f64,
-        /// Accepted deviation.
-        limit: f64,
     },
     /// Weights do not sum to one over a part of the overlap that is too large.
     #[error(
@@ -116,7 +135,7 @@ pub enum Error {
         /// Names of the models.
         models: String,
         /// Which weights.
-        kind: &'static str,
+        kind: Share,
         /// Share of the overlap that is counted more than once, or (negative) not at all.
         amount: f64,
         /// Accepted share.

@@ -7,6 +7,7 @@
 //! weighted inertia of all models must be that of the space they fill together, and the mediator must fill the overlap.
 
 use super::tie::{Tie, outside_of};
+use crate::error::Share;
 use crate::extent::{Cover, Extent, length};
 use crate::geometry::{self, Cell, Sample};
 use crate::interface::InterfaceSpec;
@@ -61,11 +62,7 @@ const INWARDS: f64 = 1e-5;
 /// Halvings of cells that the border of another model cuts: 64 parts, or 32 of a line.
 const LEVELS: [usize; 2] = [2, 5];
 
-const KINDS: [&str; 3] = [
-    "internal energy (alpha)",
-    "kinetic energy (beta)",
-    "external work (gamma)",
-];
+const KINDS: [Share; 3] = [Share::Internal, Share::Kinetic, Share::External];
 
 /// One model of a group.
 struct Member<'a, T: Real> {
@@ -442,7 +439,6 @@ impl<'a, T: Real> Group<'a, T> {
             kind: KINDS[kind],
             present: present.join(" + "),
             sum: sum.as_f64(),
-            limit: ROUND_OFF,
         }
     }
 }
