@@ -61,13 +61,17 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
 /// particles, by their number otherwise.
 pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> [f64; 2] {
     [0, 1].map(|m| {
-        let s = &subdomains[interface.sides[m]];
+        let [s, partner] = [m, 1 - m].map(|m| &subdomains[interface.sides[m]]);
         let coupled = coupled_nodes(&interface.coupling[m], interface.components());
         let particles = s.model().particles();
         let (mut held, mut all) = (0.0, 0.0);
         for (k, x) in s.model().nodes().iter().enumerate() {
-            let w = s.weights().kinetic.at(x).as_f64();
-            if w <= ROUND_OFF || w >= 1.0 - ROUND_OFF {
+            // Weights of both: a model may share other places with other partners.
+            let inside = [s, partner].into_iter().all(|s| {
+                let w = s.weights().kinetic.at(x).as_f64();
+                w > ROUND_OFF && w < 1.0 - ROUND_OFF
+            });
+            if !inside {
                 continue;
             }
             let size = particles.map_or(1.0, |p| p[k].measure.as_f64());
