@@ -168,14 +168,13 @@ fn warped_hexahedra_are_warned_of_with_their_warp_and_the_patch_test_says_by_how
             Profile::Linear,
             0.0,
         );
-        println!("{by} {displacement:e} {strain:e} {warnings:?}");
         assert!(
             warnings.iter().any(|w| w.contains("leave their planes by up to")),
             "{warnings:?}"
         );
-        // Grows with the warp, and stays small.
+        // About 0.01 of the warp in displacement (2.6 times the shift of the nodes), 0.1 of it in strain.
         assert!(
-            displacement > last && displacement < 0.1 * by && strain < 2.0 * by,
+            displacement > last && displacement < 0.03 * by && strain < 0.3 * by,
             "{by}: {displacement:e} {strain:e}"
         );
         last = displacement;

@@ -273,9 +273,10 @@ impl<T: Real> Interface<T> {
         if warp.as_f64() > WARP {
             report.warnings.push(format!(
                 "faces of hexahedra leave their planes by up to {:.1} % of the element's length: uniform strain is \
-                 not exact across the overlap, displacements are off by up to about {:.0e} of the largest; use \
-                 tetrahedra or hexahedra with planar faces where that matters",
+                 not exact across the overlap, displacements are off by about {:.0e} of the largest, strains by {:.0e}; \
+                 use tetrahedra or hexahedra with planar faces where that matters",
                 100.0 * warp.as_f64(),
+                0.01 * warp.as_f64(),
                 0.1 * warp.as_f64()
             ));
         }
