@@ -7,6 +7,7 @@
 
 use crate::check::Plan;
 use crate::effects::Comparison;
+use crate::output::packing::PackingLine;
 use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, MomentumLine, Summary, WakeReport};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -299,6 +300,9 @@ fn models(all: &[ModelLine]) {
             "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s",
             m.name, m.kind, m.nodes, m.unknowns, m.critical_dt
         );
+        for text in m.packing.iter().flat_map(PackingLine::text) {
+            println!("           {text}");
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use crate::Input;
 use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result};
+use crate::output::packing::PackingLine;
 use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
@@ -145,6 +146,7 @@ pub(crate) struct Session<'a, T: Real> {
     pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
     strangers: Strangers,
+    packings: Vec<Option<PackingLine>>,
     bounds: Bounds,
 }
 
@@ -154,6 +156,7 @@ impl<'a, T: Real> Session<'a, T> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
+        let packings = built.drawn.iter().map(|d| d.packing.clone()).collect();
         let frames = Frames::new(vtu, &settings.fields, &built.run, built.drawn, built.mediators);
         Ok(Self {
             recorder: Recorder::new(
@@ -175,6 +178,7 @@ impl<'a, T: Real> Session<'a, T> {
             stage: None,
             breaks,
             strangers: built.strangers,
+            packings,
             bounds: built.bounds,
         })
     }
@@ -349,6 +353,7 @@ impl<'a, T: Real> Session<'a, T> {
         };
         let mut summary = summarise(self.input, &self.run, &self.recorder, wall, status);
         summary.resumed_at_step = self.resumed_at;
+        summary.models = summary::models(&self.run, &self.packings);
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
         summary
     }
@@ -450,7 +455,7 @@ fn summarise<T: Real>(
         wake: None,
         set: input.set.to_vec(),
         threads: input.threads,
-        models: summary::models(run),
+        models: Vec::new(),
         precision: input.scene.time.precision.name(),
         dt: plan.dt,
         critical_dt: plan.critical_dt,

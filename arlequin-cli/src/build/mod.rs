@@ -15,12 +15,14 @@ mod select;
 
 pub(crate) use between::Strangers;
 pub(crate) use drive::{effect_models, model_index};
+pub(crate) use grains::cut;
 pub(crate) use kinds::{Body, Kind};
 pub(crate) use mesh::View;
 pub(crate) use plausible::Bounds;
 pub(crate) use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
+use crate::output::packing::PackingLine;
 use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
@@ -45,6 +47,8 @@ pub(crate) struct Drawn {
     pub(crate) breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
     pub(crate) spacing: f64,
+    /// How the spheres were packed, where there are any.
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// The state from which a run starts, if not that of `[[initial]]` at time zero.
@@ -156,6 +160,7 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             material: body.material,
             breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
             spacing: body.spacing,
+            packing: body.grains.as_ref().map(|g| g.packing.clone()),
         });
         let state = match start {
             Some(s) => s.states[m].clone(),

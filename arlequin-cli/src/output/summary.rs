@@ -1,5 +1,6 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
+use super::packing::PackingLine;
 use crate::build::Strangers;
 use crate::recorder::PhaseClock;
 use arlequin::core::effect::EffectLine;
@@ -133,6 +134,9 @@ pub(crate) struct ModelLine {
     pub(crate) unknowns: usize,
     /// Its own critical step \[s\].
     pub(crate) critical_dt: f64,
+    /// How the spheres were packed, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// Where wall time went \[s\].
@@ -323,16 +327,17 @@ pub(crate) fn process_bytes(name: &str) -> Option<usize> {
 }
 
 /// Models of a run.
-pub(crate) fn models<T: Real>(run: &Coupled<T>) -> Vec<ModelLine> {
+pub(crate) fn models<T: Real>(run: &Coupled<T>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
     let plan = run.plan();
-    let line = |(name, kind, nodes, unknowns, critical_dt)| ModelLine {
+    let line = |(k, (name, kind, nodes, unknowns, critical_dt))| ModelLine {
         name,
         kind,
         nodes,
         unknowns,
         critical_dt,
+        packing: packings.get(k).cloned().flatten(),
     };
-    plan.models.into_iter().map(line).collect()
+    plan.models.into_iter().enumerate().map(line).collect()
 }
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
