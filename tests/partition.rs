@@ -8,6 +8,7 @@ mod support;
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind;
 use arlequin::core::conformance;
+use arlequin::core::geometry::Cell;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
 use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::{self, Point3};
@@ -472,4 +473,63 @@ fn particles_that_stick_out_are_tied_and_momenta_stay_exact() {
         let [force, moment] = conformance::interface_momentum(&run);
         assert!(force < 1e-12 && moment < 1e-12, "{force:e} {moment:e}");
     }
+}
+
+/// A weight whose means are not those of its values.
+struct Skewed(Arc<dyn Weight<f64>>);
+
+impl Weight<f64> for Skewed {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        self.0.at(x)
+    }
+    fn mean(&self, cell: &Cell<f64>) -> f64 {
+        1.2 * self.0.mean(cell)
+    }
+}
+
+#[test]
+fn masses_that_do_not_add_up_are_refused_though_weights_do() {
+    let [mut w, v] = shared(Profile::Linear);
+    w.kinetic = Arc::new(Skewed(w.kinetic));
+    let error = bars([0.0, 3.0], [2.0, 5.0], [2.0, 3.0], [w, v]).unwrap_err();
+    let Error::PartitionMass { amount, measure, .. } = &error else {
+        panic!("{error}")
+    };
+    // A fifth of the coarse model's share of 2.5, relative to the overlap of 1.
+    assert!(
+        (amount - 0.5).abs() < 1e-9 && (measure - 5.0).abs() < 1e-9,
+        "{error}"
+    );
+}
+
+#[test]
+fn cells_that_overlap_each_other_are_refused() {
+    let nodes: Vec<_> = (0..=30).map(|k| at(2.0 + 0.1 * f64::from(k))).collect();
+    let mut elements: Vec<u32> = (0..30).flat_map(|k| [k, k + 1]).collect();
+    elements.extend([3, 5]);
+    let mesh = Mesh::new(ElementKind::Bar2, nodes, elements)
+        .unwrap()
+        .with_section(2.0)
+        .unwrap();
+    let fine = FemModel::new("fine", mesh, Elastic::new(1.0, 0.0, 1.0).unwrap()).unwrap();
+    let mesh = generate::bar(0.0, 3.0, 30, 2.0).unwrap();
+    let coarse = FemModel::new("coarse", mesh, Elastic::new(1.0, 0.0, 1.0).unwrap()).unwrap();
+    let [w, v] = shared(Profile::Linear);
+    let bodies = vec![
+        Subdomain::coarse(coarse, w),
+        Subdomain::fine(fine, v).with_partition(Partition::Unchecked),
+    ];
+    let space = FemMediator::new(generate::bar(2.0, 3.0, 5, 2.0).unwrap());
+    let error = solid::couple(bodies, Arc::new(space), Box::new(L2)).unwrap_err();
+    let Error::CoveredTwice {
+        model,
+        covered,
+        total,
+        ..
+    } = &error
+    else {
+        panic!("{error}")
+    };
+    assert_eq!(model, "fine");
+    assert!((covered / total - 1.2).abs() < 1e-9, "{error}");
 }
