@@ -106,16 +106,15 @@ impl Case {
         Rotation3::new(self.turn) * p
     }
 
-    fn mesh(&self, tets: bool, [a, b]: [f64; 2], counts: [usize; 3], jitter: f64, seed: u64) -> Mesh<f64> {
+    fn mesh(&self, tets: bool, [low, high]: [Point3<f64>; 2], counts: [usize; 3], seed: u64) -> Mesh<f64> {
         let kind = if tets {
             ElementKind::Tet4
         } else {
             ElementKind::Hex8
         };
-        let (low, high) = (Point3::new(a, 0.0, 0.0), Point3::new(b, 1.0, 1.0));
         let mesh = generate::block(kind, low, high, counts).unwrap();
         let next = std::cell::RefCell::new(noise(seed));
-        let h = mesh.spacing() * jitter;
+        let h = 0.1 * mesh.spacing();
         mesh.mapped(|p| {
             let inside = (0..3).all(|k| p[k] > low[k] + 1e-9 && p[k] < high[k] - 1e-9);
             let moved = p + Vector3::from_fn(|_, _| next.borrow_mut()()) * if inside { h } else { 0.0 };
@@ -124,8 +123,7 @@ impl Case {
         .unwrap()
     }
 
-    fn points(&self, [a, b]: [f64; 2], steps: [usize; 3], seed: u64) -> Vec<Point3<f64>> {
-        let (low, high) = (Point3::new(a, 0.0, 0.0), Point3::new(b, 1.0, 1.0));
+    fn points(&self, [low, high]: [Point3<f64>; 2], steps: [usize; 3], seed: u64) -> Vec<Point3<f64>> {
         let all = cnem::generate::block(low, high, steps, 0.2, seed).unwrap();
         all.iter().map(|p| self.turned(p)).collect()
     }
@@ -142,13 +140,13 @@ impl Case {
         let matter = Elastic::new(1.0, 0.25, 1.0).unwrap();
         match kind {
             Kind::Fem => {
-                let mesh = self.mesh(self.tets[role], x, self.steps(kind, role), 0.1, seed);
+                let mesh = self.mesh(self.tets[role], ends(x), self.steps(kind, role), seed);
                 let model = FemModel::new(name, mesh, matter).unwrap();
                 let field = model.field();
                 (Box::new(model), field)
             }
             Kind::Cnem => {
-                let points = self.points(x, self.steps(kind, role), seed);
+                let points = self.points(ends(x), self.steps(kind, role), seed);
                 let domain = Domain::new(&points, &Surface::convex_hull()).unwrap();
                 let model = CnemModel::new(name, domain, matter, Options::default()).unwrap();
                 let field = model.field();
@@ -156,7 +154,7 @@ impl Case {
             }
             Kind::Dem => {
                 let steps = self.steps(kind, role);
-                let points = self.points(x, steps, seed);
+                let points = self.points(ends(x), steps, seed);
                 let spacing = ((x[1] - x[0]) / steps[0] as f64).max(1.0 / steps[1] as f64);
                 let model = packing(name, &points, spacing, x[1] - x[0], seed);
                 // Between particles there is a field of natural neighbours only; at them there is their own as well.
@@ -180,20 +178,19 @@ impl Case {
         }
     }
 
-    fn mediator(&self) -> Arc<dyn Mediator<f64>> {
-        let (x, seed) = ([2.0, self.end], self.seed + 77);
+    fn mediator(&self, sampled: bool) -> Arc<dyn Mediator<f64>> {
+        // A hair inside of both bodies, whose faces are only as flat as the round-off of a turn leaves them; a hair outside
+        // where particles on these faces sample it.
+        let hair = if sampled { -1e-6 } else { 1e-6 };
+        let (inside, seed) = (Vector3::repeat(hair), self.seed + 77);
+        let [low, high] = ends([2.0, self.end]);
+        let x = [low + inside, high - inside];
         match self.mediator {
             2 => {
                 let points = self.points(x, self.counts(), seed);
                 Arc::new(CnemMediator::from_points(&points, Neighbours::Sibson).unwrap())
             }
-            tets => Arc::new(FemMediator::new(self.mesh(
-                tets == 1,
-                x,
-                self.counts(),
-                0.1,
-                seed,
-            ))),
+            tets => Arc::new(FemMediator::new(self.mesh(tets == 1, x, self.counts(), seed))),
         }
     }
 
@@ -233,7 +230,7 @@ impl Case {
             name: "overlap".into(),
             coarse: 0,
             fine: 1,
-            mediator: self.mediator(),
+            mediator: self.mediator(sampled),
             junction: self.junction(),
             options: InterfaceOptions {
                 sampling: match (sampled, self.cells) {
@@ -246,6 +243,11 @@ impl Case {
         };
         Coupled::new(parts.collect(), vec![spec], TimeStep::Fraction(0.8), None).unwrap()
     }
+}
+
+/// Corners of a bar of unit section.
+fn ends([a, b]: [f64; 2]) -> [Point3<f64>; 2] {
+    [Point3::new(a, 0.0, 0.0), Point3::new(b, 1.0, 1.0)]
 }
 
 /// Spheres at the points, each joined to all within one and a half spacings.
