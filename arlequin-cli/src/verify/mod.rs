@@ -12,6 +12,7 @@ mod solids;
 mod theory;
 
 use crate::error::{Error, Result, unknown};
+use crate::output::mark;
 use crate::output::plots::{self, Curve, Plot};
 use crate::report::{self, Progress};
 use beams::{Record, RunSpec};
@@ -218,10 +219,10 @@ const CASES: [Case; 17] = [
 
 /// Runs the command.
 pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
+    let pool = crate::threads::start(None)?;
     let threads = match args.threads {
-        Some(0) => return Err(crate::error::value("--threads", 0, "must be at least 1")),
-        Some(n) => n,
-        None => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        None => pool,
+        wanted => crate::threads::bounded(wanted)?,
     };
     if args.hard {
         return hard::run(args, threads);
@@ -233,6 +234,12 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let chosen = choose(&args.cases)?;
+    if let Some(folder) = &args.out {
+        mark::claim("--out", folder)?;
+    }
+    if let Some(folder) = &args.docs {
+        mark::generated("--docs", &folder.join("validation.md"), page::HEAD)?;
+    }
     let begin = std::time::Instant::now();
     let done = run_scenes(&chosen, args.quick, threads, args.resume.as_deref())?;
     let reports = in_parallel(&chosen, threads, "cases", |case| {
