@@ -173,5 +173,5 @@ fn overlaps_that_one_model_does_not_fill_are_refused_and_reports_say_what_is_tie
     let (plan, message) = check("dem-fem-beam.toml", &["model.right.dem.protocol=quench"]);
     let plan = plan.unwrap_or_else(|| panic!("{message}"));
     let tied = number(&plan, "/interface/0/tied/1");
-    assert!(tied > 0.95, "{tied}");
+    assert!(tied > 0.93, "{tied}");
 }
