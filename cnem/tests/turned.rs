@@ -200,8 +200,9 @@ fn a_turned_cantilever_bends_as_far() {
     };
     for degrees in [25.0, 45.0, 55.0] {
         let ratio = deflection(degrees, Stabilisation::None) / deflection(0.0, Stabilisation::None);
-        assert!((ratio - 1.0).abs() < 1e-9, "{degrees}: {ratio}");
-        // The tetrahedra that stabilise differ in their diagonals.
+        // The boundary is integrated triangle by triangle, and equal diagonals of a grid are chosen by round-off.
+        assert!((ratio - 1.0).abs() < 1e-3, "{degrees}: {ratio}");
+        // So are those of the tetrahedra that stabilise.
         let stable = Stabilisation::default();
         let ratio = deflection(degrees, stable) / deflection(0.0, stable);
         assert!((ratio - 1.0).abs() < 5e-3, "{degrees}: {ratio}");
