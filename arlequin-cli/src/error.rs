@@ -97,6 +97,22 @@ pub(crate) enum Error {
         /// What it will become.
         target: PathBuf,
     },
+    /// Another run writes to the same place.
+    #[error("another run is writing to '{}'; wait until it has ended, or choose another --out", folder.display())]
+    Busy {
+        /// Its folder.
+        folder: PathBuf,
+    },
+    /// A run failed after its first step, and what it had is kept.
+    #[error("{source}; {what} in '{}'", place.display())]
+    Kept {
+        /// What ended it.
+        source: Box<Self>,
+        /// What is kept, as the beginning of a sentence.
+        what: String,
+        /// Where.
+        place: PathBuf,
+    },
     /// A checkpoint cannot be used.
     #[error("'{}' {reason}", path.display())]
     Checkpoint {
@@ -152,7 +168,17 @@ impl Error {
             | Self::UnknownName { key, .. }
             | Self::Core { key, .. }
             | Self::Fem { key, .. } => (Some(key), None),
+            Self::Kept { source, .. } => source.place(),
             _ => (None, None),
+        }
+    }
+
+    /// The same, and what is kept where.
+    pub(crate) fn kept(self, what: impl Into<String>, place: &Path) -> Self {
+        Self::Kept {
+            source: Box::new(self),
+            what: what.into(),
+            place: place.to_owned(),
         }
     }
 
@@ -165,6 +191,7 @@ impl Error {
                 | Self::NotFinite { .. }
                 | Self::System { .. }
                 | Self::Plot { .. }
+                | Self::Kept { .. }
                 | Self::Sweep { input: false, .. }
                 | Self::Core {
                     source: Core::Diverged { .. } | Core::EnergyGrowth { .. },

@@ -18,6 +18,7 @@ mod scene;
 mod spectrum;
 mod suggest;
 mod sweep;
+mod threads;
 mod verify;
 mod wake;
 
@@ -44,7 +45,7 @@ enum Command {
         /// Output folder [default: results/ and the name of the scene]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Replace an existing output folder.
+        /// Replace earlier results; nothing but results is ever replaced.
         #[arg(long)]
         force: bool,
     },
@@ -129,7 +130,7 @@ fn main() -> ExitCode {
         }
         Command::Calibrate(wanted) => return measured(&wanted),
         Command::Verify(args) => verify::verify(&args),
-        Command::Sweep(a) => sweep::sweep(&a),
+        Command::Sweep(a) => threads::start(None).and_then(|_| sweep::sweep(&a)),
         Command::SweepDocs(a) => sweep::document(&a),
         Command::Suggest { common, wish } => {
             return with_scene(&common, |input| {
@@ -140,7 +141,7 @@ fn main() -> ExitCode {
             folder,
             threads: wanted,
             json,
-        } => threads(wanted).and_then(|n| run::resume(&folder, n, json)),
+        } => threads::start(wanted).and_then(|n| run::resume(&folder, n, json)),
     };
     done.unwrap_or_else(|e| fail(&e, None))
 }
@@ -153,7 +154,7 @@ fn with_scene(common: &Common, command: impl FnOnce(&Input<'_>) -> Result<ExitCo
     };
     let input = || -> Result<Input<'_>> {
         Ok(Input {
-            threads: threads(common.threads)?,
+            threads: threads::start(common.threads)?,
             source: &source,
             scene: source.scene(&common.set)?,
             set: &common.set,
@@ -170,22 +171,8 @@ fn measured(wanted: &calibrate::Calibrate) -> ExitCode {
         Ok(s) => s,
         Err(e) => return fail(&e, None),
     };
-    let done = threads(wanted.threads).and_then(|_| calibrate::calibrate(wanted, source.as_ref()));
+    let done = threads::start(wanted.threads).and_then(|_| calibrate::calibrate(wanted, source.as_ref()));
     done.unwrap_or_else(|e| fail(&e, source.as_ref()))
-}
-
-fn threads(wanted: Option<usize>) -> Result<usize> {
-    if wanted == Some(0) {
-        return Err(error::value("--threads", 0, "must be at least 1"));
-    }
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(wanted.unwrap_or(0))
-        .build_global()
-        .map_err(|e| Error::System {
-            what: "starting the threads",
-            message: e.to_string(),
-        })?;
-    Ok(rayon::current_num_threads())
 }
 
 fn fail(error: &Error, source: Option<&Source>) -> ExitCode {

@@ -3,9 +3,10 @@
 use crate::Input;
 use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
-use crate::error::{Error, Result, write};
+use crate::error::{Error, Result};
+use crate::output::packing::PackingLine;
 use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
-use crate::output::{Folder, Frames, check_free, tables};
+use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::Precision;
@@ -26,23 +27,30 @@ const INTERRUPTED: u8 = 130;
 pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<ExitCode> {
     let begin = Instant::now();
     let target = out.map_or_else(|| default_folder(input), Path::to_owned);
-    check_free(&target, force)?;
+    let place = Place::new(&target, force, &inputs(input)?);
+    place.check()?;
     if let Some(asleep) = &input.scene.wake {
-        return wake::run(input, asleep, &target, force);
+        return wake::run(input, asleep, place);
     }
     let origin = Origin::of(input.source, input.set)?;
     let built = build::build(&input.scene, input.source.folder())?;
     // Made only now: Ctrl-C during the set-up leaves nothing behind.
     let stop = watch_interrupt()?;
-    let lasting = input.scene.output.checkpoint_every.is_some();
-    let start = |lasting| Folder::begin(&target, force, lasting);
     match input.scene.time.precision {
-        Precision::Double => Session::new(input, built, start(lasting)?, origin)?.whole(begin, &stop),
+        Precision::Double => Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop),
         Precision::Single => {
             let built = built.narrowed()?;
-            Session::new(input, built, start(lasting)?, origin)?.whole(begin, &stop)
+            Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop)
         }
     }
+}
+
+/// Files a run reads.
+fn inputs(input: &Input<'_>) -> Result<Vec<PathBuf>> {
+    let folder = input.source.folder();
+    let named = input.source.files(input.set)?;
+    let named = named.iter().map(|f| folder.join(f));
+    Ok(std::iter::once(input.source.path.clone()).chain(named).collect())
 }
 
 /// Goes on with the run of a folder from its last checkpoint.
@@ -104,12 +112,21 @@ pub(crate) enum End {
     Woken,
 }
 
-impl End {
-    fn status(self) -> &'static str {
+/// How a run ended.
+enum Status {
+    /// By plan or by its user.
+    Ended(End),
+    /// By an error, in words.
+    Failed(String),
+}
+
+impl Status {
+    fn name(&self) -> &'static str {
         match self {
-            Self::Complete => "complete",
-            Self::Interrupted => "interrupted",
-            Self::Woken => "woken",
+            Self::Ended(End::Complete) => "complete",
+            Self::Ended(End::Interrupted) => "interrupted",
+            Self::Ended(End::Woken) => "woken",
+            Self::Failed(_) => "failed",
         }
     }
 }
@@ -129,6 +146,7 @@ pub(crate) struct Session<'a, T: Real> {
     pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
     strangers: Strangers,
+    packings: Vec<Option<PackingLine>>,
     bounds: Bounds,
 }
 
@@ -138,6 +156,7 @@ impl<'a, T: Real> Session<'a, T> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
+        let packings = built.drawn.iter().map(|d| d.packing.clone()).collect();
         let frames = Frames::new(vtu, &settings.fields, &built.run, built.drawn, built.mediators);
         Ok(Self {
             recorder: Recorder::new(
@@ -159,6 +178,7 @@ impl<'a, T: Real> Session<'a, T> {
             stage: None,
             breaks,
             strangers: built.strangers,
+            packings,
             bounds: built.bounds,
         })
     }
@@ -206,17 +226,23 @@ impl<'a, T: Real> Session<'a, T> {
 
     /// Makes the steps that are left and writes the results.
     fn complete(mut self, stop: &AtomicBool) -> Result<ExitCode> {
-        let end = self.advance(stop, &mut |_, _| false)?;
-        if end == End::Interrupted {
-            self.save()?;
-        }
+        let end = self.advance(stop, &mut |_, _| false);
         self.conclude(end, None)
     }
 
-    /// Writes the results of the steps made and ends the folder.
-    pub(crate) fn conclude(mut self, end: End, wake: Option<WakeReport>) -> Result<ExitCode> {
-        let (summary, text) = self.write_results(end, wake)?;
-        let place = self.folder.finish()?;
+    /// Writes the results of the steps made, however they ended, and ends the folder.
+    pub(crate) fn conclude(mut self, end: Result<End>, wake: Option<WakeReport>) -> Result<ExitCode> {
+        let written = end.and_then(|end| {
+            if end == End::Interrupted {
+                self.save()?;
+            }
+            Ok((end, self.write_results(end, wake.clone())?))
+        });
+        let (end, (summary, text)) = match written {
+            Ok(done) => done,
+            Err(e) => return Err(self.salvage(e, wake)),
+        };
+        let place = self.folder.finish(false)?;
         if end == End::Complete {
             // Only now: killed in between, the run would have neither results nor a checkpoint.
             checkpoint::remove(&place)?;
@@ -235,9 +261,51 @@ impl<'a, T: Real> Session<'a, T> {
 
     /// Writes the results of the steps made and moves them into a folder inside; the folder is free for another run.
     pub(crate) fn put_aside(mut self, name: &str) -> Result<Folder> {
-        self.write_results(End::Woken, None)?;
-        self.folder.put_aside(name)?;
-        Ok(self.folder)
+        if let Err(e) = self.write_results(End::Woken, None) {
+            return Err(self.salvage(e, None));
+        }
+        match self.folder.put_aside(name) {
+            Ok(()) => Ok(self.folder),
+            Err(e) => Err(self.folder.keep(e)),
+        }
+    }
+
+    /// Keeps what a run computed before it failed: every file that can still be written. A run that made no step has
+    /// nothing.
+    fn salvage(mut self, error: Error, wake: Option<WakeReport>) -> Error {
+        if self.run.steps() == 0 {
+            return error;
+        }
+        self.clock.enter(None);
+        let path = self.folder.path().to_owned();
+        let mut tries = vec![
+            tables::write(&path, &self.recorder),
+            tables::breaks(&path, &self.run, &self.breaks),
+            self.recorder.frames.finish(&path.join("results.pvd")),
+        ];
+        if self.input.scene.output.plots {
+            let plots = self.folder.subfolder("plots");
+            tries.push(plots.and_then(|p| tables::draw(&p, &self.recorder, title(self.input))));
+        }
+        let mut summary = self.summary(Status::Failed(error.to_string()), 0.0);
+        summary.wake = wake;
+        tries.push(self.write_summary(&summary).map(|_| ()));
+        let lost: Vec<String> = tries
+            .into_iter()
+            .filter_map(|t| Some(t.err()?.to_string()))
+            .collect();
+        let mut what = format!("the {} steps before are kept", self.run.steps());
+        if !lost.is_empty() {
+            what += &format!(", but for what failed too ({})", lost.join("; "));
+        }
+        match self.folder.finish(true) {
+            Ok(place) => error.kept(what, &place),
+            Err(e) => Error::Kept {
+                source: Box::new(error),
+                what: format!("{what}; {e};"),
+                place: path,
+            },
+        }
     }
 
     fn write_results(&mut self, end: End, wake: Option<WakeReport>) -> Result<(Summary, String)> {
@@ -255,27 +323,39 @@ impl<'a, T: Real> Session<'a, T> {
                 title(self.input),
             )?;
         }
-        let [stepping, observing] = self.clock.split();
-        let wall = WallSeconds {
-            setup: self.setup,
-            stepping,
-            output: observing + after.elapsed().as_secs_f64(),
-            phases: self.clock.phases(&self.run),
-        };
         for w in summary::findings(&self.run, &self.strangers) {
             self.recorder.warn(w);
         }
-        let mut summary = summarise(self.input, &self.run, &self.recorder, wall, end);
-        summary.resumed_at_step = self.resumed_at;
-        summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        let mut summary = self.summary(Status::Ended(end), after.elapsed().as_secs_f64());
         summary.wake = wake;
-        let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::System {
+        let text = self.write_summary(&summary)?;
+        Ok((summary, text))
+    }
+
+    fn write_summary(&self, summary: &Summary) -> Result<String> {
+        let text = serde_json::to_string_pretty(summary).map_err(|e| Error::System {
             what: "writing summary.json",
             message: e.to_string(),
         })?;
         let path = self.folder.path().join("summary.json");
-        std::fs::write(&path, &text).map_err(write(&path))?;
-        Ok((summary, text))
+        put(&path, &[text.as_bytes()])?;
+        Ok(text)
+    }
+
+    /// What there is to say, after so many seconds of writing.
+    fn summary(&self, status: Status, writing: f64) -> Summary {
+        let [stepping, observing] = self.clock.split();
+        let wall = WallSeconds {
+            setup: self.setup,
+            stepping,
+            output: observing + writing,
+            phases: self.clock.phases(&self.run),
+        };
+        let mut summary = summarise(self.input, &self.run, &self.recorder, wall, status);
+        summary.resumed_at_step = self.resumed_at;
+        summary.models = summary::models(&self.run, &self.packings);
+        summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        summary
     }
 
     /// Makes the steps until the user or `woken`, which may change the stage, ends them before the last.
@@ -359,19 +439,23 @@ fn summarise<T: Real>(
     run: &Coupled<T>,
     r: &Recorder,
     wall_seconds: WallSeconds,
-    end: End,
+    status: Status,
 ) -> Summary {
     let plan = run.plan();
     Summary {
         scene: input.source.path.display().to_string(),
         title: input.scene.title.clone(),
-        status: end.status(),
+        status: status.name(),
+        error: match status {
+            Status::Failed(words) => Some(words),
+            Status::Ended(_) => None,
+        },
         version: env!("CARGO_PKG_VERSION"),
         resumed_at_step: None,
         wake: None,
         set: input.set.to_vec(),
         threads: input.threads,
-        models: summary::models(run),
+        models: Vec::new(),
         precision: input.scene.time.precision.name(),
         dt: plan.dt,
         critical_dt: plan.critical_dt,
@@ -392,6 +476,7 @@ fn summarise<T: Real>(
                 .map(|w| (w.name, w.work.as_f64()))
                 .collect(),
         },
+        momentum: summary::momentum(run),
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,
         effect_ledger: Vec::new(),

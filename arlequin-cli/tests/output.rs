@@ -120,12 +120,11 @@ fn folders_appear_at_once_and_are_not_overwritten() {
     let arguments = ["run", text(&scene), "--out", text(&out)];
     succeed(&arguments);
     assert_eq!(entries(&folder), ["out", "small.toml"]);
-    std::fs::write(out.join("mine.txt"), "kept").expect("file");
     let second = arlequin(&arguments);
     assert_eq!(second.status.code(), Some(2));
-    assert!(out.join("mine.txt").exists());
+    std::fs::remove_file(out.join("probes.csv")).expect("file");
     succeed(&["run", text(&scene), "--out", text(&out), "--force"]);
-    assert!(!out.join("mine.txt").exists() && out.join("summary.json").exists());
+    assert!(out.join("probes.csv").exists() && out.join("summary.json").exists());
     assert_eq!(entries(&folder), ["out", "small.toml"]);
 }
 
@@ -207,4 +206,39 @@ fn ctrl_c_writes_what_there_is() {
     assert_eq!(s["status"], "interrupted");
     assert!(number(&s, "/steps") > 0.0 && number(&s, "/steps") < 1e8);
     assert!(out.join("results.pvd").exists() && out.join("plots/energy.svg").exists());
+}
+
+/// Components of an array of a VTU file.
+fn numbers(bytes: &[u8], wanted: &str) -> Vec<f64> {
+    let (_, _, all) = arrays(bytes);
+    let (.., block) = all.iter().find(|a| a.0 == wanted).expect("array");
+    let eight = |b: &[u8]| f64::from_le_bytes(b.try_into().expect("eight bytes"));
+    block.chunks_exact(8).map(eight).collect()
+}
+
+#[test]
+fn a_body_in_steady_flight_is_written_with_its_velocity_and_its_way() {
+    let folder = scratch("flight");
+    let scene = folder.join("flight.toml");
+    let head = SMALL.split("[[support]]").next().expect("models");
+    let motion =
+        "[[initial]]\nvelocity.uniform = [0.5, -2.0, 1.0]\n[time]\nsteps = 40\n[output]\nplots = false\n";
+    std::fs::write(&scene, format!("{head}{motion}")).expect("scene");
+    let out = folder.join("out");
+    succeed(&["run", text(&scene), "--out", text(&out)]);
+    let time = number(&summary(&out), "/time");
+    for model in ["left", "right"] {
+        let bytes = std::fs::read(out.join(format!("vtu/{model}_00000040.vtu"))).expect("frame");
+        let displacement = numbers(&bytes, "displacement [m]");
+        for (k, v) in numbers(&bytes, "velocity [m/s]").iter().enumerate() {
+            let expected = [0.5, -2.0, 1.0][k % 3];
+            assert!((v - expected).abs() < 1e-12, "{model}: {v} m/s, not {expected}");
+            let way = expected * time;
+            assert!(
+                (displacement[k] - way).abs() < 1e-11,
+                "{model}: {} m, not {way}",
+                displacement[k]
+            );
+        }
+    }
 }

@@ -400,3 +400,31 @@ fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
     let again = ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
     assert!(kept == again, "finished runs are not touched");
 }
+
+/// Amplitudes that an overlap reflects grow with the square of the frequency, the lag of a lattice with its cube: at twice the
+/// frequency an error is four to eight times as large, and needs a finer mesh to stay what it was.
+#[test]
+fn the_frequency_that_is_asked_for_decides_the_error() {
+    let path = folder("suggest-frequency", SWEEP);
+    let scene = path.join("coupled.toml");
+    let asked = |frequency: &str| {
+        let asked = [
+            "suggest",
+            text(&scene),
+            "--error",
+            "3%",
+            "--json",
+            "--frequency",
+            frequency,
+        ];
+        let s: Value = serde_json::from_str(&succeed(&asked)).unwrap();
+        let signal = s["signal"].as_str().unwrap();
+        assert!(signal.contains("--frequency"), "{signal}");
+        let h = s["proposed"]["settings"][0][1].as_str().unwrap();
+        (number(&s, "/given/errors/velocity"), h.parse::<f64>().unwrap())
+    };
+    let (slow, fast) = (asked("0.4"), asked("0.8"));
+    let ratio = fast.0 / slow.0;
+    assert!((3.5..9.0).contains(&ratio), "{slow:?} {fast:?}: {ratio}");
+    assert!(fast.1 < 0.6 * slow.1, "{slow:?} {fast:?}");
+}

@@ -1,5 +1,6 @@
 //! The energy ledger: where energy is, where it came from, and what is left unexplained.
 
+use crate::momentum::{Body, RECORDED};
 use crate::{Real, narrow};
 
 /// One line of the ledger: an effect and the work it has done since the start \[J\].
@@ -33,6 +34,9 @@ pub struct EnergySample<T> {
     pub drift: T,
     /// Drift relative to the energy in play.
     pub relative_drift: T,
+    /// Largest change of linear and of angular momentum of a body that should keep it, relative to what is in play; see
+    /// [`crate::momentum`].
+    pub momentum_drift: [T; 2],
     /// Largest jump of velocity between the models, relative to the largest velocity in the run so far.
     pub constraint_residual: T,
 }
@@ -46,7 +50,7 @@ impl<T: Real> EnergySample<T> {
 
 /// Running sums behind the samples.
 #[derive(Debug, Clone)]
-pub(crate) struct Ledger<T> {
+pub(crate) struct Ledger<T: Real> {
     pub(crate) supports: T,
     pub(crate) constraint: T,
     pub(crate) start: Option<T>,
@@ -58,6 +62,7 @@ pub(crate) struct Ledger<T> {
     /// Largest share of the energy in play that effects created.
     pub(crate) top_created: T,
     pub(crate) last: Option<EnergySample<T>>,
+    pub(crate) bodies: Vec<Body<T>>,
 }
 
 impl<T: Real> Ledger<T> {
@@ -73,6 +78,7 @@ impl<T: Real> Ledger<T> {
             top_velocity: z,
             top_created: z,
             last: None,
+            bodies: Vec::new(),
         }
     }
 
@@ -89,6 +95,7 @@ impl<T: Real> Ledger<T> {
             top_velocity: one(self.top_velocity),
             top_created: one(self.top_created),
             last: None,
+            bodies: self.bodies.iter().map(Body::narrowed).collect(),
         }
     }
 
@@ -105,12 +112,20 @@ impl<T: Real> Ledger<T> {
         [self.supports, self.constraint, started, start, self.scale]
             .into_iter()
             .chain(tops)
+            .chain(self.bodies.iter().flat_map(Body::record))
             .collect()
     }
 
     /// Undoes [`Self::record`].
     pub(crate) fn restore(&mut self, from: &[T]) -> crate::Result<()> {
         crate::scalar::check_finite("ledger of the snapshot", from)?;
+        let wrong = || crate::Error::SizeMismatch {
+            what: "ledger of the snapshot".into(),
+            expected: 9 + RECORDED * self.bodies.len(),
+            found: from.len(),
+        };
+        let (sums, bodies) = from.split_at_checked(9).ok_or_else(wrong)?;
+        let (bodies, rest) = bodies.as_chunks::<RECORDED>();
         let &[
             supports,
             constraint,
@@ -121,14 +136,14 @@ impl<T: Real> Ledger<T> {
             residual,
             velocity,
             created,
-        ] = from
+        ] = sums
         else {
-            return Err(crate::Error::SizeMismatch {
-                what: "ledger of the snapshot".into(),
-                expected: 9,
-                found: from.len(),
-            });
+            return Err(wrong());
         };
+        if bodies.len() != self.bodies.len() || !rest.is_empty() {
+            return Err(wrong());
+        }
+        self.bodies.iter_mut().zip(bodies).for_each(|(b, f)| b.restore(f));
         *self = Self {
             supports,
             constraint,
@@ -139,6 +154,7 @@ impl<T: Real> Ledger<T> {
             top_velocity: velocity,
             top_created: created,
             last: None,
+            bodies: std::mem::take(&mut self.bodies),
         };
         Ok(())
     }

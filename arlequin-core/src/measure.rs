@@ -1,4 +1,4 @@
-//! What the state of a subdomain amounts to: energy, momentum, its field at a point.
+//! What the state of a subdomain amounts to: energy, its field at a point.
 
 use crate::{Real, Result, Subdomain, parallel};
 
@@ -31,25 +31,6 @@ impl<T: Real> Subdomain<T> {
         let (m, v) = (&self.inertia, &self.state.v);
         let part = |range: std::ops::Range<usize>| range.fold(T::zero(), |s, i| s + m[i] * v[i] * v[i]);
         T::of(0.5) * parallel::sum(v.len(), &part)
-    }
-
-    /// Linear momentum \[kg m/s\] and angular momentum about the origin in the reference configuration \[kg m²/s\].
-    pub fn momentum(&self) -> [nalgebra::Vector3<T>; 2] {
-        let layout = self.model().layout();
-        let d = layout.components;
-        let (mut linear, mut angular) = (nalgebra::Vector3::zeros(), nalgebra::Vector3::zeros());
-        for (k, x) in self.model().nodes().iter().enumerate() {
-            let mut p = nalgebra::Vector3::zeros();
-            (0..d).for_each(|c| p[c] = self.inertia[k * d + c] * self.state.v[k * d + c]);
-            linear += p;
-            angular += x.coords.cross(&p);
-        }
-        if layout.rotations == 3 * layout.nodes {
-            for i in layout.translations()..layout.dofs() {
-                angular[(i - layout.translations()) % 3] += self.inertia[i] * self.state.v[i];
-            }
-        }
-        [linear, angular]
     }
 
     /// Displacement and velocity of the field at a point \[m, m/s\].

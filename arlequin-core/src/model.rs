@@ -2,6 +2,8 @@
 
 use crate::effect::Finding;
 use crate::field::Interpolation;
+use crate::geometry::Sample;
+use crate::momentum::Arms;
 use crate::snapshot::Record;
 use crate::weight::{Weight, Weighting};
 use crate::{Error, Real, Result};
@@ -11,6 +13,10 @@ use std::sync::Arc;
 
 /// How the degrees of freedom are arranged: `components` displacements per node (`x0 y0 z0 x1 …`), then
 /// `rotations` further unknowns that the coupling never touches.
+///
+/// The velocity of a rotation is the spin about fixed axes, its acceleration the torque over the inertia, and the
+/// unknown itself the spin added up over time: the rotation vector for small rotations and for those about one axis, and
+/// no orientation otherwise. Orientations belong to the model, see [`Model::advance`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DofLayout {
     /// Number of nodes (or particles).
@@ -32,7 +38,7 @@ impl DofLayout {
     }
 }
 
-/// Displacements \[m\] (and rotations \[rad\]), velocities and accelerations of one model.
+/// Displacements \[m\] (and rotations \[rad\]), velocities (and spins) and accelerations of one model.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct State<T> {
     /// Displacements, rotations.
@@ -74,7 +80,7 @@ pub struct Evolution<'a, T> {
     pub q: &'a [T],
     /// Weighted internal forces at `q_before`, to be corrected for what disappears.
     pub f_before: &'a mut [T],
-    /// The same at `q`, as [`Model::add_internal_forces`] has just left them in zeros.
+    /// The same at `q`, as [`Model::advance`] has just left them in zeros.
     pub f: &'a mut [T],
 }
 
@@ -110,13 +116,30 @@ pub trait Model<T: Real>: Send {
     /// Whatever keeps the model from doing so.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>, weighting: Weighting) -> Result<()>;
 
-    /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`. Must not allocate.
+    /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`; torques are those on spins, about fixed axes.
+    /// Must not allocate.
     ///
     /// # Errors
     /// Failure of the constitutive law (an inverted element, a broken bond that cannot be).
     fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> Result<()>;
 
-    /// Weighted internal energy \[J\]; minus its gradient are the internal forces (with energy weighting).
+    /// [`Model::add_internal_forces`] at displacements that the run has reached: called once per step, and once before
+    /// the first, in its place. What is not a vector (an orientation) goes on from here: with `θ` the rotations reached
+    /// last, those of any `q` mean `R(q) = exp(q − θ) R(θ)`. A model that wraps another one must pass the call on.
+    ///
+    /// # Errors
+    /// Those of [`Model::add_internal_forces`].
+    fn advance(&mut self, q: &[T], f: &mut [T]) -> Result<()> {
+        self.add_internal_forces(q, f)
+    }
+
+    /// Positions about which the moments of the internal forces vanish.
+    fn arms(&self) -> Arms {
+        Arms::Reference
+    }
+
+    /// Weighted internal energy \[J\]; minus its gradient are the internal forces (with energy weighting), that with
+    /// respect to rotations at those reached last.
     fn internal_energy(&self, q: &[T]) -> T;
 
     /// Largest stable step of velocity Verlet \[s\] for the given inverse inertia (0 = prescribed).
@@ -136,7 +159,7 @@ pub trait Model<T: Real>: Send {
         false
     }
 
-    /// Lets the model change itself: called once per step, right after [`Model::add_internal_forces`] at the new
+    /// Lets the model change itself: called once per step, right after [`Model::advance`] to the new
     /// positions, so that one pass can serve both. Returns the energy that left the model \[J\], by the rule of
     /// [`Evolution`].
     ///
@@ -144,6 +167,12 @@ pub trait Model<T: Real>: Send {
     /// Whatever keeps the model from doing so.
     fn evolve(&mut self, _: Evolution<'_, T>) -> Result<T> {
         Ok(T::zero())
+    }
+
+    /// Particles with the volumes they stand for \[m³\], for a model that consists of them: where it is, whatever field
+    /// interpolates between them. None for a model that fills the cells of its field.
+    fn particles(&self) -> Option<&[Sample<T>]> {
+        None
     }
 
     /// Effects that live in the model itself, by the names they have in reports: "fracture", "finite-rotations".
@@ -168,7 +197,7 @@ pub trait Model<T: Real>: Send {
         false
     }
 
-    /// What the model must remember to go on with the same bits: bonds that broke. Nothing for most.
+    /// What the model must remember to go on with the same bits: bonds that broke, orientations. Nothing for most.
     fn save(&self) -> Record<T> {
         Record::default()
     }

@@ -6,7 +6,7 @@
 
 use crate::Real;
 use rayon::prelude::*;
-use std::ops::Range;
+use std::ops::{Add, Range};
 
 /// Unknowns per unit of work.
 const CHUNK: usize = 4_096;
@@ -32,12 +32,21 @@ pub fn copy<T: Real>(to: &mut [T], from: &[T]) {
 
 /// Sum over `0..n` of what `part` sums over a range.
 pub fn sum<T: Real>(n: usize, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
+    sum_of(n, part)
+}
+
+/// The same for anything that adds up.
+pub(crate) fn sum_of<S: Add<Output = S> + Send>(n: usize, part: &(dyn Fn(Range<usize>) -> S + Sync)) -> S {
     let chunks = n.div_ceil(CHUNK).max(1);
     tree(0..chunks, pays(n), &|c| part(c * CHUNK..n.min((c + 1) * CHUNK)))
 }
 
 /// Pairwise sum of `term` over a range: the tree, and with it the result, depends on the range alone.
-fn tree<T: Real>(range: Range<usize>, parallel: bool, term: &(dyn Fn(usize) -> T + Sync)) -> T {
+fn tree<S: Add<Output = S> + Send>(
+    range: Range<usize>,
+    parallel: bool,
+    term: &(dyn Fn(usize) -> S + Sync),
+) -> S {
     if range.len() == 1 {
         return term(range.start);
     }

@@ -1,5 +1,6 @@
 //! A subdomain: one model with its weights, supports, effects and state; velocity Verlet's half of the step.
 
+use crate::coupled::Partition;
 use crate::effect::{Demand, Effect, Finding, Instant, Site};
 use crate::error::invalid;
 use crate::field::Interpolation;
@@ -8,6 +9,7 @@ use crate::narrow::{self, RoundedField, StiffnessModel, Watcher};
 use crate::observer::Phase;
 use crate::parallel;
 use crate::scalar::check_finite;
+use crate::snapshot::Record;
 use crate::weight::Weights;
 use crate::{Error, Real, Result};
 use std::sync::Arc;
@@ -32,6 +34,7 @@ pub struct Subdomain<T: Real> {
     role: Role,
     field: Arc<dyn Interpolation<T>>,
     weights: Weights<T>,
+    pub(crate) partition: Partition,
     supports: Vec<PrescribedMotion<T>>,
     pub(crate) effects: Vec<Box<dyn Effect<T>>>,
     pub(crate) works: Vec<T>,
@@ -53,6 +56,8 @@ pub struct Subdomain<T: Real> {
     pub(crate) drawn_energy: T,
     /// The model of double precision, where it watches.
     watcher: Option<Watcher>,
+    /// What the model is to remember from the start.
+    memory: Option<Record<T>>,
 }
 
 impl<T: Real> std::fmt::Debug for Subdomain<T> {
@@ -90,6 +95,7 @@ impl<T: Real> Subdomain<T> {
             role,
             field,
             weights,
+            partition: Partition::Checked,
             supports: Vec::new(),
             effects: Vec::new(),
             works: Vec::new(),
@@ -105,6 +111,7 @@ impl<T: Real> Subdomain<T> {
             paired: false,
             drawn_energy: T::zero(),
             watcher: None,
+            memory: None,
             model,
         }
     }
@@ -125,7 +132,15 @@ impl<T: Real> Subdomain<T> {
         self
     }
 
-    /// Sets initial displacements \[m\] and velocities \[m/s\].
+    /// Says whether the weights must sum to one with those of the models this one is tied to; one unchecked model frees
+    /// all of them. Checked unless said otherwise.
+    #[must_use]
+    pub fn with_partition(mut self, partition: Partition) -> Self {
+        self.partition = partition;
+        self
+    }
+
+    /// Sets initial displacements \[m\] (and rotation vectors \[rad\]) and velocities \[m/s\] (and spins \[rad/s\]).
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] or [`Error::NotFinite`].
@@ -144,6 +159,14 @@ impl<T: Real> Subdomain<T> {
         self.state.q = q;
         self.state.v = v;
         Ok(self)
+    }
+
+    /// Lets the model go on from what an equal one remembered, [`Model::save`]: the initial displacements are then those
+    /// at which it was saved.
+    #[must_use]
+    pub fn with_memory(mut self, of: Record<T>) -> Self {
+        self.memory = Some(of);
+        self
     }
 
     /// What the present state would need effects for, whether they are on or not.
@@ -200,6 +223,9 @@ impl<T: Real> Subdomain<T> {
         let layout = self.model.layout();
         let mode = self.weights.weighting;
         self.model.set_internal_weight(&*self.weights.internal, mode)?;
+        if let Some(memory) = self.memory.take() {
+            self.model.restore(&memory)?;
+        }
         self.model
             .lumped_inertia(&*self.weights.kinetic, mode, &mut self.inertia)?;
         check_finite("weighted inertia", &self.inertia)?;
@@ -347,8 +373,8 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// Sets prescribed displacements and velocities of time `t` and the accelerations of the start.
-    pub(crate) fn start(&mut self, t: T, dt: T) -> Result<()> {
+    /// Sets prescribed displacements and velocities of time `t`.
+    pub(crate) fn hold(&mut self, t: T, dt: T) {
         for motion in &self.supports {
             let (q, v, _) = motion.kinematics(t, dt);
             for &d in &motion.dofs {
@@ -356,9 +382,12 @@ impl<T: Real> Subdomain<T> {
                 self.state.v[d] = v;
             }
         }
+    }
+
+    /// Finds forces and accelerations of the start, after [`Self::hold`].
+    pub(crate) fn start(&mut self, t: T, dt: T) -> Result<()> {
         self.internal.fill(T::zero());
-        self.model
-            .add_internal_forces(&self.state.q, &mut self.internal)?;
+        self.model.advance(&self.state.q, &mut self.internal)?;
         self.evaluate(t, T::zero(), 0, &mut |_| {})?;
         if !self.paired {
             self.accelerate(t, [dt, T::zero()]);
@@ -404,8 +433,7 @@ impl<T: Real> Subdomain<T> {
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
         // Found at zero by the model: the pass before left it so.
-        self.model
-            .add_internal_forces(&self.state.q, &mut self.internal)?;
+        self.model.advance(&self.state.q, &mut self.internal)?;
         if self.evolved.is_some() {
             announce(Phase::Evolve(own));
             self.evolve(t)?;
@@ -484,6 +512,7 @@ impl Subdomain<f64> {
             role: self.role,
             field: Arc::new(RoundedField::new(self.field)),
             weights: narrow::weights(&self.weights),
+            partition: self.partition,
             supports: supports.collect(),
             effects,
             works: narrow::all(&self.works),
@@ -503,6 +532,7 @@ impl Subdomain<f64> {
             paired: self.paired,
             drawn_energy: narrow::to(self.drawn_energy),
             watcher: Watcher::of(self.model),
+            memory: None,
         })
     }
 }

@@ -84,6 +84,19 @@ pub(crate) fn quick(b: &Vector3<f64>, c: &Vector3<f64>, d: &Vector3<f64>) -> Opt
     }
 }
 
+/// Six times the signed volume of a tetrahedron, to the last digits for nearly flat ones too.
+#[inline]
+pub(crate) fn six_volumes(corners: [&Point3<f64>; 4]) -> f64 {
+    let [o, p, q, r] = corners;
+    let (b, c, d) = (p - o, q - o, r - o);
+    let det = b.dot(&c.cross(&d));
+    if det * det > FLAT * b.norm_squared() * c.norm_squared() * d.norm_squared() {
+        return det;
+    }
+    let difference = |e: &Point3<f64>| [0, 1, 2].map(|k| two_sum(e[k], -o[k]));
+    dot(difference(p), cross(difference(q), difference(r))).0
+}
+
 /// As [`circumcentre`], in double-double arithmetic.
 #[cold]
 pub(crate) fn accurate([o, p, q, r]: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {

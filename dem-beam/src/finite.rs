@@ -105,25 +105,3 @@ pub fn wrenches(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> (Twi
         },
     )
 }
-
-/// `-dU/dth` for a rotation vector `th` from the torque `m`: `T(th)^T m`, see the kernel.
-#[must_use]
-pub fn generalised(th: &Vector3<f64>, m: &Vector3<f64>) -> Vector3<f64> {
-    let x = th.norm_squared();
-    // B = (1 - cos a)/a^2, C = (a - sin a)/a^3; series where they would cancel.
-    let (b, c) = if x < 1e-4 {
-        (0.5 - x / 24.0, 1.0 / 6.0 - x / 120.0)
-    } else {
-        let a = x.sqrt();
-        ((1.0 - a.cos()) / x, (a - a.sin()) / (x * a))
-    };
-    let once = th.cross(m);
-    m - once * b + th.cross(&once) * c
-}
-
-/// Spin of a particle with rotation vector `th` that changes at the rate `rate`: `T(th) rate`.
-#[must_use]
-pub fn spin(th: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
-    // T(th) is the transpose of that in `generalised`, which is T(-th).
-    generalised(&-th, rate)
-}

@@ -5,7 +5,7 @@ use arlequin_core::observer::{Observer, Phase, Silent, StepReport};
 use arlequin_core::subdomain::PrescribedMotion;
 use arlequin_core::time::TimeFunction;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
-use dem_beam::finite::{Pose, energy, generalised, wrenches};
+use dem_beam::finite::{Pose, energy, wrenches};
 use dem_beam::fracture::locked;
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{
@@ -87,23 +87,25 @@ fn plain_wrenches_are_the_gradient_of_the_finite_energy() {
     let bond = LinearBond::new(Vector3::zeros(), Vector3::new(1.1e-3, 0.7e-3, -0.4e-3), 0.7).unwrap();
     let th = [Vector3::new(0.4, -0.3, 0.8), Vector3::new(-0.2, 0.5, 0.1)];
     let u = [Vector3::new(1e-4, 2e-4, -1e-4), Vector3::new(-2e-4, 1e-4, 3e-4)];
-    let pose = |u: Vector3<f64>, th: Vector3<f64>| Pose {
+    let pose = |u: Vector3<f64>, th: Vector3<f64>, spin: Vector3<f64>| Pose {
         displacement: u,
-        rotation: UnitQuaternion::from_scaled_axis(th),
+        rotation: UnitQuaternion::from_scaled_axis(spin) * UnitQuaternion::from_scaled_axis(th),
     };
-    let (fi, fj) = wrenches(&bond, &k, &pose(u[0], th[0]), &pose(u[1], th[1]));
+    let still = Vector3::zeros();
+    let (fi, fj) = wrenches(&bond, &k, &pose(u[0], th[0], still), &pose(u[1], th[1], still));
     let scale = fi.linear.norm();
     for (end, f) in [fi, fj].iter().enumerate() {
-        let torque = generalised(&th[end], &f.angular);
+        let torque = f.angular;
         for c in 0..3 {
             let at = |h: f64, rotate: bool| {
-                let (mut u, mut th) = (u, th);
+                let (mut u, mut spins) = (u, [still; 2]);
                 if rotate {
-                    th[end][c] += h;
+                    spins[end][c] += h;
                 } else {
                     u[end][c] += h;
                 }
-                energy(&bond, &k, &pose(u[0], th[0]), &pose(u[1], th[1]))
+                let [a, b] = [0, 1].map(|i: usize| pose(u[i], th[i], spins[i]));
+                energy(&bond, &k, &a, &b)
             };
             let force = -(at(1e-8, false) - at(-1e-8, false)) / 2e-8;
             let moment = -(at(1e-5, true) - at(-1e-5, true)) / 2e-5;

@@ -6,9 +6,11 @@ pub mod cantilever;
 #[allow(dead_code, reason = "the example offers more than the decks ask for")]
 #[path = "../../examples/chain/model.rs"]
 mod chain;
+pub mod claims;
 pub mod hard;
 pub mod line;
 pub mod solid;
+pub mod strain;
 pub mod waves;
 
 /// A reproducible sequence of uniform numbers in (−1, 1).

@@ -4,8 +4,8 @@ use super::kinds::Body;
 use super::mesh::{Request, View};
 use crate::error::{Result, core, key, value};
 use crate::scene::{
-    Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, ProfileKind, RegionShape, SamplingKind,
-    Shape, WeightTable, WeightingKind,
+    Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind,
+    RegionShape, SamplingKind, Shape, WeightTable, WeightingKind,
 };
 use arlequin::core::effect::Absorber;
 use arlequin::core::field::{Interpolation, ShapeRow};
@@ -14,11 +14,23 @@ use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
 use arlequin::core::weight::{Profile, Ramp, Weight, Weighting};
-use arlequin::core::{InterfaceOptions, InterfaceSpec, Sampling, Weights};
+use arlequin::core::{InterfaceOptions, InterfaceSpec, Partition, Sampling, Weights};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{FemField, FemMediator};
 use std::path::Path;
 use std::sync::Arc;
+
+/// Smallest weight of a model whose bonds can break: with less, the skin of its particles at the border where the weight
+/// vanishes is loaded several times as hard as the body, at rest already (decision 0022).
+const BRITTLE_FLOOR: f64 = 0.1;
+
+/// The absorber of a fine model whose bonds can break, unless the scene gives one: what breaking radiates would run back
+/// and forth in the overlap, highest where the weight is least.
+const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
+    rate: None,
+    rate_factor: Some(0.2),
+    spacing: None,
+};
 
 /// An interface before it is handed to the core.
 pub(crate) struct Joint {
@@ -26,6 +38,8 @@ pub(crate) struct Joint {
     pub(crate) spec: InterfaceSpec<f64>,
     /// Weights of the coarse model in this overlap.
     pub(crate) weights: Weights<f64>,
+    /// Whether the weights must sum to one.
+    pub(crate) partition: Partition,
     /// Picture of the mediator.
     pub(crate) view: View,
     /// Damping of what the coarse model cannot carry, on the fine model.
@@ -60,22 +74,28 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         rim: Rim::Inscribed,
         folder,
     };
-    let inset = match table.mediator.shape {
-        None if is_hull(sides[1].1) => Some(within_hull(request, sides[1].1)?),
-        _ => None,
-    };
+    let mut inset = None;
+    for (_, body) in sides
+        .iter()
+        .filter(|s| table.mediator.shape.is_none() && is_hull(s.1))
+    {
+        let shape = inset.as_ref().unwrap_or(&shape);
+        inset = Some(within_hull(Request { shape, ..request }, body)?);
+    }
     let shape = inset.as_ref().unwrap_or(&shape);
     let request = Request { shape, ..request };
     let mesh = request.mesh()?;
     let view = View::of_mesh(&mesh);
     let mediator = Arc::new(FemMediator::new(mesh));
-    let weights = weights(&path, &table.weight, &overlap, mediator.nodes())?;
-    let absorber = match &table.absorber {
-        None => None,
-        Some(a) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
+    let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
+    let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
+    let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
+    let absorber = match table.absorber.as_ref().or(standard) {
+        Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
+        _ => None,
     };
     let junction = junction(&path, table, mediator.spacing())?;
-    let options = options(table, sides[1].1);
+    let options = options(table, sides);
     Ok(Joint {
         spec: InterfaceSpec {
             name: name.to_owned(),
@@ -86,18 +106,22 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
             options,
         },
         weights,
+        partition: match table.partition {
+            PartitionKind::Checked => Partition::Checked,
+            PartitionKind::Unchecked => Partition::Unchecked,
+        },
         view,
         absorber,
     })
 }
 
-fn options(table: &Interface, fine: &Body) -> InterfaceOptions<f64> {
+fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
     InterfaceOptions {
         sampling: match table.sampling {
             Some(SamplingKind::Intersection) => Sampling::Intersection,
             Some(SamplingKind::Projection) => Sampling::Projection,
             Some(SamplingKind::Particles) => Sampling::Particles,
-            None if fine.field.samples().is_some() => Sampling::Particles,
+            None if sides.iter().any(|s| s.1.field.samples().is_some()) => Sampling::Particles,
             None => Sampling::Intersection,
         },
         lumped: table.lumped,
@@ -149,6 +173,7 @@ fn weights(
     table: &WeightTable,
     overlap: &Arc<dyn Overlap<f64>>,
     mediator: &[Point3<f64>],
+    brittle: [bool; 2],
 ) -> Result<Weights<f64>> {
     let weighting = match table.weighting {
         WeightingKind::Energy => Weighting::Energy,
@@ -160,6 +185,7 @@ fn weights(
         Weighting::Energy => 1e-6,
         Weighting::Nodal => 0.05,
     };
+    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
     let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
         let profile = match (kind, constant) {
@@ -182,8 +208,13 @@ fn weights(
                     .map_err(core(format!("{path}.profile")))?
             }
         };
-        let epsilon = epsilon.or(table.epsilon).unwrap_or(floor);
-        let ramp = Ramp::new(overlap.clone(), profile, epsilon).map_err(core(format!("{path}.epsilon")))?;
+        let given = epsilon.or(table.epsilon);
+        let [coarse, fine] = brittle.map(least).map(|d| given.unwrap_or(d));
+        let fine = table.fine_epsilon.unwrap_or(fine);
+        let ramp = Ramp::new(overlap.clone(), profile, coarse)
+            .map_err(core(format!("{path}.epsilon")))?
+            .with_fine_floor(fine)
+            .map_err(core(format!("{path}.fine_epsilon")))?;
         Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
     };
     let all = one("", table.profile, table.value, table.epsilon)?;
@@ -276,11 +307,11 @@ fn is_hull(body: &Body) -> bool {
 
 /// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
 /// of the particles. The hull is convex, so that its nodes decide. Only faces on the particles' own surface move.
-fn within_hull(request: Request<'_>, fine: &Body) -> Result<Shape> {
+fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
     let mut row = ShapeRow::default();
     for step in 1..=30 {
-        let inset = 0.1 * f64::from(step) * fine.spacing;
-        let Some(shape) = moved_inwards(request.shape, &fine.shape, inset) else {
+        let inset = 0.1 * f64::from(step) * grains.spacing;
+        let Some(shape) = moved_inwards(request.shape, &grains.shape, inset) else {
             break;
         };
         let mesh = Request {
@@ -289,7 +320,7 @@ fn within_hull(request: Request<'_>, fine: &Body) -> Result<Shape> {
         }
         .mesh()?;
         let mut nodes = mesh.nodes().iter();
-        if nodes.all(|x| fine.field.shape_at(x, false, &mut row).is_ok()) {
+        if nodes.all(|x| grains.field.shape_at(x, false, &mut row).is_ok()) {
             return Ok(shape);
         }
     }

@@ -44,6 +44,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         .collect();
     let domain = Domain::new(mesh.nodes(), &Surface::of_elements(&corners)).map_err(natural(key))?;
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
+    let warnings = model.warnings();
     let groups = groups(&mesh, &model);
     let surfaces = surfaces(&mesh, &model, &groups);
     let boundary = model.surface(|_| true).map_err(natural(key))?;
@@ -68,7 +69,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         },
         shape: table.shape.clone(),
         grains: None,
-        warnings: Vec::new(),
+        warnings,
     })
 }
 

@@ -5,20 +5,21 @@ use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::mesh::View;
 use crate::error::{Result, core};
+use crate::output::packing::PackingLine;
 use crate::scene::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind as Neighbours;
-use arlequin::core::Model;
 use arlequin::core::field::{Interpolation, ParticleField, ShapeRow};
 use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Error as Core, Model};
 use arlequin::dem_beam::DemModel;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// The particle field of a scene: natural neighbours between the centres, for probes, and the particles themselves as
-/// integration points of interfaces, where gradients exist as well.
+/// The particle field of a scene: natural neighbours between the centres, for probes and for integration points of another
+/// model, and the particles themselves as integration points of interfaces, where gradients exist as well.
 struct ParticlePoints {
     natural: NaturalField,
     particles: Arc<ParticleField<f64>>,
@@ -34,10 +35,11 @@ impl Interpolation<f64> for ParticlePoints {
         gradient: bool,
         row: &mut ShapeRow<f64>,
     ) -> arlequin::core::Result<()> {
-        if gradient {
-            return self.particles.shape_at(x, true, row);
+        // Between the particles, where those of another model are, the natural neighbours have gradients as well.
+        match gradient.then(|| self.particles.shape_at(x, true, row)) {
+            None | Some(Err(Core::OutsideDomain { .. })) => self.natural.shape_at(x, gradient, row),
+            Some(found) => found,
         }
-        self.natural.shape_at(x, false, row)
     }
     fn samples(&self) -> Option<&[Sample<f64>]> {
         self.particles.samples()
@@ -55,18 +57,21 @@ pub(super) fn body(
     folder: &Path,
     effects: &[(usize, &Effect)],
 ) -> Result<Body> {
+    grains::check_loose(key, table, effects)?;
     let filling = Filling::of(key, &table.shape, folder)?;
     let mut packing = Recipe::of(key, table, folder, &filling)?.packing(key)?;
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
     grains::cut(key, &table.dem.notch, &mut packing)?;
     let beam = beam(key, table)?;
+    let line = PackingLine::of(&packing, table.material.density);
+    let warnings = line.warnings();
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
     let model = if table.dem.finite_rotations {
         model.with_finite_rotations()
     } else {
         model
     };
-    let (model, grains) = Grains::of(model, table, effects)?;
+    let (model, grains) = Grains::of(model, table, effects, line)?;
     let natural =
         NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(|e| core(key)(e.into()))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
@@ -96,7 +101,7 @@ pub(super) fn body(
         material: table.material,
         shape: table.shape.clone(),
         grains: Some(grains),
-        warnings: Vec::new(),
+        warnings,
         model: Box::new(model),
     })
 }

@@ -1,5 +1,6 @@
 //! Frames: the state of all models and mediators at one instant.
 
+use super::mark;
 use super::vtu::{self, Array, Entry};
 use crate::build::{Drawn, View};
 use crate::cells::{self, Cell};
@@ -78,7 +79,8 @@ impl Frames {
             .map_err(write(&self.folder))?
             .flatten()
         {
-            if !kept.contains(&file.file_name().as_os_str()) {
+            let name = file.file_name();
+            if !kept.contains(&name.as_os_str()) && mark::is_frame(&name) {
                 std::fs::remove_file(file.path()).map_err(write(&file.path()))?;
             }
         }

@@ -2,17 +2,21 @@
 
 mod folder;
 mod frames;
+pub(crate) mod mark;
+pub(crate) mod packing;
 pub(crate) mod plots;
 pub(crate) mod summary;
 pub(crate) mod tables;
 mod vtu;
 
-pub(crate) use folder::{Folder, check_free};
+pub(crate) use folder::{Folder, Place};
 pub(crate) use frames::Frames;
 pub(crate) use vtu::Entry;
 
 use crate::error::{Result, write};
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Write as _;
 use std::path::Path;
 
 /// Writes columns of equal length as comma-separated values.
@@ -28,5 +32,14 @@ pub(crate) fn csv(path: &Path, names: &[String], columns: &[&[f64]]) -> Result<(
         }
         text.push('\n');
     }
-    std::fs::write(path, text).map_err(write(path))
+    put(path, &[text.as_bytes()])
+}
+
+/// Writes a file whole, or leaves none: on a full disk, half a file takes the space of others.
+pub(crate) fn put(path: &Path, parts: &[&[u8]]) -> Result<()> {
+    let all = |mut file: File| parts.iter().try_for_each(|p| file.write_all(p));
+    File::create(path).and_then(all).map_err(|e| {
+        let _ = std::fs::remove_file(path);
+        write(path)(e)
+    })
 }

@@ -1,8 +1,11 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
+use super::packing::PackingLine;
 use crate::build::Strangers;
 use crate::recorder::PhaseClock;
 use arlequin::core::effect::EffectLine;
+use arlequin::core::momentum::{Arms, BodyMomentum, Claim};
+use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{Coupled, Real};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -14,8 +17,11 @@ pub(crate) struct Summary {
     pub(crate) scene: String,
     /// Its title.
     pub(crate) title: Option<String>,
-    /// "complete" or "interrupted"; "woken" for the part of a run in which a model slept.
+    /// "complete", "interrupted" or "failed"; "woken" for the part of a run in which a model slept.
     pub(crate) status: &'static str,
+    /// What ended a failed run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) error: Option<String>,
     /// Version of this program.
     pub(crate) version: &'static str,
     /// Step from which a killed or interrupted run went on.
@@ -48,6 +54,8 @@ pub(crate) struct Summary {
     pub(crate) peak_bytes: Option<usize>,
     /// Energy \[J\].
     pub(crate) energy: Energy,
+    /// Momentum of every body.
+    pub(crate) momentum: Vec<MomentumLine>,
     /// Interfaces.
     pub(crate) interface: Vec<InterfaceLine>,
     /// Effects that were on.
@@ -126,6 +134,9 @@ pub(crate) struct ModelLine {
     pub(crate) unknowns: usize,
     /// Its own critical step \[s\].
     pub(crate) critical_dt: f64,
+    /// How the spheres were packed, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// Where wall time went \[s\].
@@ -159,6 +170,29 @@ pub(crate) struct Energy {
     pub(crate) ledger: BTreeMap<String, f64>,
 }
 
+/// Momentum of a body: of the models that interfaces and contact hold together.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct MomentumLine {
+    /// Its models.
+    pub(crate) models: Vec<String>,
+    /// Linear momentum at the end \[kg m/s\].
+    pub(crate) linear: [f64; 3],
+    /// Angular momentum at the end \[kg m²/s\].
+    pub(crate) angular: [f64; 3],
+    /// Fixed point it is about: the centre of mass at the start \[m\].
+    pub(crate) about: [f64; 3],
+    /// Positions it is drawn up with: at "rest" or "present" ones.
+    pub(crate) arms: &'static str,
+    /// What must stay: "both", "linear" or "neither".
+    pub(crate) keeps: &'static str,
+    /// Why not both.
+    pub(crate) because: Option<String>,
+    /// Largest change relative to `Σ |m v|` \[–\]; none where something acts from outside.
+    pub(crate) linear_drift: Option<f64>,
+    /// The same of the angular one, relative to `Σ |y × m v| + |I ω|` \[–\].
+    pub(crate) angular_drift: Option<f64>,
+}
+
 /// An interface.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct InterfaceLine {
@@ -176,6 +210,20 @@ pub(crate) struct InterfaceLine {
     pub(crate) measure: f64,
     /// Nodes of the coarse and the fine model under the constraint.
     pub(crate) coupled_nodes: [usize; 2],
+    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act (by volume for particles).
+    pub(crate) tied: [f64; 2],
+    /// Share of the overlap outside the mediator.
+    pub(crate) outside_mediator: f64,
+    /// Weight that is missing at surfaces where the models' shapes differ, relative to the overlap.
+    pub(crate) missing_weight: f64,
+    /// Weighted inertia of the tied models less that of the space they fill, relative to the overlap.
+    pub(crate) excess_mass: f64,
+    /// Whether the weights were checked to sum to one.
+    pub(crate) partition_checked: bool,
+    /// Jump of the initial displacements that was projected away \[m\].
+    pub(crate) initial_jump: f64,
+    /// Largest change of an initial displacement by that \[m\].
+    pub(crate) initial_change: f64,
     /// Largest velocity jump relative to the largest velocity \[–\]; none before a step was made.
     pub(crate) max_constraint_residual: Option<f64>,
 }
@@ -239,7 +287,35 @@ pub(crate) fn findings<T: Real>(run: &Coupled<T>, strangers: &Strangers) -> Vec<
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
     let all = run.watch().into_iter().chain(strangers.watch(run));
-    all.map(text).collect()
+    all.map(text).chain(run.lost_momentum()).collect()
+}
+
+/// Momentum of the bodies of a run.
+pub(crate) fn momentum<T: Real>(run: &Coupled<T>) -> Vec<MomentumLine> {
+    let line = |b: BodyMomentum<T>| {
+        let (keeps, because) = match b.claim {
+            Claim::Both => ("both", None),
+            Claim::Linear(why) => ("linear", Some(why)),
+            Claim::Neither(why) => ("neither", Some(why)),
+        };
+        let three = |v: Vector3<T>| <[T; 3]>::from(v).map(Real::as_f64);
+        let [linear_drift, angular_drift] = b.drift.map(|d| (keeps != "neither").then(|| d.as_f64()));
+        MomentumLine {
+            models: b.models,
+            linear: three(b.linear),
+            angular: three(b.angular),
+            about: three(b.centre),
+            arms: match b.arms {
+                Arms::Reference => "rest",
+                Arms::Current => "present",
+            },
+            keeps,
+            because,
+            linear_drift,
+            angular_drift,
+        }
+    };
+    run.bodies().into_iter().map(line).collect()
 }
 
 /// A figure of this process's memory \[bytes\], such as `VmRSS:` or `VmHWM:`, where the system tells.
@@ -251,22 +327,28 @@ pub(crate) fn process_bytes(name: &str) -> Option<usize> {
 }
 
 /// Models of a run.
-pub(crate) fn models<T: Real>(run: &Coupled<T>) -> Vec<ModelLine> {
+pub(crate) fn models<T: Real>(run: &Coupled<T>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
     let plan = run.plan();
-    let line = |(name, kind, nodes, unknowns, critical_dt)| ModelLine {
+    let line = |(k, (name, kind, nodes, unknowns, critical_dt))| ModelLine {
         name,
         kind,
         nodes,
         unknowns,
         critical_dt,
+        packing: packings.get(k).cloned().flatten(),
     };
-    plan.models.into_iter().map(line).collect()
+    plan.models.into_iter().enumerate().map(line).collect()
 }
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
 pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<InterfaceLine> {
     let line = |(k, i): (usize, &arlequin::core::interface::Interface<T>)| {
         let r = i.report();
+        let model = run.subdomains()[i.sides()[0]].model().name();
+        let group = run
+            .partition()
+            .iter()
+            .find(|g| g.models.iter().any(|m| m == model));
         InterfaceLine {
             name: r.name.clone(),
             junction: r.junction,
@@ -275,6 +357,13 @@ pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<In
             condition: r.condition,
             measure: r.measure,
             coupled_nodes: r.coupled_nodes,
+            tied: r.tied,
+            outside_mediator: r.outside,
+            missing_weight: group.map_or(0.0, |g| g.missing),
+            excess_mass: group.map_or(0.0, |g| g.excess_mass),
+            partition_checked: group.is_none_or(|g| g.checked),
+            initial_jump: r.start_jump,
+            initial_change: r.start_moved,
             max_constraint_residual: residuals.get(k).copied(),
         }
     };

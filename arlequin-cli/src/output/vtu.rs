@@ -1,9 +1,9 @@
 //! VTU files: unstructured grids with raw appended data, and the PVD index over time.
 
+use super::put;
 use crate::build::View;
-use crate::error::{Result, write};
+use crate::error::Result;
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
 
 /// A named array with values per point or cell.
@@ -100,12 +100,8 @@ pub(crate) fn write_grid(path: &Path, view: &View, points: &[Array], cells: &[Ar
         view.cells(),
         a.xml
     );
-    let mut file = std::fs::File::create(path).map_err(write(path))?;
     let tail = b"\n  </AppendedData>\n</VTKFile>\n";
-    [head.as_bytes(), &a.data, tail]
-        .iter()
-        .try_for_each(|part| file.write_all(part))
-        .map_err(write(path))
+    put(path, &[head.as_bytes(), &a.data, tail])
 }
 
 /// One file of the index.
@@ -138,7 +134,7 @@ pub(crate) fn write_index(path: &Path, entries: &[Entry]) -> Result<()> {
         );
     }
     text.push_str("  </Collection>\n</VTKFile>\n");
-    std::fs::write(path, text).map_err(write(path))
+    put(path, &[text.as_bytes()])
 }
 
 fn escape(text: &str) -> String {

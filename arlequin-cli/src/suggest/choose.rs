@@ -255,3 +255,55 @@ fn tried(s: &Scenario, h: f64) -> Vec<Form> {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn costs(critical: [f64; 2]) -> (CostModel, Candidate) {
+        let scene = "[model.a]\nkind = \"fem\"\nrole = \"coarse\"\nshape.bar = { from = 0, to = 9, section = 1 }\n\
+             spacing = 0.5\nmaterial = { young = 1, density = 1 }\n\
+             [model.b]\nkind = \"chain\"\nrole = \"fine\"\nshape.bar = { from = -9, to = 2, section = 1 }\n\
+             spacing = 0.1\nmaterial = { young = 1, density = 1 }\n\
+             [interface.j]\ncoarse = \"a\"\nfine = \"b\"\n\
+             overlap.slab = { fine = [0, 0, 0], coarse = [2, 0, 0] }\nweight = { profile = \"cubic\" }\n[time]\nend = 1\n";
+        let scene = toml::from_str(scene).expect("a scene");
+        let s = super::super::scenario::scenario(&scene).expect("a scenario");
+        let (given, _) = as_given(&s);
+        let measured = Measured {
+            nodes: [19.0, 111.0],
+            coupled: [5.0, 21.0, 5.0],
+            seconds: [1e-6, 2e-6, 1e-6, 1e-6],
+            setup: 1e-3,
+            dt: 0.05,
+            critical,
+        };
+        (CostModel::new(given, measured, &s, 0.9), given)
+    }
+
+    /// An explicit step goes with the smallest spacing: where the coarse one limits it, half the spacing takes twice the
+    /// steps; where the fine one does, the step stays.
+    #[test]
+    fn the_step_shrinks_with_the_spacing_that_limits_it() {
+        let (model, given) = costs([0.5, 0.8]);
+        for factor in [1.0, 0.5, 0.25] {
+            let h = given.h * factor;
+            let dt = model.dt(&Candidate { h, ..given });
+            assert!((dt / (0.9 * 0.5 * factor) - 1.0).abs() < 1e-12, "h = {h}: {dt}");
+        }
+        assert!(
+            (model.dt(&Candidate {
+                h: 2.0 * given.h,
+                ..given
+            }) - 0.9 * 0.8)
+                .abs()
+                < 1e-12
+        );
+        let (model, given) = costs([0.5, 0.1]);
+        let half = Candidate {
+            h: 0.5 * given.h,
+            ..given
+        };
+        assert!((model.dt(&half) - 0.09).abs() < 1e-12 && (model.dt(&given) - 0.09).abs() < 1e-12);
+    }
+}

@@ -342,4 +342,53 @@ mod tests {
         assert!(wavenumber(21.0, 1.0, [h, 1.0], 1e-6).is_none());
         assert!(wavenumber(10.5, 1.0, [h, 0.0], 1e-6).is_none());
     }
+
+    /// A body of two lengths of 1 m whose lattices are alike: nothing disperses, what is lost is lost in the overlap.
+    fn alike(end: f64, loss: f64) -> Errors {
+        let scene: Scene = toml::from_str(&miniature(&Form {
+            ratio: 1.0,
+            h_b: 1.0,
+            overlap: 4.0,
+            profile: ProfileKind::Cubic,
+            junction: JunctionKind::L2,
+            length_ratio: None,
+        }))
+        .expect("a scene");
+        let s = super::super::scenario::scenario(&scene).expect("a scenario");
+        let spectrum = super::super::scenario::spectrum(&scene, &s, end, Some(0.01)).expect("a spectrum");
+        let table = Table {
+            frequencies: vec![0.0, 1.0],
+            losses: vec![loss; 2],
+            top_reflection: 0.0,
+        };
+        let c = Candidate {
+            h: 1.0,
+            h_b: 1.0,
+            overlap: 4.0,
+            profile: ProfileKind::Cubic,
+            length_ratio: None,
+            table: 0,
+        };
+        errors(&c, &[table], &s, &spectrum, end, 0.5)
+    }
+
+    /// With a loss `|r|² + (1 − |t|)²` per passage, `n` passages lose `√n |r|`, and no more than two signals' worth.
+    #[test]
+    fn an_error_is_the_loss_of_the_overlap_where_the_lattices_are_alike() {
+        let body = 4.0 + 4.0 + 4.0; // the coarse bar of 8 m and the chain's own 4 m
+        for (passages, reflection, expected) in [
+            (1.0, 0.1, 0.1),
+            (4.0, 0.1, 0.2),
+            (1.0, 0.0, 0.0),
+            (1e6, 0.5, 2f64.sqrt()),
+        ] {
+            let e = alike(passages * body, reflection * reflection);
+            for found in [e.displacement, e.velocity] {
+                assert!(
+                    (found - expected).abs() < 1e-3,
+                    "{passages} passages: {found}, not {expected}"
+                );
+            }
+        }
+    }
 }

@@ -399,4 +399,70 @@ mod tests {
         table.after = 2.0;
         assert!(reflected(&run, &BTreeMap::new(), &table).is_none());
     }
+
+    /// Twice the reference is an error of one, half of it one half: the reference is what is divided by.
+    #[test]
+    fn an_error_is_relative_to_the_reference() {
+        let wave = |t: f64| (2.0 * PI * t).sin();
+        let reference = [(
+            "p".to_owned(),
+            Curve::Samples(series(Kind::Displacement, 500, wave)),
+        )]
+        .into();
+        for (factor, expected) in [(2.0, 1.0), (0.5, 0.5), (-1.0, 2.0), (1.0, 0.0)] {
+            let run: Probes = [(
+                "p".to_owned(),
+                series(Kind::Displacement, 500, |t| factor * wave(t)),
+            )]
+            .into();
+            let e = errors(&run, &reference, &Window::default());
+            for found in [e.displacement, e.probes.get("p").copied()] {
+                let found = found.expect("an error");
+                assert!(
+                    (found - expected).abs() < 1e-12,
+                    "{factor}: {found}, not {expected}"
+                );
+            }
+        }
+    }
+
+    /// A run that is right until 0.4 s, off by one from then to 0.7 s, and right again: what lies outside of the window
+    /// does not count, nor does a probe that is not named.
+    #[test]
+    fn only_the_window_and_its_probes_count() {
+        let off = |t: f64| if (0.4..0.7).contains(&t) { 2.0 } else { 1.0 };
+        let run: Probes = ["p", "q"]
+            .map(|n| (n.to_owned(), series(Kind::Velocity, 1000, off)))
+            .into();
+        let reference = [
+            (
+                "p".to_owned(),
+                Curve::Samples(series(Kind::Velocity, 1000, |_| 1.0)),
+            ),
+            (
+                "q".to_owned(),
+                Curve::Samples(series(Kind::Velocity, 1000, |_| 5.0)),
+            ),
+        ]
+        .into();
+        for (from, to, expected) in [
+            (None, Some(0.39), 0.0),
+            (Some(0.71), None, 0.0),
+            (Some(0.41), Some(0.69), 1.0),
+            (Some(0.1), Some(0.9), (0.3f64 / 0.8).sqrt()),
+        ] {
+            let window = Window {
+                from,
+                to,
+                probes: Some(vec!["p".into()]),
+            };
+            let e = errors(&run, &reference, &window);
+            assert_eq!(e.probes.len(), 1);
+            let found = e.velocity.expect("an error");
+            assert!(
+                (found - expected).abs() < 2e-3,
+                "{from:?} to {to:?}: {found}, not {expected}"
+            );
+        }
+    }
 }

@@ -6,6 +6,7 @@ use super::picture::{self, HookRow};
 use super::result::Sweep;
 use super::spec::{Hook, Mark, SweepFile};
 use crate::error::{Result, key, write};
+use crate::output::mark;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -47,6 +48,7 @@ pub(crate) fn document(a: &Arguments) -> Result<ExitCode> {
         let rule = "every sweep file must be followed by its output folder";
         return Err(key("sweep-docs", rule));
     }
+    mark::generated("--out", &a.out, HEAD)?;
     let images = a.out.parent().unwrap_or_else(|| Path::new(".")).join("images");
     std::fs::create_dir_all(&images).map_err(write(&images))?;
     let mut text = HEAD.to_owned();

@@ -14,6 +14,7 @@ mod spec;
 pub(crate) use document::{Arguments as DocumentArguments, document};
 
 use crate::error::{Error, Result, key, write};
+use crate::output::mark;
 use crate::scene::Source;
 use crate::suggest::Foretold;
 use curve::Curve;
@@ -73,6 +74,7 @@ pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode> {
     let out = arguments.out.clone();
     let out = out.unwrap_or_else(|| Path::new("results").join(stem));
     let made = prepare(&source, &file).and_then(|(members, curves)| {
+        mark::claim("--out", &out)?;
         let stop = crate::run::watch_interrupt()?;
         make(&file, &members, curves, &out, arguments.fresh, &stop)
     });
@@ -112,10 +114,6 @@ fn make(
     fresh: bool,
     stop: &AtomicBool,
 ) -> Result<(Sweep, ExitCode)> {
-    if out.exists() && !out.is_dir() {
-        let rule = "is a file; choose another folder";
-        return Err(crate::error::value("--out", out.display(), rule));
-    }
     let folder = out.join("runs");
     let runner = Runner::new(folder.clone(), file.repeat, file.threads, stop)?;
     let progress = say::Bar::new(members.len());

@@ -3,6 +3,7 @@
 
 use super::plan::Member;
 use crate::error::{Error, Result, write};
+use crate::output::mark;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -202,9 +203,8 @@ impl<'a> Runner<'a> {
                 if since.elapsed() > PATIENCE {
                     child.kill().map_err(system)?;
                     child.wait().map_err(system)?;
-                    let partial = format!(".{label}.partial-{}", child.id());
-                    // A folder left behind is hidden and harms nothing.
-                    let _ = std::fs::remove_dir_all(self.folder.join(partial));
+                    // What cannot be removed keeps its name, and the next run of this member begins there.
+                    let _ = mark::remove(&self.folder.join(format!("{label}.unfinished")));
                     return Ok(None);
                 }
             }

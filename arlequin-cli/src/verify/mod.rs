@@ -4,6 +4,7 @@ mod beam_a;
 mod beam_b;
 mod beams;
 mod choices;
+mod claims;
 mod hard;
 mod page;
 mod row;
@@ -11,6 +12,7 @@ mod solids;
 mod theory;
 
 use crate::error::{Error, Result, unknown};
+use crate::output::mark;
 use crate::output::plots::{self, Curve, Plot};
 use crate::report::{self, Progress};
 use beams::{Record, RunSpec};
@@ -137,7 +139,7 @@ const fn cheap(name: &'static str, about: &'static str, evaluate: fn(&Done) -> R
 }
 
 /// All cases, in the order of the table.
-const CASES: [Case; 16] = [
+const CASES: [Case; 17] = [
     cheap(
         "bauman",
         "static bar and springs, table of Bauman et al. 2008",
@@ -192,6 +194,11 @@ const CASES: [Case; 16] = [
         choices::locking,
     ),
     cheap(
+        "claims",
+        "two claims of the papers that do not hold here: reflection by direction, damping by a fine mediator",
+        claims::claims,
+    ),
+    cheap(
         "cantilever",
         "energy of the Norma cantilever, published Schwarz drifts",
         solids::cantilever,
@@ -212,10 +219,10 @@ const CASES: [Case; 16] = [
 
 /// Runs the command.
 pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
+    let pool = crate::threads::start(None)?;
     let threads = match args.threads {
-        Some(0) => return Err(crate::error::value("--threads", 0, "must be at least 1")),
-        Some(n) => n,
-        None => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        None => pool,
+        wanted => crate::threads::bounded(wanted)?,
     };
     if args.hard {
         return hard::run(args, threads);
@@ -227,6 +234,12 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let chosen = choose(&args.cases)?;
+    if let Some(folder) = &args.out {
+        mark::claim("--out", folder)?;
+    }
+    if let Some(folder) = &args.docs {
+        mark::generated("--docs", &folder.join("validation.md"), page::HEAD)?;
+    }
     let begin = std::time::Instant::now();
     let done = run_scenes(&chosen, args.quick, threads, args.resume.as_deref())?;
     let reports = in_parallel(&chosen, threads, "cases", |case| {

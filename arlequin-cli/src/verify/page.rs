@@ -4,7 +4,7 @@ use super::{Figure, Report, row};
 use crate::error::{Result, write as cannot_write};
 use std::path::Path;
 
-const HEAD: &str = "# Validation
+pub(super) const HEAD: &str = "# Validation
 
 Written by `arlequin verify --docs docs`; do not edit. Each case compares a number of the literature with ours and says
 what is accepted. Where our formulation contradicts a printed number, the accepted value is what we expect, and the

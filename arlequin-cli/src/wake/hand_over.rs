@@ -6,6 +6,7 @@ use crate::scene::Wake;
 use arlequin::core::field::{Interpolation, ShapeRow};
 use arlequin::core::model::DofLayout;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::{Coupled, Error as Core, Subdomain};
 use rayon::prelude::*;
@@ -29,6 +30,13 @@ struct Target {
     inertia: Vec<f64>,
     free: Vec<bool>,
     supports: Vec<PrescribedMotion<f64>>,
+}
+
+impl Target {
+    /// Whether it is the same model, which goes on as it is.
+    fn is(&self, from: &Subdomain<f64>) -> bool {
+        from.model().nodes() == self.points && from.model().layout() == self.layout
+    }
 }
 
 /// Hands the state over.
@@ -91,8 +99,12 @@ impl HandOver {
     /// The state from which the scene as given goes on.
     pub(crate) fn start(&self, asleep: &Coupled<f64>) -> Result<Start> {
         let mut states = Vec::with_capacity(self.targets.len());
+        let mut memories = Vec::with_capacity(self.targets.len());
         for t in &self.targets {
-            let mut state = self.sample(t, &asleep.subdomains()[t.source])?;
+            let from = &asleep.subdomains()[t.source];
+            let memory = from.model().save();
+            memories.push((t.is(from) && memory != Record::default()).then_some(memory));
+            let mut state = self.sample(t, from)?;
             for motion in &t.supports {
                 let (q, v, _) = motion.kinematics(asleep.time(), self.dt);
                 for &d in &motion.dofs {
@@ -107,13 +119,14 @@ impl HandOver {
         Ok(Start {
             time: asleep.time(),
             states,
+            memories,
         })
     }
 
     /// Interpolates; rotations are half the curl.
     fn sample(&self, t: &Target, from: &Subdomain<f64>) -> Result<[Vec<f64>; 2]> {
         let state = from.state();
-        if from.model().nodes() == t.points && from.model().layout() == t.layout {
+        if t.is(from) {
             return Ok([state.q.clone(), state.v.clone()]);
         }
         let (d, field) = (t.layout.components, &**from.field());
@@ -237,4 +250,38 @@ fn value_and_turn(at: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2] {
         }
     }
     [value, turn]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The functions of a tetrahedron at its centre: `u = t + ω × x` is handed over with its value and its turn `ω`, also
+    /// where the point lies a way beyond.
+    #[test]
+    fn a_turning_body_hands_its_rotation_over_with_its_sign() {
+        let nodes = [
+            Vector3::zeros(),
+            Vector3::x(),
+            Vector3::y() * 2.0,
+            Vector3::new(0.2, 0.3, 1.5),
+        ];
+        let points = nodes.map(Point3::from).to_vec();
+        let mesh =
+            arlequin::fem_ref::Mesh::new(arlequin::fem_ref::ElementKind::Tet4, points, vec![0, 1, 2, 3]);
+        let field = arlequin::fem_ref::FemField::new(mesh.expect("one tetrahedron"));
+        let (spin, shift) = (Vector3::new(0.3, -0.5, 0.7), Vector3::new(1.0, 2.0, -1.0));
+        let motion = |x: &Vector3<f64>| shift + spin.cross(x);
+        let values: Vec<f64> = nodes.iter().flat_map(|x| <[f64; 3]>::from(motion(x))).collect();
+        let centre = nodes.iter().sum::<Vector3<f64>>() / 4.0;
+        for way in [Vector3::zeros(), Vector3::new(0.1, -0.2, 0.3)] {
+            let mut row = ShapeRow::default();
+            field
+                .shape_at(&Point3::from(centre), true, &mut row)
+                .expect("inside");
+            let [value, turn] = value_and_turn(&Placed { row, way }, &values, 3);
+            assert!((value - motion(&(centre + way))).norm() < 1e-14, "{value}");
+            assert!((turn - spin).norm() < 1e-14, "turns by {turn} instead of {spin}");
+        }
+    }
 }

@@ -8,8 +8,8 @@ use crate::Input;
 use crate::build::{self, Built, Start, model_index};
 use crate::checkpoint::{Checkpoint, Origin};
 use crate::error::{Result, key};
-use crate::output::Folder;
 use crate::output::summary::{Momentum, WakeReport};
+use crate::output::{Folder, Place, mark};
 use crate::run::{End, Session, watch_interrupt};
 use crate::scene::{Scene, Wake};
 use hand_over::HandOver;
@@ -22,7 +22,7 @@ use std::time::Instant;
 use watch::Watch;
 
 /// Folder of what was recorded while the model slept.
-const ASLEEP: &str = "asleep";
+const ASLEEP: &str = mark::PART;
 
 /// The sleeping scene, ready to run, and what leads from there to the scene as given.
 struct Bed {
@@ -95,15 +95,14 @@ struct Way<'a> {
 }
 
 /// Runs both parts of the scene.
-pub(crate) fn run(input: &Input<'_>, wake: &Wake, target: &Path, force: bool) -> Result<ExitCode> {
+pub(crate) fn run(input: &Input<'_>, wake: &Wake, place: Place) -> Result<ExitCode> {
     let begin = Instant::now();
     let origin = Origin::of(input.source, input.set)?;
     let (bed, awake) = bed(input, wake)?;
     // It is built anew from the state at waking; until then its memory is free.
     drop(awake);
     let stop = watch_interrupt()?;
-    let lasting = input.scene.output.checkpoint_every.is_some();
-    let folder = Folder::begin(target, force, lasting)?;
+    let folder = Folder::begin(place)?;
     let way = Way {
         input,
         wake,
@@ -171,16 +170,20 @@ impl Way<'_> {
             let woken = watch.look(run);
             *stage = Some(watch.stage());
             woken
-        })?;
+        });
         let mut report = report_of(self.wake, &watch);
-        if end == End::Interrupted {
-            session.save()?;
-        }
-        if end != End::Woken {
+        if !matches!(end, Ok(End::Woken)) {
             return session.conclude(end, Some(report));
         }
         let begin = Instant::now();
-        let start = bed.hand_over.start(session.coupled())?;
+        // Before anything is put aside: if it fails, the results so far are whole.
+        let (input, folder) = (self.input, self.input.source.folder());
+        let next = bed.hand_over.start(session.coupled());
+        let next = next.and_then(|s| Ok((build::build_from(&input.scene, folder, Some(&s))?, s)));
+        let (built, start) = match next {
+            Ok(next) => next,
+            Err(e) => return session.conclude(Err(e), Some(report)),
+        };
         let run = session.coupled();
         report.woken = true;
         report.time = Some(run.time());
@@ -188,7 +191,6 @@ impl Way<'_> {
         report.energy_before = Some(run.energy());
         report.momentum_before = Some(Momentum::of(run));
         let folder = session.put_aside(ASLEEP)?;
-        let built = build::build_from(&self.input.scene, self.input.source.folder(), Some(&start))?;
         report.energy_after = Some(built.run.energy());
         report.jump = report.energy_after.zip(report.energy_before).map(|(a, b)| a - b);
         report.momentum_after = Some(Momentum::of(&built.run));
@@ -207,10 +209,7 @@ impl Way<'_> {
             // Takes the place of the last one asleep, whose results have been put aside.
             session.save()?;
         }
-        let end = session.advance(&self.stop, &mut |_, _| false)?;
-        if end == End::Interrupted {
-            session.save()?;
-        }
+        let end = session.advance(&self.stop, &mut |_, _| false);
         session.conclude(end, Some(report))
     }
 }

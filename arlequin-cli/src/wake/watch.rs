@@ -101,3 +101,50 @@ impl Watch {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn watch(stress: bool) -> Watch {
+        Watch {
+            carrier: 0,
+            cells: Vec::new(),
+            // λ = μ = 2/5.
+            material: Material {
+                young: 1.0,
+                poisson: Some(0.25),
+                density: 1.0,
+            },
+            stress,
+            limit: 1.0,
+            every: 1,
+            highest: (f64::NEG_INFINITY, Point3::origin()),
+        }
+    }
+
+    /// The largest principal stress: `E ε` where the sides are free to contract, `(λ + 2μ) ε` where they are not,
+    /// `3 K ε` of a dilatation, `2 μ ε` of a shear.
+    #[test]
+    fn the_largest_principal_stress_is_that_of_hooke() {
+        let e = 1e-3;
+        let diagonal = |x: f64, y: f64, z: f64| Matrix3::from_diagonal(&[x, y, z].into());
+        let shear = Matrix3::new(0.0, 2.0 * e, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        for (gradient, stress, strain) in [
+            (diagonal(e, -0.25 * e, -0.25 * e), e, e),
+            (diagonal(e, 0.0, 0.0), 1.2 * e, e),
+            (diagonal(e, e, e), 2.0 * e, e),
+            (shear, 0.8 * e, e),
+        ] {
+            for (wanted, expected) in [(true, stress), (false, strain)] {
+                let found = watch(wanted).value(&gradient, 3);
+                assert!(
+                    (found - expected).abs() < 1e-12 * e,
+                    "{gradient}: {found}, not {expected}"
+                );
+            }
+        }
+        // On a line nothing contracts across it.
+        assert!((watch(true).value(&diagonal(e, 0.0, 0.0), 1) - e).abs() < 1e-18);
+    }
+}

@@ -8,9 +8,13 @@
 //!
 //! This is RATTLE for linear velocity constraints: it conserves `H` of [`crate::ledger`] and filters nothing.
 
+mod partition;
 mod setup;
+mod start;
 pub mod statics;
+mod tie;
 
+pub use partition::{Partition, PartitionReport};
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
 use crate::effect::Pair;
@@ -19,6 +23,7 @@ use crate::ledger::{EnergySample, Ledger, WorkLine};
 use crate::observer::{Observer, Phase, StepReport};
 use crate::subdomain::{Announce, Subdomain};
 use crate::{Error, Real, Result};
+use sprs::CsMat;
 use std::ops::ControlFlow;
 
 /// Share of the energy in play that effects may create. Sound laws create none but for round-off and for what forces
@@ -40,6 +45,7 @@ pub struct Coupled<T: Real> {
     pub(crate) guard: Guard<T>,
     pub(crate) ledger: Ledger<T>,
     pub(crate) start_loss: T,
+    pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
 }
 
@@ -72,6 +78,17 @@ impl<T: Real> Coupled<T> {
     pub fn start_loss(&self) -> T {
         self.start_loss
     }
+    /// What the check found that weights sum to one, by groups of models that are tied to each other.
+    pub fn partition(&self) -> &[PartitionReport] {
+        &self.partition
+    }
+    /// `S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ` of one interface, symmetric, rows and columns in the order of
+    /// [`Interface::multipliers`]; `A = Δt/2 S`. Assembled anew at every call; `None` if there is no such interface.
+    pub fn multiplier_operator(&self, interface: usize) -> Option<CsMat<T>> {
+        let i = self.interfaces.get(interface)?;
+        let inverse = i.sides.map(|s| &self.subdomains[s].inverse_inertia[..]);
+        Some(i.operator_matrix(inverse))
+    }
     /// Largest relative drift of the energy balance so far.
     pub fn drift(&self) -> T {
         self.ledger.top_drift
@@ -96,7 +113,8 @@ impl<T: Real> Coupled<T> {
             .map(|s| s.kinetic_energy() + s.internal_energy())
             .sum()
     }
-    /// Linear and angular momentum of all subdomains.
+    /// Linear and angular momentum of all subdomains about the origin, each with the arms of its model; see
+    /// [`Coupled::bodies`] for what is kept.
     pub fn momentum(&self) -> [nalgebra::Vector3<T>; 2] {
         let zero = nalgebra::Vector3::zeros();
         self.subdomains
@@ -280,15 +298,23 @@ impl<T: Real> Coupled<T> {
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
     }
 
+    /// The error for a quantity that is no longer finite: of the first model with such a state, or with such an energy.
+    fn diverged(&self, what: &'static str) -> Error {
+        let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy;
+        let all = || self.subdomains.iter();
+        let found = all().find(|s| !s.is_finite());
+        let found = found.or_else(|| all().find(|s| !energy(s).is_finite()));
+        Error::Diverged {
+            step: self.step,
+            time: self.time.as_f64(),
+            what,
+            model: found.map_or_else(String::new, |s| s.model().name().to_owned()),
+        }
+    }
+
     fn draw(&mut self, invariant: T) -> Result<EnergySample<T>> {
-        if let Some(s) = self.subdomains.iter().find(|s| !s.is_finite()) {
-            let model = s.model().name().to_owned();
-            return Err(Error::Diverged {
-                step: self.step,
-                time: self.time.as_f64(),
-                what: "velocity",
-                model,
-            });
+        if self.subdomains.iter().any(|s| !s.is_finite()) {
+            return Err(self.diverged("velocity"));
         }
         let mut residual = T::zero();
         let speed = |s: &Subdomain<T>| {
@@ -326,6 +352,12 @@ impl<T: Real> Coupled<T> {
         };
         self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
         self.ledger.top_residual = self.ledger.top_residual.max(residual);
+        let mut momentum_drift = [T::zero(); 2];
+        let rate = T::of(self.step as f64) / self.dt;
+        for b in &mut self.ledger.bodies {
+            let one = b.draw(&self.subdomains, rate);
+            (0..2).for_each(|k| momentum_drift[k] = momentum_drift[k].max(one[k]));
+        }
         let sample = EnergySample {
             step: self.step,
             time: self.time,
@@ -335,12 +367,16 @@ impl<T: Real> Coupled<T> {
             work,
             drift,
             relative_drift: relative,
+            momentum_drift,
             constraint_residual: residual,
         };
+        if !drift.is_finite() {
+            return Err(self.diverged("energy"));
+        }
         // Growth is measured against what was put in, not against the (growing) energy itself.
         let reference = start.abs().max(volume);
         let bound = self.guard.growth * reference;
-        if !drift.is_finite() || (reference > T::zero() && drift > bound) {
+        if reference > T::zero() && drift > bound {
             return Err(Error::EnergyGrowth {
                 step: self.step,
                 time: self.time.as_f64(),

@@ -9,6 +9,7 @@ use super::{Demand, Effect, Instant, Site, dot};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::linalg::SpdFactor;
+use crate::momentum::Arms;
 use crate::narrow;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
@@ -193,6 +194,11 @@ impl<T: Real> Effect<T> for Absorber<T> {
 
     fn demand(&self) -> Demand<T> {
         Demand::damping(self.top_rate)
+    }
+
+    /// It leaves rigid motion alone.
+    fn arms(&self) -> Option<Arms> {
+        Some(Arms::Reference)
     }
 
     fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {

@@ -19,6 +19,7 @@ pub use prestress::Prestress;
 pub use viscous::{BulkViscosity, LocalDamping, StiffnessDamping};
 
 use crate::model::{DofLayout, Model};
+use crate::momentum::Arms;
 use crate::narrow;
 use crate::snapshot::Record;
 use crate::weight::Weights;
@@ -128,6 +129,11 @@ pub trait Effect<T: Real>: Send {
     /// What the effect demands of the time step.
     fn demand(&self) -> Demand<T> {
         Demand::none()
+    }
+
+    /// Positions about which its forces have no moment, if they add up to nothing; `None` where they come from outside.
+    fn arms(&self) -> Option<Arms> {
+        None
     }
 
     /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs. With

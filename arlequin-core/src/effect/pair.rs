@@ -7,6 +7,7 @@
 //! of the subdomains do not see its forces, so a local damping leaves them alone.
 
 use super::{Demand, Instant, Site};
+use crate::momentum::Arms;
 use crate::snapshot::Record;
 use crate::subdomain::Subdomain;
 use crate::{Real, Result};
@@ -46,6 +47,11 @@ pub trait PairEffect<T: Real>: Send {
     /// What the effect demands of the step of either side.
     fn demand(&self) -> [Demand<T>; 2] {
         [Demand::none(), Demand::none()]
+    }
+
+    /// Positions about which its forces on both sides have no moment; `None` where that is not known.
+    fn arms(&self) -> Option<Arms> {
+        None
     }
 
     /// Energy the effect holds now and could give back \[J\], as [`super::Effect::stored`].

@@ -1,6 +1,7 @@
 //! Prestress: what the internal forces are at the start counts as equilibrium.
 
 use super::{Effect, Instant, Site, dot};
+use crate::momentum::Arms;
 use crate::narrow;
 use crate::snapshot::Record;
 use crate::{Real, Result};
@@ -44,6 +45,10 @@ impl<T: Real> Effect<T> for Prestress<T> {
 
     fn power(&self, v: &[T]) -> T {
         dot(&self.force, v)
+    }
+
+    fn arms(&self) -> Option<Arms> {
+        Some(Arms::Reference)
     }
 
     fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {

@@ -4,6 +4,7 @@ use super::{Demand, Effect, Instant, Site, dot};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{Cell, Sample};
+use crate::momentum::Arms;
 use crate::narrow;
 use crate::spectrum;
 use crate::{Error, Real, Result};
@@ -71,6 +72,10 @@ impl<T: Real> Effect<T> for StiffnessDamping<T> {
             viscosity: self.time,
             ..Demand::none()
         }
+    }
+
+    fn arms(&self) -> Option<Arms> {
+        Some(Arms::Reference)
     }
 
     fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
@@ -215,6 +220,10 @@ impl<T: Real> Effect<T> for BulkViscosity<T> {
 
     fn demand(&self) -> Demand<T> {
         Demand::damping(self.top_rate)
+    }
+
+    fn arms(&self) -> Option<Arms> {
+        Some(Arms::Reference)
     }
 
     fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {

@@ -21,6 +21,7 @@ mod patch;
 mod recover;
 
 pub(crate) use mesh::{Face, FaceMesh, key};
+pub(crate) use patch::depth;
 pub(crate) use recover::recover;
 
 use crate::bins::{Bins, around};

@@ -157,3 +157,19 @@ fn bodies_make_up_the_cells() {
         }
     }
 }
+
+/// Cells whose facets do not close are refused by the node they belong to.
+#[test]
+fn open_cells_are_named() {
+    let domain = Domain::new(&grid(4, 0.2, 1), &Surface::convex_hull()).expect("grid");
+    let mut cells = domain.voronoi().expect("cells");
+    assert_eq!(cells.check_closed(), Ok(()));
+    let at = cells.start[9];
+    cells.facets[at].area *= 1.0 + 1e-7;
+    assert!(matches!(cells.check_closed(), Err(Error::CellOpen { node: 9, defect, .. }) if defect < 1e-6));
+    cells.facets[at].area.x = f64::NAN;
+    assert!(matches!(
+        cells.check_closed(),
+        Err(Error::CellOpen { node: 9, .. })
+    ));
+}

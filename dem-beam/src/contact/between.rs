@@ -14,6 +14,7 @@ use super::neighbours::CrossList;
 use super::touching::Touching;
 use crate::error::Result;
 use arlequin_core::effect::{Demand, Instant, PairEffect, PairSite};
+use arlequin_core::momentum::Arms;
 use arlequin_core::snapshot::Record;
 
 /// Contact between two cohesive-beam bodies, an effect between their subdomains, in the order of the models.
@@ -75,6 +76,10 @@ impl PairEffect<f64> for ContactBetween {
         self.touching
             .respond(&mut self.list.listed, &mut self.grains, &at, &mut f);
         Ok(())
+    }
+
+    fn arms(&self) -> Option<Arms> {
+        Some(Arms::Current)
     }
 
     fn power(&self, v: [&[f64]; 2]) -> f64 {

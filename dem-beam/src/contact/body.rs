@@ -9,19 +9,17 @@ use arlequin_core::Model;
 #[derive(Debug, Clone)]
 pub struct ContactBody {
     pub(super) name: String,
-    pub(super) finite: bool,
     pub(super) spheres: Vec<Sphere>,
     /// Unweighted masses (kg).
     pub(super) mass: Vec<f64>,
 }
 
 impl ContactBody {
-    /// Of a model; make it after the choice of rotations.
+    /// Of a model.
     #[must_use]
     pub fn of(model: &DemModel) -> Self {
         Self {
             name: model.name().to_owned(),
-            finite: model.has_finite_rotations(),
             spheres: neighbours::spheres(model.body()),
             mass: model.masses().to_vec(),
         }

@@ -3,7 +3,6 @@
 use super::body::ContactBody;
 use super::purse::End;
 use crate::bond::Twist;
-use crate::finite;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::{Instant, Site};
 use nalgebra::Vector3;
@@ -15,7 +14,6 @@ const CHUNK: usize = 2_048;
 /// Particles with their places, masses and the forces of one effect on them.
 #[derive(Debug)]
 pub(crate) struct Grains {
-    finite: bool,
     pub(crate) rest: Vec<Sphere>,
     pub(crate) now: Vec<Sphere>,
     /// Unweighted masses.
@@ -33,7 +31,6 @@ impl Grains {
     /// Particles of a model at rest.
     pub(crate) fn new(body: ContactBody) -> Self {
         Self {
-            finite: body.finite,
             now: body.spheres.clone(),
             rest: body.spheres,
             full: body.mass,
@@ -87,24 +84,10 @@ impl Grains {
 
     /// Velocity and spin half a step ago.
     pub(crate) fn motion(&self, at: &Instant<'_, f64>, i: usize) -> Twist {
-        let turn = 3 * self.len();
-        let rate = three(at.v_half, turn + 3 * i);
         Twist {
             linear: three(at.v_half, 3 * i),
-            angular: if self.finite {
-                finite::spin(&three(at.q, turn + 3 * i), &rate)
-            } else {
-                rate
-            },
+            angular: three(at.v_half, 3 * (self.len() + i)),
         }
-    }
-
-    /// Torque on a particle as the rotation vector sees it.
-    pub(crate) fn generalised(&self, at: &Instant<'_, f64>, i: usize, torque: &Vector3<f64>) -> Vector3<f64> {
-        if !self.finite {
-            return *torque;
-        }
-        finite::generalised(&three(at.q, 3 * (self.len() + i)), torque)
     }
 
     pub(crate) fn inverse_mass(&self, i: usize) -> f64 {
@@ -131,7 +114,7 @@ impl Grains {
         [o, o + 1, o + 2, turn, turn + 1, turn + 2]
     }
 
-    /// Adds a force and a generalised torque.
+    /// Adds a force and a torque.
     pub(crate) fn push(&mut self, i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
         for (c, o) in self.unknowns(i).into_iter().enumerate() {
             self.own[o] += if c < 3 { force[c] } else { torque[c - 3] };
@@ -157,7 +140,7 @@ impl Grains {
     }
 }
 
-/// Power (W) of a force and a generalised torque on particle `i` of `n`.
+/// Power (W) of a force and a torque on particle `i` of `n`.
 pub(crate) fn power(v: &[f64], i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
     force.dot(&three(v, 3 * i)) + torque.dot(&three(v, v.len() / 2 + 3 * i))
 }

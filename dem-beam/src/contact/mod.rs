@@ -34,6 +34,7 @@ use crate::error::Result;
 use crate::fracture::{SharedLog, locked};
 use crate::model::DemModel;
 use arlequin_core::effect::{Demand, Effect, Instant, Site};
+use arlequin_core::momentum::Arms;
 use arlequin_core::snapshot::Record;
 use neighbours::PairList;
 use std::slice::from_ref;
@@ -50,7 +51,7 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Contact between the particles of a model. Make it after the choice of rotations and fracture.
+    /// Contact between the particles of a model. Make it after the choice of fracture.
     ///
     /// # Errors
     /// [`crate::DemError::OutOfRange`] for parameters of the law.
@@ -104,6 +105,10 @@ impl Effect<f64> for Contact {
         self.touching
             .respond(&mut self.list.listed, grains, from_ref(at), &mut [f]);
         Ok(())
+    }
+
+    fn arms(&self) -> Option<Arms> {
+        Some(Arms::Current)
     }
 
     fn save(&self) -> Record<f64> {

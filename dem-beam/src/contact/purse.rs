@@ -79,7 +79,7 @@ impl Work {
 }
 
 /// Scales the response of a contact to what its purse can pay, pays, and sets the energy it holds at this instant.
-/// `elastic` contacts hand back the rest where they open. Torques are generalised here.
+/// `elastic` contacts hand back the rest where they open.
 pub(crate) fn pay(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) {
     let work = Work::of(r, ends, dt);
     let mut wanted = 1.0;

@@ -163,8 +163,6 @@ impl Touching {
         let old = spring.on;
         let pair = pair([&grains[0], &grains[last]], [i, j], self.gaps[k], at);
         let mut r = self.law.respond(&pair, self.damping_ratio, dt, spring);
-        r.torque[0] = grains[0].generalised(&at[0], i, &r.torque[0]);
-        r.torque[1] = grains[last].generalised(&at[last], j, &r.torque[1]);
         if dt > 0.0 {
             if old && !self.begun {
                 spring.purse = purse::first(spring.purse, r.stored);

@@ -224,10 +224,9 @@ impl FractureState {
     fn ratio(&self, body: &BondedParticles, reader: &Reader<'_>, b: usize) -> f64 {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = &body.bonds()[b];
-        let strain = if reader.finite {
-            Strain::finite(bond, &reader.pose(i), &reader.pose(j))
-        } else {
-            Strain::linear(bond, &reader.twist(i), &reader.twist(j))
+        let strain = match reader.poses([i, j]) {
+            Some([a, b]) => Strain::finite(bond, &a, &b),
+            None => Strain::linear(bond, &reader.twist(i), &reader.twist(j)),
         };
         self.spec.criterion.value(&self.section, &strain) / self.strength[b]
     }

@@ -1,6 +1,6 @@
 //! One pass over all blocks: forces, velocities, new rows.
 
-use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar, Vec3, add_interleaved, eight, scale};
+use super::lanes::{Job, LANES, Lanes, Portable, Row, Scalar, add_interleaved, eight, scale};
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
 use super::screen::{Blind, Look, Screen, Screened, Watcher};
@@ -154,12 +154,13 @@ impl<T: Dispatch, W: Law<T>> Pass<'_, T, W> {
     }
 }
 
-/// How the rotations of a law appear among the unknowns of a coupled model: as vectors `th`.
-pub(crate) trait RotationVector: Law<f64> {
-    /// Rows of particles from their displacements (m) and rotation vectors (rad).
-    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64]);
-    /// `-dU/dth` from the torques `m` on the eight particles with rows `own`.
-    fn generalised<L: Lanes<T = f64>>(l: L, own: &[L::V; 8], m: Vec3<L>) -> Vec3<L>;
+/// How the rows of a law follow from the unknowns of a coupled model.
+pub(crate) trait Posed: Law<f64> {
+    /// Whether rows hold orientations, which go on from those reached before.
+    const TURNS: bool = false;
+    /// Moves rows to displacements `u` (m) and rotations `th` (rad), from where they were with rotations `reached`, which
+    /// become `th`; empty for a law that does not turn.
+    fn write_rows(isa: Isa, rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64]);
 }
 
 /// Where a model wants its forces: `x0 y0 z0 x1 ...` and torques in the same order.
@@ -288,7 +289,7 @@ impl<T: Scalar, W: Law<T>> OnLanes<T> for Forces<'_, '_, T, W> {
     }
 }
 
-impl<W: RotationVector> OnLanes<f64> for AddForces<'_, '_, W> {
+impl<W: Posed> OnLanes<f64> for AddForces<'_, '_, W> {
     #[inline(always)]
     fn on<L: Lanes<T = f64>>(self, l: L) {
         if self.rows.len() > FAR {
@@ -430,7 +431,7 @@ impl<L: Lanes, W: Law<L::T>, const FETCH: bool> Job for With<L, Forces<'_, '_, L
     }
 }
 
-impl<L: Lanes<T = f64>, W: RotationVector, const FETCH: bool> Job for With<L, AddForces<'_, '_, W>, FETCH> {
+impl<L: Lanes<T = f64>, W: Posed, const FETCH: bool> Job for With<L, AddForces<'_, '_, W>, FETCH> {
     #[inline(always)]
     fn call(self) {
         let (l, mut j) = (self.0, self.1);
@@ -455,7 +456,7 @@ impl<L: Lanes<T = f64>, W: Screened, const FETCH: bool> Job for With<L, AddAndLo
     }
 }
 
-impl<W: RotationVector> AddForces<'_, '_, W> {
+impl<W: Posed> AddForces<'_, '_, W> {
     #[inline(always)]
     fn blocks(&self) -> usize {
         self.sink.linear.len().div_ceil(3 * LANES)
@@ -479,9 +480,9 @@ impl<W: RotationVector> AddForces<'_, '_, W> {
                 prefetch_lines(l, to.as_ptr().wrapping_add(3 * LANES), 3 * LANES);
             }
         }
-        let (own, f) = gather::<L, W, K, FETCH>(l, self.pass, k, self.rows, block, look);
+        let (_, f) = gather::<L, W, K, FETCH>(l, self.pass, k, self.rows, block, look);
         let mut force = [f[0], f[1], f[2]];
-        let mut torque = W::generalised(l, &own, [f[3], f[4], f[5]]);
+        let mut torque = [f[3], f[4], f[5]];
         if let Some(factors) = self.sink.factors {
             let part = &factors[b * LANES..factors.len().min((b + 1) * LANES)];
             let mut w = [0.0; LANES];

@@ -16,7 +16,7 @@
 //! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength beforehand, and
 //! multiplied by a length where that saves a division.
 
-use super::engine::RotationVector;
+use super::engine::Posed;
 use super::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, sum};
 use super::law::{Finite, FiniteNear, FiniteReady, FiniteSlot, Law, Linear, LinearSlot, turned_axes};
 use crate::bond::BeamRigidity;
@@ -173,7 +173,7 @@ impl<L: Lanes<T = f64>> Test<L> {
 }
 
 /// A law that can be screened.
-pub(crate) trait Screened: RotationVector {
+pub(crate) trait Screened: Posed {
     /// Above zero where a half-bond may have reached its limit.
     fn excess<L: Lanes<T = f64>>(
         l: L,

@@ -1,8 +1,8 @@
 //! A model whose bonds break, and what a state would need.
 
-use super::{DemModel, Kernel, forces};
+use super::{DemModel, Kernel};
 use crate::contact::neighbours;
-use crate::error::{DemError, Result};
+use crate::error::Result;
 use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
@@ -38,6 +38,12 @@ impl DemModel {
         Ok(self)
     }
 
+    /// Largest criterion over strength among the bonds in the state `q`; zero without fracture.
+    pub(crate) fn load(&self, q: &[f64]) -> f64 {
+        let peak = |f: &FractureState| f.peak(&self.body, &self.reader(q)).0;
+        self.fracture.as_ref().map_or(0.0, peak)
+    }
+
     /// Makes the bonds of an overlap unbreakable where that is wanted; to be called when weights change.
     pub(super) fn spare_overlap(&mut self) {
         let (mut fracture, mut watched) = (self.fracture.take(), self.watched.take());
@@ -61,25 +67,6 @@ impl DemModel {
     #[must_use]
     pub fn break_log(&self) -> SharedLog {
         self.log.clone()
-    }
-
-    /// The error, unless it speaks only of particles without bonds.
-    pub(super) fn refused(&self, error: DemError, q: &[f64]) -> Option<DemError> {
-        let Some(f) = &self.fracture else {
-            return Some(error);
-        };
-        let log = locked(&self.log);
-        let held = |i: usize| f.incidence.of(i).iter().any(|e| !log.is_broken(e[1] as usize));
-        let th = &q[q.len() / 2..];
-        let found = th.chunks_exact(3).enumerate().find_map(|(i, t)| {
-            let angle = (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]).sqrt();
-            (angle > forces::MAX_ROTATION && held(i)).then_some((i, angle))
-        });
-        found.map(|(particle, angle)| DemError::RotationTooLarge {
-            particle,
-            angle,
-            limit: forces::MAX_ROTATION,
-        })
     }
 
     pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> f64 {
@@ -121,11 +108,43 @@ impl DemModel {
         blocks
     }
 
-    pub(super) fn restore_breaks(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+    /// What broke, then the orientations under finite rotations.
+    pub(super) fn remember(&self) -> Record<f64> {
+        let mut out = self
+            .fracture
+            .as_ref()
+            .map(FractureState::save)
+            .unwrap_or_default();
+        if let Kernel::Finite(k) = &self.kernel {
+            out.numbers.extend(k.save());
+        }
+        out
+    }
+
+    /// Undoes [`Self::remember`].
+    pub(super) fn recall(&mut self, mut from: Record<f64>) -> arlequin_core::Result<()> {
+        if let Kernel::Finite(k) = &mut self.kernel {
+            let breaks = from.numbers.len().saturating_sub(7 * self.nodes.len());
+            let turns = from.numbers.split_off(breaks);
+            if !k.restore(&turns) {
+                return Err(self.stranger("the record of orientations"));
+            }
+        }
+        self.restore_breaks(from)
+    }
+
+    fn stranger(&self, what: &str) -> arlequin_core::Error {
+        arlequin_core::Error::Model {
+            model: self.name.clone(),
+            message: format!("{what} is of another body; restore into the run that was saved"),
+        }
+    }
+
+    fn restore_breaks(&mut self, from: Record<f64>) -> arlequin_core::Result<()> {
         let Some(mut fracture) = self.fracture.take() else {
             return from.expect(&self.name, 0, 0);
         };
-        let fits = fracture.restore(from.clone(), &self.body);
+        let fits = fracture.restore(from, &self.body);
         if fits {
             self.sever(&mut fracture);
         }
@@ -133,11 +152,7 @@ impl DemModel {
         if fits {
             return Ok(());
         }
-        let message = "the record of broken bonds is of another body; restore into the run that was saved";
-        Err(arlequin_core::Error::Model {
-            model: self.name.clone(),
-            message: message.into(),
-        })
+        Err(self.stranger("the record of broken bonds"))
     }
 
     pub(super) fn fracture_facts(&self) -> Vec<(String, f64)> {

@@ -1,16 +1,16 @@
 //! The block kernel in the numbering of a model: rows from the unknowns, forces into flat arrays.
 
 use crate::bond::BeamRigidity;
-use crate::error::{DemError, Result};
 use crate::fracture::state::Incidence;
-use crate::kernel::engine::{Isa, Marks, Pass, RotationVector, Sink};
-use crate::kernel::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, scale};
+use crate::kernel::engine::{Dispatch, Isa, Marks, Pass, Posed, Sink};
+use crate::kernel::lanes::{LANES, Row};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
 use crate::kernel::screen::Screened;
+use crate::kernel::turn::{Turn, turned};
 use crate::particles::BondedParticles;
+use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Particles above which a second thread pays for its wake-up.
 const LARGE: usize = 4_000;
@@ -18,13 +18,9 @@ const LARGE: usize = 4_000;
 /// Particles per unit of parallel work.
 const CHUNK: usize = 1_024;
 
-/// Largest rotation of a particle (rad): at a full turn a rotation vector no longer tells how the
-/// particle goes on turning.
-pub(crate) const MAX_ROTATION: f64 = 6.0;
-
-impl RotationVector for Linear {
+impl Posed for Linear {
     #[inline]
-    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64]) {
+    fn write_rows(_: Isa, rows: &mut [Row<f64>], u: &[f64], th: &[f64], _: &mut [f64]) {
         let Some((last, rows)) = rows.split_last_mut() else {
             return;
         };
@@ -37,89 +33,65 @@ impl RotationVector for Linear {
         last.0[..3].copy_from_slice(&u[u.len() - 3..]);
         last.0[4..7].copy_from_slice(&th[th.len() - 3..]);
     }
-    #[inline(always)]
-    fn generalised<L: Lanes<T = f64>>(_l: L, _own: &[L::V; 8], m: Vec3<L>) -> Vec3<L> {
-        m
-    }
 }
 
-/// `cos(a/2)` and `sin(a/2)/a` of a rotation by the angle `a`, `x = a^2`.
-#[inline(always)]
-fn half_angle(x: f64) -> (f64, f64) {
-    if x < 0.25 {
-        // y = (a/2)^2 <= 1/16: the sixth power is below the last bit. Constants, because ten divisions per particle
-        // would cost as much as a bond.
-        const COS: [f64; 6] = [
-            1.0,
-            -1.0 / 2.0,
-            1.0 / 24.0,
-            -1.0 / 720.0,
-            1.0 / 40_320.0,
-            -1.0 / 3_628_800.0,
-        ];
-        const SIN: [f64; 6] = [
-            0.5,
-            -0.5 / 6.0,
-            0.5 / 120.0,
-            -0.5 / 5_040.0,
-            0.5 / 362_880.0,
-            -0.5 / 39_916_800.0,
-        ];
-        let y = 0.25 * x;
-        let series = |k: &[f64; 6]| k[0] + y * (k[1] + y * (k[2] + y * (k[3] + y * (k[4] + y * k[5]))));
-        return (series(&COS), series(&SIN));
-    }
-    let a = x.sqrt();
-    let (s, c) = (0.5 * a).sin_cos();
-    (c, s / a)
-}
+impl Posed for Finite {
+    const TURNS: bool = true;
 
-/// The spin of a particle with rotation vector `th` is `T(th) dth/dt`, hence `-dU/dth = T^T m`:
-///
-/// ```text
-/// T^T m = m - B th x m + C th x (th x m)    B = (1 - cos a)/a^2    C = (a - sin a)/a^3    a = |th|
-/// ```
-impl RotationVector for Finite {
     #[inline]
-    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64]) {
-        let sources = u.as_chunks::<3>().0.iter().zip(th.as_chunks::<3>().0);
-        for (row, (u, th)) in rows.iter_mut().zip(sources) {
-            let (c, s) = half_angle(th[0] * th[0] + th[1] * th[1] + th[2] * th[2]);
-            *row = Row([u[0], u[1], u[2], c, s * th[0], s * th[1], s * th[2], s]);
-        }
+    fn write_rows(isa: Isa, rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64]) {
+        f64::dispatch(isa, Turn { rows, u, th, reached });
     }
-    #[inline(always)]
-    fn generalised<L: Lanes<T = f64>>(l: L, own: &[L::V; 8], m: Vec3<L>) -> Vec3<L> {
-        let (c, s) = (own[3], own[7]);
-        let th = scale(l, [own[4], own[5], own[6]], l.recip(s));
-        // 1 - cos a = 2 sin^2(a/2), sin a = 2 sin(a/2) cos(a/2). C multiplies th twice: neither
-        // its cancellation for small angles nor the shift of the divisor away from zero matters.
-        let twice = l.add(s, s);
-        let minus_b = l.nmadd(twice, s, l.splat(0.0));
-        let x = l.add(dot(l, th, th), l.splat(1e-30));
-        let e = l.mul(l.nmadd(twice, c, l.splat(1.0)), l.recip(x));
-        let once = cross(l, th, m);
-        axpy(l, cross(l, th, once), e, axpy(l, once, minus_b, m))
+}
+
+/// Orientations of the particles as they were reached last.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reached<'a> {
+    rows: &'a [Row<f64>],
+    th: &'a [f64],
+}
+
+impl Reached<'_> {
+    /// Orientation of particle `i` with rotation unknowns `th`.
+    #[inline]
+    pub(crate) fn orientation(&self, i: usize, th: [f64; 3]) -> UnitQuaternion<f64> {
+        let (row, from) = (&self.rows[i].0, &self.th[3 * i..3 * i + 3]);
+        let d = [th[0] - from[0], th[1] - from[1], th[2] - from[2]];
+        let q = turned([row[3], row[4], row[5], row[6]], d);
+        UnitQuaternion::new_unchecked(Quaternion::new(q[0], q[1], q[2], q[3]))
     }
 }
 
 /// One body, one law.
 #[derive(Debug)]
-pub(crate) struct Gather<W: RotationVector> {
+pub(crate) struct Gather<W: Posed> {
     layout: Layout<f64, W>,
+    /// Particles at the positions reached last, and their rotation unknowns there.
     rows: Vec<Row<f64>>,
+    reached: Vec<f64>,
+    /// The same for positions that are only tried; empty for a law whose rows follow from its unknowns alone.
+    tried: Vec<Row<f64>>,
+    tried_at: Vec<f64>,
     rigidity: BeamRigidity,
     isa: Isa,
 }
 
 impl<W: Screened> Gather<W> {
-    /// `body` must be numbered for locality already.
+    /// `body` must be numbered for locality already. Nothing has turned yet.
     pub(crate) fn new(body: &BondedParticles) -> Self {
         let layout = Layout::ordered(body, (0..body.len() as u32).collect());
-        let mut rows = vec![Row::default(); layout.inverse_mass.len() * LANES];
-        let rest = vec![0.0; 3 * rows.len()];
-        W::write_rows(&mut rows, &rest, &rest);
+        let mut upright = Row::default();
+        let turns = if W::TURNS {
+            upright.0[3] = 1.0;
+            3 * body.len()
+        } else {
+            0
+        };
+        let rows = vec![upright; layout.inverse_mass.len() * LANES];
         Self {
+            tried: if W::TURNS { rows.clone() } else { Vec::new() },
+            tried_at: vec![0.0; turns],
+            reached: vec![0.0; turns],
             layout,
             rows,
             rigidity: *body.rigidity(),
@@ -127,8 +99,9 @@ impl<W: Screened> Gather<W> {
         }
     }
 
-    /// Adds forces and torques to `f`; both in the layout of the model. With `marks` it looks at strengths on the way.
-    pub(crate) fn add(
+    /// Adds forces and torques at positions that become the reached ones; all in the layout of the model. With `marks` it
+    /// looks at strengths on the way.
+    pub(crate) fn advance(
         &mut self,
         q: &[f64],
         f: &mut [f64],
@@ -145,6 +118,30 @@ impl<W: Screened> Gather<W> {
         }
     }
 
+    /// The same at any positions, without going there.
+    pub(crate) fn add(
+        &mut self,
+        q: &[f64],
+        f: &mut [f64],
+        factors: Option<&[f64]>,
+        marks: Option<Marks<'_>>,
+    ) {
+        if W::TURNS {
+            self.tried.copy_from_slice(&self.rows);
+            self.tried_at.copy_from_slice(&self.reached);
+            self.swap();
+            self.advance(q, f, factors, marks);
+            self.swap();
+        } else {
+            self.advance(q, f, factors, marks);
+        }
+    }
+
+    fn swap(&mut self) {
+        std::mem::swap(&mut self.rows, &mut self.tried);
+        std::mem::swap(&mut self.reached, &mut self.tried_at);
+    }
+
     fn passes(
         &mut self,
         q: &[f64],
@@ -155,13 +152,20 @@ impl<W: Screened> Gather<W> {
     ) {
         let n = q.len() / 6;
         let (u, th) = q.split_at(3 * n);
+        let (isa, rows) = (self.isa, &mut self.rows[..n]);
         if parallel {
             let sources = u.par_chunks(3 * CHUNK).zip(th.par_chunks(3 * CHUNK));
-            let rows = self.rows[..n].par_chunks_mut(CHUNK);
-            rows.zip(sources)
-                .for_each(|(rows, (u, th))| W::write_rows(rows, u, th));
+            let places = rows.par_chunks_mut(CHUNK).zip(sources);
+            if W::TURNS {
+                let reached = self.reached.par_chunks_mut(3 * CHUNK);
+                places
+                    .zip(reached)
+                    .for_each(|((rows, (u, th)), reached)| W::write_rows(isa, rows, u, th, reached));
+            } else {
+                places.for_each(|(rows, (u, th))| W::write_rows(isa, rows, u, th, &mut []));
+            }
         } else {
-            W::write_rows(&mut self.rows[..n], u, th);
+            W::write_rows(isa, rows, u, th, &mut self.reached);
         }
         let (linear, angular) = f.split_at_mut(3 * n);
         let sink = Sink {
@@ -170,6 +174,39 @@ impl<W: Screened> Gather<W> {
             factors,
         };
         self.pass().add_forces(&self.rows, sink, marks, parallel);
+    }
+
+    /// What was reached last.
+    pub(crate) fn reached(&self) -> Reached<'_> {
+        Reached {
+            rows: &self.rows,
+            th: &self.reached,
+        }
+    }
+
+    /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
+    pub(crate) fn save(&self) -> Vec<f64> {
+        let rows = self.rows.iter().zip(self.reached.as_chunks::<3>().0);
+        rows.flat_map(|(row, th)| row.0[3..7].iter().chain(th).copied())
+            .collect()
+    }
+
+    /// Undoes [`Self::save`]; `false` for numbers that are no orientations of as many particles.
+    pub(crate) fn restore(&mut self, from: &[f64]) -> bool {
+        let (all, rest) = from.as_chunks::<7>();
+        let unit = |x: &[f64; 7]| {
+            let norm: f64 = x[..4].iter().map(|q| q * q).sum();
+            (norm - 1.0).abs() < 1e-9 && x.iter().all(|x| x.is_finite())
+        };
+        if all.len() * 3 != self.reached.len() || !rest.is_empty() || !all.iter().all(unit) {
+            return false;
+        }
+        let places = self.rows.iter_mut().zip(self.reached.as_chunks_mut::<3>().0);
+        for ((row, th), x) in places.zip(all) {
+            row.0[3..7].copy_from_slice(&x[..4]);
+            th.copy_from_slice(&x[4..]);
+        }
+        true
     }
 
     fn pass(&self) -> Pass<'_, f64, W> {
@@ -182,7 +219,7 @@ impl<W: Screened> Gather<W> {
         }
     }
 
-    /// Writes the forces of single blocks again, at the positions of the last [`Self::add`].
+    /// Writes the forces of single blocks again, at the positions reached last.
     pub(crate) fn again(&self, blocks: &[usize], f: &mut [f64], factors: Option<&[f64]>) {
         let n = f.len() / 6;
         let (linear, angular) = f.split_at_mut(3 * n);
@@ -221,30 +258,4 @@ impl<W: Screened> Gather<W> {
     pub(crate) fn bond_bytes(&self) -> usize {
         self.layout.bond_bytes()
     }
-}
-
-/// Refuses rotation vectors near or beyond a full turn.
-pub(crate) fn check_rotations(th: &[f64]) -> Result<()> {
-    let over = |t: &[f64]| t[0] * t[0] + t[1] * t[1] + t[2] * t[2] > MAX_ROTATION * MAX_ROTATION;
-    let found = AtomicBool::new(false);
-    let look = |part: &[f64]| {
-        if part.chunks_exact(3).any(over) {
-            found.store(true, Ordering::Relaxed);
-        }
-    };
-    if th.len() > 3 * LARGE && rayon::current_num_threads() > 1 {
-        th.par_chunks(3 * CHUNK).for_each(look);
-    } else {
-        look(th);
-    }
-    if !found.into_inner() {
-        return Ok(());
-    }
-    let particle = th.chunks_exact(3).position(over).unwrap_or_default();
-    let t = &th[3 * particle..3 * particle + 3];
-    Err(DemError::RotationTooLarge {
-        particle,
-        angle: (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]).sqrt(),
-        limit: MAX_ROTATION,
-    })
 }

@@ -11,11 +11,12 @@
 //! particle i are multiplied by `alpha(x_i)`, mass and inertia by `beta(x_i)`; such a model has no
 //! symmetric stiffness and is not offered as a linear one.
 //!
-//! Finite rotations ([`DemModel::with_finite_rotations`]): the unknowns are rotation vectors `th`
-//! and the forces the exact gradient `-dU/dth` of the frame-indifferent energy, so energy is
-//! conserved for any deformation. The kinetic energy is `1/2 I |dth/dt|^2`, which is that of the
-//! spin for rotations about a fixed axis and differs from it by terms of the order of
-//! `|th x dth/dt|^2` otherwise. A particle may turn by 6 rad at most.
+//! Finite rotations ([`DemModel::with_finite_rotations`]): the velocities of the rotations are spins `w` about fixed axes
+//! and their accelerations torques over inertias, which is exact for spheres. The model keeps a unit quaternion per
+//! particle that turns with `exp(dt w)` in every step ([`Model::advance`]); the rotation unknowns are the spin added up
+//! over time, from the rotation vector that the initial state gives. Torques and forces balance about the present
+//! centres, so the scheme keeps angular momentum to round-off and the energy as well as for translations, however far a
+//! particle turns.
 
 mod breaking;
 pub(crate) mod forces;
@@ -25,6 +26,7 @@ mod select;
 mod spectrum;
 mod stiffness;
 mod torn;
+mod weights;
 
 pub use report::DemReport;
 pub use select::LoadShare;
@@ -36,25 +38,22 @@ use crate::fracture::state::FractureState;
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
-use crate::particles::{BondedParticles, Matter};
+use crate::particles::{BondedParticles, Grains, Matter};
 use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
-use arlequin_core::geometry::Cell;
+use arlequin_core::geometry::Sample;
 use arlequin_core::model::{
     CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
 };
+use arlequin_core::momentum::Arms;
 use arlequin_core::parallel;
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
-use forces::{Gather, check_rotations};
+use forces::Gather;
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
-use rayon::prelude::*;
 use std::sync::Arc;
-
-/// Round-off below zero that a weight `1 - sum` may have.
-const ROUND_OFF: f64 = 1e-9;
 
 #[derive(Debug)]
 enum Kernel {
@@ -87,7 +86,7 @@ pub struct DemModel {
 }
 
 impl DemModel {
-    /// A packing of beams `beam` and density `density` (kg/m^3): total mass `density * volume`.
+    /// A packing of beams `beam` and density `density` (kg/m^3), which times the volume each sphere stands for is its mass.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -104,13 +103,15 @@ impl DemModel {
         if packing.period.is_some() {
             return Err(DemError::Periodic { what: "a model" });
         }
-        let matter = Matter {
-            beam,
-            density,
-            volume: packing.volume,
+        // In the packing's numbers first, so that errors name what the caller knows.
+        let body = BondedParticles::of_packing(packing, beam, density)?;
+        let volumes = packing.volumes();
+        let grains = Grains {
+            volumes: &volumes,
+            loose: packing.loose,
+            period: None,
         };
-        let mut model =
-            Self::from_spheres(name, &packing.positions, &packing.radii, &packing.pairs, &matter)?;
+        let mut model = Self::of_body(name, &body, &grains, [density, packing.volume], beam)?;
         model.packing = Some(packing.report.clone());
         Ok(model)
     }
@@ -127,7 +128,25 @@ impl DemModel {
         matter: &Matter,
     ) -> Result<Self> {
         // In the caller's numbers first, so that errors name what the caller knows.
-        BondedParticles::new(positions.to_vec(), radii.to_vec(), pairs.to_vec(), matter)?;
+        let body = BondedParticles::new(positions.to_vec(), radii.to_vec(), pairs.to_vec(), matter)?;
+        let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
+        let grains = Grains {
+            volumes: &volumes,
+            loose: false,
+            period: None,
+        };
+        Self::of_body(name, &body, &grains, [matter.density, matter.volume], matter.beam)
+    }
+
+    /// A body in the caller's numbers.
+    fn of_body(
+        name: &str,
+        body: &BondedParticles,
+        grains: &Grains<'_>,
+        [density, volume]: [f64; 2],
+        beam: BeamMaterial,
+    ) -> Result<Self> {
+        let (positions, radii, pairs) = (body.positions(), body.radii(), body.pairs());
         let order = block_order(positions, pairs);
         let mut places = vec![0_u32; order.len()];
         for (k, &i) in order.iter().enumerate() {
@@ -144,8 +163,12 @@ impl DemModel {
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
         let radii = order.iter().map(|&i| radii[i as usize]).collect();
         let nodes: Vec<Point3<f64>> = centres.iter().map(|x| Point3::from(*x)).collect();
-        let body = BondedParticles::new(centres, radii, pairs, matter)?;
-        let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
+        let volumes: Vec<f64> = order.iter().map(|&i| grains.volumes[i as usize]).collect();
+        let grains = Grains {
+            volumes: &volumes,
+            ..*grains
+        };
+        let body = BondedParticles::with_volumes(centres, radii, pairs, density, beam, &grains)?;
         let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
             name: name.to_owned(),
@@ -155,7 +178,7 @@ impl DemModel {
             inertia: body.inertia().to_vec(),
             order,
             places,
-            volume: matter.volume,
+            volume,
             kernel: Kernel::Linear(Gather::new(&body)),
             factors: None,
             packing: None,
@@ -166,7 +189,7 @@ impl DemModel {
         })
     }
 
-    /// The same body under the finite-rotation law; see the module text for what it conserves.
+    /// The same body under the finite-rotation law; see the module text.
     #[must_use]
     pub fn with_finite_rotations(mut self) -> Self {
         self.kernel = Kernel::Finite(Gather::new(&self.body));
@@ -233,26 +256,6 @@ impl DemModel {
         }
     }
 
-    /// Mean of a weight over every bond.
-    fn bond_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
-        let mean = |&[i, j]: &[u32; 2]| {
-            let w = weight.mean(&Cell::Segment {
-                ends: [self.nodes[i as usize], self.nodes[j as usize]],
-                section: 1.0,
-            });
-            if w < 0.0 && w > -ROUND_OFF { 0.0 } else { w }
-        };
-        let means: Vec<f64> = self.body.pairs().par_iter().map(mean).collect();
-        arlequin_core::scalar::check_finite("bond weights", &means)?;
-        Ok(means)
-    }
-
-    fn nodal(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
-        let values: Vec<f64> = self.nodes.iter().map(|x| weight.at(x)).collect();
-        arlequin_core::scalar::check_finite("nodal weights", &values)?;
-        Ok(values)
-    }
-
     fn named(&self, error: &DemError) -> arlequin_core::Error {
         match error {
             DemError::Core(e) => e.clone(),
@@ -266,7 +269,10 @@ impl DemModel {
     fn reader<'a>(&'a self, q: &'a [f64]) -> Reader<'a> {
         Reader {
             q,
-            finite: self.has_finite_rotations(),
+            reached: match &self.kernel {
+                Kernel::Linear(_) => None,
+                Kernel::Finite(k) => Some(k.reached()),
+            },
             factors: self.factors.as_deref(),
             rigidity: *self.body.rigidity(),
         }
@@ -306,6 +312,10 @@ impl Model<f64> for DemModel {
         &self.nodes
     }
 
+    fn particles(&self) -> Option<&[Sample<f64>]> {
+        self.field.samples()
+    }
+
     fn lumped_inertia(
         &self,
         weight: &dyn Weight<f64>,
@@ -314,7 +324,7 @@ impl Model<f64> for DemModel {
     ) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
         let factors = match weighting {
-            Weighting::Energy => self.body.mean_over_bonds(&self.bond_means(weight)?),
+            Weighting::Energy => self.mass_factors(weight)?,
             Weighting::Nodal => self.nodal(weight)?,
         };
         let (linear, angular) = out.split_at_mut(3 * self.nodes.len());
@@ -325,6 +335,7 @@ impl Model<f64> for DemModel {
         Ok(())
     }
 
+    /// Orientations begin anew from rest.
     fn set_internal_weight(
         &mut self,
         alpha: &dyn Weight<f64>,
@@ -348,25 +359,32 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let factors = self.factors.as_deref();
+        let marks = self.fracture.as_mut().and_then(FractureState::marks);
         match &mut self.kernel {
-            Kernel::Linear(k) => {
-                let marks = self.fracture.as_mut().and_then(FractureState::marks);
-                k.add(q, f, factors, marks);
-            }
-            Kernel::Finite(_) => {
-                if let Err(e) = check_rotations(&q[q.len() / 2..]) {
-                    // A particle without bonds may spin as it likes.
-                    if let Some(e) = self.refused(e, q) {
-                        return Err(self.named(&e));
-                    }
-                }
-                if let Kernel::Finite(k) = &mut self.kernel {
-                    let marks = self.fracture.as_mut().and_then(FractureState::marks);
-                    k.add(q, f, self.factors.as_deref(), marks);
-                }
-            }
+            Kernel::Linear(k) => k.add(q, f, factors, marks),
+            Kernel::Finite(k) => k.add(q, f, factors, marks),
         }
         Ok(())
+    }
+
+    fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
+        check_size(self, "displacements", q.len())?;
+        check_size(self, "forces", f.len())?;
+        let factors = self.factors.as_deref();
+        let marks = self.fracture.as_mut().and_then(FractureState::marks);
+        match &mut self.kernel {
+            Kernel::Linear(k) => k.advance(q, f, factors, marks),
+            Kernel::Finite(k) => k.advance(q, f, factors, marks),
+        }
+        Ok(())
+    }
+
+    fn arms(&self) -> Arms {
+        if self.has_finite_rotations() {
+            Arms::Current
+        } else {
+            Arms::Reference
+        }
     }
 
     /// Sum of the weighted bond energies \[J\]; with nodal weighting bonds carry the mean of `alpha`
@@ -417,14 +435,11 @@ impl Model<f64> for DemModel {
     }
 
     fn save(&self) -> Record<f64> {
-        self.fracture
-            .as_ref()
-            .map(FractureState::save)
-            .unwrap_or_default()
+        self.remember()
     }
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
-        self.restore_breaks(from)
+        self.recall(from.clone())
     }
 
     fn effects(&self) -> &[&'static str] {

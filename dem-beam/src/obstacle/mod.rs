@@ -314,7 +314,6 @@ impl Obstacle {
         if self.turning.is_none() {
             r.torque[0] = Vector3::zeros();
         }
-        r.torque[1] = self.grains.generalised(at, i, &r.torque[1]);
         if at.dt > 0.0 {
             let ends = [self.end(at), self.grains.end(at, f, i)];
             let spring = &mut self.springs[i];

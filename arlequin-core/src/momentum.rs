@@ -1,0 +1,392 @@
+//! Momentum of bodies, and what the ledger holds the free ones to.
+//!
+//! A body is what interfaces and effects between two subdomains hold together. Where nothing acts on it from outside, the
+//! scheme keeps
+//!
+//! ```text
+//! p = Σ m v        L = Σ y × m v + Σ I ω
+//! ```
+//!
+//! to round-off, if the moments of all forces vanish about the same positions `y`. A linear law balances about the
+//! positions at rest ([`Arms::Reference`]); finite rotations and contact about those where particles are
+//! ([`Arms::Current`]). Multipliers balance about the positions at rest, and about the present ones too where they have no
+//! displacement jump and act by components (`L2`, full gradients): `Σ u × Bᵀλ = Σ (B_C u − B_D d) × λ = 0`. Where laws of
+//! both kinds meet, each leaves the `L` of the other a moment of the order of its forces times the displacements: then
+//! that about present positions is drawn up, and no claim is made.
+
+use crate::coupled::Coupled;
+use crate::weight::Weighting;
+use crate::{Real, Subdomain, narrow, parallel};
+use nalgebra::Vector3;
+
+/// Positions about which the moments of forces vanish.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arms {
+    /// Those at rest: linear laws.
+    Reference,
+    /// The present ones: laws that turn with their body, contact.
+    Current,
+}
+
+/// What of the momentum of a body stays as it is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Claim {
+    /// The linear and the angular one.
+    Both,
+    /// The linear one; why not the angular one.
+    Linear(String),
+    /// Neither: what acts from outside.
+    Neither(String),
+}
+
+/// Momentum of a body and how well it was kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodyMomentum<T: Real> {
+    /// Names of its models.
+    pub models: Vec<String>,
+    /// Linear momentum \[kg m/s\].
+    pub linear: Vector3<T>,
+    /// Angular momentum \[kg m²/s\] about [`BodyMomentum::centre`].
+    pub angular: Vector3<T>,
+    /// Centre of mass at the start \[m\]: a point fixed in space.
+    pub centre: Vector3<T>,
+    /// Positions that the angular momentum is drawn up with.
+    pub arms: Arms,
+    /// What stays.
+    pub claim: Claim,
+    /// Largest change of either since the start at the drawings of the ledger, relative to `Σ |m v|` and
+    /// `Σ |y × m v| + |I ω|` (the largest so far).
+    pub drift: [T; 2],
+}
+
+/// Change relative to what is in play above which a momentum that should stay is worth a word; in 32-bit numbers the
+/// root of their resolution.
+const CHANGED: f64 = 1e-6;
+
+/// The same where no claim is made: displacements are then no longer small.
+const TURNED: f64 = 1e-2;
+
+/// Sums over the nodes of a body: linear and angular momentum, and what they are relative to.
+#[derive(Debug, Clone, Copy)]
+struct Sums<T: Real> {
+    momenta: [Vector3<T>; 2],
+    sizes: [T; 2],
+    /// `Σ m |u|` and `Σ |y| m |u|`: what the digits of displacements are taken from.
+    moved: [T; 2],
+}
+
+impl<T: Real> Sums<T> {
+    fn zero() -> Self {
+        Self {
+            momenta: [Vector3::zeros(); 2],
+            sizes: [T::zero(); 2],
+            moved: [T::zero(); 2],
+        }
+    }
+}
+
+impl<T: Real> std::ops::Add for Sums<T> {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self {
+            momenta: [0, 1].map(|k: usize| self.momenta[k] + other.momenta[k]),
+            sizes: [0, 1].map(|k: usize| self.sizes[k] + other.sizes[k]),
+            moved: [0, 1].map(|k: usize| self.moved[k] + other.moved[k]),
+        }
+    }
+}
+
+/// A body in the ledger.
+#[derive(Debug, Clone)]
+pub(crate) struct Body<T: Real> {
+    members: Vec<usize>,
+    arms: Arms,
+    claim: Claim,
+    centre: Vector3<T>,
+    start: [Vector3<T>; 2],
+    /// Largest sums of moduli so far, and largest changes relative to them.
+    scale: [T; 2],
+    top: [T; 2],
+    /// Whether changes were beyond their limit and beyond what the digits of displacements explain.
+    told: [bool; 2],
+}
+
+/// Numbers of a body in the record of the ledger.
+pub(crate) const RECORDED: usize = 15;
+
+impl<T: Real> Body<T> {
+    fn sums(&self, all: &[Subdomain<T>]) -> Sums<T> {
+        let members = self.members.iter();
+        let of = |k: &usize| momentum_of(&all[*k], self.arms, &self.centre);
+        members.map(of).fold(Sums::zero(), |a, b| a + b)
+    }
+
+    /// Changes above which either momentum is worth a word; `None` where that does not stay.
+    fn limits(&self) -> [Option<T>; 2] {
+        let strict = T::of(CHANGED).max(T::epsilon().sqrt());
+        match self.claim {
+            Claim::Both => [Some(strict); 2],
+            Claim::Linear(_) => [Some(strict), Some(T::of(TURNED))],
+            Claim::Neither(_) => [None; 2],
+        }
+    }
+
+    /// Draws up the momenta; their changes relative to what is in play, zero for those that need not stay. `rate` is the
+    /// number of steps so far over the length of one: forces know displacements to their last digit only, and what they
+    /// make of it adds up.
+    pub(crate) fn draw(&mut self, all: &[Subdomain<T>], rate: T) -> [T; 2] {
+        let limits = self.limits();
+        if limits[0].is_none() {
+            return [T::zero(); 2];
+        }
+        let now = self.sums(all);
+        let mut out = [T::zero(); 2];
+        for (k, out) in out.iter_mut().enumerate() {
+            self.scale[k] = self.scale[k].max(now.sizes[k]);
+            let change = (now.momenta[k] - self.start[k]).norm();
+            if self.scale[k] > T::zero() {
+                *out = change / self.scale[k];
+                self.top[k] = self.top[k].max(*out);
+            }
+            let resolved = change > T::epsilon() * rate * now.moved[k];
+            self.told[k] |= resolved && limits[k].is_some_and(|limit| *out > limit);
+        }
+        let angular = matches!(self.claim, Claim::Both);
+        [out[0], if angular { out[1] } else { T::zero() }]
+    }
+
+    pub(crate) fn narrowed(&self) -> Body<f32> {
+        let one = |v: &Vector3<T>| -> Vector3<f32> { v.map(narrow::to) };
+        Body {
+            members: self.members.clone(),
+            arms: self.arms,
+            claim: self.claim.clone(),
+            centre: one(&self.centre),
+            start: self.start.each_ref().map(one),
+            scale: self.scale.map(narrow::to),
+            top: self.top.map(narrow::to),
+            told: self.told,
+        }
+    }
+
+    pub(crate) fn record(&self) -> impl Iterator<Item = T> {
+        let vectors = [self.centre, self.start[0], self.start[1]];
+        let told = self.told.map(|t| if t { T::one() } else { T::zero() });
+        let numbers = [self.scale, self.top, told];
+        let vectors = vectors.into_iter().flat_map(<[T; 3]>::from);
+        vectors.chain(numbers.into_iter().flatten())
+    }
+
+    /// Undoes [`Self::record`].
+    pub(crate) fn restore(&mut self, from: &[T; RECORDED]) {
+        let three = |k: usize| Vector3::new(from[k], from[k + 1], from[k + 2]);
+        self.centre = three(0);
+        self.start = [three(3), three(6)];
+        (self.scale, self.top) = ([from[9], from[10]], [from[11], from[12]]);
+        self.told = [from[13], from[14]].map(|t| t > T::zero());
+    }
+}
+
+/// Momenta of one subdomain about a point.
+fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Sums<T> {
+    let layout = s.model().layout();
+    let (d, turns) = (layout.components, layout.rotations == 3 * layout.nodes);
+    let (nodes, m, state) = (s.model().nodes(), &s.inertia, &s.state);
+    let first = layout.translations();
+    let part = |range: std::ops::Range<usize>| {
+        range.fold(Sums::zero(), |mut sum, k| {
+            let (mut p, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
+            let mut u = Vector3::zeros();
+            for c in 0..d {
+                p[c] = m[k * d + c] * state.v[k * d + c];
+                u[c] = m[k * d + c] * state.q[k * d + c];
+                if arms == Arms::Current {
+                    y[c] += state.q[k * d + c];
+                }
+            }
+            let mut own = Vector3::zeros();
+            if turns {
+                (0..3).for_each(|c| own[c] = m[first + 3 * k + c] * state.v[first + 3 * k + c]);
+            }
+            let orbit = y.cross(&p);
+            sum.momenta = [sum.momenta[0] + p, sum.momenta[1] + orbit + own];
+            sum.sizes = [sum.sizes[0] + p.norm(), sum.sizes[1] + orbit.norm() + own.norm()];
+            let moved = u.norm();
+            sum.moved = [sum.moved[0] + moved, sum.moved[1] + moved * y.norm()];
+            sum
+        })
+    };
+    parallel::sum_of(layout.nodes, &part)
+}
+
+impl<T: Real> Subdomain<T> {
+    /// Linear momentum \[kg m/s\] and angular momentum about the origin \[kg m²/s\], with the arms of its model.
+    pub fn momentum(&self) -> [Vector3<T>; 2] {
+        momentum_of(self, self.model().arms(), &Vector3::zeros()).momenta
+    }
+}
+
+impl<T: Real> Coupled<T> {
+    /// Momentum of every body, and how well it was kept.
+    pub fn bodies(&self) -> Vec<BodyMomentum<T>> {
+        let of = |b: &Body<T>| {
+            let [linear, angular] = b.sums(&self.subdomains).momenta;
+            BodyMomentum {
+                models: self.names(b),
+                linear,
+                angular,
+                centre: b.centre,
+                arms: b.arms,
+                claim: b.claim.clone(),
+                drift: b.top,
+            }
+        };
+        self.ledger.bodies.iter().map(of).collect()
+    }
+
+    fn names(&self, b: &Body<T>) -> Vec<String> {
+        let name = |k: &usize| self.subdomains[*k].model().name().to_owned();
+        b.members.iter().map(name).collect()
+    }
+
+    /// Momenta that changed by more than round-off though they should stay, and angular ones of bodies about which no claim
+    /// is made that changed by more than small displacements explain: a line each.
+    pub fn lost_momentum(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        for b in &self.ledger.bodies {
+            let limits = b.limits();
+            for (k, what) in ["linear", "angular"].into_iter().enumerate() {
+                let Some(limit) = limits[k].filter(|_| b.told[k]) else {
+                    continue;
+                };
+                let why = match &b.claim {
+                    Claim::Linear(why) if k == 1 => {
+                        format!("it is kept for small displacements only, since {why}")
+                    }
+                    _ => {
+                        "nothing acts from outside: a law without reaction, or numbers that ran out of digits"
+                            .to_owned()
+                    }
+                };
+                out.push(format!(
+                    "body '{}': its {what} momentum has changed by up to {:.2e} of what is in play (limit {:.0e}); {why}",
+                    self.names(b).join(" + "),
+                    b.top[k].as_f64(),
+                    limit.as_f64()
+                ));
+            }
+        }
+        out
+    }
+
+    /// Finds the bodies and weighs them at the start.
+    pub(crate) fn find_bodies(&mut self) {
+        let groups = self.groups();
+        self.ledger.bodies = groups
+            .into_iter()
+            .map(|members| {
+                let (arms, claim) = self.claim(&members);
+                let mut body = Body {
+                    centre: self.centre(&members, arms),
+                    members,
+                    arms,
+                    claim,
+                    start: [Vector3::zeros(); 2],
+                    scale: [T::zero(); 2],
+                    top: [T::zero(); 2],
+                    told: [false; 2],
+                };
+                let sums = body.sums(&self.subdomains);
+                (body.start, body.scale) = (sums.momenta, sums.sizes);
+                body
+            })
+            .collect();
+    }
+
+    /// Subdomains that are held together, each group ascending.
+    fn groups(&self) -> Vec<Vec<usize>> {
+        let mut group: Vec<usize> = (0..self.subdomains.len()).collect();
+        let interfaces = self.interfaces.iter().map(|i| i.sides);
+        for [a, b] in interfaces.chain(self.pairs.iter().map(|p| p.sides)) {
+            let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
+            group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
+        }
+        let own = |g: usize| (0..group.len()).filter(|k| group[*k] == g).collect();
+        let firsts = (0..group.len()).filter(|k| group[*k] == *k);
+        firsts.map(own).collect()
+    }
+
+    fn centre(&self, members: &[usize], arms: Arms) -> Vector3<T> {
+        let (mut sum, mut mass) = (Vector3::zeros(), T::zero());
+        for s in members.iter().map(|k| &self.subdomains[*k]) {
+            let d = s.model().layout().components;
+            for (k, x) in s.model().nodes().iter().enumerate() {
+                let mut y = x.coords;
+                if arms == Arms::Current {
+                    (0..d).for_each(|c| y[c] += s.state.q[k * d + c]);
+                }
+                sum += y * s.inertia[k * d];
+                mass += s.inertia[k * d];
+            }
+        }
+        if mass > T::zero() { sum / mass } else { sum }
+    }
+
+    /// What stays of the momentum of subdomains that are held together, and about which positions.
+    fn claim(&self, members: &[usize]) -> (Arms, Claim) {
+        let mut laws: Vec<(String, Arms)> = Vec::new();
+        let mut outside = None;
+        for s in members.iter().map(|k| &self.subdomains[*k]) {
+            let name = s.model().name();
+            laws.push((format!("the law of '{name}'"), s.model().arms()));
+            if s.supports().iter().any(|m| !m.dofs.is_empty()) {
+                outside.get_or_insert(format!("supports of '{name}'"));
+            }
+            if s.weights().weighting == Weighting::Nodal {
+                outside.get_or_insert(format!(
+                    "nodal weights of '{name}', whose forces have no reaction"
+                ));
+            }
+            for e in s.effects() {
+                match e.arms() {
+                    Some(arms) => laws.push((format!("'{}' of '{name}'", e.name()), arms)),
+                    None => drop(outside.get_or_insert(format!("'{}' of '{name}'", e.name()))),
+                }
+            }
+        }
+        let mut doubt = None;
+        for p in self.pairs.iter().filter(|p| members.contains(&p.sides[0])) {
+            match p.effect.arms() {
+                Some(arms) => laws.push((format!("'{}'", p.effect.name()), arms)),
+                None => doubt = Some(format!("'{}' does not say what its moments are", p.effect.name())),
+            }
+        }
+        let find = |wanted: Arms| laws.iter().find(|l| l.1 == wanted).map(|l| &l.0);
+        let (rest, now) = (find(Arms::Reference), find(Arms::Current));
+        if let (Some(a), Some(b)) = (rest, now) {
+            doubt = Some(format!(
+                "{a} balances about the positions at rest, {b} about the present ones"
+            ));
+        }
+        let arms = if now.is_some() {
+            Arms::Current
+        } else {
+            Arms::Reference
+        };
+        let mixes = |i: &&crate::interface::Interface<T>| members.contains(&i.sides[0]) && !i.splits();
+        if arms == Arms::Current
+            && let Some(i) = self.interfaces.iter().find(mixes)
+        {
+            doubt.get_or_insert(format!(
+                "the junction of interface '{}' balances about the positions at rest",
+                i.report().name
+            ));
+        }
+        let claim = match (outside, doubt) {
+            (Some(outside), _) => Claim::Neither(outside),
+            (None, Some(doubt)) => Claim::Linear(doubt),
+            (None, None) => Claim::Both,
+        };
+        (arms, claim)
+    }
+}
