@@ -4,7 +4,7 @@ use super::filling::{Filling, Recipe, beam, dem};
 use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::mesh::View;
-use crate::error::{Result, core};
+use crate::error::{Result, cnem};
 use crate::scene::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind as Neighbours;
@@ -48,6 +48,14 @@ impl Interpolation<f64> for ParticlePoints {
     }
 }
 
+/// Refuses what can be seen to be wrong before anything is packed.
+pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> {
+    let filling = Filling::of(key, &table.shape, folder)?;
+    Recipe::check(key, table, folder, &filling)?;
+    grains::check_boxes(key, &table.dem.notch)?;
+    beam(key, table).map(|_| ())
+}
+
 /// Builds a bonded packing that fills the shape.
 pub(super) fn body(
     name: &str,
@@ -68,8 +76,7 @@ pub(super) fn body(
         model
     };
     let (model, grains) = Grains::of(model, table, effects)?;
-    let natural =
-        NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(|e| core(key)(e.into()))?;
+    let natural = NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(cnem(key))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
         ParticleFieldKind::Natural => Arc::new(natural),
         ParticleFieldKind::Particles => Arc::new(ParticlePoints {

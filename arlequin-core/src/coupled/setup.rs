@@ -1,6 +1,6 @@
 //! Building a coupled run: checks, operators, consistent start.
 
-use super::{Coupled, pair};
+use super::{Coupled, motions, pair};
 use crate::effect::{Demand, Pair, PairSite, PairSpec};
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
@@ -145,6 +145,7 @@ impl<T: Real> Coupled<T> {
                 ],
             )?);
         }
+        built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
         check_disjoint(&built, &subdomains)?;
         attach(&mut pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
@@ -165,6 +166,7 @@ impl<T: Real> Coupled<T> {
             guard,
             ledger: Ledger::new(),
             start_loss: T::zero(),
+            displaced: T::zero(),
             work: Vec::new(),
         };
         run.start()?;
@@ -191,7 +193,21 @@ impl<T: Real> Coupled<T> {
         }
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
+        self.displaced = self.largest_strain_energy();
         Ok(())
+    }
+
+    /// Most strain energy that displacements of the present size can hold, `½ ω² Σ m q²` with the highest frequency.
+    fn largest_strain_energy(&self) -> T {
+        let all = self.subdomains.iter().zip(&self.critical);
+        all.map(|(s, critical)| {
+            let moving = 0..s.model().layout().translations();
+            let terms = s.inertia()[moving.clone()].iter().zip(&s.state.q[moving]);
+            let sum: T = terms.map(|(m, q)| *m * *q * *q).sum();
+            // ω = 2/Δt_c
+            sum * T::of(2.0) / (*critical * *critical)
+        })
+        .sum()
     }
 
     /// What the run will be.
