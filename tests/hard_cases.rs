@@ -83,6 +83,7 @@ hard! {
     everything: "everything breaks at once",
     contact_of_sizes: "contact of radius ratio 1:20",
     supersonic: "an indenter at supersonic speed",
+    tumbling: "a free body tumbles",
 }
 
 #[test]

@@ -113,7 +113,7 @@ impl Table {
 }
 
 /// Names of the columns of [`Recorder::energy`] before the works.
-pub(crate) const ENERGY_COLUMNS: [&str; 8] = [
+pub(crate) const ENERGY_COLUMNS: [&str; 10] = [
     "kinetic [J]",
     "internal [J]",
     "total [J]",
@@ -122,6 +122,18 @@ pub(crate) const ENERGY_COLUMNS: [&str; 8] = [
     "drift [J]",
     "relative drift [-]",
     "constraint residual [-]",
+    "momentum drift [-]",
+    "angular momentum drift [-]",
+];
+
+/// Columns of each body behind those of the works.
+pub(crate) const MOMENTUM_COLUMNS: [&str; 6] = [
+    "momentum x [kg m/s]",
+    "momentum y [kg m/s]",
+    "momentum z [kg m/s]",
+    "angular momentum x [kg m2/s]",
+    "angular momentum y [kg m2/s]",
+    "angular momentum z [kg m2/s]",
 ];
 
 /// What a resumed run must know of what was recorded before.
@@ -144,10 +156,12 @@ pub(crate) struct Recorder {
     pub(crate) readers: Vec<Reader>,
     /// Their values.
     pub(crate) probes: Table,
-    /// Energy: [`ENERGY_COLUMNS`], then one column per work.
+    /// Energy: [`ENERGY_COLUMNS`], then one column per work, then [`MOMENTUM_COLUMNS`] per body.
     pub(crate) energy: Table,
     /// Names of the works.
     pub(crate) works: Vec<String>,
+    /// Names of the bodies.
+    pub(crate) bodies: Vec<String>,
     /// Figures of the effects at the times of the energy.
     pub(crate) facts: Table,
     /// Their names.
@@ -181,6 +195,7 @@ impl Recorder {
             probes: Table::default(),
             energy: Table::default(),
             works: run.works().into_iter().map(|w| w.name).collect(),
+            bodies: run.bodies().iter().map(|b| b.models.join(" + ")).collect(),
             facts: Table::default(),
             fact_names: facts(run).map(|f| f.0).collect(),
             frames,
@@ -280,10 +295,16 @@ impl Recorder {
             s.drift,
             s.relative_drift,
             s.constraint_residual,
+            s.momentum_drift[0],
+            s.momentum_drift[1],
         ];
-        let works = run.works().into_iter().map(|w| w.work.as_f64());
-        self.energy
-            .push(s.time.as_f64(), fixed.into_iter().map(Real::as_f64).chain(works));
+        let works = run.works().into_iter().map(|w| w.work);
+        let bodies = run.bodies();
+        let momenta = bodies
+            .iter()
+            .flat_map(|b| b.linear.iter().chain(&b.angular).copied());
+        let row = fixed.into_iter().chain(works).chain(momenta);
+        self.energy.push(s.time.as_f64(), row.map(Real::as_f64));
         if !self.fact_names.is_empty() {
             self.facts.push(s.time.as_f64(), facts(run).map(|f| f.1));
         }

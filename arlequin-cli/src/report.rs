@@ -7,7 +7,8 @@
 
 use crate::check::Plan;
 use crate::effects::Comparison;
-use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, Summary, WakeReport};
+use crate::output::packing::PackingLine;
+use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, MomentumLine, Summary, WakeReport};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::Path;
@@ -106,6 +107,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     for (name, work) in &s.energy.ledger {
         println!("work       {name:<24} {work:>14.6e} J");
     }
+    momentum(&s.momentum);
     effects(&s.effect_ledger);
     for (name, p) in &s.probes {
         let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
@@ -270,12 +272,37 @@ fn effects(all: &[EffectReport]) {
     }
 }
 
+fn momentum(all: &[MomentumLine]) {
+    let size = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    for m in all {
+        let name = m.models.join(" + ");
+        let (p, l) = (size(&m.linear), size(&m.angular));
+        let change = |d: Option<f64>| d.map_or_else(String::new, |d| format!(", changed by {d:.1e}"));
+        println!(
+            "momentum   {name:<24} {p:>14.6e} kg m/s{}; angular {l:.6e} kg m²/s{}",
+            change(m.linear_drift),
+            change(m.angular_drift)
+        );
+        if let Some(why) = &m.because {
+            let not = if m.keeps == "linear" {
+                "the angular one"
+            } else {
+                "either"
+            };
+            println!("           no claim about {not}: {why}");
+        }
+    }
+}
+
 fn models(all: &[ModelLine]) {
     for m in all {
         println!(
             "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s",
             m.name, m.kind, m.nodes, m.unknowns, m.critical_dt
         );
+        for text in m.packing.iter().flat_map(PackingLine::text) {
+            println!("           {text}");
+        }
     }
 }
 

@@ -4,12 +4,12 @@ use crate::Input;
 use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result};
-use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
+use crate::output::packing::PackingLine;
+use crate::output::summary::{self, Energy, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::Precision;
-use crate::spectrum;
 use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -145,6 +145,7 @@ pub(crate) struct Session<'a, T: Real> {
     pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
     strangers: Strangers,
+    packings: Vec<Option<PackingLine>>,
     bounds: Bounds,
 }
 
@@ -154,6 +155,7 @@ impl<'a, T: Real> Session<'a, T> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
+        let packings = built.drawn.iter().map(|d| d.packing.clone()).collect();
         let frames = Frames::new(vtu, &settings.fields, &built.run, built.drawn, built.mediators);
         Ok(Self {
             recorder: Recorder::new(
@@ -175,6 +177,7 @@ impl<'a, T: Real> Session<'a, T> {
             stage: None,
             breaks,
             strangers: built.strangers,
+            packings,
             bounds: built.bounds,
         })
     }
@@ -349,6 +352,7 @@ impl<'a, T: Real> Session<'a, T> {
         };
         let mut summary = summarise(self.input, &self.run, &self.recorder, wall, status);
         summary.resumed_at_step = self.resumed_at;
+        summary.models = summary::models(&self.run, &self.packings);
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
         summary
     }
@@ -450,7 +454,7 @@ fn summarise<T: Real>(
         wake: None,
         set: input.set.to_vec(),
         threads: input.threads,
-        models: summary::models(run),
+        models: Vec::new(),
         precision: input.scene.time.precision.name(),
         dt: plan.dt,
         critical_dt: plan.critical_dt,
@@ -471,30 +475,11 @@ fn summarise<T: Real>(
                 .map(|w| (w.name, w.work.as_f64()))
                 .collect(),
         },
+        momentum: summary::momentum(run),
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,
         effect_ledger: Vec::new(),
-        probes: probe_lines(r),
+        probes: summary::probes(r),
         warnings: r.warnings.clone(),
     }
-}
-
-fn probe_lines(r: &Recorder) -> std::collections::BTreeMap<String, ProbeLine> {
-    let times = &r.probes.times;
-    let step = match times.as_slice() {
-        [first, .., last] => (last - first) / (times.len() - 1) as f64,
-        _ => 0.0,
-    };
-    let line = |(p, values): (&build::Reader, &Vec<f64>)| {
-        let line = ProbeLine {
-            quantity: p.quantity.label(),
-            last: values.last().copied().unwrap_or_default(),
-            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
-            min: values.iter().copied().fold(f64::INFINITY, f64::min),
-            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-            frequencies: spectrum::frequencies(values, step),
-        };
-        (p.name.clone(), line)
-    };
-    r.readers.iter().zip(&r.probes.columns).map(line).collect()
 }

@@ -323,30 +323,6 @@ fn weights_and_sides() {
 }
 
 #[test]
-fn interfaces_that_share_nodes() {
-    let bench = Bench::new("shared");
-    // A second fine model on the other side, whose overlap ends on the plane x = 4 where the first one begins.
-    let second = r#"
-[model.start]
-kind = "fem"
-role = "fine"
-shape.box = { low = [-4.0, 0.0, 0.0], high = [4.0, 1.0, 1.0] }
-spacing = 0.5
-material = { young = 1.0, poisson = 0.25, density = 1.0 }
-
-[interface.again]
-coarse = "left"
-fine = "start"
-overlap.slab = { fine = [0.0, 0.0, 0.0], coarse = [4.0, 0.0, 0.0] }
-"#;
-    let error = bench.error(&format!("{SMALL}{second}"));
-    assert!(
-        error.contains("share node") && error.contains("join them into one mediator"),
-        "{error}"
-    );
-}
-
-#[test]
 fn time_and_drives() {
     cases(
         "drives",
@@ -421,7 +397,7 @@ fn time_and_drives() {
             (
                 "[time]",
                 "[[initial]]\n[time]",
-                &["initial[0]: needs displacement, velocity or wave"],
+                &["initial[0]: needs displacement, velocity, spin or wave"],
             ),
         ],
     );

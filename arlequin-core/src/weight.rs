@@ -1,7 +1,8 @@
 //! Weight functions: how overlapping models share energy, mass and load.
 //!
 //! `f = 1` where only the coarse model lives, `0` where only the fine one does, and in the overlap
-//! `f = ε + (1 − 2ε) p(s)` with a profile `p` of the normalised position `s ∈ [0, 1]`, counted from the fine border.
+//! `f = ε + (1 − ε − ε_D) p(s)` with a profile `p` of the normalised position `s ∈ [0, 1]`, counted from the fine border,
+//! `ε` the smallest weight of the coarse model and `ε_D` that of the fine one (`ε` as well unless it is given).
 
 use crate::error::invalid;
 use crate::geometry::{self, Cell, HalfSpace};
@@ -158,6 +159,7 @@ pub struct Ramp<T: Real> {
     overlap: Arc<dyn Overlap<T>>,
     profile: Profile<T>,
     epsilon: T,
+    fine_epsilon: T,
 }
 
 impl<T: Real> std::fmt::Debug for Ramp<T> {
@@ -165,12 +167,13 @@ impl<T: Real> std::fmt::Debug for Ramp<T> {
         f.debug_struct("Ramp")
             .field("profile", &self.profile)
             .field("epsilon", &self.epsilon)
+            .field("fine_epsilon", &self.fine_epsilon)
             .finish()
     }
 }
 
 impl<T: Real> Ramp<T> {
-    /// Weight with the given profile, kept in `[ε, 1 − ε]` inside the overlap.
+    /// Weight with the given profile, kept in `[ε, 1 − ε]` inside the overlap; see [`Self::with_fine_floor`].
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for `ε` outside `[0, 0.5)` or a constant outside `[0, 1]`.
@@ -187,7 +190,27 @@ impl<T: Real> Ramp<T> {
             overlap,
             profile,
             epsilon,
+            fine_epsilon: epsilon,
         })
+    }
+
+    /// The same with a smallest weight of the fine model of its own, at the border to the coarse model's region.
+    ///
+    /// Where it vanishes, the forces that the packing's scatter leaves unbalanced strain next to no stiffness: the skin of
+    /// particles there is loaded several times as hard as the body. A floor of 0.1 takes that away (decision 0022).
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] for a value outside `[0, 0.5)`.
+    pub fn with_fine_floor(mut self, epsilon: T) -> Result<Self> {
+        if !(epsilon >= T::zero() && epsilon < T::of(0.5)) {
+            return Err(invalid(
+                "fine_epsilon",
+                epsilon,
+                "must be at least 0 and below 0.5",
+            ));
+        }
+        self.fine_epsilon = epsilon;
+        Ok(self)
     }
 
     fn of_position(&self, place: Place<T>) -> T {
@@ -196,7 +219,7 @@ impl<T: Real> Ramp<T> {
             Place::Fine => T::zero(),
             Place::Overlap(s) => match self.profile {
                 Profile::Constant(c) => c,
-                _ => self.epsilon + (T::one() - self.epsilon - self.epsilon) * self.profile.at(s),
+                _ => self.epsilon + (T::one() - self.epsilon - self.fine_epsilon) * self.profile.at(s),
             },
         }
     }

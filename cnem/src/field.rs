@@ -142,7 +142,7 @@ impl NaturalField {
         let Some(tet) = self.domain.locate_near(x, NEAR) else {
             return Err(outside(x, self.kind()));
         };
-        let nodes = self.domain.corners_of(tet);
+        let nodes = self.domain.corners_of(self.domain.thick(tet, x));
         let p = nodes.map(|v| self.domain.nodes()[v]);
         let gradients = linear_gradients(&p).0;
         let values = crate::delaunay::linear_values(&p, &gradients, x);

@@ -81,7 +81,7 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
             "model, weighted forces",
             Box::new(|k| {
                 for _ in 0..k {
-                    let _ = std::hint::black_box(model.add_internal_forces(&q, &mut f));
+                    let _ = std::hint::black_box(model.advance(&q, &mut f));
                 }
             }),
         ),

@@ -1,5 +1,5 @@
 //! 100 000 steps of a jammed bar: drift of the invariant (linear law, 0.9 of the critical step)
-//! and of the energy (finite rotations): `long_run [particles] [steps]`.
+//! and of energy and angular momentum (finite rotations): `long_run [particles] [steps]`.
 #![allow(clippy::print_stdout, reason = "an example talks to a person")]
 
 use dem_beam::{BeamDynamics, BeamMaterial, Container, DemError, PackingSpec, Twist, critical};
@@ -37,15 +37,28 @@ fn main() -> Result<(), DemError> {
         .collect();
     finite.set_velocities(&tumbling)?;
     let e = finite.kinetic_energy();
+    let l = angular(&finite);
     for k in 1..=10 {
         linear.run(steps / 10);
         finite.run(steps / 10);
         println!(
-            "{:>8} steps: linear H {:+.2e}, finite E {:+.2e}",
+            "{:>8} steps: linear H {:+.2e}, finite E {:+.2e}, L {:.2e}",
             k * (steps / 10),
             linear.invariant() / h - 1.0,
-            (finite.kinetic_energy() + finite.elastic_energy()) / e - 1.0
+            (finite.kinetic_energy() + finite.elastic_energy()) / e - 1.0,
+            (angular(&finite) - l).norm() / l.norm()
         );
     }
     Ok(())
+}
+
+/// Angular momentum about the origin, where the particles are.
+fn angular(run: &BeamDynamics<f64>) -> Vector3<f64> {
+    let body = run.body();
+    let moved = run.velocities().into_iter().zip(run.displacements());
+    let weighed = body.mass().iter().zip(body.inertia());
+    moved
+        .zip(body.positions().iter().zip(weighed))
+        .map(|((v, u), (x, (m, i)))| (x + u.linear).cross(&v.linear) * *m + v.angular * *i)
+        .sum()
 }

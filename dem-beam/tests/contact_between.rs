@@ -4,6 +4,7 @@
 use arlequin_core::coupled::Parts;
 use arlequin_core::effect::{Instant, PairEffect, PairSite, PairSpec};
 use arlequin_core::model::DofLayout;
+use arlequin_core::momentum::{Arms, Claim};
 use arlequin_core::observer::{Observer, Phase, Silent, StepReport};
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights, conformance};
 use dem_beam::packing::{Lattice, lattice};
@@ -44,7 +45,10 @@ fn side(model: DemModel, velocity: [f64; 3]) -> Subdomain<f64> {
 }
 
 fn impact(law: ContactLaw, fraction: f64) -> Coupled<f64> {
-    let [a, b] = bodies();
+    impact_of(bodies(), law, fraction)
+}
+
+fn impact_of([a, b]: [DemModel; 2], law: ContactLaw, fraction: f64) -> Coupled<f64> {
     let contact = ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), law).unwrap();
     let parts = Parts {
         start: 0.0,
@@ -56,6 +60,36 @@ fn impact(law: ContactLaw, fraction: f64) -> Coupled<f64> {
         }],
     };
     Coupled::of(parts, TimeStep::Fraction(fraction), None).unwrap()
+}
+
+/// Bodies that turn balance about where they are, as contact does; linear laws about where they were, and the ledger says so.
+#[test]
+fn angular_momentum_is_kept_when_bodies_that_turn_collide_with_friction() {
+    let law = ContactLaw {
+        restitution: 0.5,
+        friction: 0.3,
+        rolling: 0.1,
+        ..ContactLaw::elastic(E)
+    };
+    let mut run = impact_of(bodies().map(DemModel::with_finite_rotations), law, 0.8);
+    run.run((3e-5 / run.dt()) as usize, &mut Silent).unwrap();
+    let body = run.bodies().remove(0);
+    assert_eq!(body.models, ["target", "ball"]);
+    assert_eq!((body.arms, &body.claim), (Arms::Current, &Claim::Both));
+    assert!(body.drift.iter().all(|d| *d < 1e-13), "{:?}", body.drift);
+    assert!(run.effects()[2].dissipated().unwrap() > 0.05 * run.energy());
+    assert!(run.lost_momentum().is_empty());
+    let mut run = impact(law, 0.8);
+    run.run((3e-5 / run.dt()) as usize, &mut Silent).unwrap();
+    let body = run.bodies().remove(0);
+    let Claim::Linear(why) = &body.claim else {
+        panic!("{:?}", body.claim);
+    };
+    assert!(
+        why.starts_with("the law of 'target' balances about the positions at rest, 'contact "),
+        "{why}"
+    );
+    assert!(body.drift[0] < 1e-13 && body.drift[1] > 1e-9, "{:?}", body.drift);
 }
 
 #[test]

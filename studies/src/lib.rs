@@ -10,6 +10,7 @@ pub mod claims;
 pub mod hard;
 pub mod line;
 pub mod solid;
+pub mod strain;
 pub mod waves;
 
 /// A reproducible sequence of uniform numbers in (−1, 1).

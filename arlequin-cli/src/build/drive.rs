@@ -3,7 +3,7 @@
 use super::kinds::{Body, Kind};
 use super::select;
 use crate::error::{Result, core, key, unknown, value};
-use crate::scene::{Axis, Effect, Field, Initial, Load, Motion, Scene, Support, TimeShape, Wave};
+use crate::scene::{Axis, Effect, Field, Initial, Load, Motion, Scene, Spin, Support, TimeShape, Wave};
 use arlequin::core::Subdomain;
 use arlequin::core::effect::{
     self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping, SurfaceFacet,
@@ -337,6 +337,9 @@ pub(crate) fn initial(scene: &Scene, m: usize, body: &Body) -> Result<[Vec<f64>;
         if !model_indices(&path, i.models.as_deref(), scene)?.contains(&m) {
             continue;
         }
+        if let Some(s) = &i.spin {
+            spin(&path, s, body, &mut v)?;
+        }
         for (n, x) in body.model.nodes().iter().enumerate() {
             let at = n * layout.components..(n + 1) * layout.components;
             let add = |target: &mut [f64], value: Vector3<f64>| {
@@ -360,9 +363,31 @@ pub(crate) fn initial(scene: &Scene, m: usize, body: &Body) -> Result<[Vec<f64>;
     Ok([q, v])
 }
 
+/// Adds the velocities of a rigid spin, and the spins of what has any.
+fn spin(path: &str, s: &Spin, body: &Body, v: &mut [f64]) -> Result<()> {
+    let layout = body.model.layout();
+    if layout.components != 3 {
+        return Err(key(
+            format!("{path}.spin"),
+            "a model that moves along x only cannot turn; list the others in models",
+        ));
+    }
+    let (rate, centre) = (Vector3::from(s.rate), Point3::from(s.centre));
+    for (v, x) in v.chunks_exact_mut(3).zip(body.model.nodes()) {
+        let turn = rate.cross(&(x - centre));
+        v.iter_mut().zip(turn.iter()).for_each(|(v, t)| *v += t);
+    }
+    if layout.rotations == 3 * layout.nodes {
+        for (k, v) in v[layout.translations()..].iter_mut().enumerate() {
+            *v += rate[k % 3];
+        }
+    }
+    Ok(())
+}
+
 pub(super) fn check_initial(path: &str, i: &Initial) -> Result<()> {
-    if i.displacement.is_none() && i.velocity.is_none() && i.wave.is_none() {
-        return Err(key(path, "needs displacement, velocity or wave"));
+    if i.displacement.is_none() && i.velocity.is_none() && i.spin.is_none() && i.wave.is_none() {
+        return Err(key(path, "needs displacement, velocity, spin or wave"));
     }
     match &i.wave {
         Some(w) if w.width <= 0.0 => Err(value(

@@ -3,7 +3,8 @@
 use super::drive::time_function;
 use super::filling::dem;
 use crate::error::{Result, key, value};
-use crate::scene::{self, CriterionKind, Effect, ModelTable, NotchBox, ObstacleShape};
+use crate::output::packing::PackingLine;
+use crate::scene::{self, CriterionKind, Effect, LooseKind, ModelTable, NotchBox, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -19,8 +20,12 @@ pub(crate) struct Grains {
     pub(crate) effects: BTreeMap<usize, Box<dyn effect::Effect<f64>>>,
     /// What broke, if bonds can.
     pub(crate) breaks: Option<SharedLog>,
+    /// Whether the scene gives its bonds a strength, fracture on or off.
+    pub(crate) brittle: bool,
     /// What contact with other models needs.
     pub(crate) body: ContactBody,
+    /// How the packing came out.
+    pub(crate) packing: PackingLine,
 }
 
 impl Grains {
@@ -29,10 +34,13 @@ impl Grains {
         mut model: DemModel,
         table: &ModelTable,
         effects: &[(usize, &Effect)],
+        packing: PackingLine,
     ) -> Result<(DemModel, Self)> {
         let mut breaks = None;
+        let mut brittle = false;
         for (k, e) in effects {
             let Some(f) = &e.fracture else { continue };
+            brittle = true;
             let path = format!("effect[{k}].fracture");
             let spec = fracture(&path, f)?;
             if !e.enabled {
@@ -67,7 +75,9 @@ impl Grains {
             Self {
                 effects: made,
                 breaks,
+                brittle,
                 body,
+                packing,
             },
         ))
     }
@@ -184,6 +194,17 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
     .map_err(dem(&path))
 }
 
+/// Refuses loose grains without contact: they would pass through everything.
+pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Effect)]) -> Result<()> {
+    let touches = |e: &Effect| e.enabled && e.contact.as_ref().is_some();
+    if table.dem.loose == LooseKind::Drop || effects.iter().any(|(_, e)| touches(e)) {
+        return Ok(());
+    }
+    let rule = "loose grains need contact, or they pass through everything; add an effect contact to the model, or take \
+                \"drop\"";
+    Err(value(format!("{path}.dem.loose"), "keep", rule))
+}
+
 /// Refuses boxes turned inside out.
 pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     for (k, b) in boxes.iter().enumerate() {
@@ -199,16 +220,11 @@ pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     Ok(())
 }
 
-/// Removes the bonds that pass through a box.
-pub(super) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
+/// Removes the bonds that pass through a box, and the spheres that hang on nothing without them.
+pub(crate) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
     check_boxes(path, boxes)?;
     for (k, b) in boxes.iter().enumerate() {
-        let x = &packing.positions;
-        let before = packing.pairs.len();
-        packing
-            .pairs
-            .retain(|p| !crosses(b, &x[p[0] as usize], &x[p[1] as usize]));
-        if packing.pairs.len() == before {
+        if packing.cut(|from, to| crosses(b, from, to)).bonds == 0 {
             let rule = "crosses no bond; enlarge it or check the units (m)";
             return Err(key(format!("{path}.dem.notch[{k}]"), rule));
         }

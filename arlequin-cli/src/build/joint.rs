@@ -20,6 +20,18 @@ use arlequin::fem_ref::{FemField, FemMediator};
 use std::path::Path;
 use std::sync::Arc;
 
+/// Smallest weight of a model whose bonds can break: with less, the skin of its particles at the border where the weight
+/// vanishes is loaded several times as hard as the body, at rest already (decision 0022).
+const BRITTLE_FLOOR: f64 = 0.1;
+
+/// The absorber of a fine model whose bonds can break, unless the scene gives one: what breaking radiates would run back
+/// and forth in the overlap, highest where the weight is least.
+const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
+    rate: None,
+    rate_factor: Some(0.2),
+    spacing: None,
+};
+
 /// An interface before it is handed to the core.
 pub(crate) struct Joint {
     /// For the core.
@@ -76,10 +88,12 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     let mesh = request.mesh()?;
     let view = View::of_mesh(&mesh);
     let mediator = Arc::new(FemMediator::new(mesh));
-    let weights = weights(&path, &table.weight, &overlap, mediator.nodes())?;
-    let absorber = match &table.absorber {
-        None => None,
-        Some(a) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
+    let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
+    let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
+    let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
+    let absorber = match table.absorber.as_ref().or(standard) {
+        Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
+        _ => None,
     };
     let junction = junction(&path, table, mediator.spacing())?;
     let options = options(table, sides);
@@ -192,6 +206,7 @@ pub(super) fn weights(
     table: &WeightTable,
     overlap: &Arc<dyn Overlap<f64>>,
     mediator: &[Point3<f64>],
+    brittle: [bool; 2],
 ) -> Result<Weights<f64>> {
     let weighting = match table.weighting {
         WeightingKind::Energy => Weighting::Energy,
@@ -203,6 +218,7 @@ pub(super) fn weights(
         Weighting::Energy => 1e-6,
         Weighting::Nodal => 0.05,
     };
+    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
     let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
         let profile = match (kind, constant) {
@@ -225,8 +241,13 @@ pub(super) fn weights(
                     .map_err(core(format!("{path}.profile")))?
             }
         };
-        let epsilon = epsilon.or(table.epsilon).unwrap_or(floor);
-        let ramp = Ramp::new(overlap.clone(), profile, epsilon).map_err(core(format!("{path}.epsilon")))?;
+        let given = epsilon.or(table.epsilon);
+        let [coarse, fine] = brittle.map(least).map(|d| given.unwrap_or(d));
+        let fine = table.fine_epsilon.unwrap_or(fine);
+        let ramp = Ramp::new(overlap.clone(), profile, coarse)
+            .map_err(core(format!("{path}.epsilon")))?
+            .with_fine_floor(fine)
+            .map_err(core(format!("{path}.fine_epsilon")))?;
         Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
     };
     let all = one("", table.profile, table.value, table.epsilon)?;

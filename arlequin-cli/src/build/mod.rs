@@ -16,15 +16,18 @@ mod select;
 
 pub(crate) use between::Strangers;
 pub(crate) use drive::{effect_models, model_index};
+pub(crate) use grains::cut;
 pub(crate) use kinds::{Body, Kind};
 pub(crate) use mesh::View;
 pub(crate) use plausible::Bounds;
 pub(crate) use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
+use crate::output::packing::PackingLine;
 use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
+use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -45,6 +48,8 @@ pub(crate) struct Drawn {
     pub(crate) breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
     pub(crate) spacing: f64,
+    /// How the spheres were packed, where there are any.
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// The state from which a run starts, if not that of `[[initial]]` at time zero.
@@ -54,6 +59,9 @@ pub(crate) struct Start {
     pub(crate) time: f64,
     /// Displacements and velocities of every model.
     pub(crate) states: Vec<[Vec<f64>; 2]>,
+    /// What a model remembers that went on as it was: orientations.
+    #[serde(default)]
+    pub(crate) memories: Vec<Option<Record<f64>>>,
 }
 
 /// A run that is ready to step.
@@ -156,12 +164,18 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             material: body.material,
             breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
             spacing: body.spacing,
+            packing: body.grains.as_ref().map(|g| g.packing.clone()),
         });
         let state = match start {
             Some(s) => s.states[m].clone(),
             None => drive::initial(scene, m, &body)?,
         };
-        subdomains.push(subdomain(m, body, state, &joints, &mut attachments)?);
+        let memory = start.and_then(|s| s.memories.get(m).cloned().flatten());
+        let made = subdomain(m, body, state, &joints, &mut attachments)?;
+        subdomains.push(match memory {
+            Some(of) => made.with_memory(of),
+            None => made,
+        });
     }
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();

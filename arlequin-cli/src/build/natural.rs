@@ -45,10 +45,11 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         .collect();
     let domain = Domain::new(mesh.nodes(), &Surface::of_elements(&corners)).map_err(natural(key))?;
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
+    let mut warnings = model.warnings();
+    warnings.extend(one_material(&mesh));
     let groups = groups(&mesh, &model);
     let surfaces = surfaces(&mesh, &model, &groups);
     let boundary = model.surface(|_| true).map_err(natural(key))?;
-    let warnings = one_material(&mesh);
     let view = View {
         points: model.domain().nodes().to_vec(),
         connectivity: model.domain().elements().flatten().map(|v| v as u32).collect(),

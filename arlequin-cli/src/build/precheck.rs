@@ -27,7 +27,12 @@ pub(super) fn scene(scene: &Scene, folder: &Path) -> Result<()> {
         let models: Vec<&ModelTable> = scene.model.values().collect();
         interface(name, table, [models[c], models[f]], folder)?;
     }
-    effects_by_model(scene)?;
+    let effects = effects_by_model(scene)?;
+    for ((name, table), effects) in scene.model.iter().zip(&effects) {
+        if table.kind == Kind::Dem {
+            grains::check_loose(&format!("model.{name}"), table, effects)?;
+        }
+    }
     between::touching(scene)?;
     for (k, e) in scene.effect.iter().enumerate() {
         effect(k, e)?;
@@ -163,7 +168,7 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
     {
         own.profile = known(own.profile);
     }
-    joint::weights(&path, &weight, &overlap, &[])?;
+    joint::weights(&path, &weight, &overlap, &[], [false; 2])?;
     joint::junction(&path, table, 1.0)?;
     if let Some(a) = &table.absorber
         && a.rate.is_some() == a.rate_factor.is_some()

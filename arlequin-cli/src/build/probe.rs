@@ -7,6 +7,7 @@ use super::select;
 use crate::error::{Error, Result, core, key, value};
 use crate::scene::{Probe, Quantity, Scene};
 use arlequin::core::field::ShapeRow;
+use arlequin::core::momentum::Arms;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Real, Subdomain};
 
@@ -19,6 +20,8 @@ pub(crate) struct Reader {
     pub(crate) quantity: Quantity,
     model: usize,
     row: Vec<(usize, f64)>,
+    /// For rotations of a model that may turn far: displacements along the arms, as the row has them across.
+    along: Option<Vec<(usize, f64)>>,
 }
 
 impl Reader {
@@ -34,10 +37,13 @@ impl Reader {
             return Err(key(format!("{path}.component"), rule));
         }
         check(&path, probe)?;
+        let mut along = None;
         let row = match (&probe.at, &probe.over) {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
                 let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
-                rotation(&path, body, &nodes, c)?
+                let [row, stretch] = rotation(&path, body, &nodes, c)?;
+                along = (body.model.arms() == Arms::Current).then_some(stretch);
+                row
             }
             (Some(at), None) => {
                 let mut row = ShapeRow::default();
@@ -62,6 +68,7 @@ impl Reader {
             quantity: probe.quantity,
             model,
             row,
+            along,
         })
     }
 
@@ -72,7 +79,11 @@ impl Reader {
             Quantity::Displacement | Quantity::Rotation => &state.q,
             Quantity::Velocity => &state.v,
         };
-        self.row.iter().map(|(d, n)| n * values[*d].as_f64()).sum()
+        let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d].as_f64()).sum::<f64>();
+        match &self.along {
+            Some(along) => sum(&self.row).atan2(1.0 + sum(along)),
+            None => sum(&self.row),
+        }
     }
 }
 
@@ -122,8 +133,9 @@ fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::c
     beyond(path, model, x, low.into(), high.into())
 }
 
-/// Least-squares rotation of nodes about axis `c` through their centroid: `θ = Σ e·(r × u) / Σ |e × r|²`.
-fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<Vec<(usize, f64)>> {
+/// Least-squares rotation of nodes about axis `c` through their centroid: the rows of `s = Σ e·(r × u) / Σ |e × r|²`, which is
+/// the angle while it is small, and of `k = Σ r·(u − e e·u) / Σ |e × r|²`: any angle is `atan2(s, 1 + k)`.
+fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<[Vec<(usize, f64)>; 2]> {
     let count = body.model.layout().components;
     let points = body.model.nodes();
     let sum = nodes.iter().fold(Vector3::zeros(), |s, &n| s + points[n].coords);
@@ -137,9 +149,11 @@ fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<Vec<(u
             "a rotation needs several nodes around its axis; choose a larger group",
         ));
     }
-    let of = |&n: &usize| {
-        let arm = arm(n) / polar;
-        (0..3).map(move |a| (3 * n + a, arm[a]))
-    };
-    Ok(nodes.iter().flat_map(of).filter(|(_, f)| *f != 0.0).collect())
+    let of = |n: usize, factors: Vector3<f64>| (0..3).map(move |a| (3 * n + a, factors[a] / polar));
+    let across = nodes.iter().flat_map(|&n| of(n, arm(n)));
+    let along = nodes.iter().flat_map(|&n| of(n, arm(n).cross(&axis)));
+    Ok([
+        across.filter(|(_, f)| *f != 0.0).collect(),
+        along.filter(|(_, f)| *f != 0.0).collect(),
+    ])
 }

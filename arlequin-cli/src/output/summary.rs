@@ -1,8 +1,12 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
-use crate::build::Strangers;
-use crate::recorder::PhaseClock;
+use super::packing::PackingLine;
+use crate::build::{Reader, Strangers};
+use crate::recorder::{PhaseClock, Recorder};
+use crate::spectrum;
 use arlequin::core::effect::EffectLine;
+use arlequin::core::momentum::{Arms, BodyMomentum, Claim};
+use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{Coupled, Real};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -51,6 +55,8 @@ pub(crate) struct Summary {
     pub(crate) peak_bytes: Option<usize>,
     /// Energy \[J\].
     pub(crate) energy: Energy,
+    /// Momentum of every body.
+    pub(crate) momentum: Vec<MomentumLine>,
     /// Interfaces.
     pub(crate) interface: Vec<InterfaceLine>,
     /// Effects that were on.
@@ -129,6 +135,9 @@ pub(crate) struct ModelLine {
     pub(crate) unknowns: usize,
     /// Its own critical step \[s\].
     pub(crate) critical_dt: f64,
+    /// How the spheres were packed, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// Where wall time went \[s\].
@@ -160,6 +169,29 @@ pub(crate) struct Energy {
     pub(crate) start_loss: f64,
     /// Works since the start.
     pub(crate) ledger: BTreeMap<String, f64>,
+}
+
+/// Momentum of a body: of the models that interfaces and contact hold together.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct MomentumLine {
+    /// Its models.
+    pub(crate) models: Vec<String>,
+    /// Linear momentum at the end \[kg m/s\].
+    pub(crate) linear: [f64; 3],
+    /// Angular momentum at the end \[kg m²/s\].
+    pub(crate) angular: [f64; 3],
+    /// Fixed point it is about: the centre of mass at the start \[m\].
+    pub(crate) about: [f64; 3],
+    /// Positions it is drawn up with: at "rest" or "present" ones.
+    pub(crate) arms: &'static str,
+    /// What must stay: "both", "linear" or "neither".
+    pub(crate) keeps: &'static str,
+    /// Why not both.
+    pub(crate) because: Option<String>,
+    /// Largest change relative to `Σ |m v|` \[–\]; none where something acts from outside.
+    pub(crate) linear_drift: Option<f64>,
+    /// The same of the angular one, relative to `Σ |y × m v| + |I ω|` \[–\].
+    pub(crate) angular_drift: Option<f64>,
 }
 
 /// An interface.
@@ -242,7 +274,35 @@ pub(crate) fn findings<T: Real>(run: &Coupled<T>, strangers: &Strangers) -> Vec<
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
     let all = run.watch().into_iter().chain(strangers.watch(run));
-    all.map(text).collect()
+    all.map(text).chain(run.lost_momentum()).collect()
+}
+
+/// Momentum of the bodies of a run.
+pub(crate) fn momentum<T: Real>(run: &Coupled<T>) -> Vec<MomentumLine> {
+    let line = |b: BodyMomentum<T>| {
+        let (keeps, because) = match b.claim {
+            Claim::Both => ("both", None),
+            Claim::Linear(why) => ("linear", Some(why)),
+            Claim::Neither(why) => ("neither", Some(why)),
+        };
+        let three = |v: Vector3<T>| <[T; 3]>::from(v).map(Real::as_f64);
+        let [linear_drift, angular_drift] = b.drift.map(|d| (keeps != "neither").then(|| d.as_f64()));
+        MomentumLine {
+            models: b.models,
+            linear: three(b.linear),
+            angular: three(b.angular),
+            about: three(b.centre),
+            arms: match b.arms {
+                Arms::Reference => "rest",
+                Arms::Current => "present",
+            },
+            keeps,
+            because,
+            linear_drift,
+            angular_drift,
+        }
+    };
+    run.bodies().into_iter().map(line).collect()
 }
 
 /// A figure of this process's memory \[bytes\], such as `VmRSS:` or `VmHWM:`, where the system tells.
@@ -254,16 +314,17 @@ pub(crate) fn process_bytes(name: &str) -> Option<usize> {
 }
 
 /// Models of a run.
-pub(crate) fn models<T: Real>(run: &Coupled<T>) -> Vec<ModelLine> {
+pub(crate) fn models<T: Real>(run: &Coupled<T>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
     let plan = run.plan();
-    let line = |(name, kind, nodes, unknowns, critical_dt)| ModelLine {
+    let line = |(k, (name, kind, nodes, unknowns, critical_dt))| ModelLine {
         name,
         kind,
         nodes,
         unknowns,
         critical_dt,
+        packing: packings.get(k).cloned().flatten(),
     };
-    plan.models.into_iter().map(line).collect()
+    plan.models.into_iter().enumerate().map(line).collect()
 }
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
@@ -282,4 +343,25 @@ pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<In
         }
     };
     run.interfaces().iter().enumerate().map(line).collect()
+}
+
+/// Means, extremes and frequencies of all probes.
+pub(crate) fn probes(r: &Recorder) -> BTreeMap<String, ProbeLine> {
+    let times = &r.probes.times;
+    let step = match times.as_slice() {
+        [first, .., last] => (last - first) / (times.len() - 1) as f64,
+        _ => 0.0,
+    };
+    let line = |(p, values): (&Reader, &Vec<f64>)| {
+        let line = ProbeLine {
+            quantity: p.quantity.label(),
+            last: values.last().copied().unwrap_or_default(),
+            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
+            min: values.iter().copied().fold(f64::INFINITY, f64::min),
+            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            frequencies: spectrum::frequencies(values, step),
+        };
+        (p.name.clone(), line)
+    };
+    r.readers.iter().zip(&r.probes.columns).map(line).collect()
 }

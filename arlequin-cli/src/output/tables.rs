@@ -3,7 +3,7 @@
 use super::csv;
 use super::plots::{self, Curve, Plot};
 use crate::error::Result;
-use crate::recorder::{self, ENERGY_COLUMNS, Recorder};
+use crate::recorder::{self, ENERGY_COLUMNS, MOMENTUM_COLUMNS, Recorder};
 use crate::scene::Quantity;
 use arlequin::core::{Coupled, Real};
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
@@ -21,6 +21,9 @@ pub(crate) fn write(folder: &Path, r: &Recorder) -> Result<()> {
     let mut names = vec!["time [s]".to_owned()];
     names.extend(ENERGY_COLUMNS.map(str::to_owned));
     names.extend(r.works.iter().map(|w| format!("work {w} [J]")));
+    for body in &r.bodies {
+        names.extend(MOMENTUM_COLUMNS.map(|c| format!("{body} {c}")));
+    }
     csv(&folder.join("energy.csv"), &names, &columns(&r.energy))?;
     if r.fact_names.is_empty() {
         return Ok(());

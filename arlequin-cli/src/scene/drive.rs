@@ -144,8 +144,21 @@ pub(crate) struct Initial {
     pub(crate) displacement: Option<Field>,
     /// Velocity \[m/s\].
     pub(crate) velocity: Option<Field>,
+    /// A rigid spin.
+    pub(crate) spin: Option<Spin>,
     /// A travelling pulse: displacement and the velocity that goes with it.
     pub(crate) wave: Option<Wave>,
+}
+
+/// A rigid spin about a point: velocities, and spins of particles.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Spin {
+    /// Angular velocity \[rad/s\].
+    pub(crate) rate: [f64; 3],
+    /// Point on its axis \[m\].
+    #[serde(default)]
+    pub(crate) centre: [f64; 3],
 }
 
 /// A vector field.

@@ -92,6 +92,8 @@ pub(crate) struct WeightTable {
     pub(crate) value: Option<f64>,
     /// Smallest weight in the overlap \[–\].
     pub(crate) epsilon: Option<f64>,
+    /// Smallest weight of the fine model there, if it differs \[–\].
+    pub(crate) fine_epsilon: Option<f64>,
     /// How the weights enter the models.
     pub(crate) weighting: WeightingKind,
     /// Internal energy, if it differs.

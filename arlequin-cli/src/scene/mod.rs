@@ -10,7 +10,8 @@ mod source;
 mod wake;
 
 pub(crate) use drive::{
-    Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Support, TimeShape, Wave,
+    Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Spin, Support, TimeShape,
+    Wave,
 };
 pub(crate) use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
 pub(crate) use interface::{
@@ -18,8 +19,8 @@ pub(crate) use interface::{
     WeightTable, WeightingKind,
 };
 pub(crate) use model::{
-    CnemTable, DemTable, Element, Functions, Material, ModelTable, NotchBox, ParticleFieldKind, Protocol,
-    RoleKind, Shape,
+    CnemTable, DemTable, Element, Functions, LooseKind, Material, ModelTable, NotchBox, ParticleFieldKind,
+    Protocol, RoleKind, Shape,
 };
 pub(crate) use source::Source;
 pub(crate) use wake::{Near, Wake};

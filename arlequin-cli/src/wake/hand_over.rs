@@ -6,6 +6,7 @@ use crate::scene::Wake;
 use arlequin::core::field::{Interpolation, ShapeRow};
 use arlequin::core::model::DofLayout;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::{Coupled, Error as Core, Subdomain};
 use rayon::prelude::*;
@@ -29,6 +30,13 @@ struct Target {
     inertia: Vec<f64>,
     free: Vec<bool>,
     supports: Vec<PrescribedMotion<f64>>,
+}
+
+impl Target {
+    /// Whether it is the same model, which goes on as it is.
+    fn is(&self, from: &Subdomain<f64>) -> bool {
+        from.model().nodes() == self.points && from.model().layout() == self.layout
+    }
 }
 
 /// Hands the state over.
@@ -91,8 +99,12 @@ impl HandOver {
     /// The state from which the scene as given goes on.
     pub(crate) fn start(&self, asleep: &Coupled<f64>) -> Result<Start> {
         let mut states = Vec::with_capacity(self.targets.len());
+        let mut memories = Vec::with_capacity(self.targets.len());
         for t in &self.targets {
-            let mut state = self.sample(t, &asleep.subdomains()[t.source])?;
+            let from = &asleep.subdomains()[t.source];
+            let memory = from.model().save();
+            memories.push((t.is(from) && memory != Record::default()).then_some(memory));
+            let mut state = self.sample(t, from)?;
             for motion in &t.supports {
                 let (q, v, _) = motion.kinematics(asleep.time(), self.dt);
                 for &d in &motion.dofs {
@@ -107,13 +119,14 @@ impl HandOver {
         Ok(Start {
             time: asleep.time(),
             states,
+            memories,
         })
     }
 
     /// Interpolates; rotations are half the curl.
     fn sample(&self, t: &Target, from: &Subdomain<f64>) -> Result<[Vec<f64>; 2]> {
         let state = from.state();
-        if from.model().nodes() == t.points && from.model().layout() == t.layout {
+        if t.is(from) {
             return Ok([state.q.clone(), state.v.clone()]);
         }
         let (d, field) = (t.layout.components, &**from.field());

@@ -342,8 +342,9 @@ impl<T: Real> Coupled<T> {
         self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
         self.ledger.top_residual = self.ledger.top_residual.max(residual);
         let mut momentum_drift = [T::zero(); 2];
+        let rate = T::of(self.step as f64) / self.dt;
         for b in &mut self.ledger.bodies {
-            let one = b.draw(&self.subdomains);
+            let one = b.draw(&self.subdomains, rate);
             (0..2).for_each(|k| momentum_drift[k] = momentum_drift[k].max(one[k]));
         }
         let sample = EnergySample {

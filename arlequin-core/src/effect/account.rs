@@ -72,8 +72,7 @@ impl<T: Real> Coupled<T> {
             .collect()
     }
 
-    /// What the present state would need effects for that are not on, and momenta that changed though nothing changed
-    /// them.
+    /// What the present state would need effects for that are not on.
     pub fn watch(&self) -> Vec<(String, super::Finding)> {
         let of = |s: &Subdomain<T>| {
             let on =
@@ -85,8 +84,7 @@ impl<T: Real> Coupled<T> {
                 .map(|f| (s.model().name().to_owned(), f))
                 .collect::<Vec<_>>()
         };
-        let found = self.subdomains.iter().flat_map(of);
-        found.chain(self.lost_momentum()).collect()
+        self.subdomains.iter().flat_map(of).collect()
     }
 
     /// Energy \[J\] that effects have created, `work + stored − supplied` of those that must not and do: zero but for

@@ -143,7 +143,7 @@ impl Patch {
             let middle =
                 Point3::from(v.iter().map(|&v| points[v as usize].coords).sum::<Vector3<f64>>() / 3.0);
             bins.overlapping(&around([&middle], ON_FACE * self.area.sqrt()), &mut near);
-            let depth = |k: &u32| depth(points, corners[*k as usize], &middle);
+            let depth = |k: &u32| depth(corners[*k as usize].map(|v| &points[v as usize]), &middle);
             let holds = near.iter().max_by(|a, b| depth(a).total_cmp(&depth(b)));
             let turn = if twice_area(points, *v).dot(&twice_area(points, mesh.faces[id as usize].v)) < 0.0 {
                 [v[0], v[2], v[1]]
@@ -164,10 +164,9 @@ fn twice_area(points: &[Point3<f64>], v: [u32; 3]) -> Vector3<f64> {
     (b - a).cross(&(c - a))
 }
 
-/// Smallest barycentric coordinate of a point of the plane of a triangle.
-fn depth(points: &[Point3<f64>], v: [u32; 3], x: &Point3<f64>) -> f64 {
-    let n = twice_area(points, v);
-    let corners = v.map(|v| &points[v as usize]);
+/// Smallest barycentric coordinate of a point of the plane of a triangle \[–\].
+pub(crate) fn depth(corners: [&Point3<f64>; 3], x: &Point3<f64>) -> f64 {
+    let n = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
     let part = |k: usize| {
         (corners[(k + 1) % 3] - x)
             .cross(&(corners[(k + 2) % 3] - x))

@@ -20,20 +20,27 @@ use crate::error::{Error, Result};
 use crate::tet::FACES;
 use nalgebra::{Point3, Vector3};
 
+/// Ratio of lowest height to longest edge below which a tetrahedron's own linear functions are not used: they lose
+/// `1e-16 / ratio²`, those of a thick one next to it, extrapolated, `1e-16`.
+const THIN: f64 = 1e-6;
+
 /// True if the lowest height of a tetrahedron is at most `limit`.
 pub(crate) fn is_flat(corners: [&Point3<f64>; 4], limit: f64) -> bool {
-    let mut longest = 0.0_f64;
-    let widest = FACES
-        .map(|f| {
-            let [a, b, c] = f.map(|k| corners[k]);
-            longest = longest.max((b - a).norm_squared());
-            longest = longest.max((c - a).norm_squared());
-            (b - a).cross(&(c - a)).norm_squared()
-        })
-        .into_iter()
-        .fold(0.0, f64::max);
+    let (widest, longest) = sizes(corners);
     // Four nodes on a line have neither height nor area.
-    widest <= limit * limit * longest || six_volumes(corners).abs() <= limit * widest.sqrt()
+    widest <= limit * longest || six_volumes(corners).abs() <= limit * widest
+}
+
+/// Twice the largest area of a face, and the longest edge.
+fn sizes(corners: [&Point3<f64>; 4]) -> (f64, f64) {
+    let (mut widest, mut longest) = (0.0_f64, 0.0_f64);
+    for f in FACES {
+        let [a, b, c] = f.map(|k| corners[k]);
+        let (u, v) = (b - a, c - a);
+        widest = widest.max(u.cross(&v).norm_squared());
+        longest = longest.max(u.norm_squared()).max(v.norm_squared());
+    }
+    (widest.sqrt(), longest.sqrt())
 }
 
 impl Domain {
@@ -178,6 +185,38 @@ impl Domain {
             }
         }
         out.retain(|&t| !self.glued[t as usize]);
+    }
+
+    /// The tetrahedron itself unless it is too thin for linear functions; else the nearest one that is not, reached without
+    /// crossing a constrained face.
+    pub(crate) fn thick(&self, tet: u32, x: &Point3<f64>) -> u32 {
+        let corners = |t: u32| self.delaunay.corners(&self.delaunay.tets[t as usize]);
+        let thin = |t: u32| is_flat(corners(t), THIN * sizes(corners(t)).1);
+        if !thin(tet) {
+            return tet;
+        }
+        let mut reached = vec![tet];
+        let mut best = (f64::INFINITY, tet);
+        let mut next = 0;
+        while next < reached.len() && next < 256 {
+            let at = reached[next];
+            next += 1;
+            if self.inside[at as usize] && !thin(at) {
+                let far = self.plane_distances(at, x).into_iter().fold(0.0, f64::max);
+                if far < best.0 {
+                    best = (far, at);
+                }
+                continue;
+            }
+            let t = &self.delaunay.tets[at as usize];
+            for (slot, other) in t.n.iter().map(|n| n >> 2).enumerate() {
+                let wall = self.walls[at as usize] >> slot & 1 == 1;
+                if !wall && !reached.contains(&other) {
+                    reached.push(other);
+                }
+            }
+        }
+        best.1
     }
 
     /// The nodes that only flat tetrahedra hold are as good as equal to another node, or on a line or plane of others.

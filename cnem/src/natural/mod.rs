@@ -29,12 +29,15 @@ mod polish;
 pub(crate) mod tests;
 mod weights;
 
-use crate::constraint::key;
+use crate::constraint::{depth, key};
 use crate::domain::Domain;
 use crate::error::Result;
 use crate::tet::FACES;
 use cavity::Shape;
 use nalgebra::{Point3, Vector3};
+
+/// How far outside an edge or face, in its own barycentric coordinates, a point on its line or plane still counts as on it.
+const BESIDE: f64 = 1e-9;
 
 /// Which natural-neighbour function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -222,11 +225,20 @@ impl Domain {
         if let Some(place) = edge {
             return place;
         }
+        // Of a thin tetrahedron `x` may be close to several faces; it is on the one that holds it.
         let wall = |slot: &usize| close[*slot] && self.walls[tet as usize] >> *slot & 1 == 1;
-        match (0..4)
-            .find(wall)
-            .and_then(|slot| self.face_at.get(&(tet << 2 | slot as u32)))
-        {
+        let face_of = |slot: usize| self.face_at.get(&(tet << 2 | slot as u32));
+        let held = (0..4)
+            .filter(wall)
+            .map(|slot| {
+                (
+                    depth(t.face(slot).map(|v| &self.delaunay.points[v as usize]), x),
+                    slot,
+                )
+            })
+            .filter(|(depth, _)| *depth >= -BESIDE)
+            .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        match held.and_then(|(_, slot)| face_of(slot)) {
             Some(&face) => Place::Patch(face),
             None => Place::Free,
         }
@@ -242,7 +254,9 @@ impl Domain {
                 };
                 let [p, q] = [edge.0, edge.1].map(|v| &self.delaunay.points[v as usize]);
                 let (along, to) = (q - p, x - p);
-                if along.cross(&to).norm() > self.tolerance * along.norm() {
+                let at = along.dot(&to) / along.norm_squared();
+                let beside = !(-BESIDE..=1.0 + BESIDE).contains(&at);
+                if beside || along.cross(&to).norm() > self.tolerance * along.norm() {
                     continue;
                 }
                 return Some(match (self.mesh.flat_pair(self.nodes(), edge), faces.first()) {
@@ -276,9 +290,20 @@ impl Domain {
         }
     }
 
-    /// The linear functions of one tetrahedron.
+    /// The linear functions of one tetrahedron, or of a thick one behind it.
     fn linear(&self, x: &Point3<f64>, tet: u32, row: &mut Row, slopes: bool) {
         row.clear();
+        let thick = self.thick(tet, x);
+        if thick != tet {
+            let nodes = self.corners_of(thick);
+            let p = nodes.map(|v| self.nodes()[v]);
+            let gradients = crate::delaunay::linear_gradients(&p).0;
+            row.nodes.extend(nodes);
+            row.values
+                .extend(crate::delaunay::linear_values(&p, &gradients, x));
+            row.gradients.extend(gradients.into_iter().filter(|_| slopes));
+            return;
+        }
         let t = &self.delaunay.tets[tet as usize];
         let p = self.delaunay.corners(t);
         let six = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));

@@ -1,7 +1,9 @@
 //! How hard a bond is loaded.
 
 use crate::bond::{BeamRigidity, LinearBond, Twist};
+use crate::error::Result;
 use crate::finite::{Deformed, Pose};
+use crate::particles::{BondedParticles, expect_len};
 use nalgebra::Vector3;
 
 /// What is compared with the strength of a bond; formulas in [`crate::fracture`].
@@ -89,6 +91,25 @@ impl Strain {
 }
 
 impl Criterion {
+    /// How hard every bond of a body is loaded (Pa, or J/m^2 for [`Criterion::Energy`]) in a state of the small-rotation
+    /// law: `3 n` displacements (m), then `3 n` rotations (rad). Unweighted, broken bonds included.
+    ///
+    /// # Errors
+    /// [`crate::DemError::LengthMismatch`] unless `q` has six numbers per particle.
+    pub fn loads(self, body: &BondedParticles, q: &[f64]) -> Result<Vec<f64>> {
+        expect_len("unknowns", q.len(), 6 * body.len())?;
+        let section = Section::new(body.rigidity());
+        let three = |at: usize| Vector3::new(q[at], q[at + 1], q[at + 2]);
+        let twist = |i: u32| Twist {
+            linear: three(3 * i as usize),
+            angular: three(3 * (body.len() + i as usize)),
+        };
+        let load = |(bond, [i, j]): (&LinearBond, &[u32; 2])| {
+            self.value(&section, &Strain::linear(bond, &twist(*i), &twist(*j)))
+        };
+        Ok(body.bonds().iter().zip(body.pairs()).map(load).collect())
+    }
+
     /// Value to be compared with the strength.
     #[inline]
     pub(crate) fn value(self, s: &Section, e: &Strain) -> f64 {

@@ -160,7 +160,7 @@ pub(crate) trait Posed: Law<f64> {
     const TURNS: bool = false;
     /// Moves rows to displacements `u` (m) and rotations `th` (rad), from where they were with rotations `reached`, which
     /// become `th`; empty for a law that does not turn.
-    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64]);
+    fn write_rows(isa: Isa, rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64]);
 }
 
 /// Where a model wants its forces: `x0 y0 z0 x1 ...` and torques in the same order.

@@ -9,5 +9,6 @@ pub(crate) mod law;
 pub(crate) mod layout;
 pub mod order;
 pub(crate) mod screen;
+pub(crate) mod turn;
 
 pub use dynamics::{BeamDynamics, Held};

@@ -2,11 +2,12 @@
 
 use crate::bond::BeamRigidity;
 use crate::fracture::state::Incidence;
-use crate::kernel::engine::{Isa, Marks, Pass, Posed, Sink};
+use crate::kernel::engine::{Dispatch, Isa, Marks, Pass, Posed, Sink};
 use crate::kernel::lanes::{LANES, Row};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
 use crate::kernel::screen::Screened;
+use crate::kernel::turn::{Turn, turned};
 use crate::particles::BondedParticles;
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
@@ -19,7 +20,7 @@ const CHUNK: usize = 1_024;
 
 impl Posed for Linear {
     #[inline]
-    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64], _: &mut [f64]) {
+    fn write_rows(_: Isa, rows: &mut [Row<f64>], u: &[f64], th: &[f64], _: &mut [f64]) {
         let Some((last, rows)) = rows.split_last_mut() else {
             return;
         };
@@ -34,69 +35,13 @@ impl Posed for Linear {
     }
 }
 
-/// `cos(a/2)` and `sin(a/2)/a` of a rotation by the angle `a`, `x = a^2`.
-#[inline(always)]
-pub(super) fn half_angle(x: f64) -> (f64, f64) {
-    if x < 0.25 {
-        // y = (a/2)^2 <= 1/16: the sixth power is below the last bit. Constants, because ten divisions per particle
-        // would cost as much as a bond.
-        const COS: [f64; 6] = [
-            1.0,
-            -1.0 / 2.0,
-            1.0 / 24.0,
-            -1.0 / 720.0,
-            1.0 / 40_320.0,
-            -1.0 / 3_628_800.0,
-        ];
-        const SIN: [f64; 6] = [
-            0.5,
-            -0.5 / 6.0,
-            0.5 / 120.0,
-            -0.5 / 5_040.0,
-            0.5 / 362_880.0,
-            -0.5 / 39_916_800.0,
-        ];
-        let y = 0.25 * x;
-        let series = |k: &[f64; 6]| k[0] + y * (k[1] + y * (k[2] + y * (k[3] + y * (k[4] + y * k[5]))));
-        return (series(&COS), series(&SIN));
-    }
-    let a = x.sqrt();
-    let (s, c) = (0.5 * a).sin_cos();
-    (c, s / a)
-}
-
-/// Rows keep the quaternion of what was reached last; from there it turns by the spin added up since, `th - reached`.
-/// Spins of spheres are constant between kicks, so this is the exact motion, and the scheme the variational one.
 impl Posed for Finite {
     const TURNS: bool = true;
 
     #[inline]
-    fn write_rows(rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64]) {
-        let sources = u.as_chunks::<3>().0.iter().zip(th.as_chunks::<3>().0);
-        let places = rows.iter_mut().zip(reached.as_chunks_mut::<3>().0);
-        for ((row, reached), (u, th)) in places.zip(sources) {
-            let d = [th[0] - reached[0], th[1] - reached[1], th[2] - reached[2]];
-            *reached = *th;
-            let q = turned([row.0[3], row.0[4], row.0[5], row.0[6]], d);
-            *row = Row([u[0], u[1], u[2], q[0], q[1], q[2], q[3], 0.0]);
-        }
+    fn write_rows(isa: Isa, rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64]) {
+        f64::dispatch(isa, Turn { rows, u, th, reached });
     }
-}
-
-/// The unit quaternion `q` (scalar first), turned further by the rotation vector `d`.
-#[inline(always)]
-pub(super) fn turned(q: [f64; 4], d: [f64; 3]) -> [f64; 4] {
-    let (c, s) = half_angle(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    let [x, y, z] = [s * d[0], s * d[1], s * d[2]];
-    let p = [
-        c * q[0] - x * q[1] - y * q[2] - z * q[3],
-        c * q[1] + x * q[0] + y * q[3] - z * q[2],
-        c * q[2] + y * q[0] + z * q[1] - x * q[3],
-        c * q[3] + z * q[0] + x * q[2] - y * q[1],
-    ];
-    // Round-off of the norm would add up: one step of Newton towards one.
-    let k = 1.5 - 0.5 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3]);
-    p.map(|p| k * p)
 }
 
 /// Orientations of the particles as they were reached last.
@@ -207,7 +152,7 @@ impl<W: Screened> Gather<W> {
     ) {
         let n = q.len() / 6;
         let (u, th) = q.split_at(3 * n);
-        let rows = &mut self.rows[..n];
+        let (isa, rows) = (self.isa, &mut self.rows[..n]);
         if parallel {
             let sources = u.par_chunks(3 * CHUNK).zip(th.par_chunks(3 * CHUNK));
             let places = rows.par_chunks_mut(CHUNK).zip(sources);
@@ -215,12 +160,12 @@ impl<W: Screened> Gather<W> {
                 let reached = self.reached.par_chunks_mut(3 * CHUNK);
                 places
                     .zip(reached)
-                    .for_each(|((rows, (u, th)), reached)| W::write_rows(rows, u, th, reached));
+                    .for_each(|((rows, (u, th)), reached)| W::write_rows(isa, rows, u, th, reached));
             } else {
-                places.for_each(|(rows, (u, th))| W::write_rows(rows, u, th, &mut []));
+                places.for_each(|(rows, (u, th))| W::write_rows(isa, rows, u, th, &mut []));
             }
         } else {
-            W::write_rows(rows, u, th, &mut self.reached);
+            W::write_rows(isa, rows, u, th, &mut self.reached);
         }
         let (linear, angular) = f.split_at_mut(3 * n);
         let sink = Sink {

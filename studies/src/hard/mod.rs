@@ -15,6 +15,7 @@ mod precision;
 mod resume;
 mod strike;
 mod time;
+mod turning;
 mod weights;
 
 use arlequin::core::{Coupled, Error, Real, Result};
@@ -115,6 +116,7 @@ pub fn cases() -> Vec<HardCase> {
         resume::CASES,
         breakage::CASES,
         strike::CASES,
+        turning::CASES,
     ]
     .concat()
 }

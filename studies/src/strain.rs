@@ -1,0 +1,308 @@
+//! How much harder the bonds of an overlap are loaded than the same bonds of a body of particles alone: a bar of
+//! spheres, and its twin of which the particles reach to the end of the overlap only and finite elements go on. Lengths
+//! in mean diameters of the spheres, density 1, beams 3.56 times stiffer than the packing, so that the wave speed is
+//! about one.
+
+use arlequin::core::effect::{Absorber, Load};
+use arlequin::core::interface::{InterfaceOptions, InterfaceSpec, Sampling};
+use arlequin::core::junction::L2;
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::observer::Silent;
+use arlequin::core::overlap::{Overlap, Place, Slab};
+use arlequin::core::subdomain::PrescribedMotion;
+use arlequin::core::time::TimeFunction;
+use arlequin::core::weight::{Profile, Ramp};
+use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
+use arlequin::dem_beam::{
+    BeamMaterial, BondedParticles, Container, Criterion, DemModel, LoadShare, Matter, Packing, PackingSpec,
+};
+use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, generate};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Modulus, Poisson's ratio of the packing in units of the elements' modulus.
+const MATERIAL: (f64, f64) = (1.0, 0.175);
+
+/// The knobs of one case.
+#[derive(Debug, Clone)]
+pub struct Bar {
+    /// Edge of the square section.
+    pub section: f64,
+    /// Length in front of the overlap, of particles alone.
+    pub zone: f64,
+    /// Width of the overlap.
+    pub overlap: f64,
+    /// Length of elements alone behind it.
+    pub rest: f64,
+    /// Elements.
+    pub h: f64,
+    /// Mediator elements.
+    pub mediator: f64,
+    /// Shape of the weight; `None` is the mediator-compatible one.
+    pub profile: Option<Profile<f64>>,
+    /// Smallest weight of the elements.
+    pub epsilon: f64,
+    /// Smallest weight of the particles.
+    pub fine_epsilon: f64,
+    /// Largest rate of the absorber in units of the wave speed over the diameter; zero for none.
+    pub absorber: f64,
+    /// Seed of the packing.
+    pub seed: u64,
+}
+
+impl Default for Bar {
+    fn default() -> Self {
+        Self {
+            section: 6.0,
+            zone: 8.0,
+            overlap: 20.0,
+            rest: 10.0,
+            h: 5.0,
+            mediator: 5.0,
+            profile: Some(Profile::Cubic),
+            epsilon: 1e-6,
+            fine_epsilon: 1e-6,
+            absorber: 0.0,
+            seed: 1,
+        }
+    }
+}
+
+/// Loads of bonds by the two spheres of the packing.
+type Loads = BTreeMap<[u32; 2], f64>;
+
+/// A run whose last subdomain is of particles, their bonds, and their numbers in the packing.
+struct Body {
+    run: Coupled<f64>,
+    bonds: BondedParticles,
+    numbers: Vec<u32>,
+}
+
+/// One bond of the overlap, in both bodies.
+#[derive(Debug, Clone, Copy)]
+pub struct Pair {
+    /// Position of its middle, 0 at the fine border and 1 at the coarse one.
+    pub s: f64,
+    /// Weight of the particles there.
+    pub alpha: f64,
+    /// Load in the coupled body.
+    pub coupled: f64,
+    /// Load in the body of particles alone.
+    pub alone: f64,
+}
+
+impl Bar {
+    fn length(&self) -> f64 {
+        self.zone + self.overlap + self.rest
+    }
+
+    fn packing(&self) -> Result<Packing> {
+        let high = Vector3::new(self.length(), self.section, self.section);
+        let container = Container::cuboid(Vector3::zeros(), high)?;
+        let count = container.volume() / (std::f64::consts::PI / 6.0 * 1.0625) * 0.6;
+        Ok(PackingSpec::quench(container, count as usize, self.seed).build()?)
+    }
+
+    fn beam() -> BeamMaterial {
+        BeamMaterial {
+            young: 3.56,
+            poisson: 0.3,
+            radius_ratio: 0.71,
+        }
+    }
+
+    /// Spheres of the packing whose centres are in front of `end`: the model and their numbers.
+    fn particles(packing: &Packing, end: f64) -> Result<(DemModel, Vec<u32>)> {
+        let mut bonded = vec![false; packing.positions.len()];
+        let inside = |i: u32| packing.positions[i as usize].x < end;
+        let pairs = packing.pairs.iter().filter(|p| p.iter().all(|i| inside(*i)));
+        pairs.clone().flatten().for_each(|i| bonded[*i as usize] = true);
+        let numbers: Vec<u32> = (0..bonded.len() as u32).filter(|i| bonded[*i as usize]).collect();
+        let place = |i: &u32| numbers.partition_point(|n| n < i) as u32;
+        let pairs: Vec<[u32; 2]> = pairs.map(|[i, j]| [place(i), place(j)]).collect();
+        let positions: Vec<_> = numbers.iter().map(|i| packing.positions[*i as usize]).collect();
+        let radii: Vec<f64> = numbers.iter().map(|i| packing.radii[*i as usize]).collect();
+        let cubes = |r: &[f64]| r.iter().map(|r| r * r * r).sum::<f64>();
+        let matter = Matter {
+            beam: Self::beam(),
+            density: 1.0,
+            volume: packing.volume * cubes(&radii) / cubes(&packing.radii),
+        };
+        let model = DemModel::from_spheres("particles", &positions, &radii, &pairs, &matter)?;
+        let numbers = model.order().iter().map(|i| numbers[*i as usize]).collect();
+        Ok((model, numbers))
+    }
+
+    fn pulled(
+        &self,
+        model: DemModel,
+        weights: Weights<f64>,
+        time: TimeFunction<f64>,
+    ) -> Result<Subdomain<f64>> {
+        let face = model.select(|x| x.x < 1.0);
+        let force = Vector3::new(-self.section * self.section, 0.0, 0.0);
+        let load = Load::on_dofs("pull", model.force(&face, force, LoadShare::Mass)?, time)?;
+        Ok(Subdomain::fine(model, weights).with_effect(Box::new(load)))
+    }
+
+    /// The body of particles alone.
+    fn alone(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
+        let (model, numbers) = Self::particles(packing, f64::INFINITY)?;
+        let bonds = model.body().clone();
+        let held = model.clamped(&model.select(|x| x.x > self.length() - 1.0));
+        let body = self.pulled(model, Weights::uncoupled(), time)?;
+        let body = body.with_support(PrescribedMotion::fixed(held));
+        let run = Coupled::new(vec![body], Vec::new(), TimeStep::Fraction(0.9), None)?;
+        Ok(Body { run, bonds, numbers })
+    }
+
+    fn box_of(&self, from: f64, to: f64, h: f64) -> Result<arlequin::fem_ref::Mesh<f64>> {
+        let across = (self.section / h).round().max(1.0) as usize;
+        let along = ((to - from) / h).round().max(1.0) as usize;
+        let low = Point3::new(from, 0.0, 0.0);
+        let high = Point3::new(to, self.section, self.section);
+        Ok(generate::block(
+            ElementKind::Hex8,
+            low,
+            high,
+            [along, across, across],
+        )?)
+    }
+
+    fn slab(&self) -> Result<Arc<dyn Overlap<f64>>> {
+        let at = |x: f64| Point3::new(x, 0.0, 0.0);
+        Ok(Arc::new(Slab::between(
+            at(self.zone),
+            at(self.zone + self.overlap),
+        )?))
+    }
+
+    fn weight(&self) -> Result<Arc<Ramp<f64>>> {
+        let layers = (self.overlap / self.mediator).round().max(1.0);
+        let stations: Vec<f64> = (0..=layers as usize).map(|k| k as f64 / layers).collect();
+        let profile = match &self.profile {
+            Some(p) => p.clone(),
+            None => Profile::mediator_compatible(&stations)?,
+        };
+        Ok(Arc::new(
+            Ramp::new(self.slab()?, profile, self.epsilon)?.with_fine_floor(self.fine_epsilon)?,
+        ))
+    }
+
+    /// The coupled body.
+    fn coupled(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
+        let weights = Weights::same(self.weight()?);
+        let mesh = self.box_of(self.zone, self.length(), self.h)?;
+        let nodes = mesh.nodes().iter().enumerate();
+        let held = nodes
+            .filter(|(_, x)| x.x > self.length() - 1e-9)
+            .flat_map(|(k, _)| [3 * k, 3 * k + 1, 3 * k + 2])
+            .collect();
+        let elements = FemModel::new("elements", mesh, Elastic::new(MATERIAL.0, MATERIAL.1, 1.0)?)?;
+        let (model, numbers) = Self::particles(packing, self.zone + self.overlap)?;
+        let bonds = model.body().clone();
+        let mut fine = self.pulled(
+            model,
+            Weights::complement_of(std::slice::from_ref(&weights)),
+            time,
+        )?;
+        let mediator = Arc::new(FemMediator::new(self.box_of(
+            self.zone,
+            self.zone + self.overlap,
+            self.mediator,
+        )?));
+        if self.absorber > 0.0 {
+            let (slab, top) = (self.slab()?, self.absorber);
+            let rate = move |x: &Point3<f64>| match slab.place(x) {
+                Place::Fine => 0.0,
+                Place::Coarse => top,
+                Place::Overlap(s) => top * s * s,
+            };
+            fine = fine.with_effect(Box::new(Absorber::new(mediator.clone(), Arc::new(rate))));
+        }
+        let spec = InterfaceSpec {
+            name: "overlap".into(),
+            coarse: 0,
+            fine: 1,
+            mediator,
+            junction: Box::new(L2),
+            options: InterfaceOptions {
+                sampling: Sampling::Particles,
+                ..InterfaceOptions::default()
+            },
+        };
+        let coarse = Subdomain::coarse(elements, weights).with_support(PrescribedMotion::fixed(held));
+        let run = Coupled::new(vec![coarse, fine], vec![spec], TimeStep::Fraction(0.9), None)?;
+        Ok(Body { run, bonds, numbers })
+    }
+
+    /// Largest principal tension of every bond under a constant pull, from the static twin.
+    ///
+    /// # Errors
+    /// Those of the set-up and the static solve.
+    pub fn at_rest(&self) -> Result<Vec<Pair>> {
+        let packing = self.packing()?;
+        let solve = |mut body: Body| {
+            let e = body.run.equilibrium(0.0)?;
+            let mut loads = Loads::new();
+            let q = e.displacements.last().map_or(&[][..], Vec::as_slice);
+            gather(&body, q, &mut loads)?;
+            Ok::<_, arlequin::core::Error>(loads)
+        };
+        let alone = solve(self.alone(&packing, TimeFunction::Step)?)?;
+        let coupled = solve(self.coupled(&packing, TimeFunction::Step)?)?;
+        self.paired(&packing, &coupled, &alone)
+    }
+
+    /// The same under a pull that begins at once, over the time in which a wave makes the way given in lengths of the
+    /// bar: the largest load over time.
+    ///
+    /// # Errors
+    /// Those of the set-up and the steps.
+    pub fn under_a_shock(&self, ways: f64) -> Result<Vec<Pair>> {
+        let packing = self.packing()?;
+        let end = ways * self.length();
+        let solve = |mut body: Body| {
+            let mut loads = Loads::new();
+            let last = body.run.subdomains().len() - 1;
+            while body.run.time() < end {
+                body.run.run(3, &mut Silent)?;
+                gather(&body, &body.run.subdomains()[last].state().q, &mut loads)?;
+            }
+            Ok::<_, arlequin::core::Error>(loads)
+        };
+        let alone = solve(self.alone(&packing, TimeFunction::Step)?)?;
+        let coupled = solve(self.coupled(&packing, TimeFunction::Step)?)?;
+        self.paired(&packing, &coupled, &alone)
+    }
+
+    fn paired(&self, packing: &Packing, coupled: &Loads, alone: &Loads) -> Result<Vec<Pair>> {
+        use arlequin::core::weight::Weight;
+        let (slab, weight) = (self.slab()?, self.weight()?);
+        let of = |(key, load): (&[u32; 2], &f64)| {
+            let [a, b] = key.map(|i| packing.positions[i as usize]);
+            let middle = Point3::from((a + b) * 0.5);
+            let Place::Overlap(s) = slab.place(&middle) else {
+                return None;
+            };
+            Some(Pair {
+                s,
+                alpha: 1.0 - weight.at(&middle),
+                coupled: *load,
+                alone: *alone.get(key)?,
+            })
+        };
+        Ok(coupled.iter().filter_map(of).collect())
+    }
+}
+
+/// Raises the loads of all bonds to those of the state `q`.
+fn gather(body: &Body, q: &[f64], loads: &mut Loads) -> Result<()> {
+    let now = Criterion::Rankine.loads(&body.bonds, q)?;
+    for (pair, load) in body.bonds.pairs().iter().zip(now) {
+        let [a, b] = pair.map(|i| body.numbers[i as usize]);
+        let top = loads.entry([a.min(b), a.max(b)]).or_insert(0.0);
+        *top = top.max(load);
+    }
+    Ok(())
+}
