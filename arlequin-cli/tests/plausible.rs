@@ -145,7 +145,7 @@ const ODD: [Case; 16] = [
     (
         &[
             "effect=[]",
-            "load.0={model='right', where='x-max', force=[1e9, 0.0, 0.0], time={table=[[0.0, 0.0], [1.0, 1e-3]]}}",
+            "load.0={model='right', where='x-max', force=[1e8, 0.0, 0.0], time={table=[[0.0, 0.0], [1.0, 1e-3]]}}",
         ],
         &[],
     ),
@@ -317,7 +317,7 @@ fn no_shipped_scene_is_called_odd() {
     let shipped: [(&str, &[&str]); 17] = [
         (
             "ball-impact.toml",
-            &["model.grains.spacing=0.6e-3", "model.grains.dem.protocol=quench"],
+            &["model.grains.spacing=0.45e-3", "model.grains.dem.protocol=quench"],
         ),
         ("bar-1d.toml", &[]),
         (
@@ -358,7 +358,7 @@ fn no_shipped_scene_is_called_odd() {
         ("quickstart.toml", &["model.right.spacing=2.5e-3"]),
         (
             "two-bodies.toml",
-            &["model.grains.spacing=0.6e-3", "model.grains.dem.protocol=quench"],
+            &["model.grains.spacing=0.45e-3", "model.grains.dem.protocol=quench"],
         ),
         ("waking-bar.toml", &[]),
         ("../sweeps/scenes/chain-bar.toml", &[]),
