@@ -1,5 +1,6 @@
 //! What a packing became is told, and no mass moves without a word.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::float_cmp, reason = "counts are whole numbers")]
 
 mod common;
 

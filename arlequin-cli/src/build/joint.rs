@@ -4,8 +4,8 @@ use super::kinds::Body;
 use super::mesh::{Request, View};
 use crate::error::{Result, core, key, value};
 use crate::scene::{
-    Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, ProfileKind, RegionShape, SamplingKind,
-    Shape, WeightTable, WeightingKind,
+    Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind,
+    RegionShape, SamplingKind, Shape, WeightTable, WeightingKind,
 };
 use arlequin::core::effect::Absorber;
 use arlequin::core::field::{Interpolation, ShapeRow};
@@ -14,7 +14,7 @@ use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
 use arlequin::core::weight::{Profile, Ramp, Weight, Weighting};
-use arlequin::core::{InterfaceOptions, InterfaceSpec, Sampling, Weights};
+use arlequin::core::{InterfaceOptions, InterfaceSpec, Partition, Sampling, Weights};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{FemField, FemMediator};
 use std::path::Path;
@@ -38,6 +38,8 @@ pub(crate) struct Joint {
     pub(crate) spec: InterfaceSpec<f64>,
     /// Weights of the coarse model in this overlap.
     pub(crate) weights: Weights<f64>,
+    /// Whether the weights must sum to one.
+    pub(crate) partition: Partition,
     /// Picture of the mediator.
     pub(crate) view: View,
     /// Damping of what the coarse model cannot carry, on the fine model.
@@ -107,6 +109,10 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
             options,
         },
         weights,
+        partition: match table.partition {
+            PartitionKind::Checked => Partition::Checked,
+            PartitionKind::Unchecked => Partition::Unchecked,
+        },
         view,
         absorber,
     })

@@ -29,7 +29,7 @@ use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
 use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::Role;
-use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{Coupled, Guard, Partition, Real, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
 use joint::Joint;
@@ -385,7 +385,12 @@ fn subdomain(
     } else {
         Role::Coarse
     };
-    let subdomain = Subdomain::new(body.model, role, body.field, weights);
+    let free = |j: &&Joint| j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m);
+    let partition = joints
+        .iter()
+        .find(free)
+        .map_or(Partition::Checked, |j| j.partition);
+    let subdomain = Subdomain::new(body.model, role, body.field, weights).with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
     subdomain
         .with_initial(q, v)
@@ -403,6 +408,14 @@ fn located(source: arlequin::core::Error) -> Error {
             interface(i, "mediator")
         }
         Core::OpposedMotions { interface: i, .. } => interface(i, "overlap"),
+        Core::UnequalShapes { interface: i, .. } => interface(i, "overlap"),
+        Core::UncoveredOverlap { interface: i, .. } | Core::CoveredTwice { interface: i, .. } => {
+            interface(i, "mediator")
+        }
+        Core::InitialJump { .. } => "initial".to_owned(),
+        Core::PartitionOfUnity { .. } | Core::PartitionMeasure { .. } | Core::PartitionMass { .. } => {
+            "interface".to_owned()
+        }
         Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
         Core::SingularInterface { interface: i, .. } | Core::RankTooLarge { interface: i, .. } => {
             interface(i, "mediator")

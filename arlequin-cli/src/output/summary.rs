@@ -211,6 +211,20 @@ pub(crate) struct InterfaceLine {
     pub(crate) measure: f64,
     /// Nodes of the coarse and the fine model under the constraint.
     pub(crate) coupled_nodes: [usize; 2],
+    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act (by volume for particles).
+    pub(crate) tied: [f64; 2],
+    /// Share of the overlap outside the mediator.
+    pub(crate) outside_mediator: f64,
+    /// Weight that is missing at surfaces where the models' shapes differ, relative to the overlap.
+    pub(crate) missing_weight: f64,
+    /// Weighted inertia of the tied models less that of the space they fill, relative to the overlap.
+    pub(crate) excess_mass: f64,
+    /// Whether the weights were checked to sum to one.
+    pub(crate) partition_checked: bool,
+    /// Jump of the initial displacements that was projected away \[m\].
+    pub(crate) initial_jump: f64,
+    /// Largest change of an initial displacement by that \[m\].
+    pub(crate) initial_change: f64,
     /// Largest velocity jump relative to the largest velocity \[–\]; none before a step was made.
     pub(crate) max_constraint_residual: Option<f64>,
 }
@@ -331,6 +345,11 @@ pub(crate) fn models<T: Real>(run: &Coupled<T>, packings: &[Option<PackingLine>]
 pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<InterfaceLine> {
     let line = |(k, i): (usize, &arlequin::core::interface::Interface<T>)| {
         let r = i.report();
+        let model = run.subdomains()[i.sides()[0]].model().name();
+        let group = run
+            .partition()
+            .iter()
+            .find(|g| g.models.iter().any(|m| m == model));
         InterfaceLine {
             name: r.name.clone(),
             junction: r.junction,
@@ -339,6 +358,13 @@ pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<In
             condition: r.condition,
             measure: r.measure,
             coupled_nodes: r.coupled_nodes,
+            tied: r.tied,
+            outside_mediator: r.outside,
+            missing_weight: group.map_or(0.0, |g| g.missing),
+            excess_mass: group.map_or(0.0, |g| g.excess_mass),
+            partition_checked: group.is_none_or(|g| g.checked),
+            initial_jump: r.start_jump,
+            initial_change: r.start_moved,
             max_constraint_residual: residuals.get(k).copied(),
         }
     };

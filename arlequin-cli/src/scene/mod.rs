@@ -15,8 +15,8 @@ pub(crate) use drive::{
 };
 pub(crate) use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
 pub(crate) use interface::{
-    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SamplingKind,
-    WeightTable, WeightingKind,
+    Absorber, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind, ProfileTable, RegionShape,
+    SamplingKind, WeightTable, WeightingKind,
 };
 pub(crate) use model::{
     CnemTable, DemTable, Element, Functions, LooseKind, Material, ModelTable, NotchBox, ParticleFieldKind,

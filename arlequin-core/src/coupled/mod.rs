@@ -9,9 +9,13 @@
 //! This is RATTLE for linear velocity constraints: it conserves `H` of [`crate::ledger`] and filters nothing.
 
 mod motions;
+mod partition;
 mod setup;
+mod start;
 pub mod statics;
+mod tie;
 
+pub use partition::{Partition, PartitionReport};
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
 use crate::effect::Pair;
@@ -20,6 +24,7 @@ use crate::ledger::{EnergySample, Ledger, WorkLine};
 use crate::observer::{Observer, Phase, StepReport};
 use crate::subdomain::{Announce, Subdomain};
 use crate::{Error, Real, Result};
+use sprs::CsMat;
 use std::ops::ControlFlow;
 
 /// Share of the energy in play that effects may create. Sound laws create none but for round-off and for what forces
@@ -46,6 +51,7 @@ pub struct Coupled<T: Real> {
     pub(crate) start_loss: T,
     /// Most energy the initial displacements could hold \[J\]: its last digits are no energy.
     pub(crate) displaced: T,
+    pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
 }
 
@@ -77,6 +83,17 @@ impl<T: Real> Coupled<T> {
     /// Kinetic energy that the projection of an inconsistent initial velocity removed \[J\].
     pub fn start_loss(&self) -> T {
         self.start_loss
+    }
+    /// What the check found that weights sum to one, by groups of models that are tied to each other.
+    pub fn partition(&self) -> &[PartitionReport] {
+        &self.partition
+    }
+    /// `S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ` of one interface, symmetric, rows and columns in the order of
+    /// [`Interface::multipliers`]; `A = Δt/2 S`. Assembled anew at every call; `None` if there is no such interface.
+    pub fn multiplier_operator(&self, interface: usize) -> Option<CsMat<T>> {
+        let i = self.interfaces.get(interface)?;
+        let inverse = i.sides.map(|s| &self.subdomains[s].inverse_inertia[..]);
+        Some(i.operator_matrix(inverse))
     }
     /// Largest relative drift of the energy balance so far.
     pub fn drift(&self) -> T {

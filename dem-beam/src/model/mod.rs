@@ -41,6 +41,7 @@ use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Grains, Matter};
 use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
+use arlequin_core::geometry::Sample;
 use arlequin_core::model::{
     CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
 };
@@ -309,6 +310,10 @@ impl Model<f64> for DemModel {
 
     fn nodes(&self) -> &[Point3<f64>] {
         &self.nodes
+    }
+
+    fn particles(&self) -> Option<&[Sample<f64>]> {
+        self.field.samples()
     }
 
     fn lumped_inertia(
