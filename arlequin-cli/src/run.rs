@@ -5,12 +5,11 @@ use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result};
 use crate::output::packing::PackingLine;
-use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
+use crate::output::summary::{self, Energy, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::Precision;
-use crate::spectrum;
 use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -480,27 +479,7 @@ fn summarise<T: Real>(
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,
         effect_ledger: Vec::new(),
-        probes: probe_lines(r),
+        probes: summary::probes(r),
         warnings: r.warnings.clone(),
     }
-}
-
-fn probe_lines(r: &Recorder) -> std::collections::BTreeMap<String, ProbeLine> {
-    let times = &r.probes.times;
-    let step = match times.as_slice() {
-        [first, .., last] => (last - first) / (times.len() - 1) as f64,
-        _ => 0.0,
-    };
-    let line = |(p, values): (&build::Reader, &Vec<f64>)| {
-        let line = ProbeLine {
-            quantity: p.quantity.label(),
-            last: values.last().copied().unwrap_or_default(),
-            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
-            min: values.iter().copied().fold(f64::INFINITY, f64::min),
-            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-            frequencies: spectrum::frequencies(values, step),
-        };
-        (p.name.clone(), line)
-    };
-    r.readers.iter().zip(&r.probes.columns).map(line).collect()
 }

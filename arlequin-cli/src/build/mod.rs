@@ -10,6 +10,7 @@ mod mesh;
 mod natural;
 mod particles;
 mod plausible;
+mod precheck;
 mod probe;
 mod select;
 
@@ -111,6 +112,7 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
 pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result<Built> {
     check_numbers(scene)?;
     check_names(scene)?;
+    precheck::scene(scene, folder)?;
     let effects = effects_by_model(scene)?;
     let mut bodies: Vec<Body> = scene
         .model
@@ -118,9 +120,6 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
         .enumerate()
         .map(|(m, (name, table))| kinds::body(name, table, folder, &effects[m]))
         .collect::<Result<_>>()?;
-    if bodies.is_empty() {
-        return Err(key("model", "a scene needs at least one model"));
-    }
     let mut joints = Vec::new();
     for (name, table) in &scene.interface {
         let [c, f] = sides_of(name, table, scene)?;
@@ -153,7 +152,12 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
     for (m, body) in bodies.into_iter().enumerate() {
         let name = body.model.name();
         warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
-        bounds.add(body.model.nodes(), &body.material, !may_leave(scene, m));
+        bounds.add(
+            body.model.nodes(),
+            &body.shape,
+            &body.material,
+            !may_leave(scene, m),
+        );
         drawn.push(Drawn {
             view: body.view.clone(),
             field: body.field.clone(),
@@ -403,6 +407,7 @@ fn located(source: arlequin::core::Error) -> Error {
         Core::EmptyOverlap { interface: i, .. } | Core::OverhangingMediator { interface: i, .. } => {
             interface(i, "mediator")
         }
+        Core::OpposedMotions { interface: i, .. } => interface(i, "overlap"),
         Core::UnequalShapes { interface: i, .. } => interface(i, "overlap"),
         Core::UncoveredOverlap { interface: i, .. } | Core::CoveredTwice { interface: i, .. } => {
             interface(i, "mediator")

@@ -68,7 +68,11 @@ impl Fracture {
         }
     }
 
-    pub(crate) fn check(&self) -> Result<()> {
+    /// Checks strength, scatter and interval, as a model that takes it does.
+    ///
+    /// # Errors
+    /// [`DemError::OutOfRange`].
+    pub fn check(&self) -> Result<()> {
         positive("bond strength", self.strength)?;
         self.scatter.check()?;
         if self.every == 0 {
