@@ -115,9 +115,11 @@ impl Voronoi {
     }
 
     fn check_closed(&self) -> Result<()> {
-        // Not `>`: a defect that is not a number is one.
         let defects = (0..self.len()).map(|i| (self.open(i), i));
-        match defects.into_iter().find(|(d, _)| !(*d <= AREA_TOLERANCE)) {
+        match defects
+            .into_iter()
+            .find(|(d, _)| d.is_nan() || *d > AREA_TOLERANCE)
+        {
             None => Ok(()),
             Some((defect, node)) => Err(Error::CellOpen {
                 node,
@@ -158,7 +160,8 @@ impl Domain {
             out = self.cells(|work, node| work.clipped(self, &regions, node));
             out.regions = regions;
         }
-        if !(out.closure(self).volume <= VOLUME_TOLERANCE) {
+        let defect = out.closure(self).volume;
+        if defect.is_nan() || defect > VOLUME_TOLERANCE {
             let filled = out.volumes.iter().sum();
             return Err(Error::CellsDoNotFill {
                 filled,
