@@ -166,7 +166,9 @@ impl CnemModel {
             }
             let density = if a == b { 0.5 * lambda + mu } else { 0.5 * mu };
             let found = self.internal_energy(&u) / (density * self.domain().volume());
-            if found.is_nan() || (found - 1.0).abs() > ENERGY_TOLERANCE {
+            // Not `>`: what is not a number is not right.
+            let right = (found - 1.0).abs() <= ENERGY_TOLERANCE;
+            if !right {
                 return Err(Error::WrongEnergy {
                     model: self.name.clone(),
                     field,

@@ -24,6 +24,8 @@
 //! (error about `1e-16 * spacing / distance`); unity and linear precision do not.
 
 mod cavity;
+#[cfg(test)]
+mod edge_tests;
 mod planar;
 mod polish;
 #[cfg(test)]
