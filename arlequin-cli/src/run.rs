@@ -4,7 +4,7 @@ use crate::Input;
 use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result};
-use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
+use crate::output::summary::{self, Energy, OverlapBreak, ProbeLine, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
@@ -12,7 +12,7 @@ use crate::scene::Precision;
 use crate::spectrum;
 use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
-use arlequin::dem_beam::fracture::SharedLog;
+use arlequin::dem_beam::fracture::{SharedLog, locked};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -109,6 +109,15 @@ pub(crate) enum End {
     Interrupted,
     /// A sleeping model wakes.
     Woken,
+    /// A bond broke in an overlap, and the scene ends there.
+    IntoOverlap,
+}
+
+impl End {
+    /// Whether `resume` can go on from there.
+    fn goes_on(self) -> bool {
+        matches!(self, Self::Interrupted | Self::IntoOverlap)
+    }
 }
 
 /// How a run ended.
@@ -125,6 +134,7 @@ impl Status {
             Self::Ended(End::Complete) => "complete",
             Self::Ended(End::Interrupted) => "interrupted",
             Self::Ended(End::Woken) => "woken",
+            Self::Ended(End::IntoOverlap) => "stopped-at-overlap",
             Self::Failed(_) => "failed",
         }
     }
@@ -229,7 +239,7 @@ impl<'a, T: Real> Session<'a, T> {
     /// Writes the results of the steps made, however they ended, and ends the folder.
     pub(crate) fn conclude(mut self, end: Result<End>, wake: Option<WakeReport>) -> Result<ExitCode> {
         let written = end.and_then(|end| {
-            if end == End::Interrupted {
+            if end.goes_on() {
                 self.save()?;
             }
             Ok((end, self.write_results(end, wake.clone())?))
@@ -350,6 +360,10 @@ impl<'a, T: Real> Session<'a, T> {
         let mut summary = summarise(self.input, &self.run, &self.recorder, wall, status);
         summary.resumed_at_step = self.resumed_at;
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        let breaks = self.breaks.iter().enumerate();
+        summary.into_overlap = breaks
+            .filter_map(|(m, b)| overlap_break(&self.run, m, b.as_ref()))
+            .collect();
         summary
     }
 
@@ -367,6 +381,7 @@ impl<'a, T: Real> Session<'a, T> {
         let mut end = End::Complete;
         // Once is enough: the state that follows is as odd.
         let mut strange = !self.bounds.watch(&self.run).is_empty();
+        let mut told: Vec<bool> = self.breaks.iter().map(|b| has_left(b.as_ref())).collect();
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             let drawn = energy.is_some();
@@ -377,7 +392,12 @@ impl<'a, T: Real> Session<'a, T> {
                 odd.into_iter().for_each(|w| self.warn(w));
             }
             progress.set(made);
+            let left = self.watch_overlaps(&mut told);
             if made == self.steps {
+                break;
+            }
+            if left {
+                end = End::IntoOverlap;
                 break;
             }
             if woken(&self.run, &mut self.stage) {
@@ -396,6 +416,23 @@ impl<'a, T: Real> Session<'a, T> {
         Ok(end)
     }
 
+    /// Says once per model that its first bond in an overlap has broken; whether the scene ends there.
+    fn watch_overlaps(&mut self, told: &mut [bool]) -> bool {
+        let mut ends = false;
+        for (m, told) in told.iter_mut().enumerate() {
+            if *told || !has_left(self.breaks[m].as_ref()) {
+                continue;
+            }
+            *told = true;
+            let line = overlap_break(&self.run, m, self.breaks[m].as_ref());
+            if let Some(line) = line {
+                self.warn(line.to_string());
+            }
+            ends |= stops_at_overlap(self.input, m);
+        }
+        ends
+    }
+
     /// Writes a checkpoint.
     pub(crate) fn save(&self) -> Result<()> {
         Checkpoint {
@@ -407,6 +444,32 @@ impl<'a, T: Real> Session<'a, T> {
         }
         .write(self.folder.path())
     }
+}
+
+/// Whether a bond of an overlap has broken.
+fn has_left(breaks: Option<&SharedLog>) -> bool {
+    breaks.is_some_and(|b| locked(b).first_in_overlap().is_some())
+}
+
+/// The first break of model `m` in an overlap.
+fn overlap_break<T: Real>(run: &Coupled<T>, m: usize, breaks: Option<&SharedLog>) -> Option<OverlapBreak> {
+    let log = locked(breaks?);
+    let first = log.first_in_overlap()?;
+    Some(OverlapBreak {
+        model: run.subdomains().get(m)?.model().name().to_owned(),
+        time: first.time,
+        place: first.place.into(),
+        bonds: log.events().iter().filter(|e| e.overlap).count(),
+    })
+}
+
+/// Whether an effect of the scene ends the run at the first break of model `m` in an overlap.
+fn stops_at_overlap(input: &Input<'_>, m: usize) -> bool {
+    let of = |(k, e): (usize, &crate::scene::Effect)| {
+        let stops = e.enabled && e.fracture.as_ref().is_some_and(|f| f.stop_at_overlap);
+        stops && build::effect_models(k, e, &input.scene).is_ok_and(|models| models.contains(&m))
+    };
+    input.scene.effect.iter().enumerate().any(of)
 }
 
 fn default_folder(input: &Input<'_>) -> PathBuf {
@@ -448,6 +511,7 @@ fn summarise<T: Real>(
         version: env!("CARGO_PKG_VERSION"),
         resumed_at_step: None,
         wake: None,
+        into_overlap: Vec::new(),
         set: input.set.to_vec(),
         threads: input.threads,
         models: summary::models(run),

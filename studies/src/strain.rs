@@ -9,11 +9,13 @@ use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::observer::Silent;
 use arlequin::core::overlap::{Overlap, Place, Slab};
+use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::dem_beam::{BeamMaterial, BondedParticles, Container, Criterion, DemModel, LoadShare, Matter, Packing, PackingSpec};
+use arlequin::dem_beam::{
+    BeamMaterial, BondedParticles, Container, Criterion, DemModel, LoadShare, Matter, Packing, PackingSpec,
+};
 use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, generate};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -131,7 +133,12 @@ impl Bar {
         Ok((model, numbers))
     }
 
-    fn pulled(&self, model: DemModel, weights: Weights<f64>, time: TimeFunction<f64>) -> Result<Subdomain<f64>> {
+    fn pulled(
+        &self,
+        model: DemModel,
+        weights: Weights<f64>,
+        time: TimeFunction<f64>,
+    ) -> Result<Subdomain<f64>> {
         let face = model.select(|x| x.x < 1.0);
         let force = Vector3::new(-self.section * self.section, 0.0, 0.0);
         let load = Load::on_dofs("pull", model.force(&face, force, LoadShare::Mass)?, time)?;
@@ -154,12 +161,20 @@ impl Bar {
         let along = ((to - from) / h).round().max(1.0) as usize;
         let low = Point3::new(from, 0.0, 0.0);
         let high = Point3::new(to, self.section, self.section);
-        Ok(generate::block(ElementKind::Hex8, low, high, [along, across, across])?)
+        Ok(generate::block(
+            ElementKind::Hex8,
+            low,
+            high,
+            [along, across, across],
+        )?)
     }
 
     fn slab(&self) -> Result<Arc<dyn Overlap<f64>>> {
         let at = |x: f64| Point3::new(x, 0.0, 0.0);
-        Ok(Arc::new(Slab::between(at(self.zone), at(self.zone + self.overlap))?))
+        Ok(Arc::new(Slab::between(
+            at(self.zone),
+            at(self.zone + self.overlap),
+        )?))
     }
 
     fn weight(&self) -> Result<Arc<Ramp<f64>>> {
@@ -169,7 +184,9 @@ impl Bar {
             Some(p) => p.clone(),
             None => Profile::mediator_compatible(&stations)?,
         };
-        Ok(Arc::new(Ramp::new(self.slab()?, profile, self.epsilon)?.with_fine_floor(self.fine_epsilon)?))
+        Ok(Arc::new(
+            Ramp::new(self.slab()?, profile, self.epsilon)?.with_fine_floor(self.fine_epsilon)?,
+        ))
     }
 
     /// The coupled body.
@@ -177,12 +194,23 @@ impl Bar {
         let weights = Weights::same(self.weight()?);
         let mesh = self.box_of(self.zone, self.length(), self.h)?;
         let nodes = mesh.nodes().iter().enumerate();
-        let held = nodes.filter(|(_, x)| x.x > self.length() - 1e-9).flat_map(|(k, _)| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+        let held = nodes
+            .filter(|(_, x)| x.x > self.length() - 1e-9)
+            .flat_map(|(k, _)| [3 * k, 3 * k + 1, 3 * k + 2])
+            .collect();
         let elements = FemModel::new("elements", mesh, Elastic::new(MATERIAL.0, MATERIAL.1, 1.0)?)?;
         let (model, numbers) = Self::particles(packing, self.zone + self.overlap)?;
         let bonds = model.body().clone();
-        let mut fine = self.pulled(model, Weights::complement_of(std::slice::from_ref(&weights)), time)?;
-        let mediator = Arc::new(FemMediator::new(self.box_of(self.zone, self.zone + self.overlap, self.mediator)?));
+        let mut fine = self.pulled(
+            model,
+            Weights::complement_of(std::slice::from_ref(&weights)),
+            time,
+        )?;
+        let mediator = Arc::new(FemMediator::new(self.box_of(
+            self.zone,
+            self.zone + self.overlap,
+            self.mediator,
+        )?));
         if self.absorber > 0.0 {
             let (slab, top) = (self.slab()?, self.absorber);
             let rate = move |x: &Point3<f64>| match slab.place(x) {
@@ -248,12 +276,7 @@ impl Bar {
         self.paired(&packing, &coupled, &alone)
     }
 
-    fn paired(
-        &self,
-        packing: &Packing,
-        coupled: &Loads,
-        alone: &Loads,
-    ) -> Result<Vec<Pair>> {
+    fn paired(&self, packing: &Packing, coupled: &Loads, alone: &Loads) -> Result<Vec<Pair>> {
         use arlequin::core::weight::Weight;
         let (slab, weight) = (self.slab()?, self.weight()?);
         let of = |(key, load): (&[u32; 2], &f64)| {

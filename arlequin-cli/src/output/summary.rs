@@ -29,6 +29,9 @@ pub(crate) struct Summary {
     /// The sleeping model and what woke it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) wake: Option<WakeReport>,
+    /// First bonds that broke in an overlap, one per model.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) into_overlap: Vec<OverlapBreak>,
     /// Assignments of `--set`.
     pub(crate) set: Vec<String>,
     /// Worker threads.
@@ -65,6 +68,32 @@ pub(crate) struct Summary {
     pub(crate) probes: BTreeMap<String, ProbeLine>,
     /// What a user should know.
     pub(crate) warnings: Vec<String>,
+}
+
+/// A crack that ran into an overlap.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct OverlapBreak {
+    /// The model.
+    pub(crate) model: String,
+    /// Time of the first break there \[s\].
+    pub(crate) time: f64,
+    /// Its place \[m\].
+    pub(crate) place: [f64; 3],
+    /// Bonds of overlaps that are broken by now.
+    pub(crate) bonds: usize,
+}
+
+impl std::fmt::Display for OverlapBreak {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [x, y, z] = self.place;
+        write!(
+            f,
+            "model '{}': a bond broke in an overlap at t = {:.4e} s, at ({x:.3e}, {y:.3e}, {z:.3e}) m: breakage has left the \
+             particles' own region, where results are those of particles alone; enlarge it, or end the run there \
+             (fracture.stop_at_overlap = true)",
+            self.model, self.time
+        )
+    }
 }
 
 /// A model that slept, and what its waking did.
