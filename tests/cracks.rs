@@ -111,8 +111,10 @@ fn compliance_of_a_cracked_bar_is_that_of_a_mesh_with_a_slit() {
         let limit = 2.0 * fem[1] - fem[0];
         let found = [8, 16].map(|n| natural(n, depth));
         let off = found.map(|c| 100.0 * (c / limit - 1.0));
-        let allowed = if depth > 0.0 { 2.0 } else { 1e-8 };
+        // Half the width left, the coarser crack is 5.7 % too soft; extrapolated alike, the two agree.
+        let [exact, allowed] = if depth > 0.0 { [2.0, 6.0] } else { [1e-8; 2] };
         assert!(off.iter().all(|o| o.abs() < allowed), "{depth}: {off:?}");
+        assert!((100.0 * ((2.0 * found[1] - found[0]) / limit - 1.0)).abs() < exact);
         println!("depth {depth}: slit {fem:.4?} -> {limit:.4}, crack {found:.4?}, {off:+.2?} %");
     }
 }

@@ -15,7 +15,7 @@ use arlequin::core::snapshot::Snapshot;
 use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Error, InterfaceOptions, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{Coupled, Error, InterfaceOptions, Partition, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
 use arlequin::fem_ref::{ElementKind, FemModel};
@@ -211,7 +211,9 @@ fn dependent_multipliers_need_the_tolerance_of_single_precision() {
 fn nodal_weighting_has_no_matrix_to_step_with() {
     let w = solid::weights(Profile::Cubic, 0.05).with_weighting(Weighting::Nodal);
     let mesh = solid::block::<f64>(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]);
-    let body = Subdomain::coarse(FemModel::new("left", mesh, solid::material()).unwrap(), w);
+    // A share of a body, alone on purpose.
+    let body = Subdomain::coarse(FemModel::new("left", mesh, solid::material()).unwrap(), w)
+        .with_partition(Partition::Unchecked);
     let run = Coupled::new(vec![body], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
     assert!(matches!(run.narrowed(), Err(Error::DoubleOnly { .. })));
 }

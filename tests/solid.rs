@@ -8,6 +8,7 @@ mod support;
 
 use arlequin::core::conformance;
 use arlequin::core::effect::{Absorber, BodyForce, Load, MassDamping};
+use arlequin::core::field::ShapeRow;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
 use arlequin::core::junction::{H1Gradient, H1Strain, L2};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -17,7 +18,7 @@ use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::{Complement, Profile, Ramp, Weight};
 use arlequin::core::{Coupled, Error, Sampling, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{ElementKind, FemModel};
+use arlequin::fem_ref::{ElementKind, FemModel, Mesh};
 use arlequin_studies::solid::{kept, momentum_scale};
 use std::sync::Arc;
 use support::solid::{self, bodies, couple, junctions, material, mediator, shaken, spec};
@@ -62,11 +63,23 @@ fn overhanging_mediator_is_refused_with_the_measure_outside() {
     assert!(matches!(e, Error::EmptyOverlap { .. }), "{e}");
 }
 
-/// Deviation from uniform tension of a bar fixed at the left and pulled at the right.
-fn patch(coarse: ElementKind, fine: ElementKind, profile: Profile<f64>, epsilon: f64) -> f64 {
+/// Deviation from uniform tension of a bar fixed at the left and pulled at the right, in displacement and in strain.
+fn patch(coarse: ElementKind, fine: ElementKind, profile: Profile<f64>, epsilon: f64) -> [f64; 2] {
+    let left = solid::block(coarse, [0.0, 3.0], [7, 2, 2]);
+    patch_of(left, solid::block(fine, [2.0, 4.0], [9, 3, 3]), profile, epsilon).0
+}
+
+/// The same on given meshes, and the warnings of the interface.
+fn patch_of(
+    left: Mesh<f64>,
+    right: Mesh<f64>,
+    profile: Profile<f64>,
+    epsilon: f64,
+) -> ([f64; 2], Vec<String>) {
     let w = solid::weights(profile, epsilon);
-    let left = FemModel::new("left", solid::block(coarse, [0.0, 3.0], [7, 2, 2]), material()).unwrap();
-    let right = FemModel::new("right", solid::block(fine, [2.0, 4.0], [9, 3, 3]), material()).unwrap();
+    let coarse = left.kind();
+    let left = FemModel::new("left", left, material()).unwrap();
+    let right = FemModel::new("right", right, material()).unwrap();
     // u = ε (x, −ν y, −ν z): roller supports on three faces, displacement at the far end.
     let support = |model: &FemModel<f64>, group: &str, axis: usize, amplitude: f64| {
         let dofs = model
@@ -111,7 +124,71 @@ fn patch(coarse: ElementKind, fine: ElementKind, profile: Profile<f64>, epsilon:
             worst = worst.max((Vector3::new(u[0], u[1], u[2]) - exact).norm());
         }
     }
-    worst / 0.04
+    let mut strain: f64 = 0.0;
+    let mut row = ShapeRow::default();
+    for (s, q) in c.subdomains().iter().zip(&e.displacements) {
+        for cell in s.field().cells() {
+            let corners = cell.corners();
+            let sum = corners.iter().fold(Vector3::zeros(), |s, p| s + p.coords);
+            let centre = Point3::from(sum / corners.len() as f64);
+            s.field().shape_at(&centre, true, &mut row).unwrap();
+            let each = row.nodes.iter().zip(&row.gradients);
+            let xx: f64 = each.map(|(n, g)| q[3 * n] * g.x).sum();
+            strain = strain.max((xx / 0.01 - 1.0).abs());
+        }
+    }
+    (
+        [worst / 0.04, strain],
+        c.interfaces()[0].report().warnings.clone(),
+    )
+}
+
+#[test]
+fn warped_hexahedra_are_warned_of_with_their_warp_and_the_patch_test_says_by_how_much() {
+    // Nodes inside both blocks are moved across; the faces of the elements leave their planes.
+    let mesh = |x: [f64; 2], counts, by: f64| {
+        let inside = move |p: &Point3<f64>, k: usize| p[k] > 1e-9 && p[k] < 1.0 - 1e-9;
+        let moved = move |p: &Point3<f64>| {
+            let bulge = (3.0 * p.x).sin() * (2.0 * p.y + 5.0 * p.z).cos() * by;
+            let free = |k: usize| if inside(p, k) { bulge } else { 0.0 };
+            let along = if p.x > x[0] + 1e-9 && p.x < x[1] - 1e-9 {
+                bulge
+            } else {
+                0.0
+            };
+            Point3::new(p.x + along, p.y + free(1), p.z - free(2))
+        };
+        solid::block(ElementKind::Hex8, x, counts).mapped(moved).unwrap()
+    };
+    let mut last = 0.0;
+    for by in [0.005, 0.02, 0.05] {
+        let ([displacement, strain], warnings) = patch_of(
+            mesh([0.0, 3.0], [7, 4, 4], by),
+            mesh([2.0, 4.0], [9, 5, 5], by),
+            Profile::Linear,
+            0.0,
+        );
+        assert!(
+            warnings.iter().any(|w| w.contains("leave their planes by up to")),
+            "{warnings:?}"
+        );
+        // About 0.01 of the warp in displacement (2.6 times the shift of the nodes), 0.1 of it in strain.
+        assert!(
+            displacement > last && displacement < 0.03 * by && strain < 0.3 * by,
+            "{by}: {displacement:e} {strain:e}"
+        );
+        last = displacement;
+    }
+    let (flat, warnings) = patch_of(
+        mesh([0.0, 3.0], [7, 4, 4], 0.0),
+        mesh([2.0, 4.0], [9, 5, 5], 0.0),
+        Profile::Linear,
+        0.0,
+    );
+    assert!(
+        flat[0] < 1e-11 && flat[1] < 1e-10 && warnings.is_empty(),
+        "{flat:?} {warnings:?}"
+    );
 }
 
 #[test]
@@ -122,11 +199,13 @@ fn patch_test_in_space() {
         (ElementKind::Hex8, ElementKind::Hex8),
         (ElementKind::Hex8, ElementKind::Tet4),
     ] {
-        let defect = patch(coarse, fine, Profile::Linear, 0.0);
+        let [defect, strain] = patch(coarse, fine, Profile::Linear, 0.0);
         assert!(defect < 1e-11, "{coarse:?} | {fine:?}: {defect:e}");
+        assert!(strain < 1e-10, "{coarse:?} | {fine:?}: strain {strain:e}");
     }
-    let cubic = patch(ElementKind::Tet4, ElementKind::Tet4, Profile::Cubic, 0.05);
+    let [cubic, strain] = patch(ElementKind::Tet4, ElementKind::Tet4, Profile::Cubic, 0.05);
     assert!(cubic > 1e-6 && cubic < 0.02, "{cubic:e}");
+    assert!(strain > cubic && strain < 0.5, "{strain:e}");
 }
 
 #[test]

@@ -136,21 +136,27 @@ fn check_5_the_scheme_filters_nothing_and_the_absorber_does() {
 
 #[test]
 fn check_6_patch_test_is_exact_where_it_can_be() {
-    let with = |profile| {
-        waves::patch(&Line {
+    let both = |profile| {
+        waves::patch_defects(&Line {
             profile,
             ..waves::patch_line()
         })
         .unwrap()
     };
+    let with = |profile| both(profile).displacement;
     let linear = with(Profile::Linear);
     assert!(linear <= 1e-11, "linear weight {linear:e}");
+    let strain = both(Profile::Linear).strain;
+    assert!(strain <= 1e-10, "strain, linear weight {strain:e}");
     let stations: Vec<f64> = (0..=4).map(|k| f64::from(k) / 4.0).collect();
     let compatible = with(Profile::mediator_compatible(&stations).unwrap());
     assert!(compatible <= 1e-11, "mediator-compatible weight {compatible:e}");
     // The plain cubic is not in the mediator space: finite, known, small.
     let cubic = with(Profile::Cubic);
     assert!(cubic > 1e-6 && cubic < 5e-3, "cubic weight {cubic:e}");
+    // In strain the same state is off by far more than in displacement.
+    let strain = both(Profile::Cubic).strain;
+    assert!((strain - 0.213).abs() < 0.005, "strain, cubic weight {strain:e}");
 }
 
 #[test]
@@ -158,11 +164,11 @@ fn check_7_reflection_below_the_cutoff() {
     // The published bounds are the largest of six wavelengths; over all of [4.2, 40] h the true maxima are a little
     // higher (0.0847, 0.0266, 0.0071): between the samples the reflections of the two borders add up.
     let bounds = [
-        (20.0, 0.0845, 0.0847),
-        (40.0, 0.0239, 0.0266),
-        (80.0, 0.0070, 0.0071),
+        (20.0, 0.0845, 0.0847, [2.77, 2.335]),
+        (40.0, 0.0239, 0.0266, [2.11, 1.624]),
+        (80.0, 0.0070, 0.0071, [1.888, 1.328]),
     ];
-    for (overlap, sampled, dense) in bounds {
+    for (overlap, sampled, dense, strains) in bounds {
         let line = Line {
             profile: Profile::Cubic,
             epsilon: 1e-6,
@@ -175,6 +181,24 @@ fn check_7_reflection_below_the_cutoff() {
             assert!((power - 1.0).abs() < 1e-8, "power balance at {}", s.wavelength);
         }
         assert!((six[0].wavelength - 42.0).abs() < 1e-5);
+        // In strain the overlap is seen far better: the weight of the fine model vanishes at its border, and with a slope
+        // of the cubic that is not in the mediator space its springs there are strained up to 2.8 times too much.
+        for (s, expected) in [six[3], six[5]].iter().zip(strains) {
+            let [low, high] = s.strain;
+            assert!(
+                (high - expected).abs() < 0.02 && low > 0.9 && low < 1.0,
+                "{overlap}: {low} {high}"
+            );
+        }
+        let linear = Line {
+            profile: Profile::Linear,
+            ..line.clone()
+        };
+        let found = waves::scattering(&linear, &[12.0, 40.0]).unwrap();
+        for (s, limit) in found.iter().zip([0.04, 0.004]) {
+            let [low, high] = s.strain;
+            assert!(high < 1.0 + limit && low > 1.0 - limit, "{overlap}: {low} {high}");
+        }
         let r = six.iter().fold(0.0, |m: f64, s| m.max(s.reflection));
         assert!(
             (r / sampled - 1.0).abs() <= 0.01,

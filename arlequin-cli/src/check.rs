@@ -94,6 +94,7 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
         warnings,
         ..
     } = built;
+    let packings: Vec<_> = drawn.iter().map(|d| d.packing.clone()).collect();
     // Nothing is written: the folder is only a name.
     let frames = Frames::new(PathBuf::new(), &scene.output.fields, &run, drawn, mediators);
     let plan = run.plan();
@@ -101,7 +102,7 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
     Plan {
         scene: input.source.path.display().to_string(),
         title: scene.title.clone(),
-        models: summary::models(&run),
+        models: summary::models(&run, &packings),
         interface: summary::interfaces(&run, &[]),
         effects: plan.effects.clone(),
         dt: plan.dt,

@@ -7,6 +7,7 @@
 
 use crate::check::Plan;
 use crate::effects::Comparison;
+use crate::output::packing::PackingLine;
 use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, MomentumLine, Summary, WakeReport};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -299,6 +300,9 @@ fn models(all: &[ModelLine]) {
             "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s",
             m.name, m.kind, m.nodes, m.unknowns, m.critical_dt
         );
+        for text in m.packing.iter().flat_map(PackingLine::text) {
+            println!("           {text}");
+        }
     }
 }
 
@@ -316,6 +320,27 @@ fn interfaces(all: &[InterfaceLine]) {
             i.rank,
             i.condition
         );
+        let [coarse, fine] = i.tied.map(|t| 100.0 * t);
+        println!(
+            "           tied {coarse:.1} % of the coarse and {fine:.1} % of the fine nodes in the overlap, {:.2} % of it outside \
+             the mediator",
+            100.0 * i.outside_mediator
+        );
+        if i.partition_checked {
+            println!(
+                "           weights sum to one; {:.2} % of the overlap is missing at surfaces, mass {:+.2} % of the overlap's",
+                100.0 * i.missing_weight,
+                100.0 * i.excess_mass
+            );
+        } else {
+            println!("           weights need not sum to one: partition = \"unchecked\"");
+        }
+        if i.initial_jump > 0.0 {
+            println!(
+                "           initial displacements differed by {:.3e} m and were made to agree, by {:.3e} m at the most",
+                i.initial_jump, i.initial_change
+            );
+        }
     }
 }
 

@@ -3,16 +3,17 @@
 use crate::Input;
 use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
+use crate::crossing::{self, Crossing};
 use crate::error::{Error, Result};
-use crate::output::summary::{self, Energy, OverlapBreak, ProbeLine, Summary, WakeReport, WallSeconds};
+use crate::output::packing::PackingLine;
+use crate::output::summary::{self, Energy, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::Precision;
-use crate::spectrum;
 use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
-use arlequin::dem_beam::fracture::{SharedLog, locked};
+use arlequin::dem_beam::fracture::SharedLog;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -155,6 +156,7 @@ pub(crate) struct Session<'a, T: Real> {
     pub(crate) stage: Option<Stage>,
     breaks: Vec<Option<SharedLog>>,
     strangers: Strangers,
+    packings: Vec<Option<PackingLine>>,
     bounds: Bounds,
 }
 
@@ -164,6 +166,7 @@ impl<'a, T: Real> Session<'a, T> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
+        let packings = built.drawn.iter().map(|d| d.packing.clone()).collect();
         let frames = Frames::new(vtu, &settings.fields, &built.run, built.drawn, built.mediators);
         Ok(Self {
             recorder: Recorder::new(
@@ -185,6 +188,7 @@ impl<'a, T: Real> Session<'a, T> {
             stage: None,
             breaks,
             strangers: built.strangers,
+            packings,
             bounds: built.bounds,
         })
     }
@@ -359,11 +363,9 @@ impl<'a, T: Real> Session<'a, T> {
         };
         let mut summary = summarise(self.input, &self.run, &self.recorder, wall, status);
         summary.resumed_at_step = self.resumed_at;
+        summary.models = summary::models(&self.run, &self.packings);
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
-        let breaks = self.breaks.iter().enumerate();
-        summary.into_overlap = breaks
-            .filter_map(|(m, b)| overlap_break(&self.run, m, b.as_ref()))
-            .collect();
+        summary.into_overlap = crossing::found(&self.run, &self.breaks);
         summary
     }
 
@@ -381,7 +383,7 @@ impl<'a, T: Real> Session<'a, T> {
         let mut end = End::Complete;
         // Once is enough: the state that follows is as odd.
         let mut strange = !self.bounds.watch(&self.run).is_empty();
-        let mut told: Vec<bool> = self.breaks.iter().map(|b| has_left(b.as_ref())).collect();
+        let mut crossing = Crossing::since(&self.breaks);
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             let drawn = energy.is_some();
@@ -392,11 +394,12 @@ impl<'a, T: Real> Session<'a, T> {
                 odd.into_iter().for_each(|w| self.warn(w));
             }
             progress.set(made);
-            let left = self.watch_overlaps(&mut told);
+            let (said, ends) = crossing.watch(self.input, &self.run, &self.breaks);
+            said.into_iter().for_each(|w| self.warn(w));
             if made == self.steps {
                 break;
             }
-            if left {
+            if ends {
                 end = End::IntoOverlap;
                 break;
             }
@@ -416,23 +419,6 @@ impl<'a, T: Real> Session<'a, T> {
         Ok(end)
     }
 
-    /// Says once per model that its first bond in an overlap has broken; whether the scene ends there.
-    fn watch_overlaps(&mut self, told: &mut [bool]) -> bool {
-        let mut ends = false;
-        for (m, told) in told.iter_mut().enumerate() {
-            if *told || !has_left(self.breaks[m].as_ref()) {
-                continue;
-            }
-            *told = true;
-            let line = overlap_break(&self.run, m, self.breaks[m].as_ref());
-            if let Some(line) = line {
-                self.warn(line.to_string());
-            }
-            ends |= stops_at_overlap(self.input, m);
-        }
-        ends
-    }
-
     /// Writes a checkpoint.
     pub(crate) fn save(&self) -> Result<()> {
         Checkpoint {
@@ -444,32 +430,6 @@ impl<'a, T: Real> Session<'a, T> {
         }
         .write(self.folder.path())
     }
-}
-
-/// Whether a bond of an overlap has broken.
-fn has_left(breaks: Option<&SharedLog>) -> bool {
-    breaks.is_some_and(|b| locked(b).first_in_overlap().is_some())
-}
-
-/// The first break of model `m` in an overlap.
-fn overlap_break<T: Real>(run: &Coupled<T>, m: usize, breaks: Option<&SharedLog>) -> Option<OverlapBreak> {
-    let log = locked(breaks?);
-    let first = log.first_in_overlap()?;
-    Some(OverlapBreak {
-        model: run.subdomains().get(m)?.model().name().to_owned(),
-        time: first.time,
-        place: first.place.into(),
-        bonds: log.events().iter().filter(|e| e.overlap).count(),
-    })
-}
-
-/// Whether an effect of the scene ends the run at the first break of model `m` in an overlap.
-fn stops_at_overlap(input: &Input<'_>, m: usize) -> bool {
-    let of = |(k, e): (usize, &crate::scene::Effect)| {
-        let stops = e.enabled && e.fracture.as_ref().is_some_and(|f| f.stop_at_overlap);
-        stops && build::effect_models(k, e, &input.scene).is_ok_and(|models| models.contains(&m))
-    };
-    input.scene.effect.iter().enumerate().any(of)
 }
 
 fn default_folder(input: &Input<'_>) -> PathBuf {
@@ -514,7 +474,7 @@ fn summarise<T: Real>(
         into_overlap: Vec::new(),
         set: input.set.to_vec(),
         threads: input.threads,
-        models: summary::models(run),
+        models: Vec::new(),
         precision: input.scene.time.precision.name(),
         dt: plan.dt,
         critical_dt: plan.critical_dt,
@@ -539,27 +499,7 @@ fn summarise<T: Real>(
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,
         effect_ledger: Vec::new(),
-        probes: probe_lines(r),
+        probes: summary::probes(r),
         warnings: r.warnings.clone(),
     }
-}
-
-fn probe_lines(r: &Recorder) -> std::collections::BTreeMap<String, ProbeLine> {
-    let times = &r.probes.times;
-    let step = match times.as_slice() {
-        [first, .., last] => (last - first) / (times.len() - 1) as f64,
-        _ => 0.0,
-    };
-    let line = |(p, values): (&build::Reader, &Vec<f64>)| {
-        let line = ProbeLine {
-            quantity: p.quantity.label(),
-            last: values.last().copied().unwrap_or_default(),
-            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
-            min: values.iter().copied().fold(f64::INFINITY, f64::min),
-            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-            frequencies: spectrum::frequencies(values, step),
-        };
-        (p.name.clone(), line)
-    };
-    r.readers.iter().zip(&r.probes.columns).map(line).collect()
 }

@@ -30,8 +30,10 @@ fn pulse(kinds: [&str; 2]) -> [f64; 3] {
         &right,
     ];
     let mut arguments = arguments.to_vec();
-    if !kinds.contains(&"dem") {
-        arguments.extend(CONTINUA);
+    match kinds {
+        [_, "dem"] => {}
+        ["dem", _] => arguments.extend(&CONTINUA[..2]),
+        _ => arguments.extend(CONTINUA),
     }
     succeed(&arguments);
     let s = summary(&out);
@@ -67,6 +69,7 @@ fn any_pair_by_one_word() {
     for (kinds, reflected) in [
         (["fem", "dem"], 0.02),
         (["fem", "fem"], 0.02),
+        (["fem", "cnem"], 0.03),
         (["cnem", "fem"], 0.03),
         (["cnem", "dem"], 0.04),
         (["cnem", "cnem"], 0.04),
@@ -88,12 +91,52 @@ fn any_pair_by_one_word() {
 
 #[test]
 fn particles_as_the_coarse_model() {
-    // Five particles across: their packing is stiffer than the fine one, an impedance jump of its own.
-    let [incident, back, through] = pulse(["dem", "dem"]);
-    assert!(
-        back < 0.1 * incident && (through / incident - 1.0).abs() < 0.1,
-        "{back} {through} of {incident}"
-    );
+    // Five particles across: their packing is stiffer than what follows, an impedance jump of its own.
+    for fine in ["dem", "fem", "cnem"] {
+        let [incident, back, through] = pulse(["dem", fine]);
+        assert!(
+            back < 0.1 * incident && (through / incident - 1.0).abs() < 0.1,
+            "dem | {fine}: {:.4} of the amplitude comes back, {:.4} goes through",
+            back / incident,
+            through / incident
+        );
+    }
+}
+
+/// The field of natural neighbours between the particles, on either side or on both: cells in place of points.
+#[test]
+fn natural_neighbours_between_particles_on_either_side() {
+    let path = scene("dem-fem-beam.toml");
+    for kinds in [["dem", "fem"], ["dem", "cnem"], ["fem", "dem"], ["dem", "dem"]] {
+        for (k, side) in ["left", "right"]
+            .into_iter()
+            .enumerate()
+            .filter(|(k, _)| kinds[*k] == "dem")
+        {
+            let field = format!("model.{side}.dem.field=natural");
+            let other = if k == 0 { "right" } else { "left" };
+            let sets = [
+                format!("model.left.kind={}", kinds[0]),
+                format!("model.right.kind={}", kinds[1]),
+                "model.left.spacing=0.6e-3".into(),
+                "model.right.spacing=0.5e-3".into(),
+                "interface.middle.mediator.spacing=2e-3".into(),
+                "interface.middle.sampling=projection".into(),
+                field,
+            ];
+            let mut arguments = vec!["check", "--json", text(&path)];
+            sets.iter().for_each(|s| arguments.extend(["--set", s]));
+            // Both as natural neighbours where both are particles: points of one are not points of the other.
+            let both = format!("model.{other}.dem.field=natural");
+            if kinds == ["dem", "dem"] {
+                arguments.extend(["--set", &both]);
+            }
+            let plan: serde_json::Value = serde_json::from_str(&succeed(&arguments)).expect("a plan");
+            let line = &plan["interface"][0];
+            assert_eq!(line["rank"], line["multipliers"], "{kinds:?}");
+            assert!(number(&plan, "/interface/0/condition") < 1e8, "{kinds:?}: {line}");
+        }
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{number, scene, scratch, succeed, summary, text};
+use common::{arlequin, number, scene, scratch, succeed, summary, text};
 use std::path::{Path, PathBuf};
 
 fn run(name: &str, assignments: &[&str]) -> PathBuf {
@@ -128,4 +128,50 @@ fn check_prints_the_plan_and_writes_nothing() {
     let json = succeed(&["check", text(&path), "--json"]);
     let plan: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     assert_eq!(plan["interface"][0]["multipliers"], 9);
+}
+
+#[test]
+fn overlaps_that_one_model_does_not_fill_are_refused_and_reports_say_what_is_tied() {
+    let check = |name: &str, more: &[&str]| {
+        let path = scene(name);
+        let mut arguments = vec!["check", "--json", text(&path)];
+        more.iter().for_each(|m| arguments.extend(["--set", m]));
+        let out = arlequin(&arguments);
+        let plan: Option<serde_json::Value> = serde_json::from_slice(&out.stdout).ok();
+        (plan, String::from_utf8_lossy(&out.stderr).into_owned())
+    };
+    // A slab that begins where only the clamped part is.
+    let wide = [
+        "interface.middle.overlap.slab.coarse=[0.05, 0, 0]",
+        "interface.middle.mediator.shape={ box = { low = [0.1016, 0, 0], high = [0.1524, 25.4e-3, 12.7e-3] } }",
+    ];
+    let (plan, message) = check("cantilever.toml", &wide);
+    assert!(
+        plan.is_none() && message.contains("model 'clamped', at ("),
+        "{message}"
+    );
+    assert!(message.contains("not to 1 within 1e-6"), "{message}");
+    // A deliberate study says so.
+    let free = [wide[0], wide[1], "interface.middle.partition=unchecked"];
+    let (plan, message) = check("cantilever.toml", &free);
+    let plan = plan.unwrap_or_else(|| panic!("{message}"));
+    assert_eq!(plan["interface"][0]["partition_checked"], false);
+    // A mediator over a quarter of the overlap.
+    let quarter = [
+        "interface.middle.mediator.shape={ box = { low = [0.1016, 0, 0], high = [0.1143, 25.4e-3, 12.7e-3] } }",
+    ];
+    let (plan, message) = check("cantilever.toml", &quarter);
+    assert!(
+        plan.is_none() && message.contains("of the overlap lies outside the mediator"),
+        "{message}"
+    );
+    // As shipped: initial displacements are made to agree, and a square mediator ties nearly all particles of a circle.
+    let (plan, message) = check("cantilever.toml", &[]);
+    let plan = plan.unwrap_or_else(|| panic!("{message}"));
+    assert!((number(&plan, "/interface/0/initial_jump") - 7.938e-6).abs() < 1e-8);
+    assert!(number(&plan, "/interface/0/excess_mass").abs() < 1e-6);
+    let (plan, message) = check("dem-fem-beam.toml", &["model.right.dem.protocol=quench"]);
+    let plan = plan.unwrap_or_else(|| panic!("{message}"));
+    let tied = number(&plan, "/interface/0/tied/1");
+    assert!(tied > 0.93, "{tied}");
 }

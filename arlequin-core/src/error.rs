@@ -1,5 +1,26 @@
 //! Errors of the core: each names the object, the value, the limit and a way out.
 
+/// What a weight is a share of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Share {
+    /// Internal energy, `α`.
+    Internal,
+    /// Kinetic energy, `β`.
+    Kinetic,
+    /// External work, `γ`.
+    External,
+}
+
+impl std::fmt::Display for Share {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Internal => "internal energy (alpha)",
+            Self::Kinetic => "kinetic energy (beta)",
+            Self::External => "external work (gamma)",
+        })
+    }
+}
+
 /// What can go wrong in the core.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -90,6 +111,110 @@ pub enum Error {
         /// Measure of the mediator.
         total: f64,
     },
+    /// Weights do not sum to one.
+    #[error(
+        "model '{model}', at ({:.6e}, {:.6e}, {:.6e}) m: the weights of the {kind} of the models there sum to {sum:.6} ({present}), not to 1 within 1e-6; let both models fill the whole overlap, give the fine one the complement of the coarse one's weights, or, for a deliberate study, choose an unchecked partition", point[0], point[1], point[2]
+    )]
+    PartitionOfUnity {
+        /// Model the point belongs to.
+        model: String,
+        /// The point \[m\].
+        point: [f64; 3],
+        /// Which weights.
+        kind: Share,
+        /// Models that are there, with their weights.
+        present: String,
+        /// Sum of the weights.
+        sum: f64,
+    },
+    /// Weights do not sum to one over a part of the overlap that is too large.
+    #[error(
+        "models '{models}': the weights of the {kind} are {:+.3} % off the overlap's measure in sum (limit {:.0} %), most of it at ({:.6e}, {:.6e}, {:.6e}) m; let the models fill the same space in the overlap and share it once, or, for a deliberate study, choose an unchecked partition", 100.0 * amount, 100.0 * limit, point[0], point[1], point[2]
+    )]
+    PartitionMeasure {
+        /// Names of the models.
+        models: String,
+        /// Which weights.
+        kind: Share,
+        /// Share of the overlap that is counted more than once, or (negative) not at all.
+        amount: f64,
+        /// Accepted share.
+        limit: f64,
+        /// Where most of it is \[m\].
+        point: [f64; 3],
+    },
+    /// One model fills more of the overlap than the other.
+    #[error(
+        "interface '{interface}': model '{larger}' fills {:.2} % of the overlap's measure more than model '{smaller}' (limit {:.0} %), which leaves weights unmatched there; let both end at the same borders, or, for a deliberate study, choose an unchecked partition", 100.0 * amount, 100.0 * limit
+    )]
+    UnequalShapes {
+        /// Name of the interface.
+        interface: String,
+        /// The model that fills more.
+        larger: String,
+        /// The other one.
+        smaller: String,
+        /// Difference relative to the overlap.
+        amount: f64,
+        /// Accepted difference.
+        limit: f64,
+    },
+    /// The weighted masses of all models are not the mass of the body.
+    #[error(
+        "models '{models}': their weighted masses stand for {measure:.6e} m³ {:+.3} % of the overlap (limit {:.0} %); weigh mass by the means of the weights over cells and bonds, or, for a deliberate study, choose an unchecked partition", 100.0 * amount, 100.0 * limit
+    )]
+    PartitionMass {
+        /// Names of the models.
+        models: String,
+        /// Deviation relative to the overlap's measure.
+        amount: f64,
+        /// Measure that the models fill together.
+        measure: f64,
+        /// Accepted deviation.
+        limit: f64,
+    },
+    /// The mediator leaves a part of the overlap untied.
+    #[error(
+        "interface '{interface}': {:.1} % of the overlap lies outside the mediator, such as ({:.6e}, {:.6e}, {:.6e}) m, more than half an element beyond it for more than {:.0} %; both models share their energy there but nothing ties them: let the mediator fill the overlap", 100.0 * outside, point[0], point[1], point[2], 100.0 * limit
+    )]
+    UncoveredOverlap {
+        /// Name of the interface.
+        interface: String,
+        /// Share of the overlap outside of the mediator.
+        outside: f64,
+        /// A point there \[m\].
+        point: [f64; 3],
+        /// Accepted share farther than half a mediator element away.
+        limit: f64,
+    },
+    /// The initial displacements of two models differ.
+    #[error(
+        "interface '{interface}': the initial displacements differ by {jump:.3e} m across the overlap, {:.1} % of the largest one ({largest:.3e} m, limit {:.0} %); give both models the same initial displacement there", 100.0 * jump / largest, 100.0 * limit
+    )]
+    InitialJump {
+        /// Name of the interface.
+        interface: String,
+        /// Largest difference, as the multipliers see it \[m\].
+        jump: f64,
+        /// Largest initial displacement of the two models \[m\].
+        largest: f64,
+        /// Accepted share.
+        limit: f64,
+    },
+    /// The cells of a field cover the mediator more than once.
+    #[error(
+        "interface '{interface}': the cells of model '{model}' cover {covered:.6e} of the mediator's measure {total:.6e}: they overlap each other; mend the mesh"
+    )]
+    CoveredTwice {
+        /// Name of the interface.
+        interface: String,
+        /// Name of the model.
+        model: String,
+        /// Measure covered.
+        covered: f64,
+        /// Measure of the mediator.
+        total: f64,
+    },
     /// The two sides sample the mediator differently, so that action and reaction differ.
     #[error(
         "interface '{interface}': the two sides integrate the mediator functions differently (relative defect {defect:.2e} > {limit:.0e}), which leaks momentum; use intersection or projection sampling on both sides"
@@ -137,6 +262,24 @@ pub enum Error {
         model: String,
         /// Node index.
         node: usize,
+    },
+    /// Two models that are tied are moved in different ways at one place.
+    #[error(
+        "interface '{interface}': at ({:.6e}, {:.6e}, {:.6e}) m models {models} are moved along {component} by prescribed motions that differ by {gap:.3e} m at t = {time:.3e} s; give both the same motion, or move one of them by its own region only", point[0], point[1], point[2]
+    )]
+    OpposedMotions {
+        /// Name of the interface.
+        interface: String,
+        /// The models, as "'a' and 'b'".
+        models: String,
+        /// Where \[m\].
+        point: Box<[f64; 3]>,
+        /// Which component.
+        component: char,
+        /// Largest difference \[m\].
+        gap: f64,
+        /// When \[s\].
+        time: f64,
     },
     /// A node has no weighted mass.
     #[error("model '{model}': node {node} at ({:.6e}, {:.6e}, {:.6e}) m has weighted mass {mass:e} kg; the weights leave it nothing: trim the model to its subdomain, choose epsilon > 0, or remove an overlap that is listed twice", point[0], point[1], point[2])]

@@ -69,6 +69,12 @@ pub trait Interpolation<T: Real>: Send + Sync {
         1
     }
 
+    /// How far faces of its elements are from planes, relative to the elements' lengths; the largest one. Cells with planar
+    /// faces fill such elements only nearly, and shape functions are no polynomials on them.
+    fn warp(&self) -> T {
+        T::zero()
+    }
+
     /// The field's own integration points, for fields that exist only there (particle quadrature).
     fn samples(&self) -> Option<&[Sample<T>]> {
         None

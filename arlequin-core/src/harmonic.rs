@@ -38,6 +38,9 @@ pub struct Scattering<T> {
     pub transmitted_power: T,
     /// Wavelength on the incident side \[m\].
     pub wavelength: T,
+    /// Smallest and largest modulus of the strain between two neighbouring nodes of either model, those of the overlap
+    /// included, over that of the incident wave: one where the overlap is not seen.
+    pub strain: [T; 2],
 }
 
 /// Matrices of a coupled one-dimensional system between two ports.
@@ -48,6 +51,8 @@ pub struct HarmonicOverlap<T: Real> {
     incident: Port<T>,
     outgoing: Port<T>,
     rows: [usize; 2],
+    /// Neighbouring unknowns and their distance \[m\].
+    neighbours: Vec<(usize, usize, T)>,
 }
 
 impl<T: Real> HarmonicOverlap<T> {
@@ -72,6 +77,7 @@ impl<T: Real> HarmonicOverlap<T> {
             starts.push(starts[starts.len() - 1] + i.multipliers().len());
         }
         let size = starts[starts.len() - 1];
+        let mut neighbours = Vec::new();
         let mut stiffness = DMatrix::zeros(size, size);
         let mut mass = DVector::zeros(size);
         for (k, s) in run.subdomains.iter().enumerate() {
@@ -90,6 +96,11 @@ impl<T: Real> HarmonicOverlap<T> {
                 .iter()
                 .enumerate()
                 .for_each(|(i, m)| mass[starts[k] + i] = *m);
+            let x = s.model().nodes();
+            let mut order: Vec<usize> = (0..x.len()).collect();
+            order.sort_by(|a, b| x[*a].x.as_f64().total_cmp(&x[*b].x.as_f64()));
+            let pairs = order.windows(2);
+            neighbours.extend(pairs.map(|p| (starts[k] + p[0], starts[k] + p[1], x[p[1]].x - x[p[0]].x)));
         }
         // Multiplier rows are scaled to the stiffness, so that the elimination compares like with like.
         let top: T = stiffness.amax();
@@ -125,6 +136,7 @@ impl<T: Real> HarmonicOverlap<T> {
             mass,
             incident,
             outgoing,
+            neighbours,
         })
     }
 
@@ -168,7 +180,14 @@ impl<T: Real> HarmonicOverlap<T> {
         let transmission = x[self.rows[1]].modulus();
         // Power carried by a wave of unit amplitude: ω k sin(κh) / 2, zero above the cutoff.
         let ratio = self.outgoing.stiffness * z_out.im / (self.incident.stiffness * z_in.im);
+        let incident = (one - z_in).modulus() / self.incident.spacing;
+        let mut strain = [T::of(f64::from(f32::MAX)), T::zero()];
+        for &(a, b, distance) in &self.neighbours {
+            let here = (x[b] - x[a]).modulus() / (distance * incident);
+            strain = [strain[0].min(here), strain[1].max(here)];
+        }
         Ok(Scattering {
+            strain,
             reflection,
             transmission,
             reflected_power: reflection * reflection,

@@ -2,6 +2,7 @@
 
 use crate::effect::Finding;
 use crate::field::Interpolation;
+use crate::geometry::Sample;
 use crate::momentum::Arms;
 use crate::snapshot::Record;
 use crate::weight::{Weight, Weighting};
@@ -166,6 +167,12 @@ pub trait Model<T: Real>: Send {
     /// Whatever keeps the model from doing so.
     fn evolve(&mut self, _: Evolution<'_, T>) -> Result<T> {
         Ok(T::zero())
+    }
+
+    /// Particles with the volumes they stand for \[m³\], for a model that consists of them: where it is, whatever field
+    /// interpolates between them. None for a model that fills the cells of its field.
+    fn particles(&self) -> Option<&[Sample<T>]> {
+        None
     }
 
     /// Effects that live in the model itself, by the names they have in reports: "fracture", "finite-rotations".

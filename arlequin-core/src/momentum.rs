@@ -71,6 +71,8 @@ const TURNED: f64 = 1e-2;
 struct Sums<T: Real> {
     momenta: [Vector3<T>; 2],
     sizes: [T; 2],
+    /// `Σ m |u|` and `Σ |y| m |u|`: what the digits of displacements are taken from.
+    moved: [T; 2],
 }
 
 impl<T: Real> Sums<T> {
@@ -78,6 +80,7 @@ impl<T: Real> Sums<T> {
         Self {
             momenta: [Vector3::zeros(); 2],
             sizes: [T::zero(); 2],
+            moved: [T::zero(); 2],
         }
     }
 }
@@ -88,6 +91,7 @@ impl<T: Real> std::ops::Add for Sums<T> {
         Self {
             momenta: [0, 1].map(|k: usize| self.momenta[k] + other.momenta[k]),
             sizes: [0, 1].map(|k: usize| self.sizes[k] + other.sizes[k]),
+            moved: [0, 1].map(|k: usize| self.moved[k] + other.moved[k]),
         }
     }
 }
@@ -103,10 +107,12 @@ pub(crate) struct Body<T: Real> {
     /// Largest sums of moduli so far, and largest changes relative to them.
     scale: [T; 2],
     top: [T; 2],
+    /// Whether changes were beyond their limit and beyond what the digits of displacements explain.
+    told: [bool; 2],
 }
 
 /// Numbers of a body in the record of the ledger.
-pub(crate) const RECORDED: usize = 13;
+pub(crate) const RECORDED: usize = 15;
 
 impl<T: Real> Body<T> {
     fn sums(&self, all: &[Subdomain<T>]) -> Sums<T> {
@@ -115,29 +121,37 @@ impl<T: Real> Body<T> {
         members.map(of).fold(Sums::zero(), |a, b| a + b)
     }
 
-    /// Whether its linear and its angular momentum should stay.
-    fn keeps(&self) -> [bool; 2] {
-        [
-            !matches!(self.claim, Claim::Neither(_)),
-            matches!(self.claim, Claim::Both),
-        ]
+    /// Changes above which either momentum is worth a word; `None` where that does not stay.
+    fn limits(&self) -> [Option<T>; 2] {
+        let strict = T::of(CHANGED).max(T::epsilon().sqrt());
+        match self.claim {
+            Claim::Both => [Some(strict); 2],
+            Claim::Linear(_) => [Some(strict), Some(T::of(TURNED))],
+            Claim::Neither(_) => [None; 2],
+        }
     }
 
-    /// Draws up the momenta; their changes relative to what is in play, zero for those that need not stay.
-    pub(crate) fn draw(&mut self, all: &[Subdomain<T>]) -> [T; 2] {
-        let [linear, angular] = self.keeps();
-        if !linear {
+    /// Draws up the momenta; their changes relative to what is in play, zero for those that need not stay. `rate` is the
+    /// number of steps so far over the length of one: forces know displacements to their last digit only, and what they
+    /// make of it adds up.
+    pub(crate) fn draw(&mut self, all: &[Subdomain<T>], rate: T) -> [T; 2] {
+        let limits = self.limits();
+        if limits[0].is_none() {
             return [T::zero(); 2];
         }
         let now = self.sums(all);
         let mut out = [T::zero(); 2];
         for (k, out) in out.iter_mut().enumerate() {
             self.scale[k] = self.scale[k].max(now.sizes[k]);
+            let change = (now.momenta[k] - self.start[k]).norm();
             if self.scale[k] > T::zero() {
-                *out = (now.momenta[k] - self.start[k]).norm() / self.scale[k];
+                *out = change / self.scale[k];
                 self.top[k] = self.top[k].max(*out);
             }
+            let resolved = change > T::epsilon() * rate * now.moved[k];
+            self.told[k] |= resolved && limits[k].is_some_and(|limit| *out > limit);
         }
+        let angular = matches!(self.claim, Claim::Both);
         [out[0], if angular { out[1] } else { T::zero() }]
     }
 
@@ -151,12 +165,14 @@ impl<T: Real> Body<T> {
             start: self.start.each_ref().map(one),
             scale: self.scale.map(narrow::to),
             top: self.top.map(narrow::to),
+            told: self.told,
         }
     }
 
     pub(crate) fn record(&self) -> impl Iterator<Item = T> {
         let vectors = [self.centre, self.start[0], self.start[1]];
-        let numbers = [self.scale, self.top];
+        let told = self.told.map(|t| if t { T::one() } else { T::zero() });
+        let numbers = [self.scale, self.top, told];
         let vectors = vectors.into_iter().flat_map(<[T; 3]>::from);
         vectors.chain(numbers.into_iter().flatten())
     }
@@ -167,6 +183,7 @@ impl<T: Real> Body<T> {
         self.centre = three(0);
         self.start = [three(3), three(6)];
         (self.scale, self.top) = ([from[9], from[10]], [from[11], from[12]]);
+        self.told = [from[13], from[14]].map(|t| t > T::zero());
     }
 }
 
@@ -179,8 +196,10 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
     let part = |range: std::ops::Range<usize>| {
         range.fold(Sums::zero(), |mut sum, k| {
             let (mut p, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
+            let mut u = Vector3::zeros();
             for c in 0..d {
                 p[c] = m[k * d + c] * state.v[k * d + c];
+                u[c] = m[k * d + c] * state.q[k * d + c];
                 if arms == Arms::Current {
                     y[c] += state.q[k * d + c];
                 }
@@ -192,6 +211,8 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
             let orbit = y.cross(&p);
             sum.momenta = [sum.momenta[0] + p, sum.momenta[1] + orbit + own];
             sum.sizes = [sum.sizes[0] + p.norm(), sum.sizes[1] + orbit.norm() + own.norm()];
+            let moved = u.norm();
+            sum.moved = [sum.moved[0] + moved, sum.moved[1] + moved * y.norm()];
             sum
         })
     };
@@ -231,19 +252,13 @@ impl<T: Real> Coupled<T> {
     /// Momenta that changed by more than round-off though they should stay, and angular ones of bodies about which no claim
     /// is made that changed by more than small displacements explain: a line each.
     pub fn lost_momentum(&self) -> Vec<String> {
-        let strict = T::of(CHANGED).max(T::epsilon().sqrt());
         let mut out = Vec::new();
         for b in &self.ledger.bodies {
-            let loose = T::of(TURNED);
-            let limits = match b.claim {
-                Claim::Both => [strict, strict],
-                Claim::Linear(_) => [strict, loose],
-                Claim::Neither(_) => continue,
-            };
+            let limits = b.limits();
             for (k, what) in ["linear", "angular"].into_iter().enumerate() {
-                if b.top[k] <= limits[k] {
+                let Some(limit) = limits[k].filter(|_| b.told[k]) else {
                     continue;
-                }
+                };
                 let why = match &b.claim {
                     Claim::Linear(why) if k == 1 => {
                         format!("it is kept for small displacements only, since {why}")
@@ -257,7 +272,7 @@ impl<T: Real> Coupled<T> {
                     "body '{}': its {what} momentum has changed by up to {:.2e} of what is in play (limit {:.0e}); {why}",
                     self.names(b).join(" + "),
                     b.top[k].as_f64(),
-                    limits[k].as_f64()
+                    limit.as_f64()
                 ));
             }
         }
@@ -279,6 +294,7 @@ impl<T: Real> Coupled<T> {
                     start: [Vector3::zeros(); 2],
                     scale: [T::zero(); 2],
                     top: [T::zero(); 2],
+                    told: [false; 2],
                 };
                 let sums = body.sums(&self.subdomains);
                 (body.start, body.scale) = (sums.momenta, sums.sizes);

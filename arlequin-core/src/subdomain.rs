@@ -1,5 +1,6 @@
 //! A subdomain: one model with its weights, supports, effects and state; velocity Verlet's half of the step.
 
+use crate::coupled::Partition;
 use crate::effect::{Demand, Effect, Finding, Instant, Site};
 use crate::error::invalid;
 use crate::field::Interpolation;
@@ -33,6 +34,7 @@ pub struct Subdomain<T: Real> {
     role: Role,
     field: Arc<dyn Interpolation<T>>,
     weights: Weights<T>,
+    pub(crate) partition: Partition,
     supports: Vec<PrescribedMotion<T>>,
     pub(crate) effects: Vec<Box<dyn Effect<T>>>,
     pub(crate) works: Vec<T>,
@@ -93,6 +95,7 @@ impl<T: Real> Subdomain<T> {
             role,
             field,
             weights,
+            partition: Partition::Checked,
             supports: Vec::new(),
             effects: Vec::new(),
             works: Vec::new(),
@@ -126,6 +129,14 @@ impl<T: Real> Subdomain<T> {
     #[must_use]
     pub fn with_support(mut self, motion: PrescribedMotion<T>) -> Self {
         self.supports.push(motion);
+        self
+    }
+
+    /// Says whether the weights must sum to one with those of the models this one is tied to; one unchecked model frees
+    /// all of them. Checked unless said otherwise.
+    #[must_use]
+    pub fn with_partition(mut self, partition: Partition) -> Self {
+        self.partition = partition;
         self
     }
 
@@ -362,8 +373,8 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// Sets prescribed displacements and velocities of time `t` and the accelerations of the start.
-    pub(crate) fn start(&mut self, t: T, dt: T) -> Result<()> {
+    /// Sets prescribed displacements and velocities of time `t`.
+    pub(crate) fn hold(&mut self, t: T, dt: T) {
         for motion in &self.supports {
             let (q, v, _) = motion.kinematics(t, dt);
             for &d in &motion.dofs {
@@ -371,6 +382,10 @@ impl<T: Real> Subdomain<T> {
                 self.state.v[d] = v;
             }
         }
+    }
+
+    /// Finds forces and accelerations of the start, after [`Self::hold`].
+    pub(crate) fn start(&mut self, t: T, dt: T) -> Result<()> {
         self.internal.fill(T::zero());
         self.model.advance(&self.state.q, &mut self.internal)?;
         self.evaluate(t, T::zero(), 0, &mut |_| {})?;
@@ -497,6 +512,7 @@ impl Subdomain<f64> {
             role: self.role,
             field: Arc::new(RoundedField::new(self.field)),
             weights: narrow::weights(&self.weights),
+            partition: self.partition,
             supports: supports.collect(),
             effects,
             works: narrow::all(&self.works),

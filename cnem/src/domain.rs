@@ -1,5 +1,6 @@
 //! The domain: Delaunay complex, constrained faces, what is inside.
 
+mod checks;
 mod flat;
 mod search;
 
@@ -8,6 +9,7 @@ use crate::constraint::{FaceMesh, Recovery, Surface, recover};
 use crate::crack::Copies;
 use crate::delaunay::Delaunay;
 use crate::error::{Error, Result};
+pub use checks::Neighbours;
 pub(crate) use flat::is_flat;
 use nalgebra::{Point3, Vector3};
 use search::Starts;
@@ -63,8 +65,9 @@ impl Domain {
     /// that are not in the Delaunay complex; see [`Domain::recovery`].
     ///
     /// # Errors
-    /// Those of [`Delaunay::new`] and [`Surface::check`]; `SelfIntersection`, `FacesNotRecovered`, `NodeOutside`,
-    /// `EmptyDomain`.
+    /// Those of [`Delaunay::new`] and [`Surface::check`], `AllCollinear` and `AllCoplanar` up to round-off too;
+    /// `SelfIntersection`, `FacesNotRecovered`, `NodeOutside`, `NodesTooClose`, `EmptyDomain`, `TooManyNeighbours` for more
+    /// than 1000 nodes on one sphere.
     pub fn new(points: &[Point3<f64>], surface: &Surface) -> Result<Self> {
         let faces = surface.boundary_faces().len() + surface.crack_faces().len();
         Self::with_limit(points, surface, 1000 + 4 * faces)
@@ -76,6 +79,7 @@ impl Domain {
     /// As [`Domain::new`].
     pub fn with_limit(points: &[Point3<f64>], surface: &Surface, limit: usize) -> Result<Self> {
         surface.check(points)?;
+        checks::check_span(points)?;
         let mut delaunay = Delaunay::new(points)?;
         let (mesh, recovery) = recover(&mut delaunay, surface, limit)?;
         delaunay.tidy();

@@ -21,13 +21,13 @@ pub enum Error {
         /// Number of distinct nodes.
         found: usize,
     },
-    /// All nodes lie on one straight line (exactly).
+    /// All nodes lie on one straight line, exactly or up to the round-off of their coordinates.
     #[error("all {nodes} nodes lie on one straight line; add nodes off the line to span a volume")]
     AllCollinear {
         /// Number of nodes.
         nodes: usize,
     },
-    /// All nodes lie in one plane (exactly).
+    /// All nodes lie in one plane, exactly or up to the round-off of their coordinates.
     #[error("all {nodes} nodes lie in one plane; add nodes off the plane to span a volume")]
     AllCoplanar {
         /// Number of nodes.
@@ -184,6 +184,50 @@ pub enum Error {
         volume: f64,
         /// Relative tolerance.
         tolerance: f64,
+    },
+    /// The facets of a Voronoi cell do not close.
+    #[error(
+        "the facets of the constrained Voronoi cell of node {node} leave {defect:e} of their area open \
+         (limit {tolerance:e}); move or refine the nodes there"
+    )]
+    CellOpen {
+        /// The node.
+        node: usize,
+        /// `|sum A| / sum |A|`.
+        defect: f64,
+        /// Largest value accepted.
+        tolerance: f64,
+    },
+    /// A linear displacement field does not have its energy.
+    #[error(
+        "model '{model}': the strain field {field} has {found:e} times its exact energy (tolerance {tolerance:e}): the \
+         integration of this body cannot be trusted; move the nodes by a fraction of their spacing, or give \
+         coordinates with all digits"
+    )]
+    WrongEnergy {
+        /// Name of the model.
+        model: String,
+        /// Component of the strain, `xx` to `zx`.
+        field: &'static str,
+        /// Ratio found.
+        found: f64,
+        /// Largest relative difference accepted.
+        tolerance: f64,
+    },
+    /// Points have so many natural neighbours that the method makes no sense.
+    #[error(
+        "a point inside has {mean:.0} natural neighbours on average (limit {limit:.0}): {on_surface} of {nodes} nodes lie \
+         on the surface; add nodes inside, about as dense as on the surface"
+    )]
+    TooManyNeighbours {
+        /// Mean number of natural neighbours.
+        mean: f64,
+        /// Largest mean accepted.
+        limit: f64,
+        /// Nodes on constrained faces.
+        on_surface: usize,
+        /// All nodes.
+        nodes: usize,
     },
     /// A parameter has a value that makes no sense.
     #[error("{name} = {value}: {rule}")]

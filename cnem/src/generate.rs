@@ -60,7 +60,12 @@ impl Cylinder {
     }
 
     /// The nodes, layer by layer from the first end, ring by ring from the axis.
-    pub fn nodes(&self) -> Vec<Point3<f64>> {
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] for an axis without a length, a radius that is not positive, less than one ring or two
+    /// layers, or a jitter outside `[0, 0.45]`.
+    pub fn nodes(&self) -> Result<Vec<Point3<f64>>> {
+        self.check()?;
         let mut next = noise(self.seed);
         let outer = 6.0 * self.rings as f64;
         let radius = self.radius * (2.0 * PI / outer / (2.0 * PI / outer).sin()).sqrt();
@@ -89,15 +94,23 @@ impl Cylinder {
                 }
             }
         }
-        out
+        Ok(out)
     }
 
     /// The domain: the convex hull of the nodes.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for less than one ring, two layers or a jitter outside `[0, 0.45]`; those of
-    /// [`Domain::new`].
+    /// Those of [`Cylinder::nodes`] and of [`Domain::new`].
     pub fn domain(&self) -> Result<Domain> {
+        Domain::new(&self.nodes()?, &Surface::convex_hull())
+    }
+
+    fn check(&self) -> Result<()> {
+        for (name, value) in [("length", self.x[1] - self.x[0]), ("radius", self.radius)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(parameter(name, value, "must be positive and finite [m]"));
+            }
+        }
         if self.rings == 0 {
             return Err(parameter("rings", self.rings, "at least one is needed"));
         }
@@ -111,7 +124,7 @@ impl Cylinder {
                 "must be between 0 and 0.45 spacings",
             ));
         }
-        Domain::new(&self.nodes(), &Surface::convex_hull())
+        Ok(())
     }
 }
 

@@ -10,7 +10,7 @@
 //! on the smallest weight, unlike that of models whose mass is shared over elements. Measured with a weight that falls
 //! to `ε` over four spacings: 0.99 / 0.87 / 0.35 of the unweighted step for `ε` = 0.05 / 0.005 / 0.0005.
 
-use crate::domain::Domain;
+use crate::domain::{Domain, Neighbours};
 use crate::error::{Error, Result, parameter};
 use crate::field::NaturalField;
 use crate::natural::Kind;
@@ -22,9 +22,22 @@ use arlequin_core::material::Elastic;
 use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
+
+/// Largest relative error of the energy of a linear field. Sound bodies have 1e-15; re-entrant edges with nodes of four
+/// digits up to 1e-6; cells that do not close 1e-3 and more.
+const ENERGY_TOLERANCE: f64 = 1e-5;
+/// Components of the strain and the displacement gradients `∂u_a/∂x_b` that make them.
+const STRAINS: [(&str, [usize; 2]); 6] = [
+    ("xx", [0, 0]),
+    ("yy", [1, 1]),
+    ("zz", [2, 2]),
+    ("xy", [0, 1]),
+    ("yz", [1, 2]),
+    ("zx", [2, 0]),
+];
 
 /// How internal forces are computed. The results agree to round-off, and each has the same bits for any number of threads.
 ///
@@ -81,6 +94,7 @@ pub struct CnemModel {
     operator: Operator,
     /// `α(x_I)` with nodal weighting.
     factors: Option<Vec<f64>>,
+    neighbours: Neighbours,
 }
 
 impl CnemModel {
@@ -100,7 +114,9 @@ impl CnemModel {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Domain::voronoi`], and [`Error::Parameter`] for an amount of stabilisation that is negative or above 1.
+    /// Those of [`Domain::voronoi`]; [`Error::Parameter`] for an amount of stabilisation that is negative or above 1;
+    /// [`Error::WrongEnergy`] if one of the six linear displacement fields does not have its energy to 1e-5, or if it is
+    /// not a number.
     pub fn new(name: &str, domain: Domain, material: Elastic<f64>, options: Options) -> Result<Self> {
         let amount = match options.stabilisation {
             Stabilisation::None => 0.0,
@@ -113,7 +129,8 @@ impl CnemModel {
         let mut smoothing = Smoothing::new(&domain, &cells, options.kind)?;
         let sub = SubCells::new(&domain, &mut smoothing, amount);
         let ones = vec![1.0; cells.len()];
-        Ok(Self {
+        let neighbours = domain.neighbours();
+        let model = Self {
             name: name.to_owned(),
             operator: match options.forces {
                 Forces::Assembled => {
@@ -130,7 +147,42 @@ impl CnemModel {
             smoothing,
             sub,
             factors: None,
-        })
+            neighbours,
+        };
+        model.check_linear_fields()?;
+        Ok(model)
+    }
+
+    /// The energies of `u = g (x − x̄)`, one for each component of the strain, are those of the whole volume.
+    fn check_linear_fields(&self) -> Result<()> {
+        let nodes = self.domain().nodes();
+        let middle = nodes.iter().map(|x| x.coords).sum::<Vector3<f64>>() / nodes.len() as f64;
+        let [lambda, mu] = self.material.lame();
+        let mut u = vec![0.0; 3 * nodes.len()];
+        for (field, [a, b]) in STRAINS {
+            u.fill(0.0);
+            for (u, x) in u.as_chunks_mut::<3>().0.iter_mut().zip(nodes) {
+                u[a] = x[b] - middle[b];
+            }
+            let density = if a == b { 0.5 * lambda + mu } else { 0.5 * mu };
+            let found = self.internal_energy(&u) / (density * self.domain().volume());
+            // Not `>`: what is not a number is not right.
+            let right = (found - 1.0).abs() <= ENERGY_TOLERANCE;
+            if !right {
+                return Err(Error::WrongEnergy {
+                    model: self.name.clone(),
+                    field,
+                    found,
+                    tolerance: ENERGY_TOLERANCE,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// What is odd about the model although it is sound, in words.
+    pub fn warnings(&self) -> Vec<String> {
+        self.neighbours.warning().into_iter().collect()
     }
 
     /// The domain.
@@ -357,5 +409,45 @@ impl CoarseModel<f64> for CnemModel {
 impl FineModel<f64> for CnemModel {
     fn fine_field(&self) -> Arc<dyn Interpolation<f64>> {
         self.field.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::constraint::Surface;
+
+    fn cube() -> CnemModel {
+        let grid = crate::natural::tests::grid(4, 0.2, 1);
+        let domain = Domain::new(&grid, &Surface::convex_hull()).expect("grid");
+        let material = Elastic::new(1.0, 0.3, 1.0).expect("material");
+        CnemModel::new("cube", domain, material, Options::default()).expect("model")
+    }
+
+    /// What a broken integration would look like is refused: gradients that are not numbers, or too large in one cell.
+    #[test]
+    fn models_without_the_energy_of_linear_fields_are_refused() {
+        let broken = |change: &dyn Fn(&mut Smoothing)| {
+            let mut model = cube();
+            change(&mut model.smoothing);
+            let ones = vec![1.0; model.cells.len()];
+            let operator = MatrixFree::new(&model.smoothing, &model.sub, &model.material, ones);
+            model.operator = Operator::MatrixFree(operator);
+            model.check_linear_fields().err()
+        };
+        let error = broken(&|s| s.gradients[7].y = f64::NAN);
+        assert!(
+            matches!(error, Some(Error::WrongEnergy { found, .. }) if found.is_nan()),
+            "{error:?}"
+        );
+        let error = broken(&|s| {
+            let cell = s.starts[21]..s.starts[22];
+            s.gradients[cell].iter_mut().for_each(|g| *g *= 1.002);
+        });
+        assert!(
+            matches!(error, Some(Error::WrongEnergy { field: "xx", .. })),
+            "{error:?}"
+        );
+        assert_eq!(broken(&|_| {}), None);
     }
 }

@@ -6,7 +6,7 @@
 
 use arlequin_core::observer::Silent;
 use arlequin_core::weight::Weight;
-use arlequin_core::{Coupled, Guard, Model, Subdomain, TimeStep, Weighting, Weights};
+use arlequin_core::{Coupled, Guard, Model, Partition, Subdomain, TimeStep, Weighting, Weights};
 use dem_beam::{
     BeamDynamics, BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter,
     Twist,
@@ -68,7 +68,7 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
         .map(|i| (i as f64).sin() * if i < n / 2 { 1e-9 } else { 1e-4 })
         .collect();
     let mut f = vec![0.0; n];
-    let side = Subdomain::fine(make()?, Weights::same(Arc::new(Along)));
+    let side = Subdomain::fine(make()?, Weights::same(Arc::new(Along))).with_partition(Partition::Unchecked);
     let guard = Guard {
         interval: 1_000_000,
         growth: 0.05,
@@ -125,7 +125,9 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
         let n = m.layout().dofs();
         let v = (0..n).map(|i| (i as f64).sin() * if i < n / 2 { 1e-3 } else { 0.0 });
         let v: Vec<f64> = v.collect();
-        let side = Subdomain::fine(m, Weights::same(Arc::new(Along))).with_initial(vec![0.0; n], v)?;
+        let side = Subdomain::fine(m, Weights::same(Arc::new(Along)))
+            .with_partition(Partition::Unchecked)
+            .with_initial(vec![0.0; n], v)?;
         Ok(Coupled::new(
             vec![side],
             Vec::new(),

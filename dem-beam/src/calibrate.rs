@@ -214,10 +214,11 @@ impl Statistics {
 /// Tension tests on packings that differ by their seed.
 ///
 /// # Errors
-/// Those of [`Packing::bonded`] and [`tension_test`].
+/// [`DemError::SeveralParts`]; those of [`Packing::bonded`] and [`tension_test`].
 pub fn measure(packings: &[Packing], beam: BeamMaterial, bar: &Bar) -> Result<Statistics> {
     let mut all = Vec::with_capacity(packings.len());
     for p in packings {
+        p.connected("a tension test")?;
         // Statics does not ask for a density.
         all.push(tension_test(&p.bonded(beam, 1.0)?, bar)?);
     }

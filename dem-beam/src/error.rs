@@ -117,7 +117,8 @@ pub enum DemError {
     /// Even one particle of the wanted size does not fit.
     #[error(
         "a packing of {count} particles needs a largest diameter of {diameter:e} m but the \
-         container is only {width:e} m wide: ask for more particles or a wider container"
+         container is only {width:e} m wide: not one fits across; ask for more particles or a wider container \
+         (packings need three across), and check that lengths are in m"
     )]
     ContainerTooSmall {
         /// Number of particles asked for.
@@ -127,10 +128,26 @@ pub enum DemError {
         /// Smallest width of the container (m).
         width: f64,
     },
+    /// Spheres nearly as wide as the body: no packing of them has bonds in all directions.
+    #[error(
+        "the body is {width:.3e} m wide at its narrowest, the {count} spheres in it have a mean diameter of {diameter:.3e} m: \
+         only {across:.1} fit across; packings need three, and ten or more for the elasticity of the bulk: take smaller \
+         spheres or a wider body, and check that lengths are in m"
+    )]
+    TooFewAcross {
+        /// Number of spheres.
+        count: usize,
+        /// Their mean diameter (m).
+        diameter: f64,
+        /// Narrowest width of the body (m).
+        width: f64,
+        /// Width over diameter.
+        across: f64,
+    },
     /// A particle lies outside the container it should fill.
     #[error(
         "particle {particle} sticks out of the container by {excess:e} m, above {limit:e} m: \
-         the packing is larger than its container"
+         one of the two is not in m, or the packing is larger than its container"
     )]
     OutsideContainer {
         /// Particle number.
@@ -205,6 +222,82 @@ pub enum DemError {
         pairs: usize,
         /// Search reach, relative gap.
         reach: f64,
+    },
+    /// So many spheres hang on no part of the body that leaving them out would change its density.
+    #[error(
+        "{loose} of {spheres} spheres ({:.2} % of the volume, above {:.2} %) have no bond to a part of at least four \
+         spheres; leaving them out would put their mass on the rest ({}): raise the coordination number from \
+         {coordination}, take more spheres or another seed, or keep them as loose grains with contact on",
+        100.0 * share,
+        100.0 * limit,
+        crate::packing::parts::sizes(parts)
+    )]
+    LooseSpheres {
+        /// Spheres without a bond to any part.
+        loose: usize,
+        /// All spheres.
+        spheres: usize,
+        /// Their share of the volume of all spheres.
+        share: f64,
+        /// Largest accepted share.
+        limit: f64,
+        /// Spheres of each part, largest first.
+        parts: Vec<usize>,
+        /// Coordination number asked for.
+        coordination: f64,
+    },
+    /// A packing that falls into several parts where one is needed.
+    #[error(
+        "{what} needs one connected part, the packing falls into {} and {loose} loose spheres: raise the coordination \
+         number, leave loose spheres out, or test the parts one by one",
+        crate::packing::parts::sizes(parts)
+    )]
+    SeveralParts {
+        /// What was wanted.
+        what: &'static str,
+        /// Spheres of each part, largest first.
+        parts: Vec<usize>,
+        /// Spheres that hang on none.
+        loose: usize,
+    },
+    /// One of several bodies within a surface cannot be filled.
+    #[error("body {body} of the {bodies} within the surface ({volume:e} m3): {source}")]
+    InBody {
+        /// Number of the body, from 1.
+        body: usize,
+        /// Bodies within the surface.
+        bodies: usize,
+        /// Volume of the body (m3).
+        volume: f64,
+        /// What is wrong.
+        source: Box<Self>,
+    },
+    /// A body within a surface without a single sphere: its mass would be nowhere.
+    #[error("none of the spheres lies in it: give it spheres, or remove it from the surface")]
+    EmptyBody,
+    /// Two bodies within one surface share space.
+    #[error(
+        "bodies {first} and {second} within the surface cross: the point {point:?} m lies in both; join them into one \
+         closed surface, or move one"
+    )]
+    CrossingBodies {
+        /// Number of the first body, from 1.
+        first: usize,
+        /// Number of the second body, from 1.
+        second: usize,
+        /// A point in both (m).
+        point: [f64; 3],
+    },
+    /// A bar that stretches without breaking apart.
+    #[error(
+        "the bar did not break up to a strain of {strain:e} (highest stress {stress:e} Pa): its broken bonds leave a path \
+         that still carries; take a narrower scatter of strengths, or more spheres"
+    )]
+    NotBroken {
+        /// Strain reached.
+        strain: f64,
+        /// Highest stress (Pa).
+        stress: f64,
     },
     /// An iterative solver stopped short.
     #[error(

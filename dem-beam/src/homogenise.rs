@@ -11,7 +11,7 @@ use crate::bond::{BeamMaterial, Twist};
 use crate::calibrate::Spread;
 use crate::error::{DemError, Result};
 use crate::packing::Packing;
-use crate::particles::{BondedParticles, Matter};
+use crate::particles::BondedParticles;
 use crate::statics::StaticProblem;
 use nalgebra::{Matrix3, Matrix6, Vector6};
 
@@ -64,19 +64,14 @@ fn voigt(s: &Matrix3<f64>) -> Vector6<f64> {
 /// ```
 ///
 /// # Errors
-/// [`DemError::NotPeriodic`], those of [`BondedParticles::new`], [`DemError::NoConvergence`].
+/// [`DemError::NotPeriodic`], [`DemError::SeveralParts`], those of [`BondedParticles::new`], [`DemError::NoConvergence`].
 pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
-    let Some(period) = packing.period else {
+    if packing.period.is_none() {
         return Err(DemError::NotPeriodic);
-    };
+    }
+    packing.connected("bulk elasticity")?;
     // Statics does not ask for a density.
-    let matter = Matter {
-        beam,
-        density: 1.0,
-        volume: packing.volume,
-    };
-    let (x, r, pairs) = (&packing.positions, &packing.radii, &packing.pairs);
-    let body = BondedParticles::with_period(x.clone(), r.clone(), pairs.clone(), &matter, Some(period))?;
+    let body = BondedParticles::of_packing(packing, beam, 1.0)?;
     let mut stiffness = Matrix6::zeros();
     let mut iterations = 0;
     for c in 0..6 {

@@ -32,6 +32,7 @@
 //! | [`contact`], [`obstacle`] | contact between unbonded particles, and with rigid bodies |
 //! | [`critical`] | the critical time step |
 //! | [`statics`], [`calibrate`], [`homogenise`] | equilibrium, E and nu of bars and of the bulk, the inverse |
+//! | [`strength`] | bars pulled until they break |
 //!
 //! Left out: contact between two bodies, and the motion of periodic bodies. Gravity and dampings
 //! are effects of the core. Results are bit-identical for any number of threads on one machine;
@@ -53,6 +54,7 @@ pub mod obstacle;
 pub mod packing;
 pub mod particles;
 pub mod statics;
+pub mod strength;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 pub use contact::{Contact, ContactBetween, ContactBody, ContactLaw};

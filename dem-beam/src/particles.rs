@@ -1,13 +1,15 @@
 //! Particles joined by beams: the flat arrays every solver of this crate reads.
 //!
 //! Masses: `m_i = rho V r_i^3 / sum r^3` for a body of volume `V` (the spheres fill only part of
-//! it, so sphere volume times density would be far too light) and `I_i = 2/5 m_i r_i^2`.
+//! it, so sphere volume times density would be far too light), for each body of a packing with several on its own
+//! ([`crate::packing::parts`]), and `I_i = 2/5 m_i r_i^2`.
 //! Weights follow the energy-consistent rule: bond b carries the factor `w_b`, and the mass and
 //! inertia of a particle are multiplied by the mean of `w` over its bonds. Then the weighted
 //! critical step is never below the smallest one of the single weighted bonds.
 
 use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 use crate::error::{DemError, Result, finite, positive};
+use crate::packing::Packing;
 use crate::packing::cells::image;
 use nalgebra::Vector3;
 
@@ -42,6 +44,17 @@ pub struct Matter {
     pub volume: f64,
 }
 
+/// What spheres have besides centres, radii and bonds.
+#[derive(Debug)]
+pub(crate) struct Grains<'a> {
+    /// Volume each stands for (m^3).
+    pub(crate) volumes: &'a [f64],
+    /// Whether some may have no bond.
+    pub(crate) loose: bool,
+    /// Edges of the periodic box (m).
+    pub(crate) period: Option<[f64; 3]>,
+}
+
 impl BondedParticles {
     /// Joins spheres at `positions` (m) with radii `radii` (m) by beams between `pairs`.
     ///
@@ -67,27 +80,59 @@ impl BondedParticles {
         matter: &Matter,
         period: Option<[f64; 3]>,
     ) -> Result<Self> {
-        positive("density", matter.density)?;
         positive("body volume", matter.volume)?;
         check_spheres(&positions, &radii)?;
+        let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
+        let volumes: Vec<f64> = radii.iter().map(|r| matter.volume * r * r * r / cubes).collect();
+        let grains = Grains {
+            volumes: &volumes,
+            loose: false,
+            period,
+        };
+        Self::with_volumes(positions, radii, pairs, matter.density, matter.beam, &grains)
+    }
+
+    /// A packing with the volumes and loose spheres it has.
+    pub(crate) fn of_packing(packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
+        let (x, r, pairs) = (&packing.positions, &packing.radii, &packing.pairs);
+        check_spheres(x, r)?;
+        let volumes = packing.volumes();
+        let grains = Grains {
+            volumes: &volumes,
+            loose: packing.loose,
+            period: packing.period,
+        };
+        Self::with_volumes(x.clone(), r.clone(), pairs.clone(), density, beam, &grains)
+    }
+
+    /// Spheres that were checked, with the volume each stands for.
+    pub(crate) fn with_volumes(
+        positions: Vec<Vector3<f64>>,
+        radii: Vec<f64>,
+        pairs: Vec<[u32; 2]>,
+        density: f64,
+        beam: BeamMaterial,
+        grains: &Grains<'_>,
+    ) -> Result<Self> {
+        positive("density", density)?;
+        expect_len("volumes", grains.volumes.len(), positions.len())?;
+        for v in grains.volumes {
+            positive("volume of a particle", *v)?;
+        }
         let mean = radii.iter().sum::<f64>() / radii.len() as f64;
-        let rigidity = matter.beam.rigidity(mean)?;
+        let rigidity = beam.rigidity(mean)?;
         let mut degree = vec![0_u32; positions.len()];
         let mut bonds = Vec::with_capacity(pairs.len());
         for (b, &[i, j]) in pairs.iter().enumerate() {
-            bonds.push(make_bond(b, [i, j], &positions, &radii, period)?);
+            bonds.push(make_bond(b, [i, j], &positions, &radii, grains.period)?);
             degree[i as usize] += 1;
             degree[j as usize] += 1;
         }
-        if let Some(particle) = degree.iter().position(|&d| d == 0) {
+        if let Some(particle) = degree.iter().position(|&d| d == 0 && !grains.loose) {
             let isolated = degree.iter().filter(|&&d| d == 0).count();
             return Err(DemError::IsolatedParticle { particle, isolated });
         }
-        let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
-        let full_mass: Vec<f64> = radii
-            .iter()
-            .map(|r| matter.density * matter.volume * r * r * r / cubes)
-            .collect();
+        let full_mass: Vec<f64> = grains.volumes.iter().map(|v| density * v).collect();
         let inertia = sphere_inertia(&full_mass, &radii);
         Ok(Self {
             weights: vec![1.0; pairs.len()],
@@ -123,12 +168,12 @@ impl BondedParticles {
             bond.scale = w / bond.axis.norm();
         }
         self.weights.copy_from_slice(weights);
-        self.apply_mass_factors(&self.mean_over_bonds(weights));
+        self.apply_mass_factors(&self.mean_over_bonds(weights, |_| 1.0));
         Ok(())
     }
 
-    /// Mean of bond values over the bonds of each particle.
-    pub(crate) fn mean_over_bonds(&self, values: &[f64]) -> Vec<f64> {
+    /// Mean of bond values over the bonds of each particle; `alone` for a loose one without any.
+    pub(crate) fn mean_over_bonds(&self, values: &[f64], alone: impl Fn(usize) -> f64) -> Vec<f64> {
         let mut sum = vec![0.0; self.positions.len()];
         let mut degree = vec![0_u32; self.positions.len()];
         for (pair, w) in self.pairs.iter().zip(values) {
@@ -137,7 +182,11 @@ impl BondedParticles {
                 degree[*e as usize] += 1;
             }
         }
-        sum.iter().zip(&degree).map(|(s, &d)| s / f64::from(d)).collect()
+        let mean = |(i, s): (usize, &f64)| match degree[i] {
+            0 => alone(i),
+            d => s / f64::from(d),
+        };
+        sum.iter().enumerate().map(mean).collect()
     }
 
     /// Multiplies the unweighted mass and inertia of each particle by `factor`, leaving the

@@ -3,7 +3,7 @@
 
 use arlequin_core::observer::Silent;
 use arlequin_core::weight::Weight;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Partition, Subdomain, TimeStep, Weights};
 use dem_beam::fracture::locked;
 use dem_beam::{BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter};
 use nalgebra::Point3;
@@ -37,7 +37,9 @@ fn history(model: DemModel, steps: usize) -> (usize, Vec<u64>) {
         v[3 * i + 2] = 1.2e4 * x.y * x.x / 4e-3;
         v[n / 2 + 3 * i] = 1.2e4 * x.x / 4e-3;
     }
+    // The share of a body, alone on purpose.
     let side = Subdomain::fine(model, Weights::same(Arc::new(Part)))
+        .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; n], v)
         .unwrap();
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();

@@ -305,6 +305,10 @@ impl<T: Real> Interpolation<T> for FemField<T> {
         }
     }
 
+    fn warp(&self) -> T {
+        self.hexes.iter().fold(T::zero(), |m, h| m.max(h.warp))
+    }
+
     fn kind(&self) -> &'static str {
         "finite-element"
     }
@@ -377,6 +381,9 @@ impl<T: Real> Interpolation<T> for FemMediator<T> {
     }
     fn degree(&self) -> usize {
         self.field.degree()
+    }
+    fn warp(&self) -> T {
+        self.field.warp()
     }
     fn kind(&self) -> &'static str {
         "mediator"

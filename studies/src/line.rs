@@ -8,7 +8,7 @@ use arlequin::core::junction::{H1Gradient, Junction, L2};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp, Weight};
-use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{Coupled, Partition, Result, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::fem_ref::{Elastic, FemMediator, FemModel, generate};
 use std::sync::Arc;
 
@@ -140,10 +140,13 @@ impl Line {
             s.with_initial(q, v)
         };
         let right = Weights::complement_of(std::slice::from_ref(&weights));
-        Ok([
-            fill(Subdomain::coarse(bar, weights), coarse)?,
-            fill(Subdomain::fine(chain, right), fine)?,
-        ])
+        // Constants over whole models are an impedance jump on purpose.
+        let partition = match self.everywhere {
+            Some(_) => Partition::Unchecked,
+            None => Partition::Checked,
+        };
+        let bar = Subdomain::coarse(bar, weights).with_partition(partition);
+        Ok([fill(bar, coarse)?, fill(Subdomain::fine(chain, right), fine)?])
     }
 
     /// A run of given subdomains.

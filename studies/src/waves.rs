@@ -142,11 +142,28 @@ pub fn packet_line() -> Line {
     }
 }
 
+/// Largest deviations from a uniform strain, relative to the largest displacement and to the strain.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Patch {
+    /// Of the displacement of a node.
+    pub displacement: f64,
+    /// Of the strain of an element or a spring.
+    pub strain: f64,
+}
+
 /// Largest deviation from a uniform strain, relative to the largest displacement.
 ///
 /// # Errors
 /// Those of the set-up and the static solve.
 pub fn patch(line: &Line) -> Result<f64> {
+    Ok(patch_defects(line)?.displacement)
+}
+
+/// Deviations from a uniform strain of one, in displacement and in strain.
+///
+/// # Errors
+/// Those of the set-up and the static solve.
+pub fn patch_defects(line: &Line) -> Result<Patch> {
     let [bar, chain] = line.subdomains(&rest, &rest)?;
     let left = bar.model().nodes()[0].x;
     let last = chain.model().layout().nodes - 1;
@@ -159,12 +176,22 @@ pub fn patch(line: &Line) -> Result<f64> {
     };
     let mut c = line.build_with(vec![bar, chain.with_support(pull)])?;
     let e = c.equilibrium(0.0)?;
-    let pairs = c.subdomains().iter().zip(&e.displacements);
-    let worst = pairs
-        .flat_map(|(s, q)| s.model().nodes().iter().zip(q))
-        .map(|(x, q)| (q - (x.x - left)).abs())
-        .fold(0.0, f64::max);
-    Ok(worst / (right - left))
+    let mut worst = Patch {
+        displacement: 0.0,
+        strain: 0.0,
+    };
+    for (s, q) in c.subdomains().iter().zip(&e.displacements) {
+        let x = s.model().nodes();
+        for (x, q) in x.iter().zip(q) {
+            let off = (q - (x.x - left)).abs() / (right - left);
+            worst.displacement = worst.displacement.max(off);
+        }
+        for (x, q) in x.windows(2).zip(q.windows(2)) {
+            let strain = (q[1] - q[0]) / (x[1].x - x[0].x);
+            worst.strain = worst.strain.max((strain - 1.0).abs());
+        }
+    }
+    Ok(worst)
 }
 
 /// The line of the patch test: nothing coincides, no floor on the weight.

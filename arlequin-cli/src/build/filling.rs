@@ -1,10 +1,12 @@
 //! What spheres fill and with which: containers from shapes, packings by the protocol or from files.
 
-use crate::error::{Error, Result, core, fem, key, value};
-use crate::scene::{DemTable, ModelTable, Protocol, Shape};
+pub(crate) use crate::error::dem;
+
+use crate::error::{Error, Result, fem, key, value};
+use crate::scene::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::Vector3;
-use arlequin::dem_beam::packing::{Container, Packing, PackingSpec, read_csv, read_vtu};
-use arlequin::dem_beam::{BeamMaterial, DemError, Surface};
+use arlequin::dem_beam::packing::{Container, Loose, Packing, PackingSpec, read_csv, read_vtu};
+use arlequin::dem_beam::{BeamMaterial, Surface};
 use arlequin::fem_ref::gmsh;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -15,11 +17,8 @@ use std::path::{Path, PathBuf};
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
 /// Volume fraction at which polydisperse spheres jam.
 const JAMMED: f64 = 0.615;
-
-/// Turns errors of the particles into those of the command, at a key of the scene.
-pub(crate) fn dem(key: &str) -> impl Fn(DemError) -> Error + '_ {
-    move |e| core(key)(e.into())
-}
+/// Most spheres of a packing.
+const MOST: f64 = 1.3e8;
 
 /// A body to fill.
 #[derive(Debug, Clone)]
@@ -116,7 +115,7 @@ impl Recipe {
         match &table.dem.file {
             Some(file) => read(path, table, &folder.join(file), filling).map(|p| Self::Read(Box::new(p))),
             None => {
-                let count = count(path, table, filling.container.volume())?;
+                let count = count(path, table, &filling.container)?;
                 Ok(Self::Made(Box::new(spec(
                     table,
                     filling.container.clone(),
@@ -124,6 +123,18 @@ impl Recipe {
                 ))))
             }
         }
+    }
+
+    /// Refuses what can be seen to be wrong before a file is read or anything is packed.
+    pub(super) fn check(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<()> {
+        let Some(file) = &table.dem.file else {
+            return count(path, table, &filling.container).map(|_| ());
+        };
+        alone(path, table)?;
+        let file = folder.join(file);
+        std::fs::File::open(&file)
+            .map(|_| ())
+            .map_err(|source| Error::Read { path: file, source })
     }
 
     /// The packing, from the cache if it is there.
@@ -146,6 +157,7 @@ pub(crate) fn spec(table: &ModelTable, container: Container, count: usize) -> Pa
         seed,
         protocol,
         coordination,
+        loose,
         ..
     } = table.dem;
     let seed = seed.unwrap_or(1);
@@ -156,7 +168,16 @@ pub(crate) fn spec(table: &ModelTable, container: Container, count: usize) -> Pa
     if let Some(z) = coordination {
         spec.coordination = z;
     }
+    spec.loose = fate(loose);
     spec
+}
+
+/// The choice of a scene in the words of the library.
+fn fate(kind: LooseKind) -> Loose {
+    match kind {
+        LooseKind::Drop => Loose::default(),
+        LooseKind::Keep => Loose::Keep,
+    }
 }
 
 /// Mean volume of spheres of mean diameter `h`, with radii uniform within a quarter of the mean.
@@ -164,10 +185,24 @@ pub(crate) fn mean_sphere(h: f64) -> f64 {
     std::f64::consts::PI / 6.0 * h.powi(3) * (1.0 + 0.25f64.powi(2))
 }
 
-fn count(path: &str, table: &ModelTable, volume: f64) -> Result<usize> {
+fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize> {
+    let volume = container.volume();
     match (table.dem.count, table.spacing) {
         (Some(n), None) => Ok(n),
-        (None, Some(h)) if h > 0.0 => Ok((JAMMED * volume / mean_sphere(h)).round().min(1e9) as usize),
+        (None, Some(h)) if h > 0.0 => {
+            let n = (JAMMED * volume / mean_sphere(h)).round();
+            if n > MOST {
+                let (low, high) = container.bounds();
+                let e = high - low;
+                let rule = format!(
+                    "{n:.1e} spheres of that diameter fill the shape of {:.3e} by {:.3e} by {:.3e} m, {MOST:e} at most are \
+                     packed; lengths are in m: a file in millimetres (STL and Gmsh files say no unit) has to be scaled by 1e-3",
+                    e.x, e.y, e.z
+                );
+                return Err(value(format!("{path}.spacing"), h, &rule));
+            }
+            Ok(n as usize)
+        }
         (None, Some(h)) => Err(value(format!("{path}.spacing"), h, "must be positive [m]")),
         (Some(_), Some(_)) => Err(key(path, "spacing and dem.count exclude each other; remove one")),
         (None, None) => Err(key(
@@ -177,8 +212,8 @@ fn count(path: &str, table: &ModelTable, volume: f64) -> Result<usize> {
     }
 }
 
-/// Spheres from a file, bonded as those of the protocol are.
-fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
+/// Refuses choices of a packing beside a file that brings its own.
+fn alone(path: &str, table: &ModelTable) -> Result<()> {
     let t = &table.dem;
     let given = [
         ("spacing", table.spacing.is_some()),
@@ -190,6 +225,13 @@ fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Resul
         let rule = "dem.file brings its own spheres; remove one of the two";
         return Err(key(format!("{path}.{name}"), rule));
     }
+    Ok(())
+}
+
+/// Spheres from a file, bonded as those of the protocol are.
+fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
+    let t = &table.dem;
+    alone(path, table)?;
     let at = format!("{path}.dem.file");
     let content = bytes(file)?;
     let (mut positions, radii) = if is(file, "csv") {
@@ -202,7 +244,7 @@ fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Resul
     };
     positions.iter_mut().for_each(|x| *x -= filling.shift);
     let z = t.coordination.unwrap_or(6.2);
-    Packing::from_spheres(&filling.container, &positions, &radii, z).map_err(dem(&at))
+    Packing::from_spheres_with(&filling.container, &positions, &radii, z, fate(t.loose)).map_err(dem(&at))
 }
 
 /// Where packings are kept between runs: `ARLEQUIN_CACHE`, or the user's cache folder.

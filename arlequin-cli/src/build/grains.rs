@@ -3,7 +3,8 @@
 use super::drive::time_function;
 use super::filling::dem;
 use crate::error::{Result, key, value};
-use crate::scene::{self, CriterionKind, Effect, ModelTable, NotchBox, ObstacleShape};
+use crate::output::packing::PackingLine;
+use crate::scene::{self, CriterionKind, Effect, LooseKind, ModelTable, NotchBox, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -23,6 +24,8 @@ pub(crate) struct Grains {
     pub(crate) brittle: bool,
     /// What contact with other models needs.
     pub(crate) body: ContactBody,
+    /// How the packing came out.
+    pub(crate) packing: PackingLine,
 }
 
 impl Grains {
@@ -31,6 +34,7 @@ impl Grains {
         mut model: DemModel,
         table: &ModelTable,
         effects: &[(usize, &Effect)],
+        packing: PackingLine,
     ) -> Result<(DemModel, Self)> {
         let mut breaks = None;
         let mut brittle = false;
@@ -73,6 +77,7 @@ impl Grains {
                 breaks,
                 brittle,
                 body,
+                packing,
             },
         ))
     }
@@ -82,7 +87,7 @@ fn name(model: &DemModel) -> &str {
     arlequin::core::Model::name(model)
 }
 
-fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
+pub(super) fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
     let scatter = match (f.weibull, f.deviation) {
         (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
         (Some(modulus), None) => Scatter::Weibull { modulus },
@@ -95,13 +100,15 @@ fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
         CriterionKind::Mises => Criterion::Mises,
         CriterionKind::Energy => Criterion::Energy,
     };
-    Ok(Fracture {
+    let made = Fracture {
         scatter,
         seed: f.seed,
         every: f.every.unwrap_or(1),
         spare_overlap: f.spare_overlap,
         ..Fracture::new(criterion, f.strength)
-    })
+    };
+    made.check().map_err(dem(path))?;
+    Ok(made)
 }
 
 /// The law of a contact of material with the modulus `young` \[Pa\].
@@ -118,7 +125,8 @@ pub(super) fn law(young: f64, c: &scene::Contact) -> ContactLaw {
     }
 }
 
-fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
+/// Shape and motion of an obstacle.
+pub(super) fn obstacle_parts(k: usize, o: &scene::Obstacle) -> Result<(Shape, Motion)> {
     let path = format!("effect[{k}].obstacle");
     let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
     let shape = match o.shape {
@@ -168,6 +176,13 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
         let rule = "only a free obstacle has one; give its mass as well, or remove it";
         return Err(key(format!("{path}.inertia"), rule));
     }
+    let shape = shape.checked().map_err(dem(format!("{path}.shape")))?;
+    Ok((shape, motion))
+}
+
+fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
+    let path = format!("effect[{k}].obstacle");
+    let (shape, motion) = obstacle_parts(k, o)?;
     let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));
     Obstacle::new(
         &called,
@@ -179,8 +194,19 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
     .map_err(dem(&path))
 }
 
-/// Removes the bonds that pass through a box.
-pub(super) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
+/// Refuses loose grains without contact: they would pass through everything.
+pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Effect)]) -> Result<()> {
+    let touches = |e: &Effect| e.enabled && e.contact.as_ref().is_some();
+    if table.dem.loose == LooseKind::Drop || effects.iter().any(|(_, e)| touches(e)) {
+        return Ok(());
+    }
+    let rule = "loose grains need contact, or they pass through everything; add an effect contact to the model, or take \
+                \"drop\"";
+    Err(value(format!("{path}.dem.loose"), "keep", rule))
+}
+
+/// Refuses boxes turned inside out.
+pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     for (k, b) in boxes.iter().enumerate() {
         if let Some(c) = (0..3).find(|&c| b.high[c] < b.low[c]) {
             let rule = format!("must not be below low[{c}] = {} m", b.low[c]);
@@ -190,12 +216,15 @@ pub(super) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Resu
                 &rule,
             ));
         }
-        let x = &packing.positions;
-        let before = packing.pairs.len();
-        packing
-            .pairs
-            .retain(|p| !crosses(b, &x[p[0] as usize], &x[p[1] as usize]));
-        if packing.pairs.len() == before {
+    }
+    Ok(())
+}
+
+/// Removes the bonds that pass through a box, and the spheres that hang on nothing without them.
+pub(crate) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
+    check_boxes(path, boxes)?;
+    for (k, b) in boxes.iter().enumerate() {
+        if packing.cut(|from, to| crosses(b, from, to)).bonds == 0 {
             let rule = "crosses no bond; enlarge it or check the units (m)";
             return Err(key(format!("{path}.dem.notch[{k}]"), rule));
         }

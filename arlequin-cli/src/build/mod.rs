@@ -10,23 +10,26 @@ mod mesh;
 mod natural;
 mod particles;
 mod plausible;
+mod precheck;
 mod probe;
 mod select;
 
 pub(crate) use between::Strangers;
 pub(crate) use drive::{effect_models, model_index};
+pub(crate) use grains::cut;
 pub(crate) use kinds::{Body, Kind};
 pub(crate) use mesh::View;
 pub(crate) use plausible::Bounds;
 pub(crate) use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
+use crate::output::packing::PackingLine;
 use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
 use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::Role;
-use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{Coupled, Guard, Partition, Real, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
 use joint::Joint;
@@ -45,6 +48,8 @@ pub(crate) struct Drawn {
     pub(crate) breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
     pub(crate) spacing: f64,
+    /// How the spheres were packed, where there are any.
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// The state from which a run starts, if not that of `[[initial]]` at time zero.
@@ -107,6 +112,7 @@ pub(crate) fn build(scene: &Scene, folder: &Path) -> Result<Built> {
 pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result<Built> {
     check_numbers(scene)?;
     check_names(scene)?;
+    precheck::scene(scene, folder)?;
     let effects = effects_by_model(scene)?;
     let mut bodies: Vec<Body> = scene
         .model
@@ -114,9 +120,6 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
         .enumerate()
         .map(|(m, (name, table))| kinds::body(name, table, folder, &effects[m]))
         .collect::<Result<_>>()?;
-    if bodies.is_empty() {
-        return Err(key("model", "a scene needs at least one model"));
-    }
     let mut joints = Vec::new();
     for (name, table) in &scene.interface {
         let [c, f] = sides_of(name, table, scene)?;
@@ -149,13 +152,19 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
     for (m, body) in bodies.into_iter().enumerate() {
         let name = body.model.name();
         warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
-        bounds.add(body.model.nodes(), &body.material, !may_leave(scene, m));
+        bounds.add(
+            body.model.nodes(),
+            &body.shape,
+            &body.material,
+            !may_leave(scene, m),
+        );
         drawn.push(Drawn {
             view: body.view.clone(),
             field: body.field.clone(),
             material: body.material,
             breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
             spacing: body.spacing,
+            packing: body.grains.as_ref().map(|g| g.packing.clone()),
         });
         let state = match start {
             Some(s) => s.states[m].clone(),
@@ -380,7 +389,12 @@ fn subdomain(
     } else {
         Role::Coarse
     };
-    let subdomain = Subdomain::new(body.model, role, body.field, weights);
+    let free = |j: &&Joint| j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m);
+    let partition = joints
+        .iter()
+        .find(free)
+        .map_or(Partition::Checked, |j| j.partition);
+    let subdomain = Subdomain::new(body.model, role, body.field, weights).with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
     subdomain
         .with_initial(q, v)
@@ -396,6 +410,15 @@ fn located(source: arlequin::core::Error) -> Error {
         Core::DoubleOnly { .. } => "time.precision".to_owned(),
         Core::EmptyOverlap { interface: i, .. } | Core::OverhangingMediator { interface: i, .. } => {
             interface(i, "mediator")
+        }
+        Core::OpposedMotions { interface: i, .. } => interface(i, "overlap"),
+        Core::UnequalShapes { interface: i, .. } => interface(i, "overlap"),
+        Core::UncoveredOverlap { interface: i, .. } | Core::CoveredTwice { interface: i, .. } => {
+            interface(i, "mediator")
+        }
+        Core::InitialJump { .. } => "initial".to_owned(),
+        Core::PartitionOfUnity { .. } | Core::PartitionMeasure { .. } | Core::PartitionMass { .. } => {
+            "interface".to_owned()
         }
         Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
         Core::SingularInterface { interface: i, .. } | Core::RankTooLarge { interface: i, .. } => {

@@ -4,7 +4,8 @@ use super::filling::{Filling, Recipe, beam, dem};
 use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::mesh::View;
-use crate::error::{Result, core};
+use crate::error::{Result, cnem};
+use crate::output::packing::PackingLine;
 use crate::scene::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind as Neighbours;
@@ -48,6 +49,14 @@ impl Interpolation<f64> for ParticlePoints {
     }
 }
 
+/// Refuses what can be seen to be wrong before anything is packed.
+pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> {
+    let filling = Filling::of(key, &table.shape, folder)?;
+    Recipe::check(key, table, folder, &filling)?;
+    grains::check_boxes(key, &table.dem.notch)?;
+    beam(key, table).map(|_| ())
+}
+
 /// Builds a bonded packing that fills the shape.
 pub(super) fn body(
     name: &str,
@@ -56,20 +65,22 @@ pub(super) fn body(
     folder: &Path,
     effects: &[(usize, &Effect)],
 ) -> Result<Body> {
+    grains::check_loose(key, table, effects)?;
     let filling = Filling::of(key, &table.shape, folder)?;
     let mut packing = Recipe::of(key, table, folder, &filling)?.packing(key)?;
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
     grains::cut(key, &table.dem.notch, &mut packing)?;
     let beam = beam(key, table)?;
+    let line = PackingLine::of(&packing, table.material.density);
+    let warnings = line.warnings();
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
     let model = if table.dem.finite_rotations {
         model.with_finite_rotations()
     } else {
         model
     };
-    let (model, grains) = Grains::of(model, table, effects)?;
-    let natural =
-        NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(|e| core(key)(e.into()))?;
+    let (model, grains) = Grains::of(model, table, effects, line)?;
+    let natural = NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(cnem(key))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
         ParticleFieldKind::Natural => Arc::new(natural),
         ParticleFieldKind::Particles => Arc::new(ParticlePoints {
@@ -97,7 +108,7 @@ pub(super) fn body(
         material: table.material,
         shape: table.shape.clone(),
         grains: Some(grains),
-        warnings: Vec::new(),
+        warnings,
         model: Box::new(model),
     })
 }

@@ -1,12 +1,14 @@
 //! `arlequin calibrate`: macroscopic E and nu of a packing and its beams, with the spread over seeds, and the inverse.
 
 mod sample;
+mod strength;
 mod table;
 
 use crate::build::filling::dem;
 use crate::error::{Error, Result, key, value};
+use crate::output::packing::PackingLine;
 use crate::report;
-use crate::scene::{Protocol, Source};
+use crate::scene::{CriterionKind, Protocol, Source};
 use arlequin::dem_beam::calibrate::{Elasticity, Spread, Statistics, beam_for, tension_test};
 use arlequin::dem_beam::homogenise::{Bulk, BulkStatistics, bulk};
 use arlequin::dem_beam::{BeamMaterial, Packing};
@@ -15,12 +17,13 @@ use sample::{Sample, Test};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use strength::Strengths;
 
 /// Key of errors that no scene is to blame for.
 const KEY: &str = "calibrate";
 
 /// What to measure, and on what.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(crate) struct Calibrate {
     /// Scene whose particles are taken; without one, flags say it all.
     #[arg(conflicts_with_all = ["cylinder", "cuboid"])]
@@ -73,6 +76,21 @@ pub(crate) struct Calibrate {
     /// Find the beams that give this Poisson's ratio.
     #[arg(long, value_name = "NU", requires = "target_young")]
     target_poisson: Option<f64>,
+    /// Pull the bars until they break: strength of the beams over that of the bar.
+    #[arg(long)]
+    strength: bool,
+    /// When beams break [default: all criteria]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "strength")]
+    criterion: Vec<CriterionKind>,
+    /// Strength of the beams [Pa]; ratios do not depend on it [default: 200e6]
+    #[arg(long, value_name = "PASCAL", requires = "strength")]
+    beam_strength: Option<f64>,
+    /// Weibull modulus of the scatter of strengths between beams [default: no scatter]
+    #[arg(long, value_name = "M", requires = "strength")]
+    weibull: Option<f64>,
+    /// Mean diameters of the spheres [m] at which bars are pulled [default: the one of the elasticity]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "strength")]
+    sizes: Option<Vec<f64>>,
     /// Number of packings, which differ by their seed.
     #[arg(long, value_name = "N", default_value_t = 5)]
     seeds: u64,
@@ -168,6 +186,8 @@ struct Report {
     #[serde(flatten)]
     elastic: Elastic,
     target: Option<Target>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    strength: Option<Strengths>,
     warnings: Vec<String>,
     /// Why the result must not be used, if so.
     refused: Option<String>,
@@ -226,9 +246,11 @@ pub(crate) fn calibrate(wanted: &Calibrate, source: Option<&Source>) -> Result<E
         packings: lines(&sample, &packings, &found),
         elastic: found.elastic(),
         target: None,
+        strength: None,
         warnings: Vec::new(),
         refused: None,
     };
+    report.warnings = PackingLine::of(&packings[0], 1.0).warnings();
     uniform(&found, &mut report);
     if let (Some(young), Some(poisson), None) = (wanted.target_young, wanted.target_poisson, &report.refused)
     {
@@ -247,6 +269,9 @@ pub(crate) fn calibrate(wanted: &Calibrate, source: Option<&Source>) -> Result<E
             beams: beams.into(),
             reached,
         });
+    }
+    if report.refused.is_none() {
+        report.strength = strength::of(wanted, source, &sample, &packings)?;
     }
     if wanted.json {
         let text = serde_json::to_string_pretty(&report).map_err(|e| Error::System {
@@ -303,6 +328,7 @@ fn run(
         Test::Tension(shape) => {
             let mut out = Vec::with_capacity(packings.len());
             for p in packings {
+                p.connected("a tension test")?;
                 // Statics does not ask for a density.
                 out.push(tension_test(&p.bonded(beam, 1.0)?, shape)?);
                 tick();
@@ -327,7 +353,7 @@ fn lines(sample: &Sample, packings: &[Packing], found: &Found) -> Vec<Line> {
         let (young, young_gauge, poisson, anisotropy) = found.line(k);
         Line {
             seed: *seed,
-            spheres: p.radii.len() + r.dropped,
+            spheres: r.placed,
             dropped: r.dropped,
             coordination_all: r.coordination_all,
             coordination_retained: r.coordination_retained,
@@ -386,6 +412,6 @@ impl Calibrate {
             let rule = "nothing to test; give a scene, --cylinder, --box or --periodic";
             return Err(key(KEY, rule));
         }
-        Ok(())
+        self.check_strength()
     }
 }

@@ -1,10 +1,10 @@
 //! What is tested: bars of a scene or of the flags, or periodic samples.
 
 use super::{Calibrate, KEY};
-use crate::build::Kind;
 use crate::build::filling::{Filling, Recipe, beam, dem, mean_sphere, spec};
+use crate::build::{Kind, cut};
 use crate::error::{Result, key, unknown, value};
-use crate::scene::{DemTable, Material, ModelTable, Shape, Source};
+use crate::scene::{DemTable, LooseKind, Material, ModelTable, NotchBox, Shape, Source};
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::{BeamMaterial, Packing};
@@ -27,7 +27,7 @@ pub(super) enum Test {
 }
 
 /// Packings to make and the test of each.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Sample {
     /// Key of the scene, for errors.
     pub(super) key: String,
@@ -39,6 +39,8 @@ pub(super) struct Sample {
     pub(super) beam: BeamMaterial,
     /// Test.
     pub(super) test: Test,
+    /// Notches of the scene, in the frame of the container; only tests of the strength cut them.
+    notches: Vec<NotchBox>,
 }
 
 impl Sample {
@@ -65,7 +67,13 @@ impl Sample {
             key: at,
             recipes,
             test: Test::Tension(bar),
+            notches: notches(&table, &filling),
         })
+    }
+
+    /// Cuts the notches of the scene.
+    pub(super) fn cut(&self, packing: &mut Packing) -> Result<()> {
+        cut(&self.key, &self.notches, packing)
     }
 
     /// Refuses bars too short for their spheres.
@@ -87,6 +95,18 @@ impl Sample {
         }
         Ok(())
     }
+}
+
+/// The notches of a table in the frame of the container.
+fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
+    let shift = filling.shift;
+    let moved = |x: [f64; 3]| [x[0] - shift.x, x[1] - shift.y, x[2] - shift.z];
+    let all = table.dem.notch.iter();
+    all.map(|b| NotchBox {
+        low: moved(b.low),
+        high: moved(b.high),
+    })
+    .collect()
 }
 
 /// The table of the model that is meant.
@@ -165,6 +185,8 @@ fn override_by(wanted: &Calibrate, table: &mut ModelTable) {
     }
     let t = &mut table.dem;
     t.coordination = wanted.coordination.or(t.coordination);
+    // Loose grains carry nothing.
+    t.loose = LooseKind::Drop;
     t.protocol = wanted.protocol.or(t.protocol);
     if wanted.radius_ratio.is_some() && wanted.young.is_none() && t.young.is_none() {
         t.young = Some(BeamMaterial::SILICA.young);
@@ -234,5 +256,6 @@ fn periodic(wanted: &Calibrate, at: String, table: &ModelTable) -> Result<Sample
         recipes: recipes.collect(),
         key: at,
         test: Test::Bulk,
+        notches: Vec::new(),
     })
 }

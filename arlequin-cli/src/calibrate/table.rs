@@ -65,6 +65,12 @@ pub(super) fn of(r: &Report) -> String {
             line(text);
         }
     }
+    if let Some(s) = &r.strength {
+        line(String::new());
+        for text in s.text() {
+            line(text);
+        }
+    }
     for w in &r.warnings {
         line(format!("warning    {w}"));
     }

@@ -3,6 +3,7 @@
 mod folder;
 mod frames;
 pub(crate) mod mark;
+pub(crate) mod packing;
 pub(crate) mod plots;
 pub(crate) mod summary;
 pub(crate) mod tables;

@@ -1,7 +1,9 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
-use crate::build::Strangers;
-use crate::recorder::PhaseClock;
+use super::packing::PackingLine;
+use crate::build::{Reader, Strangers};
+use crate::recorder::{PhaseClock, Recorder};
+use crate::spectrum;
 use arlequin::core::effect::EffectLine;
 use arlequin::core::momentum::{Arms, BodyMomentum, Claim};
 use arlequin::core::nalgebra::Vector3;
@@ -31,7 +33,7 @@ pub(crate) struct Summary {
     pub(crate) wake: Option<WakeReport>,
     /// First bonds that broke in an overlap, one per model.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(crate) into_overlap: Vec<OverlapBreak>,
+    pub(crate) into_overlap: Vec<crate::crossing::OverlapBreak>,
     /// Assignments of `--set`.
     pub(crate) set: Vec<String>,
     /// Worker threads.
@@ -68,32 +70,6 @@ pub(crate) struct Summary {
     pub(crate) probes: BTreeMap<String, ProbeLine>,
     /// What a user should know.
     pub(crate) warnings: Vec<String>,
-}
-
-/// A crack that ran into an overlap.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct OverlapBreak {
-    /// The model.
-    pub(crate) model: String,
-    /// Time of the first break there \[s\].
-    pub(crate) time: f64,
-    /// Its place \[m\].
-    pub(crate) place: [f64; 3],
-    /// Bonds of overlaps that are broken by now.
-    pub(crate) bonds: usize,
-}
-
-impl std::fmt::Display for OverlapBreak {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [x, y, z] = self.place;
-        write!(
-            f,
-            "model '{}': a bond broke in an overlap at t = {:.4e} s, at ({x:.3e}, {y:.3e}, {z:.3e}) m: breakage has left the \
-             particles' own region, where results are those of particles alone; enlarge it, or end the run there \
-             (fracture.stop_at_overlap = true)",
-            self.model, self.time
-        )
-    }
 }
 
 /// A model that slept, and what its waking did.
@@ -162,6 +138,9 @@ pub(crate) struct ModelLine {
     pub(crate) unknowns: usize,
     /// Its own critical step \[s\].
     pub(crate) critical_dt: f64,
+    /// How the spheres were packed, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) packing: Option<PackingLine>,
 }
 
 /// Where wall time went \[s\].
@@ -235,6 +214,20 @@ pub(crate) struct InterfaceLine {
     pub(crate) measure: f64,
     /// Nodes of the coarse and the fine model under the constraint.
     pub(crate) coupled_nodes: [usize; 2],
+    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act (by volume for particles).
+    pub(crate) tied: [f64; 2],
+    /// Share of the overlap outside the mediator.
+    pub(crate) outside_mediator: f64,
+    /// Weight that is missing at surfaces where the models' shapes differ, relative to the overlap.
+    pub(crate) missing_weight: f64,
+    /// Weighted inertia of the tied models less that of the space they fill, relative to the overlap.
+    pub(crate) excess_mass: f64,
+    /// Whether the weights were checked to sum to one.
+    pub(crate) partition_checked: bool,
+    /// Jump of the initial displacements that was projected away \[m\].
+    pub(crate) initial_jump: f64,
+    /// Largest change of an initial displacement by that \[m\].
+    pub(crate) initial_change: f64,
     /// Largest velocity jump relative to the largest velocity \[–\]; none before a step was made.
     pub(crate) max_constraint_residual: Option<f64>,
 }
@@ -338,22 +331,28 @@ pub(crate) fn process_bytes(name: &str) -> Option<usize> {
 }
 
 /// Models of a run.
-pub(crate) fn models<T: Real>(run: &Coupled<T>) -> Vec<ModelLine> {
+pub(crate) fn models<T: Real>(run: &Coupled<T>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
     let plan = run.plan();
-    let line = |(name, kind, nodes, unknowns, critical_dt)| ModelLine {
+    let line = |(k, (name, kind, nodes, unknowns, critical_dt))| ModelLine {
         name,
         kind,
         nodes,
         unknowns,
         critical_dt,
+        packing: packings.get(k).cloned().flatten(),
     };
-    plan.models.into_iter().map(line).collect()
+    plan.models.into_iter().enumerate().map(line).collect()
 }
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
 pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<InterfaceLine> {
     let line = |(k, i): (usize, &arlequin::core::interface::Interface<T>)| {
         let r = i.report();
+        let model = run.subdomains()[i.sides()[0]].model().name();
+        let group = run
+            .partition()
+            .iter()
+            .find(|g| g.models.iter().any(|m| m == model));
         InterfaceLine {
             name: r.name.clone(),
             junction: r.junction,
@@ -362,8 +361,36 @@ pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<In
             condition: r.condition,
             measure: r.measure,
             coupled_nodes: r.coupled_nodes,
+            tied: r.tied,
+            outside_mediator: r.outside,
+            missing_weight: group.map_or(0.0, |g| g.missing),
+            excess_mass: group.map_or(0.0, |g| g.excess_mass),
+            partition_checked: group.is_none_or(|g| g.checked),
+            initial_jump: r.start_jump,
+            initial_change: r.start_moved,
             max_constraint_residual: residuals.get(k).copied(),
         }
     };
     run.interfaces().iter().enumerate().map(line).collect()
+}
+
+/// Means, extremes and frequencies of all probes.
+pub(crate) fn probes(r: &Recorder) -> BTreeMap<String, ProbeLine> {
+    let times = &r.probes.times;
+    let step = match times.as_slice() {
+        [first, .., last] => (last - first) / (times.len() - 1) as f64,
+        _ => 0.0,
+    };
+    let line = |(p, values): (&Reader, &Vec<f64>)| {
+        let line = ProbeLine {
+            quantity: p.quantity.label(),
+            last: values.last().copied().unwrap_or_default(),
+            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
+            min: values.iter().copied().fold(f64::INFINITY, f64::min),
+            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            frequencies: spectrum::frequencies(values, step),
+        };
+        (p.name.clone(), line)
+    };
+    r.readers.iter().zip(&r.probes.columns).map(line).collect()
 }

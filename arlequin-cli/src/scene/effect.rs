@@ -149,7 +149,7 @@ fn one() -> u64 {
 }
 
 /// Criteria of bonds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CriterionKind {
     /// Axial tension.

@@ -27,6 +27,9 @@ pub(crate) struct Interface {
     /// Lumped multiplier operator.
     #[serde(default)]
     pub(crate) lumped: bool,
+    /// Whether the weights must sum to one.
+    #[serde(default)]
+    pub(crate) partition: PartitionKind,
     /// Point at which a seminorm pins the models together \[m\].
     pub(crate) pin: Option<[f64; 3]>,
     /// Damping of what the coarse model cannot carry.
@@ -194,6 +197,17 @@ pub(crate) enum SamplingKind {
     Projection,
     /// At the particles of the fine model.
     Particles,
+}
+
+/// Whether weights must sum to one.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum PartitionKind {
+    /// Refused if they do not.
+    #[default]
+    Checked,
+    /// A deliberate study.
+    Unchecked,
 }
 
 /// The overlap absorber.

@@ -15,12 +15,12 @@ pub(crate) use drive::{
 };
 pub(crate) use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
 pub(crate) use interface::{
-    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SamplingKind,
-    WeightTable, WeightingKind,
+    Absorber, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind, ProfileTable, RegionShape,
+    SamplingKind, WeightTable, WeightingKind,
 };
 pub(crate) use model::{
-    CnemTable, DemTable, Element, Functions, Material, ModelTable, NotchBox, ParticleFieldKind, Protocol,
-    RoleKind, Shape,
+    CnemTable, DemTable, Element, Functions, LooseKind, Material, ModelTable, NotchBox, ParticleFieldKind,
+    Protocol, RoleKind, Shape,
 };
 pub(crate) use source::Source;
 pub(crate) use wake::{Near, Wake};

@@ -175,6 +175,8 @@ pub(crate) struct DemTable {
     pub(crate) field: ParticleFieldKind,
     /// Whether rotations may be large.
     pub(crate) finite_rotations: bool,
+    /// What becomes of spheres that no bonds join to a part.
+    pub(crate) loose: LooseKind,
     /// Boxes that no bond crosses.
     pub(crate) notch: Vec<NotchBox>,
 }
@@ -187,6 +189,17 @@ pub(crate) struct NotchBox {
     pub(crate) low: [f64; 3],
     /// Highest corner \[m\].
     pub(crate) high: [f64; 3],
+}
+
+/// Spheres without bonds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum LooseKind {
+    /// Left out; refused if they are many.
+    #[default]
+    Drop,
+    /// Kept as loose grains; they need contact.
+    Keep,
 }
 
 /// How spheres are packed.

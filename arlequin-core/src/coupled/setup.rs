@@ -1,6 +1,6 @@
 //! Building a coupled run: checks, operators, consistent start.
 
-use super::{Coupled, pair};
+use super::{Coupled, motions, partition, tie};
 use crate::effect::{Demand, Pair, PairSite, PairSpec};
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
@@ -75,7 +75,7 @@ pub struct Plan {
 
 impl<T: Real> Coupled<T> {
     /// Builds a run: weights the models, checks and factors the interfaces, chooses or checks the step, and makes
-    /// initial velocities and accelerations consistent with the constraint.
+    /// initial displacements, velocities and accelerations consistent with the constraint.
     ///
     /// # Errors
     /// Every set-up check of models, effects and interfaces; [`Error::UnstableStep`]; [`Error::SharedNode`].
@@ -135,16 +135,19 @@ impl<T: Real> Coupled<T> {
         for s in &mut subdomains {
             s.prepare()?;
         }
+        let (partition, outside) = partition::check(&subdomains, &interfaces)?;
         let mut built = Vec::with_capacity(interfaces.len());
-        for spec in &interfaces {
-            built.push(Interface::new(
-                spec,
-                [
-                    side(&subdomains, spec, spec.coarse)?,
-                    side(&subdomains, spec, spec.fine)?,
-                ],
-            )?);
+        for (spec, outside) in interfaces.iter().zip(outside) {
+            let sides = [
+                side(&subdomains, spec, spec.coarse)?,
+                side(&subdomains, spec, spec.fine)?,
+            ];
+            let mut interface = Interface::new(spec, sides)?;
+            interface.report.outside = outside?;
+            interface.report.tied = tie::tied(&interface, &subdomains);
+            built.push(interface);
         }
+        built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
         check_disjoint(&built, &subdomains)?;
         attach(&mut pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
@@ -165,33 +168,12 @@ impl<T: Real> Coupled<T> {
             guard,
             ledger: Ledger::new(),
             start_loss: T::zero(),
+            displaced: T::zero(),
+            partition,
             work: Vec::new(),
         };
         run.start()?;
         Ok(run)
-    }
-
-    /// Projects `v_0` and `a_0` on the constraint once; otherwise the jump flips its sign every step for ever.
-    fn start(&mut self) -> Result<()> {
-        for s in &mut self.subdomains {
-            s.start(self.time, self.dt)?;
-        }
-        if !self.pairs.is_empty() {
-            self.meet([self.time, T::zero(), T::zero()], &mut |_| {})?;
-        }
-        let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
-        for i in &mut self.interfaces {
-            let [coarse, fine] = i.sides;
-            let [c, d] = pair(&mut self.subdomains, coarse, fine);
-            let inverse = [&c.inverse_inertia[..], &d.inverse_inertia[..]];
-            i.project([&mut c.state.v, &mut d.state.v], inverse, T::zero());
-            i.project([&mut c.state.a, &mut d.state.a], inverse, T::one());
-            self.work
-                .resize(self.work.len().max(i.multipliers().len()), T::zero());
-        }
-        self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
-        self.find_bodies();
-        Ok(())
     }
 
     /// What the run will be.
@@ -271,6 +253,7 @@ fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize)
         field: &**all[k].field(),
         layout: all[k].model().layout(),
         inverse_inertia: all[k].inverse_inertia(),
+        weight: &*all[k].weights().kinetic,
     })
 }
 

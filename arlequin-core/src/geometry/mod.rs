@@ -141,6 +141,14 @@ impl<T: Real> Cell<T> {
         }
     }
 
+    /// The bounding half-spaces of a polyhedron; none for a segment.
+    pub(crate) fn half_spaces(&self) -> Vec<HalfSpace<T>> {
+        match self {
+            Self::Segment { .. } => Vec::new(),
+            Self::Polyhedron(p) => p.half_spaces(),
+        }
+    }
+
     /// All corners, with repetitions.
     pub fn corners(&self) -> Vec<Point3<T>> {
         match self {
@@ -163,16 +171,21 @@ pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [P
 
 /// Mean of a function over a cell, by quadrature on `8^levels` parts; exact for quintics at any level.
 pub fn mean<T: Real>(cell: &Cell<T>, levels: usize, f: &dyn Fn(&Point3<T>) -> T) -> T {
-    let mut parts = vec![cell.clone()];
-    for _ in 0..levels {
-        parts = parts.iter().flat_map(halves).collect();
-    }
     let mut samples = Vec::new();
-    for p in &parts {
+    for p in &parts(cell, levels) {
         p.quadrature(5, &mut samples);
     }
     let total: T = samples.iter().map(|s| s.measure).sum();
     samples.iter().map(|s| f(&s.point) * s.measure).sum::<T>() / total
+}
+
+/// The cell cut in `8^levels` parts, a segment in `2^levels`.
+pub(crate) fn parts<T: Real>(cell: &Cell<T>, levels: usize) -> Vec<Cell<T>> {
+    let mut parts = vec![cell.clone()];
+    for _ in 0..levels {
+        parts = parts.iter().flat_map(halves).collect();
+    }
+    parts
 }
 
 /// The cell cut through its centre across its three box directions (8 parts), a segment in two.

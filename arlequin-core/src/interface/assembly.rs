@@ -25,6 +25,10 @@ pub enum Sampling {
 /// Share of the mediator that may lie outside a model before it counts as an error: faceted meshes of a curved
 /// surface differ by that much.
 pub(super) const OVERHANG_LIMIT: f64 = 0.02;
+/// Share of the mediator that the cells of a model may cover beyond it: round-off.
+const TWICE: f64 = 1e-6;
+/// Highest degree of the quadrature.
+const HIGHEST: usize = 5;
 /// Particle volumes need not fill the mediator exactly.
 pub(super) const PARTICLE_COVERAGE: f64 = 0.3;
 
@@ -32,6 +36,7 @@ pub(super) struct Built<T> {
     pub(super) coupling: [Coupling<T>; 2],
     pub(super) measure: T,
     pub(super) momentum_defect: T,
+    pub(super) degree: Option<usize>,
     pub(super) warnings: Vec<String>,
 }
 
@@ -76,17 +81,18 @@ pub(super) fn assemble<T: Real>(
                     ),
                 ));
             };
-            let mut sums = Sums::new(spec, sides, components);
+            let mut sums = Sums::new(spec, sides, components).over_particles(m);
             sums.add(samples, UNKNOWN)?;
-            let (coupling, covered) = sums.finish(&mut warnings)?;
+            let (coupling, [covered, reached]) = sums.finish(&mut warnings)?;
             check_coverage(spec, sides[m].name, covered, total)?;
-            (coupling, covered)
+            (coupling, covered + reached)
         }
     };
     let mut built = Built {
         coupling,
         measure,
         momentum_defect: T::zero(),
+        degree: degree(spec, sides),
         warnings,
     };
     if !spec.junction.is_seminorm() {
@@ -106,12 +112,33 @@ pub(super) fn assemble<T: Real>(
     Ok(built)
 }
 
+/// Degree of the rule on each piece; none for sums over particles.
+fn degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> Option<usize> {
+    let mediator = spec.mediator.degree();
+    let wanted = match spec.options.sampling {
+        Sampling::Particles => return None,
+        Sampling::Projection => 2 * mediator,
+        Sampling::Intersection => mediator + sides[0].field.degree().max(sides[1].field.degree()),
+    };
+    Some(wanted.min(HIGHEST))
+}
+
 fn check_coverage<T: Real>(spec: &InterfaceSpec<T>, model: &str, covered: T, total: T) -> Result<()> {
     let (interface, model) = (spec.name.clone(), model.to_owned());
     if covered <= T::zero() {
         return Err(Error::EmptyOverlap { interface, model });
     }
-    if ((covered - total) / total).abs() > T::of(PARTICLE_COVERAGE) {
+    let beyond = (covered - total) / total;
+    if beyond > T::of(PARTICLE_COVERAGE) {
+        let (covered, total) = (covered.as_f64(), total.as_f64());
+        return Err(Error::CoveredTwice {
+            interface,
+            model,
+            covered,
+            total,
+        });
+    }
+    if -beyond > T::of(PARTICLE_COVERAGE) {
         let (outside, total) = ((total - covered).as_f64(), total.as_f64());
         return Err(Error::OverhangingMediator {
             interface,
@@ -133,13 +160,7 @@ struct CellSet<T: Real> {
 impl<T: Real> CellSet<T> {
     fn new(field: &dyn Interpolation<T>) -> Self {
         let cells = field.cells();
-        let planes = cells
-            .iter()
-            .map(|c| match c {
-                Cell::Polyhedron(p) => p.half_spaces(),
-                Cell::Segment { .. } => Vec::new(),
-            })
-            .collect();
+        let planes = cells.iter().map(Cell::half_spaces).collect();
         let tree = BoxTree::new(cells.iter().map(Cell::bounds).collect());
         Self { cells, planes, tree }
     }
@@ -184,7 +205,7 @@ fn refined<T: Real>(
     warnings: &mut Vec<String>,
 ) -> Result<([Coupling<T>; 2], T)> {
     let sets = [CellSet::new(sides[0].field), CellSet::new(sides[1].field)];
-    let degree = spec.mediator.degree() + sides[0].field.degree().max(sides[1].field.degree());
+    let degree = degree(spec, sides).unwrap_or(HIGHEST);
     let mut covered = [T::zero(); 2];
     let mut samples = Vec::new();
     let mut sums = Sums::new(spec, sides, components);
@@ -193,7 +214,7 @@ fn refined<T: Real>(
             covered[0] += piece.measure();
             for (f, part) in sets[1].pieces(&piece) {
                 samples.clear();
-                part.quadrature(degree.min(5), &mut samples);
+                part.quadrature(degree, &mut samples);
                 covered[1] += samples.iter().map(|s| s.measure).sum();
                 sums.add(&samples, [m, c, f])?;
             }
@@ -203,6 +224,15 @@ fn refined<T: Real>(
         let (interface, model) = (spec.name.clone(), sides[m].name.to_owned());
         if covered <= T::zero() {
             return Err(Error::EmptyOverlap { interface, model });
+        }
+        if covered - total > total * T::of(TWICE).max(T::epsilon().sqrt()) {
+            let (covered, total) = (covered.as_f64(), total.as_f64());
+            return Err(Error::CoveredTwice {
+                interface,
+                model,
+                covered,
+                total,
+            });
         }
         if total - covered > total * T::of(OVERHANG_LIMIT) {
             let (outside, total) = ((total - covered).as_f64(), total.as_f64());
@@ -214,7 +244,8 @@ fn refined<T: Real>(
             });
         }
     }
-    sums.finish(warnings)
+    let (coupling, [measure, _]) = sums.finish(warnings)?;
+    Ok((coupling, measure))
 }
 
 /// `B = M_O P` with the mediator's own Gram matrix and the fields' values at the mediator nodes.
@@ -228,11 +259,10 @@ fn projection<T: Real>(
     let shared = if spec.junction.splits() { components } else { 1 };
     let per_node = components / shared;
     let nodes = spec.mediator.nodes();
+    let degree = degree(spec, sides).unwrap_or(HIGHEST);
     let mut gram = Accumulator::new();
     let (mut row, mut samples) = (ShapeRow::default(), Vec::new());
-    cells
-        .iter()
-        .for_each(|c| c.quadrature((2 * spec.mediator.degree()).min(5), &mut samples));
+    cells.iter().for_each(|c| c.quadrature(degree, &mut samples));
     for s in &samples {
         spec.mediator.shape_at(&s.point, gradient, &mut row)?;
         let cols = row.clone();

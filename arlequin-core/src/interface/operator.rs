@@ -215,7 +215,7 @@ fn same_on_coupled<T: Real>(coupling: &[Coupling<T>; 2], a: &[Vec<T>; 2], b: &[V
     (0..2).all(|m| coupling[m].matrix.iter().all(|(_, (_, j))| a[m][j] == b[m][j]))
 }
 
-fn operator<T: Real>(coupling: &[Coupling<T>; 2], weights: &[Vec<T>; 2]) -> CsMat<T> {
+pub(super) fn operator<T: Real>(coupling: &[Coupling<T>; 2], weights: &[Vec<T>; 2]) -> CsMat<T> {
     let n = coupling[0].matrix.rows();
     let mut sum = TriMat::new((n, n));
     for (m, weights) in weights.iter().enumerate() {

@@ -5,6 +5,8 @@ use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::Sample;
 use crate::junction::Shape;
+use crate::mediator::Mediator;
+use crate::reach::Reach;
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 use sprs::{CsMat, TriMat};
@@ -96,9 +98,19 @@ pub(super) struct Sums<'a, T: Real> {
     components: usize,
     sums: [Accumulator<T>; 2],
     measure: T,
+    reached: T,
     lost: T,
     rows: ShapeRow<T>,
     cols: [ShapeRow<T>; 2],
+    beyond: Option<Beyond<'a, T>>,
+}
+
+/// Mediator and the other model's field beyond their surfaces, for particles of the overlap that stick out of them.
+struct Beyond<'a, T: Real> {
+    /// The side whose particles sample the integrals.
+    particles: usize,
+    mediator: Reach<'a, T, dyn Mediator<T>>,
+    other: Reach<'a, T, dyn Interpolation<T> + 'a>,
 }
 
 impl<'a, T: Real> Sums<'a, T> {
@@ -109,18 +121,51 @@ impl<'a, T: Real> Sums<'a, T> {
             components,
             sums: [Accumulator::new(), Accumulator::new()],
             measure: T::zero(),
+            reached: T::zero(),
             lost: T::zero(),
             rows: ShapeRow::default(),
             cols: [ShapeRow::default(), ShapeRow::default()],
+            beyond: None,
         }
+    }
+
+    /// The same for sums over the particles of one side, which may stick out of mediator and other model.
+    pub(super) fn over_particles(mut self, side: usize) -> Self {
+        self.beyond = Some(Beyond {
+            particles: side,
+            mediator: Reach::new(&*self.spec.mediator),
+            other: Reach::new(self.sides[1 - side].field),
+        });
+        self
+    }
+
+    /// Whether both models share a point: a particle there may stick out of the mediator and the coarse model.
+    fn is_shared(&self, x: &Point3<T>) -> bool {
+        let Some(beyond) = &self.beyond else {
+            return false;
+        };
+        let w = self.sides[beyond.particles].weight.at(x);
+        let floor = T::epsilon().max(T::of(1e-9));
+        w > floor && w < T::one() - floor
     }
 
     /// Adds samples that lie in one cell each of mediator, coarse and fine field, where known.
     pub(super) fn add(&mut self, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
         let gradient = self.spec.junction.needs_gradient();
         for s in samples {
+            let shared = self.is_shared(&s.point);
+            let mut reached = false;
             match evaluate(&*self.spec.mediator, cells[0], &s.point, gradient, &mut self.rows) {
-                Err(Error::OutsideDomain { .. }) => continue,
+                Err(Error::OutsideDomain { .. }) => {
+                    let Some(beyond) = self.beyond.as_mut().filter(|_| shared) else {
+                        continue;
+                    };
+                    match beyond.mediator.shape_at(&s.point, gradient, &mut self.rows) {
+                        Err(Error::OutsideDomain { .. }) => continue,
+                        other => other?,
+                    }
+                    reached = true;
+                }
                 other => other?,
             }
             let mut inside = true;
@@ -132,7 +177,15 @@ impl<'a, T: Real> Sums<'a, T> {
                     gradient,
                     &mut self.cols[m],
                 ) {
-                    Err(Error::OutsideDomain { .. }) => inside = false,
+                    Err(Error::OutsideDomain { .. }) => {
+                        reached = true;
+                        let beyond = self.beyond.as_mut().filter(|b| shared && m != b.particles);
+                        inside &=
+                            match beyond.map(|b| b.other.shape_at(&s.point, gradient, &mut self.cols[m])) {
+                                None | Some(Err(Error::OutsideDomain { .. })) => false,
+                                Some(other) => other.map(|()| true)?,
+                            };
+                    }
                     Err(Error::NoGradient { .. }) => {
                         let (role, junction) = (
                             self.sides[m].field.kind().into(),
@@ -147,7 +200,11 @@ impl<'a, T: Real> Sums<'a, T> {
                 self.lost += s.measure;
                 continue;
             }
-            self.measure += s.measure;
+            if reached {
+                self.reached += s.measure;
+            } else {
+                self.measure += s.measure;
+            }
             for m in 0..2 {
                 add_products(
                     self.spec,
@@ -162,14 +219,15 @@ impl<'a, T: Real> Sums<'a, T> {
         Ok(())
     }
 
-    /// The coupling matrices and the measure that all three fields cover.
-    pub(super) fn finish(self, warnings: &mut Vec<String>) -> Result<([Coupling<T>; 2], T)> {
+    /// The coupling matrices, the measure that all three fields cover, and that of what was reached beyond.
+    pub(super) fn finish(self, warnings: &mut Vec<String>) -> Result<([Coupling<T>; 2], [T; 2])> {
         let Self {
             spec,
             sides,
             components,
             sums,
             measure,
+            reached,
             lost,
             ..
         } = self;
@@ -178,8 +236,8 @@ impl<'a, T: Real> Sums<'a, T> {
             Sampling::Particles => PARTICLE_COVERAGE,
             _ => OVERHANG_LIMIT,
         };
-        if lost > (measure + lost) * T::of(limit) {
-            let (outside, total) = (lost.as_f64(), (lost + measure).as_f64());
+        if lost > (measure + reached + lost) * T::of(limit) {
+            let (outside, total) = (lost.as_f64(), (lost + reached + measure).as_f64());
             let (interface, model) = (spec.name.clone(), sides[0].name.to_owned());
             return Err(Error::OverhangingMediator {
                 interface,
@@ -191,7 +249,7 @@ impl<'a, T: Real> Sums<'a, T> {
         if lost > T::zero() {
             warnings.push(format!(
                 "{:.2e} of the overlap lies outside one of the models (at the surface) and is left out on both sides",
-                (lost / (measure + lost)).as_f64()
+                (lost / (measure + reached + lost)).as_f64()
             ));
         }
         let shared = if spec.junction.splits() { components } else { 1 };
@@ -211,7 +269,7 @@ impl<'a, T: Real> Sums<'a, T> {
                 shared,
             },
         ];
-        Ok((coupling, measure))
+        Ok((coupling, [measure, reached]))
     }
 }
 

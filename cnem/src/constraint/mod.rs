@@ -4,14 +4,18 @@
 //! its orientation does not matter, several bodies and holes are told apart by crossing parity. Crack faces are free
 //! faces inside the domain that are not seen through.
 //!
-//! Every constrained face must be a face of the Delaunay complex. Where one is not, in this order:
+//! Every constrained face must be a face of the complex. Where one is not a face of the Delaunay complex, in this order:
 //! 1. flat patches take the triangles that the Delaunay complex has on one side of them, or single diagonals are
 //!    swapped to those it has (same geometry),
 //! 2. faces and edges are split at nodes that lie on them (to 1e-10 of the edge length),
-//! 3. points are inserted on the missing edges and faces; they are nodes of the domain and are reported.
+//! 3. points are inserted on missing edges, until all are there; they are nodes of the domain and are reported,
+//! 4. the tetrahedra that missing faces cut are divided anew on both sides of them, without points: the complex is then
+//!    the constrained Delaunay complex, whose spheres are empty of what can be seen from inside them,
+//! 5. points are inserted on the faces for which that is not possible.
 //!
 //! If that does not end within the allowed number of points, the error names the faces.
 
+mod carve;
 mod mesh;
 mod patch;
 mod recover;
@@ -50,6 +54,8 @@ pub struct Recovery {
     pub inserted: Vec<InsertedPoint>,
     /// Diagonals swapped within flat patches.
     pub swapped: usize,
+    /// Faces recovered without a point, by dividing the tetrahedra that they cut anew on both sides.
+    pub divided: usize,
     /// Splits of edges and faces at nodes that were given and lie on them.
     pub split_at_nodes: usize,
 }

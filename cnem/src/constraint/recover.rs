@@ -3,7 +3,7 @@
 use super::mesh::{ON_FACE, in_circle, key};
 use super::{FaceMesh, InsertedPoint, Recovery, Surface};
 use crate::bins::{Bins, around};
-use crate::delaunay::Delaunay;
+use crate::delaunay::{Delaunay, Neighbours};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
 
@@ -31,9 +31,14 @@ pub(crate) fn recover(
         if work.missing_faces().is_empty() {
             return Ok((work.mesh, work.done));
         }
-        if !work.insert_on_edges()? {
-            work.insert_on_faces()?;
+        if work.insert_on_edges()? {
+            continue;
         }
+        let left = work.divide();
+        if left.is_empty() {
+            return Ok((work.mesh, work.done));
+        }
+        work.insert_on_faces(&left)?;
     }
 }
 
@@ -197,9 +202,28 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Inserts a point on each missing face: the circumcentre if it is well inside, else the middle of the longest edge.
-    fn insert_on_faces(&mut self) -> Result<()> {
-        for f in self.missing_faces() {
+    /// Divides the tetrahedra that missing faces cut. Points can be inserted in a Delaunay complex only: unless all
+    /// faces are recovered, the complex stays as it is, and those that are not are returned.
+    fn divide(&mut self) -> Vec<u32> {
+        let missing = self.missing_faces();
+        let whole = self.delaunay.clone();
+        let mut left = super::carve::carve(self.delaunay, &self.mesh, &missing);
+        if left.is_empty() {
+            left = self.missing_faces();
+        }
+        if left.is_empty() {
+            self.done.divided = missing.len();
+            self.delaunay.before = Some(Neighbours::new(&whole));
+        } else {
+            *self.delaunay = whole;
+        }
+        left
+    }
+
+    /// Inserts a point on each of some missing faces: the circumcentre if it is well inside, else the middle of the longest
+    /// edge.
+    fn insert_on_faces(&mut self, faces: &[u32]) -> Result<()> {
+        for &f in faces {
             let face = self.mesh.faces[f as usize];
             if self.has_face(face.v) {
                 continue;

@@ -202,6 +202,12 @@ impl Delaunay {
         Inserted::At(last)
     }
 
+    /// Leaves tetrahedra that nothing refers to any more to later insertions.
+    pub(super) fn release(&mut self, tets: &[u32]) {
+        self.work.free.extend(tets);
+        self.work.grow_marks(self.tets.len());
+    }
+
     /// Removes the free slots left over by insertions.
     pub(super) fn compact(&mut self) {
         let free = std::mem::take(&mut self.work.free);

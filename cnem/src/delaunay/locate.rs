@@ -26,6 +26,9 @@ pub enum Location {
     },
 }
 
+/// Steps of a walk after which the faces are tried in changing order.
+const ORDERLY: usize = 4096;
+
 impl Delaunay {
     /// Locates a point by an exact visibility walk from `hint` (any number; the last hint is best).
     ///
@@ -48,7 +51,8 @@ impl Delaunay {
     }
 
     /// Tetrahedron that holds `q`, or a ghost whose hull face `q` is strictly beyond. Visibility walks in a Delaunay
-    /// complex never cycle.
+    /// complex never cycle; in a constrained one the faces are tried in changing order after a while, so that no
+    /// cycle lasts.
     pub(crate) fn walk(&self, q: &Point3<f64>, hint: u32) -> u32 {
         let mut at = hint;
         let mut from = NONE;
@@ -58,9 +62,18 @@ impl Delaunay {
             at = t.n[3] >> 2;
             t = &self.tets[at as usize];
         }
+        let mut steps = 0_usize;
         'step: loop {
             let mut exit = NONE;
-            for (slot, &n) in t.n.iter().enumerate() {
+            steps += 1;
+            let turn = if steps > ORDERLY {
+                steps.wrapping_mul(0x9e37_79b9) >> 7
+            } else {
+                0
+            };
+            for k in 0..4 {
+                let slot = (k + turn) & 3;
+                let n = t.n[slot];
                 if n >> 2 == from {
                     continue;
                 }

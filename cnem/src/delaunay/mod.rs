@@ -10,6 +10,7 @@
 mod build;
 mod insert;
 mod locate;
+mod replace;
 #[cfg(test)]
 mod tests;
 
@@ -18,6 +19,7 @@ use crate::tet::{EdgeTable, INF, Tet};
 use nalgebra::{Point3, Vector3};
 
 pub use locate::Location;
+pub(crate) use replace::{Neighbours, face_key};
 
 /// Delaunay tetrahedralisation: fills the convex hull of the nodes.
 ///
@@ -41,6 +43,9 @@ pub struct Delaunay {
     /// Rank of the vertices in the tie-break; empty when it is the index.
     pub(crate) rank: Vec<u32>,
     work: insert::Work,
+    /// Neighbours in the Delaunay complex, if tetrahedra were then divided along constrained faces: spheres are empty of
+    /// visible nodes only.
+    pub(crate) before: Option<Neighbours>,
 }
 
 impl Delaunay {
@@ -186,7 +191,8 @@ impl Delaunay {
     }
 
     /// Checks adjacency, orientation and the empty-sphere property over every face by exact predicates; returns the
-    /// number of violations. Locally Delaunay everywhere is globally Delaunay.
+    /// number of violations. Locally Delaunay everywhere is globally Delaunay. After faces were recovered without points
+    /// (see [`crate::constraint::Recovery::divided`]) these faces violate it.
     pub fn violations(&self) -> usize {
         let mut bad = 0;
         for (i, t) in self.tets.iter().enumerate() {
@@ -254,6 +260,7 @@ impl Delaunay {
             duplicates: Vec::new(),
             rank,
             work: insert::Work::new(table),
+            before: None,
         }
     }
 }

@@ -4,7 +4,7 @@ use super::{Domain, ON_BOUNDARY};
 use crate::circumcentre::six_volumes;
 use crate::delaunay::{Delaunay, linear_gradients, linear_values};
 use crate::error::{Error, Result};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 /// Squared sine of the angle at a corner of a face below which its normal is not used.
 const NEEDLE: f64 = 1e-6;
@@ -12,6 +12,8 @@ const NEEDLE: f64 = 1e-6;
 /// Uniform grid of tetrahedra where walks may start; keeps walks short for queries in any order.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Starts {
+    /// Middle of the nodes.
+    middle: Point3<f64>,
     low: Point3<f64>,
     inverse: f64,
     counts: [usize; 3],
@@ -39,7 +41,9 @@ impl Starts {
             hint = delaunay.walk(&middle, hint);
             *start = hint;
         }
+        let sum = delaunay.points.iter().map(|p| p.coords).sum::<Vector3<f64>>();
         Self {
+            middle: (sum / delaunay.points.len() as f64).into(),
             low,
             inverse: 1.0 / size,
             counts,
@@ -91,8 +95,19 @@ impl Domain {
         if !x.iter().all(|c| c.is_finite()) {
             return None;
         }
-        let found = self.delaunay.walk(x, self.starts.at(x));
-        if self.inside[found as usize] {
+        let start = self.starts.at(x);
+        let mut found = self.delaunay.walk(x, start);
+        let mut reach = tolerance;
+        let far = |t: u32| {
+            self.plane_distances(t, x)
+                .into_iter()
+                .fold(f64::NEG_INFINITY, f64::max)
+        };
+        let outside = self.delaunay.tets[found as usize].is_ghost();
+        if outside {
+            (found, reach) = self.enter(x, found, start, tolerance)?;
+        }
+        if self.inside[found as usize] && (!outside || far(found) <= tolerance) {
             return Some(found);
         }
         near.clear();
@@ -108,18 +123,39 @@ impl Domain {
                 }
                 if self.flat[n as usize] {
                     // Its planes mean nothing; it only leads on.
-                    if self.box_holds(n, x, tolerance) {
+                    if self.box_holds(n, x, reach) {
                         near.push(n);
                     }
-                } else if self.plane_distances(n, x).iter().all(|d| *d <= tolerance) {
-                    if self.inside[n as usize] {
-                        return Some(n);
-                    }
+                    continue;
+                }
+                let far = far(n);
+                if far <= tolerance && self.inside[n as usize] {
+                    return Some(n);
+                }
+                if far <= reach {
                     near.push(n);
                 }
             }
         }
         None
+    }
+
+    /// For a point outside the hull, beyond the face of a ghost: a tetrahedron beside it, and how far around the point
+    /// to go on from there. The face need not be next to the point where the hull is flat up to round-off, so the
+    /// point is moved towards the middle, further each time, until it is in a tetrahedron.
+    fn enter(&self, x: &Point3<f64>, ghost: u32, start: u32, tolerance: f64) -> Option<(u32, f64)> {
+        let v = self.delaunay.tets[ghost as usize].v;
+        let [a, b, c] = [v[0], v[1], v[2]].map(|v| &self.delaunay.points[v as usize]);
+        let beyond = six_volumes([a, b, c, x]) / (b - a).cross(&(c - a)).norm();
+        // The hull lies before every plane of its faces.
+        if beyond > 2.0 * tolerance {
+            return None;
+        }
+        let inward = (self.starts.middle - x).try_normalize(0.0)?;
+        let shifts = (0..8).map(|k| 4.0 * tolerance * 8.0_f64.powi(k));
+        shifts
+            .map(|shift| (self.delaunay.walk(&(x + inward * shift), start), 2.0 * shift))
+            .find(|(found, _)| !self.delaunay.tets[*found as usize].is_ghost())
     }
 
     fn box_holds(&self, tet: u32, x: &Point3<f64>, tolerance: f64) -> bool {

@@ -78,6 +78,12 @@ impl Work {
             .map(|&t| domain.centre[t as usize].norm_squared())
             .fold(0.0, f64::max)
             .sqrt();
+        // Spheres of a constrained complex are empty only where no wall reaches into them.
+        let reach = if domain.delaunay.before.is_some() {
+            2.0 * reach
+        } else {
+            reach
+        };
         if within && !walls.any(&around([seed], reach * (1.0 + 1e-9))) {
             self.read_circumcentres(domain, node);
         } else {
@@ -119,6 +125,33 @@ impl Work {
                 }
             }
             None => self.pieces.push(part),
+        }
+    }
+
+    /// Lists the neighbours in the Delaunay complex, hidden ones too: the cell ends where another node is closer, whether
+    /// it can be seen or not, so that cells never overlap.
+    fn list_near(&mut self, domain: &Domain, node: u32) {
+        let original = domain.copies.original(node);
+        if let Some(neighbours) = domain.delaunay.before.as_ref() {
+            for &v in neighbours.of(original) {
+                self.add_near(domain, node, v);
+            }
+            return;
+        }
+        let all = domain.copies.of(original);
+        let all = if all.is_empty() { &[original] } else { all };
+        for &copy in all {
+            domain.delaunay.star(copy, &mut self.reached);
+            for i in 0..self.reached.len() {
+                let t = self.reached[i];
+                for v in domain.delaunay.tets[t as usize]
+                    .v
+                    .into_iter()
+                    .filter(|v| *v != INF)
+                {
+                    self.add_near(domain, node, v);
+                }
+            }
         }
     }
 
@@ -174,14 +207,7 @@ impl Work {
     fn by_clipping(&mut self, domain: &Domain, regions: &Regions, node: u32) {
         let seed = domain.delaunay.points[node as usize];
         self.near.clear();
-        for i in 0..self.star.len() {
-            let t = self.star[i];
-            for v in domain.delaunay.tets[t as usize].v {
-                if v != INF {
-                    self.add_near(domain, node, v);
-                }
-            }
-        }
+        self.list_near(domain, node);
         self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         self.queue.clear();
         self.queue

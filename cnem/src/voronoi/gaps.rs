@@ -6,7 +6,7 @@ use crate::domain::Domain;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Share of a tetrahedron's volume that may be uncovered before it is divided anew; dividing without need is harmless.
+/// Share of a tetrahedron's volume that may be uncovered, or covered twice, before it is divided anew; dividing without need is harmless.
 const UNCOVERED: f64 = 1e-10;
 
 /// What was handed over to other nodes because its closest node is behind a constrained face.
@@ -65,9 +65,9 @@ impl Regions {
                 continue;
             }
             let whole = volume(domain.delaunay.corners(t));
-            if filled[tet] < whole * (1.0 - UNCOVERED) {
+            if (filled[tet] - whole).abs() > whole * UNCOVERED {
                 out.of_tet.insert(tet as u32, u32::MAX);
-                out.gaps.volume += whole - filled[tet];
+                out.gaps.volume += (whole - filled[tet]).abs();
             }
         }
         out.connect(domain);

@@ -19,8 +19,9 @@
 //! ```
 //!
 //! `rankine` is the usual one for cohesive beams of brittle materials (André et al. 2012, 2013). The stress of the
-//! beam is not that of the packing: beams are stiffer than the packing and loaded unevenly, so a macroscopic strength
-//! is reached at a higher strength of the beams (about threefold in tension for `axial` and `rankine`).
+//! beam is not that of the packing: beams are stiffer than the packing, carry a part of the section and are loaded unevenly,
+//! so the strength of the beams is several times that of the body: 4 times in tension for `axial`, 12 times for `rankine` and
+//! `mises`. [`crate::strength`] measures it, docs/calibration.md has a table.
 
 pub(crate) mod criterion;
 mod scatter;
@@ -68,7 +69,11 @@ impl Fracture {
         }
     }
 
-    pub(crate) fn check(&self) -> Result<()> {
+    /// Checks strength, scatter and interval, as a model that takes it does.
+    ///
+    /// # Errors
+    /// [`DemError::OutOfRange`].
+    pub fn check(&self) -> Result<()> {
         positive("bond strength", self.strength)?;
         self.scatter.check()?;
         if self.every == 0 {

@@ -38,6 +38,12 @@ impl DemModel {
         Ok(self)
     }
 
+    /// Largest criterion over strength among the bonds in the state `q`; zero without fracture.
+    pub(crate) fn load(&self, q: &[f64]) -> f64 {
+        let peak = |f: &FractureState| f.peak(&self.body, &self.reader(q)).0;
+        self.fracture.as_ref().map_or(0.0, peak)
+    }
+
     /// Makes the bonds of an overlap unbreakable where that is wanted; to be called when weights change.
     pub(super) fn spare_overlap(&mut self) {
         let (mut fracture, mut watched) = (self.fracture.take(), self.watched.take());

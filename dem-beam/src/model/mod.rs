@@ -26,6 +26,7 @@ mod select;
 mod spectrum;
 mod stiffness;
 mod torn;
+mod weights;
 
 pub use report::DemReport;
 pub use select::LoadShare;
@@ -37,10 +38,10 @@ use crate::fracture::state::FractureState;
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
-use crate::particles::{BondedParticles, Matter};
+use crate::particles::{BondedParticles, Grains, Matter};
 use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
-use arlequin_core::geometry::Cell;
+use arlequin_core::geometry::Sample;
 use arlequin_core::model::{
     CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
 };
@@ -52,11 +53,7 @@ use arlequin_core::weight::{Weight, Weighting};
 use forces::Gather;
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
-use rayon::prelude::*;
 use std::sync::Arc;
-
-/// Round-off below zero that a weight `1 - sum` may have.
-const ROUND_OFF: f64 = 1e-9;
 
 #[derive(Debug)]
 enum Kernel {
@@ -89,7 +86,7 @@ pub struct DemModel {
 }
 
 impl DemModel {
-    /// A packing of beams `beam` and density `density` (kg/m^3): total mass `density * volume`.
+    /// A packing of beams `beam` and density `density` (kg/m^3), which times the volume each sphere stands for is its mass.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -106,13 +103,15 @@ impl DemModel {
         if packing.period.is_some() {
             return Err(DemError::Periodic { what: "a model" });
         }
-        let matter = Matter {
-            beam,
-            density,
-            volume: packing.volume,
+        // In the packing's numbers first, so that errors name what the caller knows.
+        let body = BondedParticles::of_packing(packing, beam, density)?;
+        let volumes = packing.volumes();
+        let grains = Grains {
+            volumes: &volumes,
+            loose: packing.loose,
+            period: None,
         };
-        let mut model =
-            Self::from_spheres(name, &packing.positions, &packing.radii, &packing.pairs, &matter)?;
+        let mut model = Self::of_body(name, &body, &grains, [density, packing.volume], beam)?;
         model.packing = Some(packing.report.clone());
         Ok(model)
     }
@@ -129,7 +128,25 @@ impl DemModel {
         matter: &Matter,
     ) -> Result<Self> {
         // In the caller's numbers first, so that errors name what the caller knows.
-        BondedParticles::new(positions.to_vec(), radii.to_vec(), pairs.to_vec(), matter)?;
+        let body = BondedParticles::new(positions.to_vec(), radii.to_vec(), pairs.to_vec(), matter)?;
+        let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
+        let grains = Grains {
+            volumes: &volumes,
+            loose: false,
+            period: None,
+        };
+        Self::of_body(name, &body, &grains, [matter.density, matter.volume], matter.beam)
+    }
+
+    /// A body in the caller's numbers.
+    fn of_body(
+        name: &str,
+        body: &BondedParticles,
+        grains: &Grains<'_>,
+        [density, volume]: [f64; 2],
+        beam: BeamMaterial,
+    ) -> Result<Self> {
+        let (positions, radii, pairs) = (body.positions(), body.radii(), body.pairs());
         let order = block_order(positions, pairs);
         let mut places = vec![0_u32; order.len()];
         for (k, &i) in order.iter().enumerate() {
@@ -146,8 +163,12 @@ impl DemModel {
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
         let radii = order.iter().map(|&i| radii[i as usize]).collect();
         let nodes: Vec<Point3<f64>> = centres.iter().map(|x| Point3::from(*x)).collect();
-        let body = BondedParticles::new(centres, radii, pairs, matter)?;
-        let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
+        let volumes: Vec<f64> = order.iter().map(|&i| grains.volumes[i as usize]).collect();
+        let grains = Grains {
+            volumes: &volumes,
+            ..*grains
+        };
+        let body = BondedParticles::with_volumes(centres, radii, pairs, density, beam, &grains)?;
         let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
             name: name.to_owned(),
@@ -157,7 +178,7 @@ impl DemModel {
             inertia: body.inertia().to_vec(),
             order,
             places,
-            volume: matter.volume,
+            volume,
             kernel: Kernel::Linear(Gather::new(&body)),
             factors: None,
             packing: None,
@@ -235,26 +256,6 @@ impl DemModel {
         }
     }
 
-    /// Mean of a weight over every bond.
-    fn bond_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
-        let mean = |&[i, j]: &[u32; 2]| {
-            let w = weight.mean(&Cell::Segment {
-                ends: [self.nodes[i as usize], self.nodes[j as usize]],
-                section: 1.0,
-            });
-            if w < 0.0 && w > -ROUND_OFF { 0.0 } else { w }
-        };
-        let means: Vec<f64> = self.body.pairs().par_iter().map(mean).collect();
-        arlequin_core::scalar::check_finite("bond weights", &means)?;
-        Ok(means)
-    }
-
-    fn nodal(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
-        let values: Vec<f64> = self.nodes.iter().map(|x| weight.at(x)).collect();
-        arlequin_core::scalar::check_finite("nodal weights", &values)?;
-        Ok(values)
-    }
-
     fn named(&self, error: &DemError) -> arlequin_core::Error {
         match error {
             DemError::Core(e) => e.clone(),
@@ -311,6 +312,10 @@ impl Model<f64> for DemModel {
         &self.nodes
     }
 
+    fn particles(&self) -> Option<&[Sample<f64>]> {
+        self.field.samples()
+    }
+
     fn lumped_inertia(
         &self,
         weight: &dyn Weight<f64>,
@@ -319,7 +324,7 @@ impl Model<f64> for DemModel {
     ) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
         let factors = match weighting {
-            Weighting::Energy => self.body.mean_over_bonds(&self.bond_means(weight)?),
+            Weighting::Energy => self.mass_factors(weight)?,
             Weighting::Nodal => self.nodal(weight)?,
         };
         let (linear, angular) = out.split_at_mut(3 * self.nodes.len());

@@ -1,6 +1,7 @@
 //! Which pairs become bonds, and which particles stay.
 
 use super::cells::{CHUNK, CellList, Sphere, image, verlet_list};
+use super::parts::Loose;
 use crate::error::{DemError, Result};
 
 /// Widest relative gap searched for bonds.
@@ -19,12 +20,13 @@ pub(crate) struct Bonding {
     pub(crate) coordination_all: f64,
 }
 
-/// Bonds the pairs nearest to touching until the coordination number is reached, then keeps the
-/// largest connected component (the one with the smallest particle number, if two are equal).
+/// Bonds the pairs nearest to touching until the coordination number is reached, then keeps the parts: the
+/// largest connected set of spheres and every other of at least [`SPAN`] spheres.
 pub(crate) fn bond_and_trim(
     spheres: &[Sphere],
     coordination: f64,
     period: Option<[f64; 3]>,
+    loose: Loose,
 ) -> Result<Bonding> {
     let wanted = (0.5 * coordination * spheres.len() as f64).round() as usize;
     let mut near = near_pairs(spheres, 0.08, period);
@@ -45,18 +47,57 @@ pub(crate) fn bond_and_trim(
     near.truncate(wanted);
     let mut pairs: Vec<[u32; 2]> = near.into_iter().map(|p| p.1).collect();
     pairs.sort_unstable();
-    let kept = largest_component(spheres.len(), &pairs);
-    let mut new = vec![u32::MAX; spheres.len()];
-    for (k, &i) in kept.iter().enumerate() {
-        new[i as usize] = k as u32;
-    }
-    pairs.retain(|p| new[p[0] as usize] != u32::MAX);
-    pairs.iter_mut().for_each(|p| *p = p.map(|i| new[i as usize]));
+    let components = Components::new(spheres.len(), &pairs);
+    let all = || 0..spheres.len() as u32;
+    let kept: Vec<u32> = match loose {
+        Loose::Keep => all().collect(),
+        Loose::Drop { limit } => {
+            let kept: Vec<u32> = all().filter(|&i| components.is_part(i)).collect();
+            bound_loose(spheres, &kept, &components, limit, coordination)?;
+            kept
+        }
+    };
+    renumber(&mut pairs, &kept, spheres.len());
     Ok(Bonding {
         kept,
         pairs,
         tolerance,
         coordination_all: 2.0 * wanted as f64 / spheres.len() as f64,
+    })
+}
+
+/// Leaves out pairs with an end that is not in `kept` (ascending) and renumbers the rest.
+pub(crate) fn renumber(pairs: &mut Vec<[u32; 2]>, kept: &[u32], count: usize) {
+    let mut new = vec![u32::MAX; count];
+    for (k, &i) in kept.iter().enumerate() {
+        new[i as usize] = k as u32;
+    }
+    pairs.retain(|p| p.iter().all(|&i| new[i as usize] != u32::MAX));
+    pairs.iter_mut().for_each(|p| *p = p.map(|i| new[i as usize]));
+}
+
+/// Refuses to leave out more than a share of the volume of the spheres.
+fn bound_loose(
+    spheres: &[Sphere],
+    kept: &[u32],
+    components: &Components,
+    limit: f64,
+    coordination: f64,
+) -> Result<()> {
+    let cube = |s: &Sphere| s[3] * s[3] * s[3];
+    let all: f64 = spheres.iter().map(cube).sum();
+    let rest: f64 = kept.iter().map(|&i| cube(&spheres[i as usize])).sum();
+    let share = 1.0 - rest / all;
+    if kept.len() == spheres.len() || share <= limit {
+        return Ok(());
+    }
+    Err(DemError::LooseSpheres {
+        loose: spheres.len() - kept.len(),
+        spheres: spheres.len(),
+        share,
+        limit,
+        parts: components.parts(),
+        coordination,
     })
 }
 
@@ -89,30 +130,67 @@ pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64, period: Option<[f64; 3]
     out
 }
 
-/// Particles of the largest set connected by `pairs`, ascending.
-pub(crate) fn largest_component(count: usize, pairs: &[[u32; 2]]) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..count as u32).collect();
-    fn root(parent: &mut [u32], mut i: u32) -> u32 {
-        while parent[i as usize] != i {
-            parent[i as usize] = parent[parent[i as usize] as usize];
-            i = parent[i as usize];
+/// Fewest spheres of a part: the centres of four span a volume, those of fewer do not.
+const SPAN: u32 = 4;
+
+/// Sets of spheres that bonds connect.
+#[derive(Debug)]
+pub(crate) struct Components {
+    /// Smallest number in the set of each sphere.
+    root: Vec<u32>,
+    /// Spheres of the set, at its smallest number.
+    size: Vec<u32>,
+    /// Root of the largest set (of the first, if several are equal).
+    largest: u32,
+}
+
+impl Components {
+    pub(crate) fn new(count: usize, pairs: &[[u32; 2]]) -> Self {
+        let mut parent: Vec<u32> = (0..count as u32).collect();
+        fn root(parent: &mut [u32], mut i: u32) -> u32 {
+            while parent[i as usize] != i {
+                parent[i as usize] = parent[parent[i as usize] as usize];
+                i = parent[i as usize];
+            }
+            i
         }
-        i
-    }
-    for &[i, j] in pairs {
-        let (a, b) = (root(&mut parent, i), root(&mut parent, j));
-        parent[a.max(b) as usize] = a.min(b);
-    }
-    let roots: Vec<u32> = (0..count as u32).map(|i| root(&mut parent, i)).collect();
-    let mut size = vec![0_u32; count];
-    roots.iter().for_each(|&r| size[r as usize] += 1);
-    let mut best = 0;
-    for (r, s) in size.iter().enumerate() {
-        if *s > size[best] {
-            best = r;
+        for &[i, j] in pairs {
+            let (a, b) = (root(&mut parent, i), root(&mut parent, j));
+            parent[a.max(b) as usize] = a.min(b);
+        }
+        let root: Vec<u32> = (0..count as u32).map(|i| root(&mut parent, i)).collect();
+        let mut size = vec![0_u32; count];
+        root.iter().for_each(|&r| size[r as usize] += 1);
+        let mut largest = 0;
+        for (r, s) in size.iter().enumerate() {
+            if *s > size[largest] {
+                largest = r;
+            }
+        }
+        Self {
+            root,
+            size,
+            largest: largest as u32,
         }
     }
-    (0..count as u32)
-        .filter(|&i| roots[i as usize] as usize == best)
-        .collect()
+
+    /// Whether a sphere belongs to a part: the largest set, and every other of at least [`SPAN`] spheres.
+    pub(crate) fn is_part(&self, i: u32) -> bool {
+        let root = self.root[i as usize];
+        root == self.largest || self.size[root as usize] >= SPAN
+    }
+
+    /// Smallest number in the set of a sphere.
+    pub(crate) fn root(&self, i: u32) -> u32 {
+        self.root[i as usize]
+    }
+
+    /// Spheres of each part, largest first.
+    pub(crate) fn parts(&self) -> Vec<usize> {
+        let is_root = |i: &u32| self.root[*i as usize] == *i && self.is_part(*i);
+        let roots = (0..self.root.len() as u32).filter(is_root);
+        let mut out: Vec<usize> = roots.map(|i| self.size[i as usize] as usize).collect();
+        out.sort_unstable_by(|a, b| b.cmp(a));
+        out
+    }
 }

@@ -4,15 +4,17 @@
 //! numbers. A file that does not verify is made anew, so a torn write costs time, never a wrong
 //! result. Files are written aside and renamed.
 
-use super::protocol::{Compaction, Packing, PackingSpec};
+use super::assemble::Packing;
+use super::parts::{Cut, Loose};
+use super::protocol::{Compaction, PackingSpec};
 use super::report::{HISTOGRAM_BINS, PackingReport};
 use crate::error::{DemError, Result};
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
 /// Changes whenever the protocol gives other packings for the same spec.
-const VERSION: f64 = 2.0;
-const MAGIC: u64 = 0x414c_5144_454d_5031;
+const VERSION: f64 = 3.0;
+const MAGIC: u64 = 0x414c_5144_454d_5032;
 
 /// FNV-1a over 64-bit words, two streams for 128 bits.
 fn hash(words: impl Iterator<Item = u64>) -> [u64; 2] {
@@ -37,6 +39,10 @@ impl PackingSpec {
             Compaction::Onset { overlap } => x.extend([1.0, overlap]),
             Compaction::Quench { fraction } => x.extend([2.0, fraction]),
         }
+        match self.loose {
+            Loose::Drop { limit } => x.extend([1.0, limit]),
+            Loose::Keep => x.push(2.0),
+        }
         self.container.identity(&mut x);
         let words = x.iter().map(|v| v.to_bits()).chain([self.seed]);
         let h = hash(words);
@@ -53,6 +59,7 @@ impl PackingSpec {
         if let Some(packing) = std::fs::read(&path).ok().and_then(|bytes| decode(&bytes)) {
             return Ok(Packing {
                 period: self.container.period(),
+                loose: self.loose == Loose::Keep,
                 ..packing
             });
         }
@@ -72,7 +79,7 @@ impl PackingSpec {
 fn encode(p: &Packing) -> Vec<u8> {
     let r = &p.report;
     let mut w: Vec<u64> = vec![p.radii.len() as u64, p.pairs.len() as u64];
-    w.extend([r.dropped as u64, r.steps as u64]);
+    w.extend([r.asked, r.placed, r.dropped, r.bodies, r.steps].map(|n| n as u64));
     w.extend(r.radius_histogram.iter().map(|&c| c as u64));
     let scalars = [
         p.volume,
@@ -86,6 +93,9 @@ fn encode(p: &Packing) -> Vec<u8> {
         r.mean_overlap,
         r.bond_tolerance,
         r.fabric_anisotropy,
+        r.dropped_share,
+        // No width is that of a periodic box.
+        r.across.unwrap_or(-1.0),
     ];
     w.extend(scalars.iter().chain(r.fabric.iter()).map(|x| x.to_bits()));
     w.extend(
@@ -93,8 +103,10 @@ fn encode(p: &Packing) -> Vec<u8> {
             .iter()
             .flat_map(|x| x.iter())
             .chain(&p.radii)
+            .chain(&p.body_volumes)
             .map(|x| x.to_bits()),
     );
+    w.extend(p.bodies.iter().map(|&b| u64::from(b)));
     w.extend(p.pairs.iter().map(|&[i, j]| u64::from(i) << 32 | u64::from(j)));
     let check = hash(w.iter().copied());
     [MAGIC, check[0], check[1]]
@@ -115,13 +127,14 @@ fn decode(bytes: &[u8]) -> Option<Packing> {
     }
     let mut next = body.iter().copied();
     let mut count = || next.next().and_then(|w| usize::try_from(w).ok());
-    let (spheres, bonds, dropped, steps) = (count()?, count()?, count()?, count()?);
+    let (spheres, bonds) = (count()?, count()?);
+    let (asked, placed, dropped, bodies, steps) = (count()?, count()?, count()?, count()?, count()?);
     let mut radius_histogram = [0; HISTOGRAM_BINS];
     for c in &mut radius_histogram {
         *c = count()?;
     }
     let mut real = || next.next().map(f64::from_bits);
-    let mut s = [0.0; 11];
+    let mut s = [0.0; 13];
     for x in &mut s {
         *x = real()?;
     }
@@ -133,7 +146,10 @@ fn decode(bytes: &[u8]) -> Option<Packing> {
     for _ in 0..spheres {
         positions.push(Vector3::new(real()?, real()?, real()?));
     }
-    let radii: Option<Vec<f64>> = (0..spheres).map(|_| real()).collect();
+    let mut list = |count: usize| (0..count).map(|_| real()).collect::<Option<Vec<f64>>>();
+    let (radii, body_volumes) = (list(spheres)?, list(bodies)?);
+    let mut body = || next.next().and_then(|w| u32::try_from(w).ok());
+    let home = (0..spheres).map(|_| body()).collect::<Option<Vec<u32>>>()?;
     let pairs: Vec<[u32; 2]> = next.map(|w| [(w >> 32) as u32, w as u32]).collect();
     if pairs.len() != bonds {
         return None;
@@ -150,15 +166,24 @@ fn decode(bytes: &[u8]) -> Option<Packing> {
         bond_tolerance: s[9],
         fabric,
         fabric_anisotropy: s[10],
+        asked,
+        placed,
         dropped,
+        dropped_share: s[11],
+        bodies,
+        across: (s[12] >= 0.0).then_some(s[12]),
+        cut: Cut::default(),
         steps,
     };
     Some(Packing {
         positions,
-        radii: radii?,
+        radii,
         pairs,
+        bodies: home,
+        body_volumes,
         volume: s[0],
         period: None,
+        loose: false,
         report,
     })
 }

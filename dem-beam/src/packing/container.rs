@@ -73,6 +73,15 @@ impl Container {
         }
     }
 
+    /// The bodies within: those of a surface ([`Surface::bodies`]), else the container itself.
+    #[must_use]
+    pub fn bodies(&self) -> Vec<Self> {
+        match self {
+            Self::Surface(s) => s.bodies().into_iter().map(Self::Surface).collect(),
+            other => vec![other.clone()],
+        }
+    }
+
     /// Enclosed volume (m^3).
     #[must_use]
     pub fn volume(&self) -> f64 {

@@ -2,10 +2,12 @@
 //!
 //! Numbers are written with as many digits as they need to come back bit for bit.
 
+use super::assemble::{Filled, Packing};
 use super::bonding::bond_and_trim;
 use super::cells::Sphere;
 use super::container::Container;
-use super::protocol::Packing;
+use super::narrow;
+use super::parts::Loose;
 use crate::error::{DemError, Result};
 use crate::particles::{COINCIDENT, check_spheres};
 use nalgebra::Vector3;
@@ -72,18 +74,33 @@ pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>
 }
 
 impl Packing {
-    /// Bonds given spheres as the protocol does: the pairs nearest to touching up to the wanted
-    /// coordination number, largest connected component.
+    /// Bonds given spheres as the protocol does: in every body the pairs nearest to touching up to the wanted
+    /// coordination number; loose spheres are left out within [`super::parts::LOOSE_LIMIT`].
     ///
     /// # Errors
     /// Those of bad spheres, [`DemError::CoincidentParticles`], [`DemError::Overlapping`] if a
     /// sphere holds the centre of another, [`DemError::OutsideContainer`] if
-    /// a sphere passes a wall by more than half its radius, [`DemError::TooFewPairs`].
+    /// a sphere passes a wall by more than half its radius, [`DemError::TooFewPairs`], [`DemError::LooseSpheres`]; for one
+    /// of several bodies within [`DemError::InBody`]; [`DemError::EmptyBody`], [`DemError::CrossingBodies`].
     pub fn from_spheres(
         container: &Container,
         positions: &[Vector3<f64>],
         radii: &[f64],
         coordination: f64,
+    ) -> Result<Self> {
+        Self::from_spheres_with(container, positions, radii, coordination, Loose::default())
+    }
+
+    /// The same with a choice for loose spheres.
+    ///
+    /// # Errors
+    /// As [`Self::from_spheres`].
+    pub fn from_spheres_with(
+        container: &Container,
+        positions: &[Vector3<f64>],
+        radii: &[f64],
+        coordination: f64,
+        loose: Loose,
     ) -> Result<Self> {
         check_spheres(positions, radii)?;
         crate::error::positive("coordination number", coordination)?;
@@ -107,9 +124,52 @@ impl Packing {
             .collect();
         let period = container.period();
         refuse_overlapping(&spheres, period)?;
-        let bonding = bond_and_trim(&spheres, coordination, period)?;
-        let overlap = mean_overlap(&spheres, period);
-        Ok(Self::assemble(&container, &spheres, bonding, overlap, 0))
+        let mut bodies = container.bodies();
+        bodies.iter_mut().for_each(|b| b.prepare(1.5 * largest));
+        let home = homes(&bodies, &spheres, largest);
+        let mut filled = Vec::with_capacity(bodies.len());
+        for k in 0..bodies.len() {
+            let numbers: Vec<u32> = (0..spheres.len() as u32)
+                .filter(|&i| home[i as usize] == k)
+                .collect();
+            let mine: Vec<Sphere> = numbers.iter().map(|&i| spheres[i as usize]).collect();
+            let bonding = match mine.is_empty() {
+                true => Err(DemError::EmptyBody),
+                false => bond_and_trim(&mine, coordination, period, loose)
+                    .map_err(|e| narrow::blame(e, &bodies[k], &mine)),
+            };
+            filled.push(Filled {
+                numbers,
+                bonding: bonding.map_err(|e| e.in_body(k, &bodies))?,
+                overlap: mean_overlap(&mine, period),
+                steps: 0,
+                spheres: mine,
+            });
+        }
+        Self::assemble(&container, &bodies, &filled, spheres.len(), loose == Loose::Keep)
+    }
+}
+
+/// Body of each sphere: the one that holds its centre, or the nearest.
+fn homes(bodies: &[Container], spheres: &[Sphere], reach: f64) -> Vec<usize> {
+    let home = |s: &Sphere| {
+        let x = Vector3::new(s[0], s[1], s[2]);
+        let gap = |b: &Container| match b.contains(&x) {
+            true => f64::INFINITY,
+            // Far outside there is no wall within reach.
+            false => -b.gap(&x, reach).min(0.0).abs(),
+        };
+        let near = |b: &Container| match b.gap(&x, reach) >= reach && !b.contains(&x) {
+            true => f64::NEG_INFINITY,
+            false => gap(b),
+        };
+        let best =
+            (0..bodies.len()).max_by(|&a, &b| near(&bodies[a]).total_cmp(&near(&bodies[b])).then(b.cmp(&a)));
+        best.unwrap_or_default()
+    };
+    match bodies.len() {
+        1 => vec![0; spheres.len()],
+        _ => spheres.iter().map(home).collect(),
     }
 }
 

@@ -1,8 +1,8 @@
 //! Regular lattices of equal spheres, for tests and patch problems.
 
+use super::assemble::{Filled, Packing};
 use super::bonding::Bonding;
 use super::container::Container;
-use super::protocol::Packing;
 use crate::error::{DemError, Result, positive};
 use nalgebra::Vector3;
 
@@ -84,5 +84,19 @@ pub fn lattice(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Packing>
         tolerance: 0.0,
         coordination_all: coordination,
     };
-    Ok(Packing::assemble(&container, &spheres, bonding, 0.0, 0))
+    let filled = Filled {
+        numbers: Vec::new(),
+        bonding,
+        overlap: 0.0,
+        steps: 0,
+        spheres,
+    };
+    let count = filled.spheres.len();
+    Packing::assemble(
+        &container,
+        std::slice::from_ref(&container),
+        &[filled],
+        count,
+        false,
+    )
 }

@@ -1,12 +1,15 @@
 //! Packings: random and jammed, regular, or read from a file.
 
+mod assemble;
 pub(crate) mod bonding;
 pub(crate) mod cache;
 pub(crate) mod cells;
 pub mod container;
 pub(crate) mod csv;
 pub(crate) mod lattice;
+pub mod narrow;
 mod orient;
+pub mod parts;
 pub mod protocol;
 pub(crate) mod relax;
 pub mod report;
@@ -16,10 +19,12 @@ pub mod surface;
 #[cfg(feature = "vtu")]
 pub(crate) mod vtu;
 
+pub use assemble::Packing;
 pub use container::Container;
 pub use csv::{read_csv, write_csv};
 pub use lattice::{Lattice, lattice};
-pub use protocol::{Compaction, Packing, PackingSpec};
+pub use parts::{Cut, Loose, Part};
+pub use protocol::{Compaction, PackingSpec};
 pub use report::PackingReport;
 pub use surface::Surface;
 #[cfg(feature = "vtu")]

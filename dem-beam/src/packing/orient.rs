@@ -1,5 +1,6 @@
 //! Surfaces from files: triangles turned alike, outer shells outwards, cavities inwards.
 
+use super::bonding::Components;
 use super::surface::{Surface, winding};
 use crate::error::{DemError, Result, finite};
 use nalgebra::Vector3;
@@ -47,6 +48,32 @@ impl Surface {
         turn_outwards(&vertices, &mut triangles, &shells);
         Self::new(vertices, triangles)
     }
+}
+
+/// Triangles of each connected shell of a closed surface, in the order of their first ones.
+pub(crate) fn shells(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
+    let mut owner = BTreeMap::new();
+    let mut joined = Vec::new();
+    for (i, t) in triangles.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = (t[k], t[(k + 1) % 3]);
+            let first = *owner.entry((a.min(b), a.max(b))).or_insert(i as u32);
+            if first != i as u32 {
+                joined.push([first, i as u32]);
+            }
+        }
+    }
+    let components = Components::new(triangles.len(), &joined);
+    let mut place = BTreeMap::new();
+    let mut out: Vec<Vec<[u32; 3]>> = Vec::new();
+    for (i, t) in triangles.iter().enumerate() {
+        let k = *place.entry(components.root(i as u32)).or_insert(out.len());
+        if k == out.len() {
+            out.push(Vec::new());
+        }
+        out[k].push(*t);
+    }
+    out
 }
 
 /// For every edge its two triangles, and whether they run from the smaller to the larger vertex.

@@ -7,17 +7,20 @@
 //!    load, then radii are corrected until the mean overlap is the wanted one.
 //! 3. The `N z / 2` pairs nearest to touching, by `d/(r_i+r_j) - 1`, become bonds: z is what is
 //!    asked for, the gap comes out.
-//! 4. The largest connected component is kept; the rest is reported.
+//! 4. Connected parts are kept, the few spheres without a bond are left out and reported ([`super::parts`]).
+//!
+//! Bodies of a surface are packed one by one, each with its share of the spheres.
 
-use super::bonding::{Bonding, bond_and_trim};
+use super::assemble::{Filled, Packing};
+use super::bonding::bond_and_trim;
 use super::cells::Sphere;
 use super::container::Container;
+use super::narrow;
+use super::parts::Loose;
 use super::relax::{Relaxed, SoftSpheres};
-use super::report::PackingReport;
-use crate::bond::BeamMaterial;
 use crate::error::{DemError, Result, positive};
 use crate::kernel::order::morton_key;
-use crate::particles::{BondedParticles, MAX_RADIUS_RATIO, Matter};
+use crate::particles::MAX_RADIUS_RATIO;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -43,7 +46,7 @@ pub enum Compaction {
 pub struct PackingSpec {
     /// What to fill.
     pub container: Container,
-    /// Number of spheres before the disconnected ones are dropped.
+    /// Number of spheres, those without bonds included; several bodies share them by volume.
     pub count: usize,
     /// Half width of the uniform radius distribution over the mean radius; 0.25 by default, the
     /// usual value for this method.
@@ -51,6 +54,8 @@ pub struct PackingSpec {
     /// Bonds per particle times two, over all particles; 6.2 by default, the usual value for this
     /// method. It decides E: about 17e9 Pa per unit for silica beams.
     pub coordination: f64,
+    /// What becomes of spheres without bonds.
+    pub loose: Loose,
     /// How to compact.
     pub compaction: Compaction,
     /// Seed of the random start.
@@ -68,6 +73,7 @@ impl PackingSpec {
             count,
             spread: 0.25,
             coordination: 6.2,
+            loose: Loose::default(),
             compaction: Compaction::Onset { overlap: 5e-4 },
             seed,
             max_steps: 4000,
@@ -88,8 +94,9 @@ impl PackingSpec {
     /// Makes the packing. The same spec gives the same bits for any number of threads.
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`] for parameters, [`DemError::RadiusRatio`],
-    /// [`DemError::ContainerTooSmall`], [`DemError::NotJammed`], [`DemError::TooFewPairs`].
+    /// [`DemError::OutOfRange`] for parameters, [`DemError::RadiusRatio`], [`DemError::TooFewAcross`],
+    /// [`DemError::ContainerTooSmall`], [`DemError::NotJammed`], [`DemError::TooFewPairs`], [`DemError::LooseSpheres`];
+    /// for one of several bodies within [`DemError::InBody`]; [`DemError::CrossingBodies`].
     ///
     /// ```
     /// use dem_beam::{Container, PackingSpec};
@@ -98,8 +105,32 @@ impl PackingSpec {
     /// # Ok::<(), dem_beam::DemError>(())
     /// ```
     pub fn build(&self) -> Result<Packing> {
-        let mut container = self.container.clone();
-        let spheres = self.start(&mut container)?;
+        self.check()?;
+        let bodies = self.container.bodies();
+        let counts = share(self.count, &bodies);
+        let mut filled = Vec::with_capacity(bodies.len());
+        for (k, (body, count)) in bodies.iter().zip(counts).enumerate() {
+            // The first body is packed as if it were alone.
+            let seed = self.seed.wrapping_add((k as u64).wrapping_mul(BODY_SEED));
+            let one = self.fill(body, count, seed);
+            filled.push(one.map_err(|e| e.in_body(k, &bodies))?);
+        }
+        Packing::assemble(
+            &self.container,
+            &bodies,
+            &filled,
+            self.count,
+            self.loose == Loose::Keep,
+        )
+    }
+
+    /// Packs one body.
+    fn fill(&self, body: &Container, count: usize, seed: u64) -> Result<Filled> {
+        if count == 0 {
+            return Err(DemError::EmptyBody);
+        }
+        let mut container = body.clone();
+        let spheres = self.start(&mut container, count, seed)?;
         let mut soft = SoftSpheres::new(&container, spheres);
         let (overlap, steps) = match self.compaction {
             Compaction::Onset { overlap } => grow(&mut soft, &container, overlap, self.max_steps)?,
@@ -111,16 +142,22 @@ impl PackingSpec {
             }
         };
         let spheres = soft.spheres;
-        let bonding = bond_and_trim(&spheres, self.coordination, container.period())?;
-        Ok(Packing::assemble(&container, &spheres, bonding, overlap, steps))
+        let bonding = bond_and_trim(&spheres, self.coordination, container.period(), self.loose);
+        let bonding = bonding.map_err(|e| narrow::blame(e, body, &spheres))?;
+        Ok(Filled {
+            numbers: Vec::new(),
+            spheres,
+            bonding,
+            overlap,
+            steps,
+        })
     }
 
     /// Random centres and radii at volume fraction [`START_FRACTION`], along a Morton curve.
-    fn start(&self, container: &mut Container) -> Result<Vec<Sphere>> {
-        self.check()?;
+    fn start(&self, container: &mut Container, count: usize, seed: u64) -> Result<Vec<Sphere>> {
         let volume = container.volume();
-        let mut rng = Pcg64::seed_from_u64(self.seed);
-        let mut radii: Vec<f64> = (0..self.count)
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let mut radii: Vec<f64> = (0..count)
             .map(|_| 1.0 + self.spread * (2.0 * rng.random::<f64>() - 1.0))
             .collect();
         let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
@@ -130,11 +167,12 @@ impl PackingSpec {
         let largest = radii.iter().fold(0.0_f64, |m, r| m.max(*r));
         if 2.0 * largest > (high - low).min() {
             return Err(DemError::ContainerTooSmall {
-                count: self.count,
+                count,
                 diameter: 2.0 * largest,
                 width: (high - low).min(),
             });
         }
+        few_across(container, count, unit)?;
         if let Some(period) = container.period() {
             // Three cells of the widest neighbour list along each edge.
             let (shortest, limit) = (period.into_iter().fold(f64::INFINITY, f64::min), 12.0 * largest);
@@ -145,9 +183,9 @@ impl PackingSpec {
         container.prepare(1.5 * largest);
         let axis = (high - low).imax();
         let profile = Profile::new(container, axis);
-        let mut spheres: Vec<Sphere> = Vec::with_capacity(self.count);
+        let mut spheres: Vec<Sphere> = Vec::with_capacity(count);
         for (i, r) in radii.into_iter().enumerate() {
-            let along = profile.quantile((i as f64 + rng.random::<f64>()) / self.count as f64);
+            let along = profile.quantile((i as f64 + rng.random::<f64>()) / count as f64);
             let x = loop {
                 let mut x = Vector3::zeros();
                 for a in 0..3 {
@@ -205,6 +243,43 @@ impl PackingSpec {
     }
 }
 
+/// Between the seeds of the bodies of a surface.
+const BODY_SEED: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// Spheres of each body by volume, `count` in all, by largest remainders.
+fn share(count: usize, bodies: &[Container]) -> Vec<usize> {
+    let whole: f64 = bodies.iter().map(Container::volume).sum();
+    let wanted: Vec<f64> = bodies.iter().map(|b| count as f64 * b.volume() / whole).collect();
+    let mut out: Vec<usize> = wanted.iter().map(|w| w.floor() as usize).collect();
+    let mut order: Vec<usize> = (0..bodies.len()).collect();
+    order.sort_by(|&a, &b| (wanted[b] - wanted[b].floor()).total_cmp(&(wanted[a] - wanted[a].floor())));
+    let rest = count.saturating_sub(out.iter().sum());
+    order.into_iter().cycle().take(rest).for_each(|k| out[k] += 1);
+    out
+}
+
+/// Refuses spheres of mean radius `start` (m) before they grow that are nearly as wide as their body. The bounds of a
+/// surface may be wider than the body; its report knows better.
+fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
+    let (low, high) = container.bounds();
+    let width = (high - low).min();
+    let diameter = 2.0 * start * (JAMMED / START_FRACTION).cbrt();
+    let across = width / diameter;
+    if across >= LEAST_ACROSS || container.period().is_some() {
+        return Ok(());
+    }
+    Err(DemError::TooFewAcross {
+        count,
+        diameter,
+        width,
+        across,
+    })
+}
+
+/// Fewest mean diameters across a body before spheres are grown at all.
+const LEAST_ACROSS: f64 = 1.5;
+/// Volume fraction at which packings jam.
+const JAMMED: f64 = 0.615;
 /// Volume fraction of the random start.
 const START_FRACTION: f64 = 0.5;
 /// Growth of the volume fraction per relaxation on the way to jamming.
@@ -359,62 +434,5 @@ impl Profile {
         let (a, b) = (self.cumulative[k - 1], self.cumulative[k]);
         let t = if b > a { (q - a) / (b - a) } else { 0.5 };
         self.low + self.slab * (k as f64 - 1.0 + t)
-    }
-}
-
-/// Spheres and bonds, disconnected spheres removed.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Packing {
-    /// Centres (m).
-    pub positions: Vec<Vector3<f64>>,
-    /// Radii (m).
-    pub radii: Vec<f64>,
-    /// Bonded pairs, smaller number first, in ascending order.
-    pub pairs: Vec<[u32; 2]>,
-    /// Volume of the container (m^3): the body the spheres stand for.
-    pub volume: f64,
-    /// Edges of the periodic box (m) the centres lie in, if the packing fills one.
-    pub period: Option<[f64; 3]>,
-    /// What came out.
-    pub report: PackingReport,
-}
-
-impl Packing {
-    pub(crate) fn assemble(
-        container: &Container,
-        spheres: &[Sphere],
-        bonding: Bonding,
-        overlap: f64,
-        steps: usize,
-    ) -> Self {
-        let report = PackingReport::new(container, spheres, &bonding, overlap, steps);
-        let kept = bonding.kept.iter().map(|&i| spheres[i as usize]);
-        Self {
-            positions: kept.clone().map(|s| Vector3::new(s[0], s[1], s[2])).collect(),
-            radii: kept.map(|s| s[3]).collect(),
-            pairs: bonding.pairs,
-            volume: container.volume(),
-            period: container.period(),
-            report,
-        }
-    }
-
-    /// Particles with beams and masses: `density` in kg/m^3, total mass `density * volume`.
-    ///
-    /// # Errors
-    /// As [`BondedParticles::new`]; [`DemError::Periodic`].
-    pub fn bonded(&self, beam: BeamMaterial, density: f64) -> Result<BondedParticles> {
-        if self.period.is_some() {
-            return Err(DemError::Periodic {
-                what: "a body of particles",
-            });
-        }
-        let matter = Matter {
-            beam,
-            density,
-            volume: self.volume,
-        };
-        let (x, r) = (self.positions.clone(), self.radii.clone());
-        BondedParticles::new(x, r, self.pairs.clone(), &matter)
     }
 }

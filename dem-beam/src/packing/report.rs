@@ -3,6 +3,8 @@
 use super::bonding::Bonding;
 use super::cells::{Sphere, image};
 use super::container::Container;
+use super::narrow;
+use super::parts::Cut;
 use nalgebra::{Matrix3, Vector3};
 
 /// Bins of the radius histogram.
@@ -34,8 +36,21 @@ pub struct PackingReport {
     pub fabric: Matrix3<f64>,
     /// Largest deviation of a fabric eigenvalue from 1/3, times 3: 0 when isotropic.
     pub fabric_anisotropy: f64,
-    /// Spheres made but not connected to the body.
+    /// Spheres asked for.
+    pub asked: usize,
+    /// Spheres placed, or read from a file.
+    pub placed: usize,
+    /// Of these, left out because they hang on no part of the body.
     pub dropped: usize,
+    /// Volume of those over that of all placed: by so much their body's other spheres are too heavy.
+    pub dropped_share: f64,
+    /// Bodies within the container: more than one for a surface of several shells.
+    pub bodies: usize,
+    /// Narrowest width of a body over the mean diameter of its spheres; none without walls. For surfaces twice the
+    /// largest distance of a point within from the wall.
+    pub across: Option<f64>,
+    /// What cuts took away since.
+    pub cut: Cut,
     /// Relaxation steps.
     pub steps: usize,
 }
@@ -43,10 +58,12 @@ pub struct PackingReport {
 impl PackingReport {
     pub(crate) fn new(
         container: &Container,
+        bodies: &[Container],
+        [asked, steps]: [usize; 2],
         spheres: &[Sphere],
+        body: &[u32],
         bonding: &Bonding,
         mean_overlap: f64,
-        steps: usize,
     ) -> Self {
         let kept: Vec<Sphere> = bonding.kept.iter().map(|&i| spheres[i as usize]).collect();
         let count = kept.len() as f64;
@@ -72,6 +89,8 @@ impl PackingReport {
             fabric += n * n.transpose() / bonding.pairs.len() as f64;
         }
         let reach = 4.0 * mean_radius;
+        let mut container = container.clone();
+        container.prepare(reach);
         let interior: Vec<f64> = (0..kept.len())
             .filter(|&i| container.gap(&at(i as u32), reach) >= reach)
             .map(|i| f64::from(degree[i]))
@@ -80,7 +99,9 @@ impl PackingReport {
             .symmetric_eigenvalues()
             .map(|e| (3.0 * e - 1.0).abs())
             .max();
-        let cubes: f64 = spheres.iter().map(|s| s[3] * s[3] * s[3]).sum();
+        let cube = |s: &Sphere| s[3] * s[3] * s[3];
+        let cubes: f64 = spheres.iter().map(cube).sum();
+        let dropped = spheres.len() - kept.len();
         Self {
             coordination_all: bonding.coordination_all,
             coordination_retained: 2.0 * bonding.pairs.len() as f64 / count,
@@ -93,7 +114,16 @@ impl PackingReport {
             bond_tolerance: bonding.tolerance,
             fabric,
             fabric_anisotropy: spread,
-            dropped: spheres.len() - kept.len(),
+            asked,
+            placed: spheres.len(),
+            dropped,
+            dropped_share: match dropped {
+                0 => 0.0,
+                _ => 1.0 - kept.iter().map(cube).sum::<f64>() / cubes,
+            },
+            bodies: bodies.len(),
+            across: narrow::across(bodies, spheres, body),
+            cut: Cut::default(),
             steps,
         }
     }

@@ -63,12 +63,10 @@ impl Surface {
             .iter()
             .map(|&[a, b, c]| at(a).dot(&at(b).cross(&at(c))) / 6.0)
             .sum::<f64>();
-        let low = vertices
-            .iter()
-            .fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(v));
-        let high = vertices
-            .iter()
-            .fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(v));
+        // Of the triangles: points that none of them has may lie anywhere.
+        let used = || triangles.iter().flatten().map(|&i| at(i));
+        let low = used().fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(&v));
+        let high = used().fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(&v));
         if volume.is_nan() || volume <= 1e-12 * (high - low).product() {
             return Err(DemError::NoVolume { volume });
         }
@@ -93,6 +91,56 @@ impl Surface {
     #[must_use]
     pub fn bounds(&self) -> (Vector3<f64>, Vector3<f64>) {
         self.bounds
+    }
+
+    /// The separate bodies within: one per shell that faces outwards, with the cavities it holds. Bodies are in the order
+    /// of their first triangles.
+    #[must_use]
+    pub fn bodies(&self) -> Vec<Self> {
+        let shells = super::orient::shells(&self.triangles);
+        if shells.len() == 1 {
+            return vec![self.clone()];
+        }
+        let corners = |t: &[u32; 3]| t.map(|i| self.vertices[i as usize]);
+        let volume = |shell: &[[u32; 3]]| -> f64 {
+            let of = |t| {
+                let [a, b, c]: [Vector3<f64>; 3] = corners(t);
+                a.dot(&b.cross(&c)) / 6.0
+            };
+            shell.iter().map(of).sum()
+        };
+        let (mut outer, cavities): (Vec<_>, Vec<_>) = shells.into_iter().partition(|s| volume(s) > 0.0);
+        let sizes: Vec<f64> = outer.iter().map(|s| volume(s)).collect();
+        let around = |o: &[[u32; 3]], x: &Vector3<f64>| winding(x, o.iter().map(corners)) > 0.5;
+        let mut owners = Vec::with_capacity(cavities.len());
+        for cavity in &cavities {
+            let x = self.vertices[cavity[0][0] as usize];
+            let holds = (0..outer.len()).filter(|&o| around(&outer[o], &x));
+            owners.push(holds.min_by(|&a, &b| sizes[a].total_cmp(&sizes[b])));
+        }
+        for (cavity, owner) in cavities.into_iter().zip(owners) {
+            match owner {
+                Some(o) => outer[o].extend(cavity),
+                // A surface that is not what it says: it stays as it is.
+                None => return vec![self.clone()],
+            }
+        }
+        let bodies: Result<Vec<Self>> = outer.into_iter().map(|triangles| self.only(triangles)).collect();
+        bodies.unwrap_or_else(|_| vec![self.clone()])
+    }
+
+    /// The surface of some of the triangles, with their vertices only.
+    fn only(&self, mut triangles: Vec<[u32; 3]>) -> Result<Self> {
+        let mut place = BTreeMap::new();
+        let mut vertices = Vec::new();
+        for i in triangles.iter_mut().flatten() {
+            let old = *i;
+            *i = *place.entry(old).or_insert_with(|| {
+                vertices.push(self.vertices[old as usize]);
+                vertices.len() as u32 - 1
+            });
+        }
+        Self::new(vertices, triangles)
     }
 
     pub(crate) fn identity(&self, out: &mut Vec<f64>) {

@@ -186,6 +186,8 @@ pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: E
     let interface = InterfaceSpec {
         options: InterfaceOptions {
             sampling: Sampling::Particles,
+            // Spheres are pulled out of place on purpose.
+            start_jump: 1.0,
             ..InterfaceOptions::default()
         },
         ..solid::spec(mediator, Box::new(L2))

@@ -7,7 +7,7 @@ use crate::waves::{patch, random_state, top_reflection, wavelengths};
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
 use arlequin::core::junction::L2;
 use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Error, Result, Weighting};
+use arlequin::core::{Coupled, Error, Partition, Result, Weighting};
 use arlequin::fem_ref::{FemMediator, generate};
 use std::sync::Arc;
 
@@ -252,8 +252,10 @@ fn two(gap_elements: usize) -> Result<Coupled<f64>> {
         overlap: 60.0,
         ..line.clone()
     };
-    let bodies = shaken(wide.subdomains(&rest, &rest)?, 3)?;
-    Coupled::new(bodies, interfaces, line.step, None)
+    // The interfaces leave parts of the overlap free on purpose.
+    let bodies = wide.subdomains(&rest, &rest)?;
+    let bodies = bodies.map(|s| s.with_partition(Partition::Unchecked));
+    Coupled::new(shaken(bodies, 3)?, interfaces, line.step, None)
 }
 
 fn neighbours() -> Result<Outcome> {

@@ -13,7 +13,7 @@ use arlequin::core::overlap::{Overlap, Place, Primitive, Shell};
 use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::{Profile, Ramp, Uniform, Weight};
-use arlequin::core::{Coupled, Error, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{Coupled, Error, Partition, Result, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{ElementKind, FemMediator, FemModel, Mesh};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -195,6 +195,11 @@ fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     };
     let (a, b) = (load(&left)?, load(&right)?);
     let left = Subdomain::coarse(FemModel::new("left", left, material()?)?, weights).with_effect(Box::new(a));
+    let left = left.with_partition(if external_everywhere {
+        Partition::Unchecked
+    } else {
+        Partition::Checked
+    });
     let right = Subdomain::fine(FemModel::new("right", right, material()?)?, others).with_effect(Box::new(b));
     let mediator = block(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
     let mut c = couple(vec![left, right], mediator, 0.2)?;

@@ -1,0 +1,85 @@
+//! Whether mediators fill the overlap, and which nodes they hold.
+
+use super::partition::{ROUND_OFF, SHARE, numbers};
+use crate::extent::Extent;
+use crate::interface::{Interface, InterfaceSpec, coupled_nodes};
+use crate::subdomain::Subdomain;
+use crate::{Error, Real, Result};
+use nalgebra::Point3;
+
+/// A mediator, its two models' places in the group, and what of the overlap lies outside of it.
+pub(super) struct Tie<'a, T: Real> {
+    pub(super) name: &'a str,
+    pub(super) number: usize,
+    pub(super) sides: [usize; 2],
+    pub(super) extent: Extent<'a, T>,
+    /// Its `h_B`: half of it outside, a point is held by the elements beside it.
+    pub(super) spacing: T,
+    pub(super) overlap: T,
+    /// Where only one of the two is, and the weights miss the other.
+    pub(super) only: [T; 2],
+    pub(super) outside: T,
+    pub(super) deep: T,
+    pub(super) place: Point3<T>,
+}
+
+impl<'a, T: Real> Tie<'a, T> {
+    pub(super) fn new(number: usize, spec: &'a InterfaceSpec<T>, sides: [usize; 2]) -> Self {
+        Self {
+            name: &spec.name,
+            number,
+            sides,
+            extent: Extent::of_cells(&*spec.mediator),
+            spacing: spec.mediator.spacing(),
+            overlap: T::zero(),
+            only: [T::zero(); 2],
+            outside: T::zero(),
+            deep: T::zero(),
+            place: Point3::origin(),
+        }
+    }
+}
+
+/// Share of the overlap outside of a mediator.
+pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
+    if t.overlap <= T::zero() {
+        return Ok(0.0);
+    }
+    let share = |x: T| (x / t.overlap).as_f64();
+    if share(t.deep) > SHARE {
+        return Err(Error::UncoveredOverlap {
+            interface: t.name.to_owned(),
+            outside: share(t.outside),
+            point: numbers(&t.place),
+            limit: SHARE,
+        });
+    }
+    Ok(share(t.outside))
+}
+
+/// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act: by their volumes for
+/// particles, by their number otherwise.
+pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> [f64; 2] {
+    [0, 1].map(|m| {
+        let [s, partner] = [m, 1 - m].map(|m| &subdomains[interface.sides[m]]);
+        let coupled = coupled_nodes(&interface.coupling[m], interface.components());
+        let particles = s.model().particles();
+        let (mut held, mut all) = (0.0, 0.0);
+        for (k, x) in s.model().nodes().iter().enumerate() {
+            // Weights of both: a model may share other places with other partners.
+            let inside = [s, partner].into_iter().all(|s| {
+                let w = s.weights().kinetic.at(x).as_f64();
+                w > ROUND_OFF && w < 1.0 - ROUND_OFF
+            });
+            if !inside {
+                continue;
+            }
+            let size = particles.map_or(1.0, |p| p[k].measure.as_f64());
+            all += size;
+            if coupled.binary_search(&k).is_ok() {
+                held += size;
+            }
+        }
+        if all > 0.0 { held / all } else { 1.0 }
+    })
+}

@@ -1,0 +1,284 @@
+//! Where a model or a mediator is: whether a point lies inside, near the surface, or outside.
+
+use crate::Real;
+use crate::field::{Interpolation, ShapeRow};
+use crate::geometry::{BoxTree, Cell, HalfSpace, Sample, bounds_of};
+use nalgebra::{Point3, Vector3};
+
+/// Largest distance between the surfaces of two meshes of one body, in units of the sum of their element lengths: regular
+/// a square and a regular polygon of equal area differ by 0.12 of it, polygons of more sides by less.
+const FACETS: f64 = 0.15;
+/// Distance from a centre up to which holes between particles belong to the packing, in radii of a ball of the volume of
+/// the largest particle: balls of their volumes overlap, and a hole is not deeper than another radius.
+const HOLE: f64 = 2.0;
+/// The same for the roughness of walls, edges and corners.
+const ROUGH: f64 = 3.0;
+
+/// Where a point lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Cover {
+    /// The model is not here.
+    Outside,
+    /// Within the accuracy of the surface: the model may count as present or as absent.
+    Surface,
+    /// Between particles of the model.
+    Hole,
+    /// The model is here.
+    Inside,
+}
+
+enum Shape<'a, T: Real> {
+    /// Cells with their half-spaces (none for segments) and lengths.
+    Cells {
+        cells: Vec<Cell<T>>,
+        planes: Vec<Vec<HalfSpace<T>>>,
+        lengths: Vec<T>,
+    },
+    /// Particles with the radii of balls of their volumes, and the largest one.
+    Points {
+        samples: Vec<Sample<T>>,
+        radii: Vec<T>,
+        top: T,
+    },
+    /// Nodes of a field that says no more than whether it exists at a point.
+    Field {
+        field: &'a dyn Interpolation<T>,
+        centres: Vec<Point3<T>>,
+        spacing: T,
+    },
+}
+
+/// The place that a field fills.
+pub(crate) struct Extent<'a, T: Real> {
+    shape: Shape<'a, T>,
+    tree: BoxTree<T>,
+    bounds: [Point3<T>; 2],
+}
+
+impl<'a, T: Real> Extent<'a, T> {
+    /// The cells of a field; the particles of one that has no cells, or those given.
+    pub(crate) fn new(field: &'a dyn Interpolation<T>, particles: Option<&[Sample<T>]>) -> Self {
+        match particles.or_else(|| field.samples()) {
+            Some(samples) => Self::of_particles(samples),
+            None => Self::of_cells(field),
+        }
+    }
+
+    /// The cells of a field; its nodes if it has none.
+    pub(crate) fn of_cells(field: &'a dyn Interpolation<T>) -> Self {
+        let cells: Vec<_> = field.cells().into_iter().map(of_unit_section).collect();
+        if cells.is_empty() {
+            return Self::of_field(field);
+        }
+        let planes = cells.iter().map(Cell::half_spaces).collect();
+        let lengths: Vec<T> = cells.iter().map(length).collect();
+        let boxes = cells.iter().zip(&lengths).map(|(c, h)| {
+            let reach = Vector3::repeat(surface(c, *h));
+            let [low, high] = c.bounds();
+            [low - reach, high + reach]
+        });
+        let shape = |boxes: &Vec<_>| (BoxTree::new(boxes.clone()), bounds_of(boxes.iter().flatten()));
+        let (tree, bounds) = shape(&boxes.collect());
+        Self {
+            shape: Shape::Cells {
+                cells,
+                planes,
+                lengths,
+            },
+            tree,
+            bounds,
+        }
+    }
+
+    fn of_particles(samples: &[Sample<T>]) -> Self {
+        let centres: Vec<_> = samples.iter().map(|s| s.point).collect();
+        let third = T::of(0.75 / std::f64::consts::PI);
+        let radii: Vec<T> = samples.iter().map(|s| (s.measure * third).cbrt()).collect();
+        let top = radii.iter().fold(T::zero(), |m, r| m.max(*r));
+        let (tree, bounds) = around(&centres, &vec![top * T::of(ROUGH); centres.len()]);
+        let samples = samples.to_vec();
+        Self {
+            shape: Shape::Points { samples, radii, top },
+            tree,
+            bounds,
+        }
+    }
+
+    fn of_field(field: &'a dyn Interpolation<T>) -> Self {
+        let centres = field.nodes().to_vec();
+        let [low, high] = bounds_of(centres.iter());
+        let sides = high - low;
+        let wide = sides.iter().copied().filter(|s| *s > T::zero());
+        let (volume, dimension) = wide.fold((T::one(), 0.0), |(v, d), s| (v * s, d + 1.0));
+        let per_node = volume / T::of(centres.len().max(1) as f64);
+        let spacing = per_node.powf(T::of(1.0 / f64::max(dimension, 1.0)));
+        let (tree, bounds) = around(&centres, &vec![spacing; centres.len()]);
+        Self {
+            shape: Shape::Field {
+                field,
+                centres,
+                spacing,
+            },
+            tree,
+            bounds,
+        }
+    }
+
+    /// Its cells, lines with a section of one; empty if it has none.
+    pub(crate) fn cells(&self) -> &[Cell<T>] {
+        match &self.shape {
+            Shape::Cells { cells, .. } => cells,
+            _ => &[],
+        }
+    }
+
+    /// Its particles, if it consists of them.
+    pub(crate) fn particles(&self) -> Option<&[Sample<T>]> {
+        match &self.shape {
+            Shape::Points { samples, .. } => Some(samples),
+            _ => None,
+        }
+    }
+
+    /// Whether it consists of particles.
+    pub(crate) fn is_particles(&self) -> bool {
+        matches!(self.shape, Shape::Points { .. })
+    }
+
+    /// Whether a box meets it.
+    pub(crate) fn meets(&self, [low, high]: &[Point3<T>; 2]) -> bool {
+        (0..3).all(|k| self.bounds[0][k] <= high[k] && low[k] <= self.bounds[1][k])
+    }
+
+    /// Whether a point lies within a distance \[m\] of the cells.
+    pub(crate) fn is_within(&self, x: &Point3<T>, distance: T) -> bool {
+        let Shape::Cells { cells, planes, .. } = &self.shape else {
+            return self.cover(x, T::zero()) != Cover::Outside;
+        };
+        let reach = Vector3::repeat(distance);
+        self.tree.any(&[x - reach, x + reach], &mut |k| {
+            beyond(&cells[k], &planes[k], x) <= distance
+        })
+    }
+
+    /// Where a point lies that belongs to something of the element length `own` \[m\], zero for a mere point.
+    pub(crate) fn cover(&self, x: &Point3<T>, own: T) -> Cover {
+        let reach = Vector3::repeat(own * T::of(FACETS));
+        let query = [x - reach, x + reach];
+        if !self.meets(&query) {
+            return Cover::Outside;
+        }
+        let mut best = Cover::Outside;
+        match &self.shape {
+            Shape::Cells {
+                cells,
+                planes,
+                lengths,
+            } => {
+                self.tree.any(&query, &mut |k| {
+                    best = best.max(beside(&cells[k], &planes[k], x, [lengths[k], own]));
+                    best == Cover::Inside
+                });
+            }
+            Shape::Points { samples, radii, top } => {
+                self.tree.any(&query, &mut |k| {
+                    let distance = (x - samples[k].point).norm();
+                    best = best.max(if distance <= radii[k] {
+                        Cover::Inside
+                    } else if distance <= *top * T::of(HOLE) {
+                        Cover::Hole
+                    } else if distance <= *top * T::of(ROUGH) {
+                        Cover::Surface
+                    } else {
+                        Cover::Outside
+                    });
+                    best == Cover::Inside
+                });
+            }
+            Shape::Field {
+                field,
+                centres,
+                spacing,
+            } => {
+                if field.shape_at(x, false, &mut ShapeRow::default()).is_ok() {
+                    return Cover::Inside;
+                }
+                self.tree.any(&query, &mut |k| {
+                    if (x - centres[k]).norm() <= *spacing {
+                        best = Cover::Surface;
+                    }
+                    best == Cover::Surface
+                });
+            }
+        }
+        best
+    }
+}
+
+fn around<T: Real>(centres: &[Point3<T>], radii: &[T]) -> (BoxTree<T>, [Point3<T>; 2]) {
+    let boxes: Vec<_> = centres
+        .iter()
+        .zip(radii)
+        .map(|(x, r)| [x - Vector3::repeat(*r), x + Vector3::repeat(*r)])
+        .collect();
+    let bounds = bounds_of(boxes.iter().flatten());
+    (BoxTree::new(boxes), bounds)
+}
+
+/// Lengths count on a line, whatever section its models were given.
+fn of_unit_section<T: Real>(cell: Cell<T>) -> Cell<T> {
+    match cell {
+        Cell::Segment { ends, .. } => Cell::Segment {
+            ends,
+            section: T::one(),
+        },
+        solid => solid,
+    }
+}
+
+/// Longest side of a cell's box \[m\].
+pub(crate) fn length<T: Real>(cell: &Cell<T>) -> T {
+    let [low, high] = cell.bounds();
+    (high - low).amax()
+}
+
+/// Accuracy of the surface of a cell of length `h` \[m\]; the ends of a line are exact up to round-off.
+fn surface<T: Real>(cell: &Cell<T>, h: T) -> T {
+    match cell {
+        Cell::Segment { .. } => h * T::of(1e-9).max(T::epsilon() * T::of(32.0)),
+        Cell::Polyhedron(_) => h * T::of(FACETS),
+    }
+}
+
+/// Distance of a point from a cell \[m\]; a lower bound beside its edges, and not positive inside.
+fn beyond<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>) -> T {
+    match cell {
+        Cell::Segment { ends: [a, b], .. } => {
+            let d = b - a;
+            let s = (d.dot(&(x - a)) / d.norm_squared()).clamp(T::zero(), T::one());
+            (x - (a + d * s)).norm()
+        }
+        Cell::Polyhedron(_) => {
+            let top = planes.iter().map(|p| p.excess(x));
+            top.fold(-T::of(f64::from(f32::MAX)), |m, e| m.max(e))
+        }
+    }
+}
+
+fn beside<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>, lengths: [T; 2]) -> Cover {
+    // Round-off of coordinates far from the origin counts as well.
+    let relative = lengths[0] * T::of(1e-9).max(T::epsilon() * T::of(32.0));
+    let exact = relative.max(x.coords.amax() * T::epsilon() * T::of(32.0));
+    let reach = match cell {
+        Cell::Segment { .. } => exact,
+        Cell::Polyhedron(_) => exact.max((lengths[0] + lengths[1]) * T::of(FACETS)),
+    };
+    let distance = beyond(cell, planes, x);
+    if distance <= exact {
+        Cover::Inside
+    } else if distance <= reach {
+        Cover::Surface
+    } else {
+        Cover::Outside
+    }
+}

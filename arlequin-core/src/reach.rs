@@ -1,0 +1,129 @@
+//! A field beyond its surface: where particles of the other model stick out.
+//!
+//! From a point `a` of the surface and a point `b` behind it, on a line through `x`, shape functions go on linearly:
+//!
+//! ```text
+//! N(x) = (1 + t) N(a) − t N(b),   x = a + t (a − b),   0 ≤ t ≤ 1
+//! ```
+//!
+//! They still sum to one and reproduce linear fields, gradients included, so that momenta stay exact.
+
+use crate::field::{Interpolation, ShapeRow, outside};
+use crate::geometry::{BoxTree, bounds_of};
+use crate::{Error, Real, Result};
+use nalgebra::{Point3, Vector3};
+
+/// Nodes whose mean shows the way inwards.
+const NODES: usize = 8;
+/// Halvings of the way to the surface: down to round-off.
+const HALVINGS: usize = 50;
+
+/// A field with its linear continuation.
+pub(crate) struct Reach<'a, T: Real, F: Interpolation<T> + ?Sized> {
+    field: &'a F,
+    tree: BoxTree<T>,
+    /// Distance at which the search for nodes begins \[m\].
+    start: T,
+    rows: [ShapeRow<T>; 2],
+}
+
+impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
+    pub(crate) fn new(field: &'a F) -> Self {
+        let nodes = field.nodes();
+        let [low, high] = bounds_of(nodes.iter());
+        let count = T::of((nodes.len().max(1)) as f64);
+        Self {
+            field,
+            tree: BoxTree::new(nodes.iter().map(|x| [*x, *x]).collect()),
+            start: (high - low).norm() / count.cbrt(),
+            rows: [ShapeRow::default(), ShapeRow::default()],
+        }
+    }
+
+    /// Shape functions at a point outside, as long as it is no farther from the surface than the mean of the nearest
+    /// nodes is behind it.
+    ///
+    /// # Errors
+    /// [`Error::OutsideDomain`] farther away; those of the field.
+    pub(crate) fn shape_at(&mut self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
+        let nearest = self.nearest(x);
+        let count = T::of(nearest.len().max(1) as f64);
+        let arms = nearest
+            .iter()
+            .fold(Vector3::zeros(), |s, k| s + (self.field.nodes()[*k] - x));
+        let (way, mut far, mut near) = (arms / count, T::one(), T::zero());
+        if !self.inside(&(x + way), false, 0)? {
+            return Err(outside(x, self.field.kind()));
+        }
+        for _ in 0..HALVINGS {
+            let middle = (far + near) * T::of(0.5);
+            if self.inside(&(x + way * middle), false, 0)? {
+                far = middle;
+            } else {
+                near = middle;
+            }
+        }
+        // As far behind the surface as the point is before it.
+        let behind = far + far;
+        if behind > T::one()
+            || !self.inside(&(x + way * behind), gradient, 1)?
+            || !self.inside(&(x + way * far), gradient, 0)?
+        {
+            return Err(outside(x, self.field.kind()));
+        }
+        row.clear();
+        for (k, factor) in [(0, T::of(2.0)), (1, -T::one())] {
+            let from = &self.rows[k];
+            for (n, &node) in from.nodes.iter().enumerate() {
+                let value = from.values[n] * factor;
+                let slope = gradient.then(|| from.gradients[n] * factor);
+                match row.nodes.iter().position(|m| *m == node) {
+                    Some(m) => {
+                        row.values[m] += value;
+                        if let Some(g) = slope {
+                            row.gradients[m] += g;
+                        }
+                    }
+                    None => match slope {
+                        Some(g) => row.push_with_gradient(node, value, g),
+                        None => row.push(node, value),
+                    },
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn inside(&mut self, x: &Point3<T>, gradient: bool, slot: usize) -> Result<bool> {
+        match self.field.shape_at(x, gradient, &mut self.rows[slot]) {
+            Ok(()) => Ok(true),
+            Err(Error::OutsideDomain { .. }) => Ok(false),
+            Err(e) => Err(e),
+        }
+    }
+
+    fn nearest(&self, x: &Point3<T>) -> Vec<usize> {
+        let nodes = self.field.nodes();
+        let wanted = NODES.min(nodes.len());
+        let mut found = Vec::new();
+        // Never zero unless the point is the only node.
+        let apart = nodes.first().map_or(T::zero(), |n| (n - x).norm());
+        let mut radius = self.start.max(apart * T::of(1e-3));
+        while found.len() < wanted {
+            found.clear();
+            let reach = Vector3::repeat(radius);
+            self.tree.any(&[x - reach, x + reach], &mut |k| {
+                // Inside the ball, or nearer ones beyond the box would be missed.
+                if (nodes[k] - x).norm() <= radius {
+                    found.push(k);
+                }
+                false
+            });
+            radius += radius;
+        }
+        let distance = |k: &usize| (nodes[*k] - x).norm_squared().as_f64();
+        found.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
+        found.truncate(wanted);
+        found
+    }
+}

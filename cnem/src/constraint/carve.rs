@@ -1,0 +1,319 @@
+//! Recovery of faces without points: the tetrahedra that a missing face cuts are divided anew on both sides of it.
+//!
+//! A constrained Delaunay complex holds the constrained faces, and the sphere of every tetrahedron is empty of nodes that
+//! can be seen from inside it. Its faces need not have empty spheres: nodes close behind a face, as those of the other
+//! flank of a notch, do not count. Where all edges of a flat region of missing faces are in the complex, the
+//! tetrahedra that the region cuts form a cavity with two halves. Each half is filled with those tetrahedra of the
+//! Delaunay complex of its own nodes that lie in it, if that complex has all faces of the half; if not, the cavity grows
+//! by the tetrahedron behind such a face. What cannot be filled in this way is left to points on the faces.
+
+use super::FaceMesh;
+use super::mesh::{ON_FACE, key};
+use crate::delaunay::{Delaunay, face_key, volume};
+use crate::predicates::orient3d;
+use crate::tet::{INF, Tet};
+use nalgebra::Point3;
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+
+/// How often a cavity may grow.
+const MAX_GROWTH: usize = 64;
+/// Largest relative difference of volumes, by round-off, of a cavity and what fills it.
+const SAME_VOLUME: f64 = 1e-9;
+
+/// A connected flat region of missing faces.
+struct Region {
+    triangles: Vec<[u32; 3]>,
+    nodes: BTreeSet<u32>,
+    /// A triangle of the region that tells above from below.
+    plane: [u32; 3],
+}
+
+/// Carves every missing region it can; returns the faces that are still missing.
+pub(super) fn carve(delaunay: &mut Delaunay, mesh: &FaceMesh, missing: &[u32]) -> Vec<u32> {
+    let mut walls: HashSet<[u32; 3]> = mesh.faces.iter().map(|f| face_key(f.v)).collect();
+    missing.iter().for_each(|&f| {
+        walls.remove(&face_key(mesh.faces[f as usize].v));
+    });
+    let mut left = Vec::new();
+    let mut todo: BTreeSet<u32> = missing.iter().copied().collect();
+    let mut star = Vec::new();
+    while let Some(first) = todo.pop_first() {
+        let faces = connected(delaunay, mesh, first, &mut todo);
+        let present =
+            |f: &&u32, star: &mut Vec<u32>| delaunay.face(mesh.faces[**f as usize].v, star).is_some();
+        let faces: Vec<u32> = faces.iter().filter(|f| !present(f, &mut star)).copied().collect();
+        if faces.is_empty() {
+            continue;
+        }
+        let region = Region::new(mesh, &faces);
+        match region.fill(delaunay, &walls) {
+            Some((old, new)) if delaunay.replace(&old, &new) => {
+                walls.extend(region.triangles.iter().map(|v| face_key(*v)));
+            }
+            _ => left.extend(faces),
+        }
+    }
+    // A later cavity may have swallowed an earlier face only if that was not yet a wall; look at all again.
+    left.retain(|&f| delaunay.face(mesh.faces[f as usize].v, &mut star).is_none());
+    left
+}
+
+/// Missing faces joined to the first one over edges inside a flat patch; they leave `todo`.
+fn connected(delaunay: &Delaunay, mesh: &FaceMesh, first: u32, todo: &mut BTreeSet<u32>) -> Vec<u32> {
+    let mut out = vec![first];
+    let mut next = 0;
+    while next < out.len() {
+        let v = mesh.faces[out[next] as usize].v;
+        next += 1;
+        for k in 0..3 {
+            let edge = key(v[k], v[(k + 1) % 3]);
+            let pair = mesh.flat_pair(&delaunay.points, edge);
+            for f in pair.into_iter().flat_map(|[f, g, ..]| [f, g]) {
+                if todo.remove(&f) {
+                    out.push(f);
+                }
+            }
+        }
+    }
+    out
+}
+
+/// One half of a cavity: faces as seen from outside it.
+struct Half {
+    faces: Vec<[u32; 3]>,
+    /// Tetrahedron behind each face, `None` for those of the region.
+    behind: Vec<Option<u32>>,
+    nodes: BTreeSet<u32>,
+}
+
+impl Region {
+    fn new(mesh: &FaceMesh, faces: &[u32]) -> Self {
+        let triangles: Vec<[u32; 3]> = faces.iter().map(|&f| mesh.faces[f as usize].v).collect();
+        Self {
+            nodes: triangles.iter().flatten().copied().collect(),
+            plane: triangles[0],
+            triangles,
+        }
+    }
+
+    /// The cavity and the tetrahedra that are to fill it.
+    fn fill(&self, delaunay: &Delaunay, walls: &HashSet<[u32; 3]>) -> Option<(Vec<u32>, Vec<[u32; 4]>)> {
+        let mut cavity = self.cut(delaunay)?;
+        for _ in 0..MAX_GROWTH {
+            let mut new = Vec::new();
+            let mut grown = Vec::new();
+            for side in [Ordering::Greater, Ordering::Less] {
+                let half = self.half(delaunay, &cavity, side)?;
+                match half.tetrahedra(delaunay)? {
+                    Filled::All(tets) => new.extend(tets),
+                    Filled::Without(faces) => {
+                        for f in faces {
+                            let behind = half.behind[f]?;
+                            let face = face_key(half.faces[f]);
+                            if walls.contains(&face) || delaunay.tets[behind as usize].is_ghost() {
+                                return None;
+                            }
+                            grown.push(behind);
+                        }
+                    }
+                }
+            }
+            if grown.is_empty() {
+                let size = |v: &[u32; 4]| volume(v.map(|v| &delaunay.points[v as usize]));
+                let was: f64 = cavity.iter().map(|&t| size(&delaunay.tets[t as usize].v)).sum();
+                let is: f64 = new.iter().map(size).sum();
+                return ((is - was).abs() <= SAME_VOLUME * was).then(|| (cavity.into_iter().collect(), new));
+            }
+            cavity.extend(grown);
+        }
+        None
+    }
+
+    /// Above or below the region, `Equal` for its own nodes and those within round-off of its plane.
+    fn place(&self, delaunay: &Delaunay, v: u32) -> Ordering {
+        if self.nodes.contains(&v) {
+            return Ordering::Equal;
+        }
+        let p = &delaunay.points[v as usize];
+        let [a, b, c] = self.plane.map(|v| &delaunay.points[v as usize]);
+        let n = (b - a).cross(&(c - a));
+        if n.dot(&(p - a)).abs() <= ON_FACE * n.norm() * (p - a).norm() {
+            return Ordering::Equal;
+        }
+        orient3d(a, b, c, p)
+    }
+
+    /// Tetrahedra with an edge that passes through the region.
+    fn cut(&self, delaunay: &Delaunay) -> Option<BTreeSet<u32>> {
+        let (mut out, mut queue) = (BTreeSet::new(), Vec::new());
+        let mut star = Vec::new();
+        for &v in &self.nodes {
+            delaunay.star(v, &mut star);
+            queue.extend(star.iter().copied());
+        }
+        let mut seen: BTreeSet<u32> = queue.iter().copied().collect();
+        while let Some(t) = queue.pop() {
+            let tet = &delaunay.tets[t as usize];
+            let mut any = false;
+            for i in 0..4 {
+                for j in 0..i {
+                    any |= self.pierced(delaunay, tet.v[i], tet.v[j]);
+                }
+            }
+            if !any {
+                continue;
+            }
+            if tet.is_ghost() {
+                return None;
+            }
+            out.insert(t);
+            queue.extend(tet.n.iter().map(|n| n >> 2).filter(|n| seen.insert(*n)));
+        }
+        (!out.is_empty()).then_some(out)
+    }
+
+    /// True if an edge passes through a triangle of the region or an edge between two of them.
+    fn pierced(&self, delaunay: &Delaunay, p: u32, q: u32) -> bool {
+        if p == INF || q == INF || self.nodes.contains(&p) || self.nodes.contains(&q) {
+            return false;
+        }
+        let at = |v: u32| &delaunay.points[v as usize];
+        let [p, q] = [p, q].map(at);
+        self.triangles.iter().any(|t| {
+            let [a, b, c] = t.map(at);
+            let sides = [orient3d(a, b, c, p), orient3d(a, b, c, q)];
+            if sides.contains(&Ordering::Equal) || sides[0] == sides[1] {
+                return false;
+            }
+            let turns = [orient3d(p, q, a, b), orient3d(p, q, b, c), orient3d(p, q, c, a)];
+            !(turns.contains(&Ordering::Greater) && turns.contains(&Ordering::Less))
+        })
+    }
+
+    /// The half of a cavity on one side; `None` if its border is not clear.
+    fn half(&self, delaunay: &Delaunay, cavity: &BTreeSet<u32>, side: Ordering) -> Option<Half> {
+        let mut out = Half {
+            faces: Vec::new(),
+            behind: Vec::new(),
+            nodes: self.nodes.clone(),
+        };
+        for &t in cavity {
+            let tet = &delaunay.tets[t as usize];
+            // Those that growth has put inside the cavity, too.
+            let here = tet.v.into_iter().filter(|&v| self.place(delaunay, v) == side);
+            out.nodes.extend(here);
+            for (slot, &n) in tet.n.iter().enumerate() {
+                if cavity.contains(&(n >> 2)) {
+                    continue;
+                }
+                let face = tet.face(slot);
+                let places = face.map(|v| self.place(delaunay, v));
+                let apex = self.place(delaunay, tet.v[slot]);
+                let (up, down) = (places.contains(&side), places.contains(&side.reverse()));
+                if up && down {
+                    return None;
+                }
+                if up || (!down && apex == side) {
+                    out.faces.push(face);
+                    out.behind.push(Some(n >> 2));
+                    out.nodes.extend(face);
+                }
+            }
+        }
+        for v in &self.triangles {
+            let turned = seen_from_outside(delaunay, v, &out, self, side)?;
+            out.faces.push(turned);
+            out.behind.push(None);
+        }
+        out.is_closed().then_some(out)
+    }
+}
+
+/// The triangle as seen from outside the half on one side of it.
+fn seen_from_outside(
+    delaunay: &Delaunay,
+    v: &[u32; 3],
+    half: &Half,
+    region: &Region,
+    side: Ordering,
+) -> Option<[u32; 3]> {
+    let apex = half
+        .nodes
+        .iter()
+        .find(|&&n| !region.nodes.contains(&n) && region.place(delaunay, n) == side)?;
+    let [a, b, c] = v.map(|v| &delaunay.points[v as usize]);
+    match orient3d(a, b, c, &delaunay.points[*apex as usize]) {
+        Ordering::Greater => Some([v[0], v[2], v[1]]),
+        Ordering::Less => Some(*v),
+        Ordering::Equal => None,
+    }
+}
+
+/// Whether the complex of a half has all its faces.
+enum Filled {
+    All(Vec<[u32; 4]>),
+    /// Numbers of the faces it has not.
+    Without(Vec<usize>),
+}
+
+impl Half {
+    fn is_closed(&self) -> bool {
+        let mut edges: BTreeMap<(u32, u32), i32> = BTreeMap::new();
+        for f in &self.faces {
+            for k in 0..3 {
+                let (a, b) = (f[k], f[(k + 1) % 3]);
+                *edges.entry(key(a, b)).or_insert(0) += if a < b { 1 } else { -1 };
+            }
+        }
+        edges.values().all(|n| *n == 0)
+    }
+
+    /// Tetrahedra inside the half of the Delaunay complex of its nodes; ties fall as in the large complex, since the order
+    /// of the nodes is kept.
+    fn tetrahedra(&self, delaunay: &Delaunay) -> Option<Filled> {
+        let nodes: Vec<u32> = self.nodes.iter().copied().collect();
+        let points: Vec<Point3<f64>> = nodes.iter().map(|&v| delaunay.points[v as usize]).collect();
+        let own = Delaunay::new(&points).ok()?;
+        let local = |v: u32| nodes.binary_search(&v).map(|k| k as u32).ok();
+        let mut star = Vec::new();
+        let (mut border, mut missing, mut queue) = (HashSet::new(), Vec::new(), Vec::new());
+        for (k, f) in self.faces.iter().enumerate() {
+            let v = [local(f[0])?, local(f[1])?, local(f[2])?];
+            match own.face(v, &mut star) {
+                Some((tet, slot)) => {
+                    border.insert(face_key(v));
+                    let same = same_turn(own.tets[tet as usize].face(slot), v);
+                    queue.push(if same {
+                        tet
+                    } else {
+                        own.tets[tet as usize].n[slot] >> 2
+                    });
+                }
+                None => missing.push(k),
+            }
+        }
+        if !missing.is_empty() {
+            return Some(Filled::Without(missing));
+        }
+        let mut inside: BTreeSet<u32> = queue.iter().copied().collect();
+        while let Some(t) = queue.pop() {
+            let tet: &Tet = &own.tets[t as usize];
+            if tet.is_ghost() {
+                return None;
+            }
+            for (slot, &n) in tet.n.iter().enumerate() {
+                if !border.contains(&face_key(tet.face(slot))) && inside.insert(n >> 2) {
+                    queue.push(n >> 2);
+                }
+            }
+        }
+        let global = |t: &u32| own.tets[*t as usize].v.map(|v| nodes[v as usize]);
+        Some(Filled::All(inside.iter().map(global).collect()))
+    }
+}
+
+/// True if two triples of the same three vertices turn the same way.
+fn same_turn(a: [u32; 3], b: [u32; 3]) -> bool {
+    (0..3).any(|k| (0..3).all(|i| a[i] == b[(i + k) % 3]))
+}

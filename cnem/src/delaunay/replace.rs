@@ -1,0 +1,107 @@
+//! Replacement of some tetrahedra by others that fill the same space.
+
+use super::Delaunay;
+use crate::tet::{INF, NONE, Tet};
+use std::collections::HashMap;
+
+/// Key of a face whatever the order of its vertices.
+pub(crate) fn face_key(mut v: [u32; 3]) -> [u32; 3] {
+    v.sort_unstable();
+    v
+}
+
+/// Nodes joined by edges: `items[starts[i]..starts[i + 1]]`, ascending.
+#[derive(Debug, Clone)]
+pub(crate) struct Neighbours {
+    starts: Vec<u32>,
+    items: Vec<u32>,
+}
+
+impl Neighbours {
+    pub(crate) fn new(delaunay: &Delaunay) -> Self {
+        let mut edges = Vec::new();
+        let nodes = delaunay.points.len() as u32;
+        // Slots that insertions have left unused are in no star.
+        let mut star = Vec::new();
+        for node in 0..nodes {
+            delaunay.star(node, &mut star);
+            let ends = star.iter().flat_map(|&t| delaunay.tets[t as usize].v);
+            let mut list: Vec<u32> = ends.filter(|&v| v != INF && v != node).collect();
+            list.sort_unstable();
+            list.dedup();
+            edges.push(list);
+        }
+        let mut out = Self {
+            starts: vec![0],
+            items: Vec::new(),
+        };
+        for list in edges {
+            out.items.extend(list);
+            out.starts.push(out.items.len() as u32);
+        }
+        out
+    }
+
+    pub(crate) fn of(&self, node: u32) -> &[u32] {
+        let [from, to] = [node, node + 1].map(|k| self.starts[k as usize] as usize);
+        &self.items[from..to]
+    }
+}
+
+impl Delaunay {
+    /// Puts tetrahedra in the place of others. Both sets must have the same border, and the new ones positive volumes;
+    /// false, with nothing changed, if faces do not match.
+    pub(crate) fn replace(&mut self, old: &[u32], new: &[[u32; 4]]) -> bool {
+        let mut open: HashMap<[u32; 3], u32> = HashMap::new();
+        for &t in old {
+            for (slot, &n) in self.tets[t as usize].n.iter().enumerate() {
+                if !old.contains(&(n >> 2)) {
+                    open.insert(face_key(self.tets[t as usize].face(slot)), n);
+                }
+            }
+        }
+        // Ids of the new ones: those of the old, then further ones.
+        let id = |k: usize| {
+            old.get(k)
+                .copied()
+                .unwrap_or((self.tets.len() + k) as u32 - old.len() as u32)
+        };
+        let mut links = vec![[NONE; 4]; new.len()];
+        let mut inner: HashMap<[u32; 3], (usize, usize)> = HashMap::new();
+        let mut outer = Vec::new();
+        for (k, &v) in new.iter().enumerate() {
+            let t = Tet { v, n: [NONE; 4] };
+            for slot in 0..4 {
+                let face = face_key(t.face(slot));
+                if let Some((j, other)) = inner.remove(&face) {
+                    links[k][slot] = id(j) << 2 | other as u32;
+                    links[j][other] = id(k) << 2 | slot as u32;
+                } else if let Some(behind) = open.remove(&face) {
+                    links[k][slot] = behind;
+                    outer.push((behind, id(k) << 2 | slot as u32));
+                } else {
+                    inner.insert(face, (k, slot));
+                }
+            }
+        }
+        if !open.is_empty() || !inner.is_empty() {
+            return false;
+        }
+        for (k, (&v, &n)) in new.iter().zip(&links).enumerate() {
+            let tet = Tet { v, n };
+            let at = old.get(k).copied().unwrap_or(self.tets.len() as u32);
+            match self.tets.get_mut(at as usize) {
+                Some(t) => *t = tet,
+                None => self.tets.push(tet),
+            }
+            v.into_iter()
+                .filter(|v| *v != INF)
+                .for_each(|v| self.at_vertex[v as usize] = at);
+        }
+        for (behind, link) in outer {
+            self.tets[(behind >> 2) as usize].n[(behind & 3) as usize] = link;
+        }
+        self.release(old.get(new.len()..).unwrap_or_default());
+        true
+    }
+}

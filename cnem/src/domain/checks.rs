@@ -1,0 +1,130 @@
+//! What a set of nodes must have before anything is computed on it.
+
+use super::{Domain, ON_BOUNDARY, largest_coordinate};
+use crate::circumcentre::circumcentre;
+use crate::error::{Error, Result};
+use crate::natural::{Kind, Scratch};
+use nalgebra::{Point3, Vector3};
+
+/// Distance from a sphere, relative to its radius, at which a node lies on it.
+const ON_SPHERE: f64 = 1e-12;
+/// Points at which natural neighbours are counted.
+const SAMPLES: usize = 32;
+/// Mean number of natural neighbours above which cells and shape functions are refused: their cost grows with its square.
+const MOST_NEIGHBOURS: f64 = 1000.0;
+/// Mean number above which a model warns. Random nodes have 16, grids 8 to 27.
+const MANY_NEIGHBOURS: f64 = 100.0;
+
+/// How many natural neighbours the points of a domain have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbours {
+    /// Mean over some points inside \[–\].
+    pub mean: f64,
+    /// Nodes on constrained faces.
+    pub on_surface: usize,
+    /// All nodes.
+    pub nodes: usize,
+}
+
+impl Neighbours {
+    /// What is odd about them: nodes on the surface only, or next to none inside, are neighbours of one another right across
+    /// the body. `None` for ordinary sets of nodes.
+    pub fn warning(&self) -> Option<String> {
+        (self.mean > MANY_NEIGHBOURS).then(|| {
+            format!(
+                "a point inside has {:.0} natural neighbours on average (16 in scattered nodes): {} of {} nodes lie on \
+                 the surface; the stiffness is nearly full and the field inside coarse: add nodes inside, as dense as on \
+                 the surface",
+                self.mean, self.on_surface, self.nodes
+            )
+        })
+    }
+}
+
+/// Nodes that span no volume, on a line or in a plane, exactly or up to the round-off of their coordinates; a great many
+/// on one sphere.
+pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
+    let nodes = points.len();
+    let limit = ON_BOUNDARY * largest_coordinate(points);
+    let Some(a) = points.first() else { return Ok(()) };
+    if nodes < 4 || !limit.is_finite() {
+        return Ok(());
+    }
+    // The farthest point each time, so that line and plane are as well determined as they can be.
+    let farthest = |off: &dyn Fn(&Point3<f64>) -> f64| {
+        let far = points.iter().map(|p| (off(p), p));
+        far.fold((0.0, a), |x, y| if y.0 > x.0 { y } else { x })
+    };
+    let (length, b) = farthest(&|p| (p - a).norm());
+    if length == 0.0 {
+        return Ok(());
+    }
+    let u: Vector3<f64> = (b - a) / length;
+    let (width, c) = farthest(&|p| u.cross(&(p - a)).norm());
+    if width <= limit {
+        return Err(Error::AllCollinear { nodes });
+    }
+    let n = u.cross(&(c - a)) / width;
+    let (height, d) = farthest(&|p| n.dot(&(p - a)).abs());
+    if height <= limit {
+        return Err(Error::AllCoplanar { nodes });
+    }
+    let (to_centre, _) = circumcentre([a, b, c, d]);
+    check_sphere(points, &(a + to_centre), to_centre.norm())
+}
+
+/// Refuses many nodes on one sphere before the complex is built: every sphere through four of them holds every point.
+fn check_sphere(points: &[Point3<f64>], centre: &Point3<f64>, radius: f64) -> Result<()> {
+    let off = |p: &Point3<f64>| ((p - centre).norm() - radius).abs() > ON_SPHERE * radius;
+    let nodes = points.len();
+    if nodes as f64 <= MOST_NEIGHBOURS || points.iter().any(off) {
+        return Ok(());
+    }
+    Err(Error::TooManyNeighbours {
+        mean: nodes as f64,
+        limit: MOST_NEIGHBOURS,
+        on_surface: nodes,
+        nodes,
+    })
+}
+
+impl Domain {
+    /// Counts the natural neighbours at some points inside.
+    pub fn neighbours(&self) -> Neighbours {
+        let elements: Vec<[usize; 4]> = self.elements().collect();
+        let step = elements.len().div_ceil(SAMPLES).max(1);
+        let (mut scratch, mut sum, mut count) = (Scratch::new(), 0, 0);
+        for t in elements.iter().step_by(step) {
+            let middle = t.iter().map(|&v| self.nodes()[v].coords).sum::<Vector3<f64>>() * 0.25;
+            if let Ok(row) = self.shape(Kind::Laplace, &middle.into(), &mut scratch) {
+                sum += row.nodes.len();
+                count += 1;
+            }
+        }
+        let mut on_surface = vec![false; self.nodes().len()];
+        self.mesh
+            .faces
+            .iter()
+            .flat_map(|f| f.v)
+            .for_each(|v| on_surface[v as usize] = true);
+        Neighbours {
+            mean: f64::from(sum as u32) / f64::from(count.max(1)),
+            on_surface: on_surface.iter().filter(|s| **s).count(),
+            nodes: self.nodes().len(),
+        }
+    }
+
+    /// Refuses sets of nodes on which every point has a great many neighbours.
+    pub(crate) fn check_neighbours(&self) -> Result<()> {
+        let found = self.neighbours();
+        if found.mean > MOST_NEIGHBOURS {
+            return Err(Error::TooManyNeighbours {
+                mean: found.mean,
+                limit: MOST_NEIGHBOURS,
+                on_surface: found.on_surface,
+                nodes: found.nodes,
+            });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,37 @@
+//! What a weight is to bonds and particles.
+
+use super::DemModel;
+use arlequin_core::geometry::Cell;
+use arlequin_core::weight::Weight;
+use rayon::prelude::*;
+
+/// Round-off below zero that a weight `1 - sum` may have.
+const ROUND_OFF: f64 = 1e-9;
+
+impl DemModel {
+    /// Mean of a weight over every bond.
+    pub(super) fn bond_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
+        let mean = |&[i, j]: &[u32; 2]| {
+            let w = weight.mean(&Cell::Segment {
+                ends: [self.nodes[i as usize], self.nodes[j as usize]],
+                section: 1.0,
+            });
+            if w < 0.0 && w > -ROUND_OFF { 0.0 } else { w }
+        };
+        let means: Vec<f64> = self.body.pairs().par_iter().map(mean).collect();
+        arlequin_core::scalar::check_finite("bond weights", &means)?;
+        Ok(means)
+    }
+
+    pub(super) fn nodal(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
+        let values: Vec<f64> = self.nodes.iter().map(|x| weight.at(x)).collect();
+        arlequin_core::scalar::check_finite("nodal weights", &values)?;
+        Ok(values)
+    }
+
+    /// Means over the bonds of each particle; a loose one takes the weight of its place.
+    pub(super) fn mass_factors(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
+        let alone = |i: usize| weight.at(&self.nodes[i]).max(0.0);
+        Ok(self.body.mean_over_bonds(&self.bond_means(weight)?, alone))
+    }
+}

@@ -1,0 +1,142 @@
+//! A packing, put together from the spheres of its bodies.
+
+use super::bonding::{Bonding, renumber};
+use super::cells::Sphere;
+use super::container::Container;
+use super::report::PackingReport;
+use crate::bond::BeamMaterial;
+use crate::error::{DemError, Result};
+use crate::particles::BondedParticles;
+use nalgebra::Vector3;
+
+/// Spheres and bonds; see [`super::parts`] for what stays and what each sphere weighs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Packing {
+    /// Centres (m).
+    pub positions: Vec<Vector3<f64>>,
+    /// Radii (m).
+    pub radii: Vec<f64>,
+    /// Bonded pairs, smaller number first, in ascending order.
+    pub pairs: Vec<[u32; 2]>,
+    /// Body each sphere lies in, from 0.
+    pub bodies: Vec<u32>,
+    /// Volume of each body (m^3), less what cuts took; its spheres stand for it.
+    pub body_volumes: Vec<f64>,
+    /// Whether loose spheres stayed ([`super::Loose::Keep`]).
+    pub loose: bool,
+    /// Volume of the container (m^3): the bodies the spheres stand for.
+    pub volume: f64,
+    /// Edges of the periodic box (m) the centres lie in, if the packing fills one.
+    pub period: Option<[f64; 3]>,
+    /// What came out.
+    pub report: PackingReport,
+}
+
+/// Spheres and bonds of one body.
+#[derive(Debug)]
+pub(crate) struct Filled {
+    /// Number of each sphere in a file; empty for spheres that follow those of the body before.
+    pub(crate) numbers: Vec<u32>,
+    pub(crate) spheres: Vec<Sphere>,
+    pub(crate) bonding: Bonding,
+    /// Mean overlap over the mean diameter.
+    pub(crate) overlap: f64,
+    /// Relaxation steps.
+    pub(crate) steps: usize,
+}
+
+impl Packing {
+    /// The bodies of a container with their spheres, of which `asked` were wanted in all.
+    ///
+    /// # Errors
+    /// [`DemError::CrossingBodies`].
+    pub(crate) fn assemble(
+        container: &Container,
+        bodies: &[Container],
+        filled: &[Filled],
+        asked: usize,
+        loose: bool,
+    ) -> Result<Self> {
+        refuse_crossing(bodies, filled)?;
+        let count = filled.iter().map(|f| f.spheres.len()).sum::<usize>();
+        let mut spheres = vec![[0.0; 4]; count];
+        let mut body = vec![0_u32; count];
+        let mut all = Bonding {
+            kept: Vec::with_capacity(count),
+            pairs: Vec::new(),
+            tolerance: f64::NEG_INFINITY,
+            coordination_all: 0.0,
+        };
+        let (mut overlap, mut steps, mut first) = (0.0, 0, 0);
+        for (k, f) in filled.iter().enumerate() {
+            let at = |i: u32| f.numbers.get(i as usize).copied().unwrap_or(first + i);
+            let share = f.spheres.len() as f64 / count as f64;
+            let kept = f.bonding.kept.iter().copied();
+            for i in 0..f.spheres.len() as u32 {
+                let place = at(i) as usize;
+                spheres[place] = f.spheres[i as usize];
+                body[place] = k as u32;
+            }
+            all.kept.extend(kept.map(at));
+            let old = |p: &[u32; 2]| p.map(|i| at(f.bonding.kept[i as usize]));
+            all.pairs.extend(f.bonding.pairs.iter().map(old));
+            all.tolerance = all.tolerance.max(f.bonding.tolerance);
+            all.coordination_all += share * f.bonding.coordination_all;
+            overlap += share * f.overlap;
+            steps += f.steps;
+            first += f.spheres.len() as u32;
+        }
+        all.kept.sort_unstable();
+        renumber(&mut all.pairs, &all.kept, count);
+        all.pairs.sort_unstable();
+        let report = PackingReport::new(container, bodies, [asked, steps], &spheres, &body, &all, overlap);
+        let kept = || all.kept.iter().map(|&i| i as usize);
+        Ok(Self {
+            positions: kept()
+                .map(|i| Vector3::new(spheres[i][0], spheres[i][1], spheres[i][2]))
+                .collect(),
+            radii: kept().map(|i| spheres[i][3]).collect(),
+            bodies: kept().map(|i| body[i]).collect(),
+            body_volumes: bodies.iter().map(Container::volume).collect(),
+            pairs: all.pairs,
+            loose,
+            volume: container.volume(),
+            period: container.period(),
+            report,
+        })
+    }
+
+    /// Particles with beams and masses: `density` (kg/m^3) times the volume each sphere stands for.
+    ///
+    /// # Errors
+    /// As [`BondedParticles::new`], except that loose spheres that were kept are no error; [`DemError::Periodic`].
+    pub fn bonded(&self, beam: BeamMaterial, density: f64) -> Result<BondedParticles> {
+        if self.period.is_some() {
+            return Err(DemError::Periodic {
+                what: "a body of particles",
+            });
+        }
+        BondedParticles::of_packing(self, beam, density)
+    }
+}
+
+/// Refuses bodies that share space: a centre of one inside another. Thinner crossings than a radius are not seen.
+fn refuse_crossing(bodies: &[Container], filled: &[Filled]) -> Result<()> {
+    for (k, f) in filled.iter().enumerate() {
+        for (o, other) in bodies.iter().enumerate().filter(|(o, _)| *o != k) {
+            let (low, high) = other.bounds();
+            let inside = |s: &&Sphere| {
+                let x = Vector3::new(s[0], s[1], s[2]);
+                (0..3).all(|a| x[a] > low[a] && x[a] < high[a]) && other.contains(&x)
+            };
+            if let Some(s) = f.spheres.iter().find(inside) {
+                return Err(DemError::CrossingBodies {
+                    first: k.min(o) + 1,
+                    second: k.max(o) + 1,
+                    point: [s[0], s[1], s[2]],
+                });
+            }
+        }
+    }
+    Ok(())
+}

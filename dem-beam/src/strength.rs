@@ -1,0 +1,273 @@
+//! Strength of a packing in direct tension: a bar is pulled until it breaks.
+//!
+//! The bar lies along x; the spheres that touch its two end faces are held along x and moved apart, free to the sides. The
+//! law is linear up to the first broken bond, so the static solution says at which elongation `u_1` that one breaks. The
+//! bar starts at `0.9 u_1` in that solution, moving in that shape: no wave runs through it. It is pulled at the
+//! constant rate that takes [`LOADING`] transits of a wave along the bar to `u_1`, with a stiffness damping of
+//! [`DAMPING`] transits of a mean diameter, until its force has fallen to half of the highest.
+//!
+//! Forces are means over a fifth of a transit: the work of the ends over the elongation. The strength is the highest.
+//! Time scales with the root of the density and loads with the strength of the beams, so that the ratio of beam strength
+//! over body strength is a number of the packing, of the criterion and of the scatter alone.
+
+use crate::bond::{BeamMaterial, Twist};
+use crate::calibrate::Bar;
+use crate::error::{DemError, Result, positive};
+use crate::fracture::{Criterion, Fracture, locked};
+use crate::model::DemModel;
+use crate::packing::Packing;
+use crate::statics::StaticProblem;
+use arlequin_core::effect::StiffnessDamping;
+use arlequin_core::observer::Silent;
+use arlequin_core::subdomain::PrescribedMotion;
+use arlequin_core::time::TimeFunction;
+use arlequin_core::{Coupled, Subdomain, TimeStep, Weights};
+
+/// Transits of a wave along the bar in which an unloaded bar would reach the first broken bond.
+pub const LOADING: f64 = 10.0;
+/// Time of the stiffness damping in transits of a wave across a mean diameter.
+pub const DAMPING: f64 = 0.04;
+/// Elongation at which the run starts, over that of the first broken bond.
+const START: f64 = 0.9;
+/// Elongation at which a bar that has not broken is given up, likewise.
+const GIVEN_UP: f64 = 12.0;
+/// Transits over which a force is a mean.
+const WINDOW: f64 = 0.2;
+/// A bar has broken when its force has fallen to this part of the highest.
+const FALLEN: f64 = 0.5;
+/// Density (kg/m^3): results do not depend on it.
+const DENSITY: f64 = 1000.0;
+/// Residual and most iterations of the static solution.
+const SOLVE: (f64, usize) = (1e-6, 50_000);
+
+/// What a bar showed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Strength {
+    /// Highest mean stress over the section (Pa).
+    pub peak: f64,
+    /// Stress at which the first bond breaks (Pa).
+    pub first: f64,
+    /// Mean strain at the peak.
+    pub strain: f64,
+    /// Young's modulus before anything breaks (Pa).
+    pub young: f64,
+    /// Bonds broken up to the peak.
+    pub broken: usize,
+    /// Bonds in all.
+    pub bonds: usize,
+    /// Nominal stress of the beams (Pa): their strength; for [`Criterion::Energy`] the axial stress `√(2 E_b G/d)` at
+    /// which a beam of a mean diameter `d` holds the energy per section `G`.
+    pub beam: f64,
+}
+
+impl Strength {
+    /// Beam strength over body strength.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.beam / self.peak
+    }
+}
+
+/// Pulls a bar until it breaks.
+///
+/// # Errors
+/// [`DemError::SeveralParts`]; [`DemError::OutOfRange`] for the bar, the strength or no sphere at an end; those of
+/// [`DemModel::new`] and of the static solution; [`DemError::NotBroken`] if it stretches without end; those of the run.
+pub fn strength_test(
+    packing: &Packing,
+    beam: BeamMaterial,
+    bar: &Bar,
+    fracture: Fracture,
+) -> Result<Strength> {
+    positive("bar length", bar.length)?;
+    positive("bar section", bar.area)?;
+    packing.connected("a strength test")?;
+    let model = DemModel::new("bar", packing, beam, DENSITY)?.with_fracture(fracture)?;
+    let rest = Rest::new(&model, bar)?;
+    let load = rest.load(&model);
+    if !(load.is_finite() && load > 0.0) {
+        return Err(DemError::OutOfRange {
+            name: "load of the bonds under tension",
+            value: load,
+            range: "finite values > 0: the bar must carry tension",
+        });
+    }
+    // The energy per section grows with the square of the elongation.
+    let first = match fracture.criterion {
+        Criterion::Energy => load.sqrt().recip(),
+        _ => load.recip(),
+    };
+    let diameter = 2.0 * model.body().radii().iter().sum::<f64>() / model.body().len() as f64;
+    let nominal = match fracture.criterion {
+        Criterion::Energy => (2.0 * beam.young * fracture.strength / diameter).sqrt(),
+        _ => fracture.strength,
+    };
+    let pull = Pull {
+        first: first * rest.elongation,
+        transit: bar.length / (rest.young / DENSITY).sqrt(),
+        damping: DAMPING * diameter / (rest.young / DENSITY).sqrt(),
+    };
+    let bonds = model.body().pairs().len();
+    let found = pull.run(model, &rest, bar)?;
+    Ok(Strength {
+        peak: found.peak / bar.area,
+        first: first * rest.force / bar.area,
+        strain: found.elongation / bar.length,
+        young: rest.young,
+        broken: found.broken,
+        bonds,
+        beam: nominal,
+    })
+}
+
+/// The bar in equilibrium under a small elongation.
+struct Rest {
+    /// Unknowns of the model: displacements (m), then rotations.
+    q: Vec<f64>,
+    /// Particles at the two ends.
+    ends: [Vec<usize>; 2],
+    elongation: f64,
+    force: f64,
+    young: f64,
+}
+
+impl Rest {
+    fn new(model: &DemModel, bar: &Bar) -> Result<Self> {
+        let body = model.body();
+        let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
+        let elongation = 1e-4 * bar.length;
+        let mut problem = StaticProblem::free(body.len());
+        let mut ends = [Vec::new(), Vec::new()];
+        for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
+            let along = x.x - bar.start;
+            let near = r + 0.05 * mean;
+            problem.start[i].linear.x = elongation * (along / bar.length - 0.5);
+            if along < near {
+                ends[0].push(i);
+            } else if bar.length - along < near {
+                ends[1].push(i);
+            }
+        }
+        for (end, (name, side)) in ends.iter().zip([
+            ("particles at the first end", -0.5),
+            ("particles at the second end", 0.5),
+        ]) {
+            if end.is_empty() {
+                return Err(DemError::OutOfRange {
+                    name,
+                    value: 0.0,
+                    range: "values >= 1",
+                });
+            }
+            for &i in end {
+                problem.held[i].linear[0] = true;
+                problem.start[i].linear.x = side * elongation;
+            }
+        }
+        let done = problem.solve(body, SOLVE.0, SOLVE.1)?;
+        let pull = |end: &[usize]| end.iter().map(|&i| done.reactions[i].linear.x).sum::<f64>();
+        let force = 0.5 * (pull(&ends[1]) - pull(&ends[0]));
+        let linear = |t: &Twist| [t.linear.x, t.linear.y, t.linear.z];
+        let angular = |t: &Twist| [t.angular.x, t.angular.y, t.angular.z];
+        let u = &done.displacements;
+        Ok(Self {
+            q: u.iter()
+                .flat_map(linear)
+                .chain(u.iter().flat_map(angular))
+                .collect(),
+            ends,
+            elongation,
+            force,
+            young: force * bar.length / (bar.area * elongation),
+        })
+    }
+
+    /// Largest value of the criterion over the strength of its bond.
+    fn load(&self, model: &DemModel) -> f64 {
+        model.load(&self.q)
+    }
+}
+
+struct Pull {
+    /// Elongation at the first broken bond (m).
+    first: f64,
+    /// Of a wave along the bar (s).
+    transit: f64,
+    /// Time of the stiffness damping (s).
+    damping: f64,
+}
+
+struct Peak {
+    peak: f64,
+    elongation: f64,
+    broken: usize,
+}
+
+impl Pull {
+    fn run(&self, model: DemModel, rest: &Rest, bar: &Bar) -> Result<Peak> {
+        let rate = self.first / (LOADING * self.transit);
+        let (begin, end) = (START * self.first, GIVEN_UP * self.first);
+        let duration = (end - begin) / rate;
+        let scaled = |x: f64| {
+            rest.q
+                .iter()
+                .map(|q| q * x / rest.elongation)
+                .collect::<Vec<f64>>()
+        };
+        let log = model.break_log();
+        let supports: Vec<PrescribedMotion<f64>> = rest
+            .ends
+            .iter()
+            .zip([-0.5, 0.5])
+            .map(|(end, side)| PrescribedMotion {
+                dofs: model.translations(end, [true, false, false]),
+                amplitude: side,
+                // From before the start on, so that velocities are those of a steady motion.
+                time: TimeFunction::Table(vec![
+                    (-duration, begin - rate * duration),
+                    (2.0 * duration, begin + 2.0 * rate * duration),
+                ]),
+            })
+            .collect();
+        let mut subdomain = Subdomain::fine(model, Weights::uncoupled())
+            .with_effect(Box::new(StiffnessDamping::new(self.damping)?))
+            .with_initial(scaled(begin), scaled(rate))?;
+        for s in supports {
+            subdomain = subdomain.with_support(s);
+        }
+        let mut run = Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(0.8), None)?;
+        let every = ((WINDOW * self.transit / run.dt()) as usize).max(1);
+        let mut best = Peak {
+            peak: 0.0,
+            elongation: begin,
+            broken: 0,
+        };
+        let mut work = supplied(&run);
+        while run.time() < duration {
+            run.run(every, &mut Silent)?;
+            let now = supplied(&run);
+            let force = (now - work) / (every as f64 * run.dt() * rate);
+            work = now;
+            let broken = locked(&log).events().len();
+            if force > best.peak {
+                best = Peak {
+                    peak: force,
+                    elongation: begin + rate * run.time(),
+                    broken,
+                };
+            } else if broken > 0 && force < FALLEN * best.peak {
+                return Ok(best);
+            }
+        }
+        Err(DemError::NotBroken {
+            strain: end / bar.length,
+            stress: best.peak / bar.area,
+        })
+    }
+}
+
+/// Work of the ends so far (J).
+fn supplied(run: &Coupled<f64>) -> f64 {
+    let all = run.works();
+    all.iter().find(|w| w.name == "supports").map_or(0.0, |w| w.work)
+}
