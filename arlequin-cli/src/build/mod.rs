@@ -177,6 +177,10 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             None => made,
         });
     }
+    for j in &joints {
+        let name = &j.spec.name;
+        warnings.extend(j.advice.iter().map(|a| format!("interface '{name}': {a}")));
+    }
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
     let begin = start.map_or(0.0, |s| s.time);
