@@ -83,6 +83,22 @@ pub(crate) enum Error {
         /// Their error.
         source: arlequin::fem_ref::Error,
     },
+    /// The particles refuse.
+    #[error("{key}: {source}")]
+    Dem {
+        /// Path of the key it comes from.
+        key: String,
+        /// Their error.
+        source: arlequin::dem_beam::DemError,
+    },
+    /// The natural elements refuse.
+    #[error("{key}: {source}")]
+    Cnem {
+        /// Path of the key it comes from.
+        key: String,
+        /// Their error.
+        source: arlequin::cnem::Error,
+    },
     /// Results would be overwritten.
     #[error("output folder '{}' exists; choose another with --out, or replace it with --force", path.display())]
     Exists {
@@ -167,7 +183,9 @@ impl Error {
             | Self::Key { key, .. }
             | Self::UnknownName { key, .. }
             | Self::Core { key, .. }
-            | Self::Fem { key, .. } => (Some(key), None),
+            | Self::Fem { key, .. }
+            | Self::Dem { key, .. }
+            | Self::Cnem { key, .. } => (Some(key), None),
             Self::Kept { source, .. } => source.place(),
             _ => (None, None),
         }
@@ -249,6 +267,24 @@ pub(crate) fn core(key: impl Into<String>) -> impl FnOnce(arlequin::core::Error)
 pub(crate) fn fem(key: impl Into<String>) -> impl FnOnce(arlequin::fem_ref::Error) -> Error {
     let key = key.into();
     move |source| Error::Fem { key, source }
+}
+
+/// Puts the key in front of an error of the particles.
+pub(crate) fn dem(key: impl Into<String>) -> impl FnOnce(arlequin::dem_beam::DemError) -> Error {
+    let key = key.into();
+    move |source| match source {
+        arlequin::dem_beam::DemError::Core(source) => Error::Core { key, source },
+        source => Error::Dem { key, source },
+    }
+}
+
+/// Puts the key in front of an error of the natural elements.
+pub(crate) fn cnem(key: impl Into<String>) -> impl FnOnce(arlequin::cnem::Error) -> Error {
+    let key = key.into();
+    move |source| match source {
+        arlequin::cnem::Error::Core(source) => Error::Core { key, source },
+        source => Error::Cnem { key, source },
+    }
 }
 
 /// Names the file in an input or output error.

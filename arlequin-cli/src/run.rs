@@ -3,14 +3,14 @@
 use crate::Input;
 use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
+use crate::crossing::{self, Crossing};
 use crate::error::{Error, Result};
 use crate::output::packing::PackingLine;
-use crate::output::summary::{self, Energy, ProbeLine, Summary, WakeReport, WallSeconds};
+use crate::output::summary::{self, Energy, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
 use crate::scene::Precision;
-use crate::spectrum;
 use crate::wake::{self, Stage};
 use arlequin::core::{Coupled, Real};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -110,6 +110,15 @@ pub(crate) enum End {
     Interrupted,
     /// A sleeping model wakes.
     Woken,
+    /// A bond broke in an overlap, and the scene ends there.
+    IntoOverlap,
+}
+
+impl End {
+    /// Whether `resume` can go on from there.
+    fn goes_on(self) -> bool {
+        matches!(self, Self::Interrupted | Self::IntoOverlap)
+    }
 }
 
 /// How a run ended.
@@ -126,6 +135,7 @@ impl Status {
             Self::Ended(End::Complete) => "complete",
             Self::Ended(End::Interrupted) => "interrupted",
             Self::Ended(End::Woken) => "woken",
+            Self::Ended(End::IntoOverlap) => "stopped-at-overlap",
             Self::Failed(_) => "failed",
         }
     }
@@ -233,7 +243,7 @@ impl<'a, T: Real> Session<'a, T> {
     /// Writes the results of the steps made, however they ended, and ends the folder.
     pub(crate) fn conclude(mut self, end: Result<End>, wake: Option<WakeReport>) -> Result<ExitCode> {
         let written = end.and_then(|end| {
-            if end == End::Interrupted {
+            if end.goes_on() {
                 self.save()?;
             }
             Ok((end, self.write_results(end, wake.clone())?))
@@ -355,6 +365,7 @@ impl<'a, T: Real> Session<'a, T> {
         summary.resumed_at_step = self.resumed_at;
         summary.models = summary::models(&self.run, &self.packings);
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        summary.into_overlap = crossing::found(&self.run, &self.breaks);
         summary
     }
 
@@ -372,6 +383,7 @@ impl<'a, T: Real> Session<'a, T> {
         let mut end = End::Complete;
         // Once is enough: the state that follows is as odd.
         let mut strange = !self.bounds.watch(&self.run).is_empty();
+        let mut crossing = Crossing::since(&self.breaks);
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             let drawn = energy.is_some();
@@ -382,7 +394,13 @@ impl<'a, T: Real> Session<'a, T> {
                 odd.into_iter().for_each(|w| self.warn(w));
             }
             progress.set(made);
+            let (said, ends) = crossing.watch(self.input, &self.run, &self.breaks);
+            said.into_iter().for_each(|w| self.warn(w));
             if made == self.steps {
+                break;
+            }
+            if ends {
+                end = End::IntoOverlap;
                 break;
             }
             if woken(&self.run, &mut self.stage) {
@@ -453,6 +471,7 @@ fn summarise<T: Real>(
         version: env!("CARGO_PKG_VERSION"),
         resumed_at_step: None,
         wake: None,
+        into_overlap: Vec::new(),
         set: input.set.to_vec(),
         threads: input.threads,
         models: Vec::new(),
@@ -480,27 +499,7 @@ fn summarise<T: Real>(
         interface: summary::interfaces(run, &r.residuals),
         effects: plan.effects,
         effect_ledger: Vec::new(),
-        probes: probe_lines(r),
+        probes: summary::probes(r),
         warnings: r.warnings.clone(),
     }
-}
-
-fn probe_lines(r: &Recorder) -> std::collections::BTreeMap<String, ProbeLine> {
-    let times = &r.probes.times;
-    let step = match times.as_slice() {
-        [first, .., last] => (last - first) / (times.len() - 1) as f64,
-        _ => 0.0,
-    };
-    let line = |(p, values): (&build::Reader, &Vec<f64>)| {
-        let line = ProbeLine {
-            quantity: p.quantity.label(),
-            last: values.last().copied().unwrap_or_default(),
-            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
-            min: values.iter().copied().fold(f64::INFINITY, f64::min),
-            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-            frequencies: spectrum::frequencies(values, step),
-        };
-        (p.name.clone(), line)
-    };
-    r.readers.iter().zip(&r.probes.columns).map(line).collect()
 }

@@ -263,6 +263,24 @@ pub enum Error {
         /// Node index.
         node: usize,
     },
+    /// Two models that are tied are moved in different ways at one place.
+    #[error(
+        "interface '{interface}': at ({:.6e}, {:.6e}, {:.6e}) m models {models} are moved along {component} by prescribed motions that differ by {gap:.3e} m at t = {time:.3e} s; give both the same motion, or move one of them by its own region only", point[0], point[1], point[2]
+    )]
+    OpposedMotions {
+        /// Name of the interface.
+        interface: String,
+        /// The models, as "'a' and 'b'".
+        models: String,
+        /// Where \[m\].
+        point: Box<[f64; 3]>,
+        /// Which component.
+        component: char,
+        /// Largest difference \[m\].
+        gap: f64,
+        /// When \[s\].
+        time: f64,
+    },
     /// A node has no weighted mass.
     #[error("model '{model}': node {node} at ({:.6e}, {:.6e}, {:.6e}) m has weighted mass {mass:e} kg; the weights leave it nothing: trim the model to its subdomain, choose epsilon > 0, or remove an overlap that is listed twice", point[0], point[1], point[2])]
     ZeroMass {

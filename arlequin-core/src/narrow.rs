@@ -278,6 +278,7 @@ impl Coupled<f64> {
             },
             ledger: self.ledger.narrowed(),
             start_loss: to(self.start_loss),
+            displaced: to(self.displaced),
             partition: self.partition,
             work: all(&self.work),
         })

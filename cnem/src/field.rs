@@ -74,9 +74,18 @@ impl NaturalField {
     /// Field on points within a surface. The nodes are the given points: nothing is inserted.
     ///
     /// # Errors
-    /// Those of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where points would have to be inserted.
+    /// Those of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where points would have to be inserted;
+    /// [`crate::Error::Parameter`] where cracks would split nodes.
     pub fn within(points: &[Point3<f64>], surface: &Surface, kind: Kind) -> Result<Self> {
-        Ok(Self::new(Domain::with_limit(points, surface, 0)?, kind))
+        let domain = Domain::with_limit(points, surface, 0)?;
+        match domain.copies().count() {
+            0 => Ok(Self::new(domain, kind)),
+            split => Err(parameter(
+                "crack faces",
+                format_args!("{split} nodes split"),
+                "must not split nodes of a field on given points: leave the cracks out or end them at nodes that are shared",
+            )),
+        }
     }
 
     /// The domain.

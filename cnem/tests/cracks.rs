@@ -1,8 +1,9 @@
 //! Cracks open: each lip has unknowns of its own, the front is shared.
 #![allow(
     clippy::unwrap_used,
+    clippy::float_cmp,
     clippy::print_stdout,
-    reason = "a test fails by panicking and shows what it measured"
+    reason = "a test fails by panicking, compares coordinates of grids and shows what it measured"
 )]
 
 mod common;
@@ -220,6 +221,29 @@ fn crossing_and_branching_cracks_split_into_all_groups() {
         let exact = 0.5 * lambda * e.trace().powi(2) + mu * e.norm_squared();
         assert!((model.internal_energy(&u) / exact - 1.0).abs() < 1e-12);
     }
+}
+
+/// Particles have no second lip: a field on given points refuses cracks that would split them.
+#[test]
+fn a_field_on_given_points_refuses_nodes_that_a_crack_splits() {
+    let points = generate::block(Point3::origin(), Point3::new(2.0, 2.0, 2.0), [2; 3], 0.0, 1).unwrap();
+    let quads = [[1, 4, 13, 10], [4, 7, 16, 13], [10, 13, 22, 19], [13, 16, 25, 22]];
+    let crack = quads
+        .iter()
+        .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
+        .collect();
+    let surface = Surface::convex_hull().with_cracks(crack);
+    let error = cnem::NaturalField::within(&points, &surface, Kind::Laplace).err();
+    assert!(
+        matches!(
+            error,
+            Some(cnem::Error::Parameter {
+                name: "crack faces",
+                ..
+            })
+        ),
+        "{error:?}"
+    );
 }
 
 /// Functions on both lips: unity, linear precision, and nothing of the other side.

@@ -81,6 +81,7 @@ pub fn parse<T: Real>(bytes: &[u8]) -> Result<Mesh<T>> {
             add_group(&mut mesh, &name, group);
         }
     }
+    mesh.set_volumes(volumes(blocks, kind, file.data.entities.as_ref(), &names));
     Ok(mesh.renumbered())
 }
 
@@ -298,6 +299,36 @@ fn element_kind(blocks: &[Block]) -> Result<ElementKind> {
             "{faces} Tri3 and Qua4 elements bound no volume; mesh in three dimensions"
         ))),
     }
+}
+
+/// Names of the parts that the elements of the domain belong to: physical groups, or else entities.
+fn volumes(
+    blocks: &[Block],
+    kind: ElementKind,
+    entities: Option<&Entities<i32, f64>>,
+    names: &BTreeMap<(i32, i32), String>,
+) -> Vec<String> {
+    let mut out = Vec::new();
+    for block in blocks
+        .iter()
+        .filter(|b| b.element_type == gmsh_type(kind) && b.entity_dim == 3)
+    {
+        let volume = entities.and_then(|e| e.volumes.iter().find(|v| v.tag == block.entity_tag));
+        let group = volume
+            .and_then(|v| v.physical_tags.first())
+            .map(|t| t.saturating_abs());
+        let name = match group {
+            Some(tag) => names
+                .get(&(3, tag))
+                .cloned()
+                .unwrap_or_else(|| format!("volume-{tag}")),
+            None => format!("entity {}", block.entity_tag),
+        };
+        if !out.contains(&name) {
+            out.push(name);
+        }
+    }
+    out
 }
 
 /// Elements of one physical group as node lists, with their dimension.

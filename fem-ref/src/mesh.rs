@@ -37,6 +37,7 @@ pub struct Mesh<T: Real> {
     nodes: Vec<Point3<T>>,
     connectivity: Vec<u32>,
     groups: BTreeMap<String, Group>,
+    volumes: Vec<String>,
     section: T,
 }
 
@@ -66,6 +67,7 @@ impl<T: Real> Mesh<T> {
             nodes,
             connectivity,
             groups: BTreeMap::new(),
+            volumes: Vec::new(),
             section: T::one(),
         })
     }
@@ -210,7 +212,18 @@ impl<T: Real> Mesh<T> {
             }
             mesh.set_group(name, group.nodes.clone(), facets);
         }
+        mesh.volumes = self.volumes;
         Ok(mesh)
+    }
+
+    /// Names of the volumes that the file told apart, in its order: physical groups, or entities where there is none; empty
+    /// for meshes of other sources.
+    pub fn volumes(&self) -> &[String] {
+        &self.volumes
+    }
+
+    pub(crate) fn set_volumes(&mut self, names: Vec<String>) {
+        self.volumes = names;
     }
 
     /// Named groups.

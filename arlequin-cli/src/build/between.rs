@@ -3,7 +3,7 @@
 use super::grains;
 use super::kinds::Body;
 use super::{Kind, model_index};
-use crate::error::{Result, core, key};
+use crate::error::{Result, dem, key};
 use crate::scene::{Effect, Scene};
 use arlequin::core::effect::{Finding, PairSpec};
 use arlequin::core::{Coupled, Real};
@@ -53,7 +53,7 @@ fn ordered([a, b]: [usize; 2]) -> [usize; 2] {
 }
 
 /// Contacts between models that are on, with their effects' numbers.
-fn touching(scene: &Scene) -> Result<Vec<(usize, [usize; 2])>> {
+pub(super) fn touching(scene: &Scene) -> Result<Vec<(usize, [usize; 2])>> {
     let mut out = Vec::new();
     let mut seen = BTreeSet::new();
     for (k, e) in scene.effect.iter().enumerate() {
@@ -87,7 +87,7 @@ pub(super) fn pairs(scene: &Scene, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>
             &scene.effect[k].contact.unwrap_or_default(),
         );
         let made = ContactBetween::new(first.clone(), second.clone(), law);
-        let made = made.map_err(|e| core(format!("effect[{k}].contact"))(e.into()))?;
+        let made = made.map_err(dem(format!("effect[{k}].contact")))?;
         out.push(PairSpec {
             sides: [a, b],
             effect: Box::new(made),

@@ -23,7 +23,7 @@ pub(crate) fn model_index(path: &str, name: &str, scene: &Scene) -> Result<usize
     found.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
 }
 
-fn model_indices(path: &str, names: Option<&[String]>, scene: &Scene) -> Result<Vec<usize>> {
+pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &Scene) -> Result<Vec<usize>> {
     let Some(names) = names else {
         return Ok((0..scene.model.len()).collect());
     };
@@ -142,7 +142,8 @@ fn support(path: &str, s: &Support, body: &Body) -> Result<PrescribedMotion<f64>
     })
 }
 
-fn load(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
+/// Refuses a load that says not one thing.
+pub(super) fn check_load(path: &str, l: &Load) -> Result<()> {
     let given = [
         l.traction.is_some(),
         l.force.is_some(),
@@ -155,6 +156,11 @@ fn load(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f6
             "needs exactly one of traction, force, pressure, torque",
         ));
     }
+    Ok(())
+}
+
+fn load(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
+    check_load(path, l)?;
     let time = time_function(&format!("{path}.time"), &l.time)?;
     let at = format!("{path}.where");
     let Some(facets) = select::facets(&at, body, &l.at)? else {
@@ -248,26 +254,32 @@ fn nodal_torque(
     Ok(Box::new(move |n| axis.cross(&(points[n] - centre)) * factor))
 }
 
-fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect::Effect<f64>>> {
+/// An effect that needs to know no body; none for the others.
+pub(super) fn plain_effect(path: &str, e: &Effect) -> Result<Option<Box<dyn effect::Effect<f64>>>> {
     let at = |name: &str| format!("{path}.{name}");
     if let Some(b) = &e.body_force {
         let made = BodyForce::new(Vector3::from(b.acceleration));
-        return Ok(Box::new(made.map_err(core(path))?));
+        return Ok(Some(Box::new(made.map_err(core(path))?)));
     }
     if let Some(d) = &e.mass_damping {
         let made = MassDamping::new(d.rate);
-        return Ok(Box::new(made.map_err(core(at("mass_damping.rate")))?));
+        return Ok(Some(Box::new(made.map_err(core(at("mass_damping.rate")))?)));
     }
     if let Some(d) = &e.stiffness_damping {
         let made = StiffnessDamping::new(d.time);
-        return Ok(Box::new(made.map_err(core(at("stiffness_damping.time")))?));
+        return Ok(Some(Box::new(made.map_err(core(at("stiffness_damping.time")))?)));
     }
     if let Some(d) = &e.local_damping {
         let made = LocalDamping::new(d.share);
-        return Ok(Box::new(made.map_err(core(at("local_damping.share")))?));
+        return Ok(Some(Box::new(made.map_err(core(at("local_damping.share")))?)));
     }
-    if e.prestress.is_some() {
-        return Ok(Box::new(Prestress::new()));
+    Ok(e.prestress.is_some().then(|| Box::new(Prestress::new()) as _))
+}
+
+fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect::Effect<f64>>> {
+    let at = |name: &str| format!("{path}.{name}");
+    if let Some(made) = plain_effect(path, e)? {
+        return Ok(made);
     }
     let coefficient = e.bulk_viscosity.map_or(0.0, |b| b.coefficient);
     let m = &body.material;
@@ -373,7 +385,7 @@ fn spin(path: &str, s: &Spin, body: &Body, v: &mut [f64]) -> Result<()> {
     Ok(())
 }
 
-fn check_initial(path: &str, i: &Initial) -> Result<()> {
+pub(super) fn check_initial(path: &str, i: &Initial) -> Result<()> {
     if i.displacement.is_none() && i.velocity.is_none() && i.spin.is_none() && i.wave.is_none() {
         return Err(key(path, "needs displacement, velocity, spin or wave"));
     }

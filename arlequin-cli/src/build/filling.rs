@@ -1,10 +1,12 @@
 //! What spheres fill and with which: containers from shapes, packings by the protocol or from files.
 
-use crate::error::{Error, Result, core, fem, key, value};
+pub(crate) use crate::error::dem;
+
+use crate::error::{Error, Result, fem, key, value};
 use crate::scene::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::dem_beam::packing::{Container, Loose, Packing, PackingSpec, read_csv, read_vtu};
-use arlequin::dem_beam::{BeamMaterial, DemError, Surface};
+use arlequin::dem_beam::{BeamMaterial, Surface};
 use arlequin::fem_ref::gmsh;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -17,11 +19,6 @@ const YOUNG_RATIO: f64 = 265.0 / 74.4;
 const JAMMED: f64 = 0.615;
 /// Most spheres of a packing.
 const MOST: f64 = 1.3e8;
-
-/// Turns errors of the particles into those of the command, at a key of the scene.
-pub(crate) fn dem(key: &str) -> impl Fn(DemError) -> Error + '_ {
-    move |e| core(key)(e.into())
-}
 
 /// A body to fill.
 #[derive(Debug, Clone)]
@@ -128,6 +125,18 @@ impl Recipe {
         }
     }
 
+    /// Refuses what can be seen to be wrong before a file is read or anything is packed.
+    pub(super) fn check(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<()> {
+        let Some(file) = &table.dem.file else {
+            return count(path, table, &filling.container).map(|_| ());
+        };
+        alone(path, table)?;
+        let file = folder.join(file);
+        std::fs::File::open(&file)
+            .map(|_| ())
+            .map_err(|source| Error::Read { path: file, source })
+    }
+
     /// The packing, from the cache if it is there.
     pub(crate) fn packing(self, path: &str) -> Result<Packing> {
         let spec = match self {
@@ -203,8 +212,8 @@ fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize>
     }
 }
 
-/// Spheres from a file, bonded as those of the protocol are.
-fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
+/// Refuses choices of a packing beside a file that brings its own.
+fn alone(path: &str, table: &ModelTable) -> Result<()> {
     let t = &table.dem;
     let given = [
         ("spacing", table.spacing.is_some()),
@@ -216,6 +225,13 @@ fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Resul
         let rule = "dem.file brings its own spheres; remove one of the two";
         return Err(key(format!("{path}.{name}"), rule));
     }
+    Ok(())
+}
+
+/// Spheres from a file, bonded as those of the protocol are.
+fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
+    let t = &table.dem;
+    alone(path, table)?;
     let at = format!("{path}.dem.file");
     let content = bytes(file)?;
     let (mut positions, radii) = if is(file, "csv") {

@@ -87,7 +87,7 @@ fn name(model: &DemModel) -> &str {
     arlequin::core::Model::name(model)
 }
 
-fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
+pub(super) fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
     let scatter = match (f.weibull, f.deviation) {
         (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
         (Some(modulus), None) => Scatter::Weibull { modulus },
@@ -100,13 +100,15 @@ fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
         CriterionKind::Mises => Criterion::Mises,
         CriterionKind::Energy => Criterion::Energy,
     };
-    Ok(Fracture {
+    let made = Fracture {
         scatter,
         seed: f.seed,
         every: f.every.unwrap_or(1),
         spare_overlap: f.spare_overlap,
         ..Fracture::new(criterion, f.strength)
-    })
+    };
+    made.check().map_err(dem(path))?;
+    Ok(made)
 }
 
 /// The law of a contact of material with the modulus `young` \[Pa\].
@@ -123,7 +125,8 @@ pub(super) fn law(young: f64, c: &scene::Contact) -> ContactLaw {
     }
 }
 
-fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
+/// Shape and motion of an obstacle.
+pub(super) fn obstacle_parts(k: usize, o: &scene::Obstacle) -> Result<(Shape, Motion)> {
     let path = format!("effect[{k}].obstacle");
     let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
     let shape = match o.shape {
@@ -173,6 +176,13 @@ fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable)
         let rule = "only a free obstacle has one; give its mass as well, or remove it";
         return Err(key(format!("{path}.inertia"), rule));
     }
+    let shape = shape.checked().map_err(dem(format!("{path}.shape")))?;
+    Ok((shape, motion))
+}
+
+fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
+    let path = format!("effect[{k}].obstacle");
+    let (shape, motion) = obstacle_parts(k, o)?;
     let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));
     Obstacle::new(
         &called,
@@ -195,8 +205,8 @@ pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Ef
     Err(value(format!("{path}.dem.loose"), "keep", rule))
 }
 
-/// Removes the bonds that pass through a box, and the spheres that hang on nothing without them.
-pub(crate) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
+/// Refuses boxes turned inside out.
+pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     for (k, b) in boxes.iter().enumerate() {
         if let Some(c) = (0..3).find(|&c| b.high[c] < b.low[c]) {
             let rule = format!("must not be below low[{c}] = {} m", b.low[c]);
@@ -206,6 +216,14 @@ pub(crate) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Resu
                 &rule,
             ));
         }
+    }
+    Ok(())
+}
+
+/// Removes the bonds that pass through a box, and the spheres that hang on nothing without them.
+pub(crate) fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
+    check_boxes(path, boxes)?;
+    for (k, b) in boxes.iter().enumerate() {
         if packing.cut(|from, to| crosses(b, from, to)).bonds == 0 {
             let rule = "crosses no bond; enlarge it or check the units (m)";
             return Err(key(format!("{path}.dem.notch[{k}]"), rule));

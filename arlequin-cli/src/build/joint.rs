@@ -7,6 +7,7 @@ use crate::scene::{
     Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind,
     RegionShape, SamplingKind, Shape, WeightTable, WeightingKind,
 };
+use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::field::{Interpolation, ShapeRow};
 use arlequin::core::junction::{H1Gradient, H1Seminorm, H1Strain, Junction, L2};
@@ -44,6 +45,8 @@ pub(crate) struct Joint {
     pub(crate) view: View,
     /// Damping of what the coarse model cannot carry, on the fine model.
     pub(crate) absorber: Option<Absorber<f64>>,
+    /// What it is known not to do well.
+    pub(crate) advice: Vec<Advice>,
 }
 
 /// The models of an interface: index and body, coarse first.
@@ -53,10 +56,13 @@ pub(crate) type Sides<'a> = [(usize, &'a Body); 2];
 pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Path) -> Result<Joint> {
     let path = format!("interface.{name}");
     let overlap = overlap(&format!("{path}.overlap"), &table.overlap)?;
+    let names = [&table.coarse, &table.fine];
+    let points = sides.map(|s| s.1.model.nodes());
+    check_sense(&path, &table.overlap, names, points)?;
     let mediator_path = format!("{path}.mediator");
     let shape = match &table.mediator.shape {
         Some(s) => s.clone(),
-        None => derived_shape(&mediator_path, &table.overlap, sides)?,
+        None => derived_shape(&mediator_path, &table.overlap, sides.map(|s| &s.1.shape))?,
     };
     let is_file = matches!(shape, Shape::File(_));
     let coarse_spacing = sides[0].1.spacing;
@@ -94,6 +100,20 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
         _ => None,
     };
+    let width = overlap.linear_position().map(|(g, _)| 1.0 / g.norm());
+    let mut advice = Vec::new();
+    if brittle[1] {
+        let floor = floors(&table.weight, brittle)[1];
+        let on = absorber.is_some();
+        advice = advice::breakage(width, mediator.spacing(), floor, on);
+    }
+    if absorber.is_some() && table.absorber.is_some() {
+        let jump = match table.weight.profile {
+            ProfileKind::Constant => table.weight.value.map_or(0.0, |v| v.max(1.0 - v)),
+            _ => 0.0,
+        };
+        advice.extend(advice::absorber(width, jump, coarse_spacing, sides[1].1.spacing));
+    }
     let junction = junction(&path, table, mediator.spacing())?;
     let options = options(table, sides);
     Ok(Joint {
@@ -112,7 +132,44 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         },
         view,
         absorber,
+        advice,
     })
+}
+
+/// Refuses a slab whose two points are exchanged: the coarse model then has its own region where the fine one should have
+/// it, and the weights leave both without mass.
+pub(super) fn check_sense(
+    path: &str,
+    overlap: &OverlapShape,
+    [coarse, fine]: [&String; 2],
+    [coarse_points, fine_points]: [&[Point3<f64>]; 2],
+) -> Result<()> {
+    let OverlapShape::Slab {
+        fine: from,
+        coarse: to,
+    } = overlap
+    else {
+        return Ok(());
+    };
+    let (from, across) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
+    let place = |x: &Point3<f64>| across.dot(&(x.coords - from)) / across.norm_squared();
+    let ends = |points: &[Point3<f64>]| {
+        let places = points.iter().map(place);
+        places.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| {
+            [a.min(s), b.max(s)]
+        })
+    };
+    let ([c0, c1], [f0, f1]) = (ends(coarse_points), ends(fine_points));
+    let outside = |s: f64| !(-1e-6..=1.0 + 1e-6).contains(&s);
+    if f0 > -1e-6 && outside(f1) && c1 < 1.0 + 1e-6 && outside(c0) {
+        let rule = format!(
+            "the slab is reversed: fine = {:?} must lie on the border to the region of '{fine}' alone, which is beyond \
+             coarse = {to:?}, as that of '{coarse}' is beyond fine; exchange the two points",
+            from.as_slice()
+        );
+        return Err(key(format!("{path}.overlap.slab"), rule));
+    }
+    Ok(())
 }
 
 fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
@@ -130,7 +187,7 @@ fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
     }
 }
 
-fn overlap(path: &str, shape: &OverlapShape) -> Result<Arc<dyn Overlap<f64>>> {
+pub(super) fn overlap(path: &str, shape: &OverlapShape) -> Result<Arc<dyn Overlap<f64>>> {
     Ok(match shape {
         OverlapShape::Slab { fine, coarse } => Arc::new(
             Slab::between(Point3::from(*fine), Point3::from(*coarse))
@@ -168,7 +225,7 @@ fn region(path: &str, shape: &RegionShape) -> Result<Primitive<f64>> {
     })
 }
 
-fn weights(
+pub(super) fn weights(
     path: &str,
     table: &WeightTable,
     overlap: &Arc<dyn Overlap<f64>>,
@@ -179,13 +236,6 @@ fn weights(
         WeightingKind::Energy => Weighting::Energy,
         WeightingKind::Nodal => Weighting::Nodal,
     };
-    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal law loses
-    // its critical step with a small floor; 0.05 is the literature's.
-    let floor = match weighting {
-        Weighting::Energy => 1e-6,
-        Weighting::Nodal => 0.05,
-    };
-    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
     let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
         let profile = match (kind, constant) {
@@ -208,9 +258,10 @@ fn weights(
                     .map_err(core(format!("{path}.profile")))?
             }
         };
-        let given = epsilon.or(table.epsilon);
-        let [coarse, fine] = brittle.map(least).map(|d| given.unwrap_or(d));
-        let fine = table.fine_epsilon.unwrap_or(fine);
+        let [coarse, fine] = match epsilon {
+            None => floors(table, brittle),
+            Some(e) => [e, table.fine_epsilon.unwrap_or(e)],
+        };
         let ramp = Ramp::new(overlap.clone(), profile, coarse)
             .map_err(core(format!("{path}.epsilon")))?
             .with_fine_floor(fine)
@@ -230,6 +281,19 @@ fn weights(
     })
 }
 
+/// Smallest weights of the coarse and the fine model.
+fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
+    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal law loses
+    // its critical step with a small floor; 0.05 is the literature's.
+    let floor = match table.weighting {
+        WeightingKind::Energy => 1e-6,
+        WeightingKind::Nodal => 0.05,
+    };
+    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
+    let [coarse, fine] = brittle.map(|b| table.epsilon.unwrap_or(least(b)));
+    [coarse, table.fine_epsilon.unwrap_or(fine)]
+}
+
 /// Positions `s` of the mediator layers across the overlap.
 fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
     let position = |x: &Point3<f64>| match overlap.place(x) {
@@ -243,7 +307,7 @@ fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
     s
 }
 
-fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
+pub(super) fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
     let at = format!("{path}.junction.length");
     // Measured best in one and three dimensions: 0.1 to 0.4 of h_B; at h_B the condition is twenty times worse.
     let length = table.junction.length.unwrap_or(0.25 * spacing);
@@ -377,7 +441,7 @@ fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
 }
 
 /// The slab's part of the space both models share.
-fn derived_shape(path: &str, overlap: &OverlapShape, sides: Sides<'_>) -> Result<Shape> {
+pub(super) fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
     let give = || {
         key(
             path,
@@ -392,7 +456,6 @@ fn derived_shape(path: &str, overlap: &OverlapShape, sides: Sides<'_>) -> Result
         return Err(give());
     };
     let (low, high) = (fine[axis].min(coarse[axis]), fine[axis].max(coarse[axis]));
-    let shapes = [&sides[0].1.shape, &sides[1].1.shape];
     match shapes {
         [Shape::Bar { section, .. }, Shape::Bar { .. }] if axis == 0 => Ok(Shape::Bar {
             from: low,

@@ -107,8 +107,12 @@ fn check_material(key: &str, m: &Material) -> Result<()> {
     }
 }
 
-fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
-    let request = mesh::Request {
+/// The mesh a table of finite elements asks for.
+fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<mesh::Request<'a>> {
+    if !matches!(table.shape, Shape::Bar { .. }) {
+        solid_poisson(key, table)?;
+    }
+    Ok(mesh::Request {
         key,
         shape: &table.shape,
         spacing: table.spacing,
@@ -116,8 +120,23 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         element: table.fem.element,
         rim: Rim::EqualArea,
         folder,
-    };
-    let mesh = request.mesh()?;
+    })
+}
+
+/// Refuses what can be seen to be wrong with a table before anything is meshed or packed.
+pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()> {
+    let key = format!("model.{name}");
+    check_material(&key, &table.material)?;
+    match table.kind {
+        Kind::Fem => request(&key, table, folder)?.check(),
+        Kind::Cnem => super::natural::request(&key, table, folder)?.check(),
+        Kind::Dem => super::particles::check(&key, table, folder),
+        Kind::Chain => line(&key, table).map(|_| ()),
+    }
+}
+
+fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+    let mesh = request(key, table, folder)?.mesh()?;
     let poisson = match table.shape {
         Shape::Bar { .. } => table.material.poisson.unwrap_or(0.0),
         _ => solid_poisson(key, table)?,
@@ -133,6 +152,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         }
     }
     let boundary = mesh.surface_where(|_| true);
+    let warnings = mesh::one_material(&mesh);
     let view = View::of_mesh(&mesh);
     let spacing = mesh.spacing();
     let model = FemModel::new(name, mesh, material).map_err(fem(key))?;
@@ -150,7 +170,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         },
         shape: table.shape.clone(),
         grains: None,
-        warnings: Vec::new(),
+        warnings,
     })
 }
 
@@ -164,7 +184,8 @@ pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<f64> {
     })
 }
 
-fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
+/// Ends, section and number of bonds of a chain.
+fn line(key: &str, table: &ModelTable) -> Result<(f64, f64, f64, usize)> {
     let Shape::Bar { from, to, section } = table.shape else {
         return Err(value(
             format!("{key}.shape"),
@@ -181,6 +202,11 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
     }
     mesh::check_bar(key, from, to, section)?;
     let bonds = mesh::divisions_of(key, &[to - from], table.spacing, table.divisions.as_deref())?[0];
+    Ok((from, to, section, bonds))
+}
+
+fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
+    let (from, to, section, bonds) = line(key, table)?;
     let spacing = (to - from) / bonds as f64;
     let mass = table.material.density * section * spacing;
     let stiffness = table.material.young * section / spacing;

@@ -1,6 +1,6 @@
 //! Shapes become meshes; meshes become pictures.
 
-use crate::error::{Result, fem, key, value};
+use crate::error::{Result, fem, value};
 use crate::scene::{Element, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
@@ -75,13 +75,9 @@ pub(crate) struct Request<'a> {
 }
 
 impl Request<'_> {
-    /// Meshes the shape.
-    pub(crate) fn mesh(&self) -> Result<Mesh<f64>> {
+    /// Refuses what can be seen to be wrong before anything is meshed.
+    pub(crate) fn check(&self) -> Result<()> {
         let key = self.key;
-        let kind = match self.element {
-            Element::Hex8 => ElementKind::Hex8,
-            Element::Tet4 => ElementKind::Tet4,
-        };
         match self.shape {
             Shape::Box { low, high } => {
                 for c in 0..3 {
@@ -91,13 +87,52 @@ impl Request<'_> {
                     }
                 }
                 let extents = [0, 1, 2].map(|c| high[c] - low[c]);
+                divisions_of(key, &extents, self.spacing, self.divisions).map(|_| ())
+            }
+            Shape::Cylinder { length, radius, .. } => {
+                for (name, x) in [("length", *length), ("radius", *radius)] {
+                    if x <= 0.0 {
+                        let path = format!("{key}.shape.cylinder.{name}");
+                        return Err(value(path, x, "must be positive [m]"));
+                    }
+                }
+                if self.divisions.is_some() {
+                    let rule = "a cylinder is meshed by spacing; give spacing in place of divisions";
+                    return Err(crate::error::key(format!("{key}.divisions"), rule));
+                }
+                positive_spacing(key, self.spacing).map(|_| ())
+            }
+            Shape::Bar { from, to, section } => {
+                check_bar(key, *from, *to, *section)?;
+                divisions_of(key, &[to - from], self.spacing, self.divisions).map(|_| ())
+            }
+            Shape::File(path) => {
+                if self.spacing.is_some() || self.divisions.is_some() {
+                    let rule = "a mesh file brings its own spacing; remove spacing and divisions";
+                    return Err(crate::error::key(key, rule));
+                }
+                there(&format!("{key}.shape.file"), &self.folder.join(path))
+            }
+        }
+    }
+
+    /// Meshes the shape.
+    pub(crate) fn mesh(&self) -> Result<Mesh<f64>> {
+        self.check()?;
+        let key = self.key;
+        let kind = match self.element {
+            Element::Hex8 => ElementKind::Hex8,
+            Element::Tet4 => ElementKind::Tet4,
+        };
+        match self.shape {
+            Shape::Box { low, high } => {
+                let extents = [0, 1, 2].map(|c| high[c] - low[c]);
                 let n = divisions_of(key, &extents, self.spacing, self.divisions)?;
                 let mesh = generate::block(kind, Point3::from(*low), Point3::from(*high), [n[0], n[1], n[2]]);
                 mesh.map_err(fem(key))
             }
             Shape::Cylinder { from, length, radius } => self.cylinder(kind, *from, *length, *radius),
             Shape::Bar { from, to, section } => {
-                check_bar(key, *from, *to, *section)?;
                 let n = divisions_of(key, &[to - from], self.spacing, self.divisions)?;
                 generate::bar(*from, *to, n[0], *section).map_err(fem(key))
             }
@@ -107,16 +142,6 @@ impl Request<'_> {
 
     fn cylinder(&self, kind: ElementKind, from: [f64; 3], length: f64, radius: f64) -> Result<Mesh<f64>> {
         let key = self.key;
-        for (name, x) in [("length", length), ("radius", radius)] {
-            if x <= 0.0 {
-                let path = format!("{key}.shape.cylinder.{name}");
-                return Err(value(path, x, "must be positive [m]"));
-            }
-        }
-        if self.divisions.is_some() {
-            let rule = "a cylinder is meshed by spacing; give spacing in place of divisions";
-            return Err(crate::error::key(format!("{key}.divisions"), rule));
-        }
         let spacing = positive_spacing(key, self.spacing)?;
         let size = Cylinder::with_size([from[0], from[0] + length], radius, spacing).map_err(fem(key))?;
         let shape = Cylinder {
@@ -129,12 +154,33 @@ impl Request<'_> {
     }
 
     fn file(&self, path: &Path) -> Result<Mesh<f64>> {
-        if self.spacing.is_some() || self.divisions.is_some() {
-            let rule = "a mesh file brings its own spacing; remove spacing and divisions";
-            return Err(key(self.key, rule));
-        }
         gmsh::load(path).map_err(fem(format!("{}.shape.file", self.key)))
     }
+}
+
+/// Says that volumes which a file tells apart are one to the model.
+pub(crate) fn one_material(mesh: &Mesh<f64>) -> Vec<String> {
+    let parts = mesh.volumes();
+    if parts.len() < 2 {
+        return Vec::new();
+    }
+    vec![format!(
+        "its mesh file has {} volumes ({}), and all get the one material of the model; make a model of each part, or check \
+         that they are alike",
+        parts.len(),
+        parts.join(", ")
+    )]
+}
+
+/// Refuses a file that cannot be opened.
+pub(crate) fn there(key: &str, path: &Path) -> Result<()> {
+    let opened = std::fs::File::open(path).map(|_| ());
+    opened.map_err(|e| {
+        fem(key)(arlequin::fem_ref::Error::File {
+            path: path.display().to_string(),
+            message: e.to_string(),
+        })
+    })
 }
 
 /// Checks the bar shape.

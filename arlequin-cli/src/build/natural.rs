@@ -1,8 +1,8 @@
 //! `kind = "cnem"`: the nodes of a mesh carry natural-neighbour functions instead of elements.
 
 use super::kinds::{Body, solid_poisson};
-use super::mesh::{Request, View};
-use crate::error::{Result, core, fem, value};
+use super::mesh::{Request, View, one_material};
+use crate::error::{Result, cnem as natural, core, fem, value};
 use crate::scene::{CnemTable, Element, Functions, Material, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
@@ -14,19 +14,15 @@ use arlequin::fem_ref::generate::Rim;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Turns errors of the crate into those of the command, at a key of the scene.
-fn natural(key: &str) -> impl Fn(arlequin::cnem::Error) -> crate::error::Error + '_ {
-    move |e| core(key)(e.into())
-}
-
-/// Builds a natural-element body on the nodes of the mesh that the same table would give finite elements.
-pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+/// The mesh whose nodes a table asks for.
+pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<Request<'a>> {
     if let Shape::Bar { .. } = table.shape {
         let rule =
             "natural elements fill solids; use a box, a cylinder or a file, or kind = \"fem\" for a bar";
         return Err(value(format!("{key}.shape"), table.shape.name(), rule));
     }
-    let request = Request {
+    solid_poisson(key, table)?;
+    Ok(Request {
         key,
         shape: &table.shape,
         spacing: table.spacing,
@@ -34,7 +30,12 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         element: Element::Tet4,
         rim: Rim::EqualArea,
         folder,
-    };
+    })
+}
+
+/// Builds a natural-element body on the nodes of the mesh that the same table would give finite elements.
+pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+    let request = request(key, table, folder)?;
     let mesh = request.mesh()?.into_tetrahedra().map_err(fem(key))?;
     let poisson = solid_poisson(key, table)?;
     let at = format!("{key}.material");
@@ -44,7 +45,8 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         .collect();
     let domain = Domain::new(mesh.nodes(), &Surface::of_elements(&corners)).map_err(natural(key))?;
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
-    let warnings = model.warnings();
+    let mut warnings = model.warnings();
+    warnings.extend(one_material(&mesh));
     let groups = groups(&mesh, &model);
     let surfaces = surfaces(&mesh, &model, &groups);
     let boundary = model.surface(|_| true).map_err(natural(key))?;

@@ -4,7 +4,7 @@ use super::filling::{Filling, Recipe, beam, dem};
 use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::mesh::View;
-use crate::error::{Result, core};
+use crate::error::{Result, cnem};
 use crate::output::packing::PackingLine;
 use crate::scene::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
@@ -49,6 +49,14 @@ impl Interpolation<f64> for ParticlePoints {
     }
 }
 
+/// Refuses what can be seen to be wrong before anything is packed.
+pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> {
+    let filling = Filling::of(key, &table.shape, folder)?;
+    Recipe::check(key, table, folder, &filling)?;
+    grains::check_boxes(key, &table.dem.notch)?;
+    beam(key, table).map(|_| ())
+}
+
 /// Builds a bonded packing that fills the shape.
 pub(super) fn body(
     name: &str,
@@ -72,8 +80,7 @@ pub(super) fn body(
         model
     };
     let (model, grains) = Grains::of(model, table, effects, line)?;
-    let natural =
-        NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(|e| core(key)(e.into()))?;
+    let natural = NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(cnem(key))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
         ParticleFieldKind::Natural => Arc::new(natural),
         ParticleFieldKind::Particles => Arc::new(ParticlePoints {

@@ -2,8 +2,9 @@
 
 use super::drive::model_index;
 use super::kinds::Body;
+use super::plausible::corners;
 use super::select;
-use crate::error::{Result, core, key};
+use crate::error::{Error, Result, core, key, value};
 use crate::scene::{Probe, Quantity, Scene};
 use arlequin::core::field::ShapeRow;
 use arlequin::core::momentum::Arms;
@@ -35,6 +36,7 @@ impl Reader {
             let rule = format!("model '{}' moves along x only; use \"x\"", probe.model);
             return Err(key(format!("{path}.component"), rule));
         }
+        check(&path, probe)?;
         let mut along = None;
         let row = match (&probe.at, &probe.over) {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
@@ -43,17 +45,11 @@ impl Reader {
                 along = (body.model.arms() == Arms::Current).then_some(stretch);
                 row
             }
-            (Some(_), None) if probe.quantity == Quantity::Rotation => {
-                return Err(key(
-                    format!("{path}.at"),
-                    "a rotation is that of a group of nodes; give where",
-                ));
-            }
             (Some(at), None) => {
                 let mut row = ShapeRow::default();
-                body.field
-                    .shape_at(&Point3::from(*at), false, &mut row)
-                    .map_err(core(format!("{path}.at")))?;
+                let x = Point3::from(*at);
+                let placed = body.field.shape_at(&x, false, &mut row);
+                placed.map_err(|e| outside(&path, &probe.model, &x, body, e))?;
                 row.nodes
                     .iter()
                     .zip(&row.values)
@@ -89,6 +85,52 @@ impl Reader {
             None => sum(&self.row),
         }
     }
+}
+
+/// Refuses a probe that says not one place.
+pub(super) fn check(path: &str, probe: &Probe) -> Result<()> {
+    match (&probe.at, &probe.over) {
+        (Some(_), None) if probe.quantity == Quantity::Rotation => Err(key(
+            format!("{path}.at"),
+            "a rotation is that of a group of nodes; give where",
+        )),
+        (Some(_), None) | (None, Some(_)) => Ok(()),
+        _ => Err(key(path, "needs exactly one of at, where")),
+    }
+}
+
+/// Refuses a point outside the box around a model.
+pub(super) fn inside(path: &str, model: &str, x: &Point3<f64>, [low, high]: [[f64; 3]; 2]) -> Result<()> {
+    let size = low.iter().chain(&high).fold(0.0_f64, |s, c| s.max(c.abs()));
+    let slack = 1e-9 * size;
+    // A line has no width.
+    let out = (0..3).any(|c| high[c] > low[c] && !(low[c] - slack..=high[c] + slack).contains(&x[c]));
+    if out {
+        Err(beyond(path, model, x, low, high))
+    } else {
+        Ok(())
+    }
+}
+
+fn beyond(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
+    let rule = format!(
+        "lies outside model '{model}', which reaches from {low:?} to {high:?} m; move the probe into it, or name another \
+         model"
+    );
+    value(
+        format!("{path}.at"),
+        format_args!("{:?} m", x.coords.as_slice()),
+        &rule,
+    )
+}
+
+/// Says where the model is, to whoever put a probe beside it.
+fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::core::Error) -> Error {
+    if !matches!(e, arlequin::core::Error::OutsideDomain { .. }) {
+        return core(format!("{path}.at"))(e);
+    }
+    let [low, high] = corners(body.model.nodes());
+    beyond(path, model, x, low.into(), high.into())
 }
 
 /// Least-squares rotation of nodes about axis `c` through their centroid: the rows of `s = Σ e·(r × u) / Σ |e × r|²`, which is

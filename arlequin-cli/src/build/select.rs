@@ -13,7 +13,7 @@ fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>) -> bool {
     (0..3).all(|c| x[c] >= low[c] - slack && x[c] <= high[c] + slack)
 }
 
-fn check_box(path: &str, low: &[f64; 3], high: &[f64; 3]) -> Result<()> {
+pub(super) fn check_box(path: &str, low: &[f64; 3], high: &[f64; 3]) -> Result<()> {
     match (0..3).find(|&c| high[c] < low[c]) {
         Some(c) => Err(crate::error::value(
             format!("{path}.box.high[{c}]"),

@@ -1,8 +1,9 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
 use super::packing::PackingLine;
-use crate::build::Strangers;
-use crate::recorder::PhaseClock;
+use crate::build::{Reader, Strangers};
+use crate::recorder::{PhaseClock, Recorder};
+use crate::spectrum;
 use arlequin::core::effect::EffectLine;
 use arlequin::core::momentum::{Arms, BodyMomentum, Claim};
 use arlequin::core::nalgebra::Vector3;
@@ -30,6 +31,9 @@ pub(crate) struct Summary {
     /// The sleeping model and what woke it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) wake: Option<WakeReport>,
+    /// First bonds that broke in an overlap, one per model.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) into_overlap: Vec<crate::crossing::OverlapBreak>,
     /// Assignments of `--set`.
     pub(crate) set: Vec<String>,
     /// Worker threads.
@@ -368,4 +372,25 @@ pub(crate) fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<In
         }
     };
     run.interfaces().iter().enumerate().map(line).collect()
+}
+
+/// Means, extremes and frequencies of all probes.
+pub(crate) fn probes(r: &Recorder) -> BTreeMap<String, ProbeLine> {
+    let times = &r.probes.times;
+    let step = match times.as_slice() {
+        [first, .., last] => (last - first) / (times.len() - 1) as f64,
+        _ => 0.0,
+    };
+    let line = |(p, values): (&Reader, &Vec<f64>)| {
+        let line = ProbeLine {
+            quantity: p.quantity.label(),
+            last: values.last().copied().unwrap_or_default(),
+            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
+            min: values.iter().copied().fold(f64::INFINITY, f64::min),
+            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            frequencies: spectrum::frequencies(values, step),
+        };
+        (p.name.clone(), line)
+    };
+    r.readers.iter().zip(&r.probes.columns).map(line).collect()
 }

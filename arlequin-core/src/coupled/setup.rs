@@ -1,6 +1,6 @@
 //! Building a coupled run: checks, operators, consistent start.
 
-use super::{Coupled, partition, tie};
+use super::{Coupled, motions, partition, tie};
 use crate::effect::{Demand, Pair, PairSite, PairSpec};
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
@@ -147,6 +147,7 @@ impl<T: Real> Coupled<T> {
             interface.report.tied = tie::tied(&interface, &subdomains);
             built.push(interface);
         }
+        built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
         check_disjoint(&built, &subdomains)?;
         attach(&mut pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
@@ -167,6 +168,7 @@ impl<T: Real> Coupled<T> {
             guard,
             ledger: Ledger::new(),
             start_loss: T::zero(),
+            displaced: T::zero(),
             partition,
             work: Vec::new(),
         };

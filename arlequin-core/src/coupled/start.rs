@@ -34,7 +34,21 @@ impl<T: Real> Coupled<T> {
         }
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
+        self.displaced = self.largest_strain_energy();
         Ok(())
+    }
+
+    /// Most strain energy that displacements of the present size can hold, `½ ω² Σ m q²` with the highest frequency.
+    fn largest_strain_energy(&self) -> T {
+        let all = self.subdomains.iter().zip(&self.critical);
+        all.map(|(s, critical)| {
+            let moving = 0..s.model().layout().translations();
+            let terms = s.inertia()[moving.clone()].iter().zip(&s.state.q[moving]);
+            let sum: T = terms.map(|(m, q)| *m * *q * *q).sum();
+            // ω = 2/Δt_c
+            sum * T::of(2.0) / (*critical * *critical)
+        })
+        .sum()
     }
 }
 

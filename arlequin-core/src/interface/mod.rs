@@ -433,7 +433,9 @@ fn advice<T: Real>(report: &InterfaceReport, spec: &InterfaceSpec<T>, components
         out.push(format!(
             "the mediator ({nodes} nodes) is finer than {which} in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
              will be reflected; use h_B ≥ {:.3e} m",
-            spec.mediator.spacing().as_f64() * (nodes as f64 / coarse.min(fine) as f64),
+            // Nodes go with the spacing to the power of the dimension: a line has one component, a solid three.
+            spec.mediator.spacing().as_f64()
+                * (nodes as f64 / coarse.min(fine) as f64).powf(1.0 / components as f64),
         ));
     }
     if !report.null_modes.is_empty() {

@@ -44,11 +44,32 @@ fn sizes(corners: [&Point3<f64>; 4]) -> (f64, f64) {
 }
 
 impl Domain {
+    /// Two nodes within the tolerance of each other are refused; every tetrahedron that joins them is flat.
+    fn check_distances(&self) -> Result<()> {
+        let flat = self.flat.iter().zip(&self.delaunay.tets).filter(|t| *t.0);
+        for (_, t) in flat {
+            for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+                let [a, b] = [t.v[i], t.v[j]].map(|v| v as usize);
+                let distance = (self.nodes()[a] - self.nodes()[b]).norm();
+                if distance <= self.tolerance {
+                    return Err(Error::NodesTooClose {
+                        first: a.min(b),
+                        second: a.max(b),
+                        distance,
+                        tolerance: self.tolerance,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Marks flat tetrahedra and takes those next to constrained faces out of the domain.
     pub(super) fn level(&mut self) -> Result<()> {
         let delaunay = &self.delaunay;
         let flat = |t: &crate::tet::Tet| !t.is_ghost() && is_flat(delaunay.corners(t), self.tolerance);
         self.flat = delaunay.tets.iter().map(flat).collect();
+        self.check_distances()?;
         self.glued = self
             .flat
             .iter()
@@ -219,30 +240,16 @@ impl Domain {
         best.1
     }
 
-    /// The nodes that only flat tetrahedra hold are as good as equal to another node, or on a line or plane of others.
+    /// Every node belongs to a tetrahedron of the domain.
     pub(super) fn check_nodes(&self) -> Result<()> {
         let mut used = vec![false; self.nodes().len()];
         self.elements().flatten().for_each(|v| used[v] = true);
         let mut outside = (0..used.len()).filter(|&v| !used[v]);
-        let Some(node) = outside.next() else { return Ok(()) };
-        let point = self.nodes()[node].into();
-        let mut star = Vec::new();
-        self.delaunay.star(node as u32, &mut star);
-        let ends = star.iter().flat_map(|&t| self.delaunay.tets[t as usize].v);
-        let near = ends
-            .filter(|&v| v != crate::tet::INF && v as usize != node)
-            .map(|v| ((self.nodes()[v as usize] - self.nodes()[node]).norm(), v as usize))
-            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        match near {
-            Some((distance, other)) if distance <= 2.0 * self.tolerance => Err(Error::NodesTooClose {
-                first: node.min(other),
-                second: node.max(other),
-                distance,
-                tolerance: 2.0 * self.tolerance,
-            }),
-            _ => Err(Error::NodeOutside {
+        match outside.next() {
+            None => Ok(()),
+            Some(node) => Err(Error::NodeOutside {
                 node,
-                point,
+                point: self.nodes()[node].into(),
                 count: 1 + outside.count(),
             }),
         }

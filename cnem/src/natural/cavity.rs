@@ -9,8 +9,8 @@ use std::cmp::Ordering;
 
 /// Relative width of the shell around a cached circumsphere in which the exact predicate is asked.
 const SHELL: f64 = 1e-10;
-/// How often a cavity is cut back before it is given up.
-const MAX_CUTS: usize = 64;
+/// Depth of a node in a sphere, relative to their sizes, that is round-off.
+const EMPTY: f64 = 1e-10;
 
 /// Tetrahedron of the cavity.
 #[derive(Debug, Clone, Copy)]
@@ -30,6 +30,7 @@ pub(super) struct Border {
     pub(super) centre: Vector3<f64>,
     /// Six volumes of the face and the point.
     pub(super) det: f64,
+    pub(super) wall: bool,
 }
 
 /// Face between two members, counter-clockwise from the second.
@@ -46,17 +47,6 @@ pub(super) struct Ridge {
     pub(super) faces: [u32; 2],
 }
 
-/// How the search for a star-shaped cavity ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Shape {
-    /// Star-shaped at once.
-    Star,
-    /// Star-shaped after giving up tetrahedra.
-    Cut,
-    /// Not to be made star-shaped.
-    Lost,
-}
-
 /// Buffers of the cavity.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cavity {
@@ -65,7 +55,6 @@ pub(super) struct Cavity {
     /// Member of a marked tetrahedron.
     index: Vec<u32>,
     table: EdgeTable,
-    banned: Vec<u32>,
     pub(super) members: Vec<Member>,
     pub(super) border: Vec<Border>,
     pub(super) inner: Vec<Inner>,
@@ -86,21 +75,31 @@ impl Cavity {
         self.table.reserve(domain.nodes().len());
     }
 
-    /// Finds the cavity of `x`, which lies in the tetrahedron `start`, and cuts it back to star shape.
-    pub(super) fn find(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) -> Shape {
-        self.banned.clear();
-        for cuts in 0..MAX_CUTS {
-            self.reach(domain, x, start);
-            let banned = self.banned.len();
-            if self.build_border(domain, x) {
-                return if cuts == 0 { Shape::Star } else { Shape::Cut };
-            }
-            self.banned.retain(|&t| t != start);
-            if self.banned.len() == banned {
-                break;
-            }
-        }
-        Shape::Lost
+    /// Finds the cavity of `x`, which lies in the tetrahedron `start`. True if the star of `x` in it is that of `x` in the
+    /// Delaunay complex of the cavity's nodes.
+    pub(super) fn find(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) -> bool {
+        self.reach(domain, x, start);
+        self.build_border(domain, x) && (!self.border.iter().any(|b| b.wall) || self.is_delaunay())
+    }
+
+    /// Walls at the border, by their vertices.
+    pub(super) fn walls(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        let walls = self.border.iter().filter(|b| b.wall);
+        walls.map(|b| b.local.map(|l| self.nodes[l as usize]))
+    }
+
+    /// True if the sphere over every face of the border holds no node of the faces next to it: then the facets of the
+    /// cell of the point are convex where they meet, and the cell is the one its neighbours bound.
+    fn is_delaunay(&self) -> bool {
+        self.ridges.iter().all(|ridge| {
+            let [f, g] = ridge.faces.map(|f| &self.border[f as usize]);
+            let apex = g.local.iter().find(|l| !ridge.ends.contains(l));
+            apex.is_none_or(|&l| {
+                let (v, c) = (&self.rel[l as usize], &f.centre);
+                let size = v.norm();
+                size * size - 2.0 * c.dot(v) >= -EMPTY * (size + c.norm()) * size
+            })
+        })
     }
 
     fn next_stamp(&mut self) -> u32 {
@@ -127,7 +126,7 @@ impl Cavity {
         self.members.push(Member { tet, local, centre });
     }
 
-    /// Collects the tetrahedra in reach, without the banned ones.
+    /// Collects the tetrahedra in reach.
     fn reach(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) {
         let stamp = self.next_stamp();
         let (out, inside) = (2 * stamp, 2 * stamp + 1);
@@ -149,7 +148,7 @@ impl Cavity {
                 let mut mark = self.mark[other as usize];
                 let wall = walls >> slot & 1 == 1;
                 if !wall && mark < out {
-                    let holds = holds(domain, other, x) && !self.banned.contains(&other);
+                    let holds = holds(domain, other, x);
                     mark = if holds { inside } else { out };
                     self.mark[other as usize] = mark;
                     if holds {
@@ -162,6 +161,7 @@ impl Cavity {
                     self.border.push(Border {
                         local: face,
                         member,
+                        wall,
                         centre: Vector3::zeros(),
                         det: 0.0,
                     });
@@ -174,12 +174,12 @@ impl Cavity {
         }
     }
 
-    /// Spheres and ridges of the border. False, with the members behind them banned, if faces turn away from `x`.
+    /// Spheres and ridges of the border. False if faces turn away from `x`.
     fn build_border(&mut self, domain: &Domain, x: &Point3<f64>) -> bool {
         let mut star = true;
         self.ridges.clear();
         for i in 0..self.border.len() {
-            let Border { local, member, .. } = self.border[i];
+            let Border { local, .. } = self.border[i];
             let [a, b, c] = local.map(|l| &self.rel[l as usize]);
             let (centre, det) = quick(a, b, c).unwrap_or_else(|| {
                 let [a, b, c] = local.map(|l| &domain.delaunay.points[self.nodes[l as usize] as usize]);
@@ -187,10 +187,6 @@ impl Cavity {
             });
             if det.is_nan() || det <= 0.0 {
                 star = false;
-                let tet = self.members[member as usize].tet;
-                if !self.banned.contains(&tet) {
-                    self.banned.push(tet);
-                }
             }
             let entry = &mut self.border[i];
             entry.centre = centre;

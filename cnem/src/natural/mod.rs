@@ -13,27 +13,30 @@
 //! areas (the C2 coordinate of Hiyoshi and Sugihara) for Sibson, of the nodes of the patch alone.
 //! Gradients there are taken 1e-6 of an element inside; at nodes they are one of the one-sided limits.
 //!
-//! **Re-entrant edges.** In 3D the reach of `x` can go round a re-entrant edge or a crack front, and the cavity is then not
-//! star-shaped: the tetrahedra behind faces that turn away from `x` are given up until it is, so that all neighbours
-//! see `x` in a straight line. If a weight still comes out negative (the dual of such a cavity need not be convex) or the
-//! numbers do not close, the linear functions of the tetrahedron around `x` are used. Both are counted.
+//! **Re-entrant edges.** In 3D the reach of `x` can go round a re-entrant edge or a crack front. One rule holds there as
+//! everywhere: the functions are those of the nodes in reach that `x` sees in a straight line, the cell of `x` clipped by
+//! their bisectors alone (`visible.rs`; such evaluations are counted and allocate). Weights are positive and linearly
+//! precise for any such set. A node comes into sight with the weight it has at that moment: next to a re-entrant edge the
+//! functions jump where the way to a node grazes the edge, the less the denser the nodes on the edge.
 //!
 //! **Round-off.** What is left of `sum phi_i (n_i - x)` above 5e-14 of the neighbourhood's size is removed by the smallest
 //! change relative to the weights. Closer to a constrained plane than about 1e-9 of the spacing single weights lose digits
 //! (error about `1e-16 * spacing / distance`); unity and linear precision do not.
 
 mod cavity;
+#[cfg(test)]
+mod edge_tests;
 mod planar;
 mod polish;
 #[cfg(test)]
 pub(crate) mod tests;
+mod visible;
 mod weights;
 
 use crate::constraint::{depth, key};
 use crate::domain::Domain;
 use crate::error::Result;
 use crate::tet::FACES;
-use cavity::Shape;
 use nalgebra::{Point3, Vector3};
 
 /// How far outside an edge or face, in its own barycentric coordinates, a point on its line or plane still counts as on it.
@@ -66,7 +69,7 @@ pub struct Counters {
     pub cavities: usize,
     /// Points on nodes, constrained edges and patches.
     pub limits: usize,
-    /// Cavities cut back to star shape near re-entrant edges and crack fronts.
+    /// Evaluations near re-entrant edges and crack fronts, from the nodes that the point sees.
     pub reentrant: usize,
     /// Evaluations that fell back to the linear functions of one tetrahedron (or one triangle of a patch).
     pub linear: usize,
@@ -74,7 +77,8 @@ pub struct Counters {
     pub polished: usize,
 }
 
-/// Working memory of the evaluations, owned by the caller; one per thread. Nothing is allocated once it has grown.
+/// Working memory of the evaluations, owned by the caller; one per thread. Nothing is allocated once it has grown,
+/// except beside re-entrant edges and crack fronts.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
     row: Row,
@@ -83,6 +87,8 @@ pub struct Scratch {
     cavity: cavity::Cavity,
     weights: weights::Weights,
     planar: planar::Planar,
+    /// The domain is the hull of nodes that were chosen already.
+    alone: bool,
 }
 
 impl Scratch {
@@ -275,18 +281,21 @@ impl Domain {
     fn in_cavity(&self, kind: Kind, x: &Point3<f64>, start: u32, s: &mut Scratch, slopes: bool) {
         s.counters.cavities += 1;
         s.row.clear();
-        let shape = s.cavity.find(self, x, start);
-        s.counters.reentrant += usize::from(shape != Shape::Star);
-        let filled = match shape {
-            Shape::Lost => None,
-            Shape::Star | Shape::Cut => s.weights.fill(kind, &s.cavity, &mut s.row, slopes),
+        // A hull has no re-entrant edge; what looks like one there is round-off.
+        let whole = s.cavity.find(self, x, start) || s.alone;
+        let filled = match whole {
+            true => s.weights.fill(kind, &s.cavity, &mut s.row, slopes),
+            false => None,
         };
-        match filled {
-            Some(residual) => s.counters.polished += usize::from(residual > 1e-12),
-            None => {
-                s.counters.linear += 1;
-                self.linear(x, start, &mut s.row, slopes);
-            }
+        if let Some(residual) = filled {
+            s.counters.polished += usize::from(residual > 1e-12);
+            return;
+        }
+        s.row.clear();
+        s.counters.reentrant += 1;
+        if s.alone || !self.on_visible(kind, x, s, slopes) {
+            s.counters.linear += 1;
+            self.linear(x, start, &mut s.row, slopes);
         }
     }
 

@@ -73,7 +73,7 @@ fn by_clipping(kind: Kind, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec<f64> {
 }
 
 /// Unity, linear precision, sign; returns the largest defect.
-fn defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
+pub(super) fn defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
     let mut sum = -1.0;
     let mut moment: Vector3<f64> = Vector3::zeros();
     let mut negative = 0.0_f64;

@@ -115,16 +115,19 @@ impl Voronoi {
     }
 
     fn check_closed(&self) -> Result<()> {
-        // Not `>`: a defect that is not a number is one.
-        let defects = (0..self.len()).map(|i| (self.open(i), i));
-        match defects.into_iter().find(|(d, _)| !(*d <= AREA_TOLERANCE)) {
-            None => Ok(()),
-            Some((defect, node)) => Err(Error::CellOpen {
-                node,
-                defect,
-                tolerance: AREA_TOLERANCE,
-            }),
+        for node in 0..self.len() {
+            let defect = self.open(node);
+            // Not `>`: a defect that is not a number is one.
+            let closed = defect <= AREA_TOLERANCE;
+            if !closed {
+                return Err(Error::CellOpen {
+                    node,
+                    defect,
+                    tolerance: AREA_TOLERANCE,
+                });
+            }
         }
+        Ok(())
     }
 
     /// Compares volumes with the domain and adds up the area vectors.
@@ -158,7 +161,8 @@ impl Domain {
             out = self.cells(|work, node| work.clipped(self, &regions, node));
             out.regions = regions;
         }
-        if !(out.closure(self).volume <= VOLUME_TOLERANCE) {
+        let filled = out.closure(self).volume <= VOLUME_TOLERANCE;
+        if !filled {
             let filled = out.volumes.iter().sum();
             return Err(Error::CellsDoNotFill {
                 filled,

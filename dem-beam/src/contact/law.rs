@@ -46,7 +46,11 @@ impl ContactLaw {
         }
     }
 
-    pub(crate) fn check(&self) -> Result<()> {
+    /// Checks every parameter, as an effect that takes it does.
+    ///
+    /// # Errors
+    /// [`DemError::OutOfRange`].
+    pub fn check(&self) -> Result<()> {
         positive("contact modulus", self.modulus)?;
         positive("shear ratio of contact", self.shear_ratio)?;
         positive("skin of the neighbour list", self.skin)?;

@@ -33,7 +33,11 @@ pub enum Shape {
 }
 
 impl Shape {
-    pub(crate) fn checked(self) -> Result<Self> {
+    /// The same with directions of unit length.
+    ///
+    /// # Errors
+    /// [`DemError::OutOfRange`] for a direction without length or a radius that is not positive.
+    pub fn checked(self) -> Result<Self> {
         let unit = |name, v: Vector3<f64>| {
             v.try_normalize(0.0)
                 .filter(|v| v.iter().all(|c| c.is_finite()))

@@ -1,0 +1,227 @@
+//! Everything that can be known from the scene alone is refused here, before anything is meshed, packed or factored.
+
+use super::drive::{self, model_index};
+use super::kinds::{self, Kind};
+use super::{between, effects_by_model, grains, joint, mesh, probe, select, sides_of};
+use crate::error::{Result, core, dem, key, unknown};
+use crate::scene::{Axis, Effect, Interface, ModelTable, ProfileKind, Scene, Selection, Shape};
+use arlequin::core::error::invalid;
+use arlequin::core::nalgebra::Point3;
+use arlequin::fem_ref::generate::Rim;
+use std::path::Path;
+
+/// Groups of boxes and of cylinders.
+const BOX: [&str; 6] = ["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"];
+const CYLINDER: [&str; 3] = ["x-min", "x-max", "side"];
+
+/// Checks all tables of a scene.
+pub(super) fn scene(scene: &Scene, folder: &Path) -> Result<()> {
+    if scene.model.is_empty() {
+        return Err(key("model", "a scene needs at least one model"));
+    }
+    for (name, table) in &scene.model {
+        kinds::check(name, table, folder)?;
+    }
+    for (name, table) in &scene.interface {
+        let [c, f] = sides_of(name, table, scene)?;
+        let models: Vec<&ModelTable> = scene.model.values().collect();
+        interface(name, table, [models[c], models[f]], folder)?;
+    }
+    let effects = effects_by_model(scene)?;
+    for ((name, table), effects) in scene.model.iter().zip(&effects) {
+        if table.kind == Kind::Dem {
+            grains::check_loose(&format!("model.{name}"), table, effects)?;
+        }
+    }
+    between::touching(scene)?;
+    for (k, e) in scene.effect.iter().enumerate() {
+        effect(k, e)?;
+    }
+    acting(scene)?;
+    watched(scene)
+}
+
+/// Supports, loads and initial states.
+fn acting(scene: &Scene) -> Result<()> {
+    for (k, s) in scene.support.iter().enumerate() {
+        let path = format!("support[{k}]");
+        let table = model(&path, &s.model, scene)?;
+        selection(&format!("{path}.where"), &s.at, table)?;
+        for (n, c) in s.components.iter().flatten().enumerate() {
+            along(&format!("{path}.components[{n}]"), *c, &s.model, table, "[\"x\"]")?;
+        }
+        if let Some(m) = &s.motion {
+            drive::time_function(&format!("{path}.motion.time"), &m.time)?;
+        }
+    }
+    for (k, l) in scene.load.iter().enumerate() {
+        let path = format!("load[{k}]");
+        let table = model(&path, &l.model, scene)?;
+        selection(&format!("{path}.where"), &l.at, table)?;
+        drive::check_load(&path, l)?;
+        drive::time_function(&format!("{path}.time"), &l.time)?;
+    }
+    for (k, i) in scene.initial.iter().enumerate() {
+        let path = format!("initial[{k}]");
+        drive::check_initial(&path, i)?;
+        drive::model_indices(&path, i.models.as_deref(), scene)?;
+    }
+    Ok(())
+}
+
+/// Probes.
+fn watched(scene: &Scene) -> Result<()> {
+    for (name, p) in &scene.probe {
+        let path = format!("probe.{name}");
+        let table = model(&path, &p.model, scene)?;
+        along(
+            &format!("{path}.component"),
+            p.component,
+            &p.model,
+            table,
+            "\"x\"",
+        )?;
+        probe::check(&path, p)?;
+        if let Some(s) = &p.over {
+            selection(&format!("{path}.where"), s, table)?;
+        }
+        if let (Some(x), Some(ends)) = (&p.at, ends(&table.shape)) {
+            probe::inside(&path, &p.model, &Point3::from(*x), ends)?;
+        }
+    }
+    Ok(())
+}
+
+fn model<'a>(path: &str, name: &str, scene: &'a Scene) -> Result<&'a ModelTable> {
+    model_index(&format!("{path}.model"), name, scene)?;
+    Ok(&scene.model[name])
+}
+
+/// Refuses a direction in which a line cannot move.
+fn along(path: &str, axis: Axis, name: &str, table: &ModelTable, remedy: &str) -> Result<()> {
+    if matches!(table.shape, Shape::Bar { .. }) && axis != Axis::X {
+        return Err(key(
+            path,
+            format!("model '{name}' moves along x only; use {remedy}"),
+        ));
+    }
+    Ok(())
+}
+
+/// Refuses a group that a generated shape does not have, and a box turned inside out.
+fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()> {
+    let name = match selection {
+        Selection::Box(low, high) => return select::check_box(path, low, high),
+        Selection::Group(name) => name,
+    };
+    let known: &[&str] = match (&table.shape, table.kind) {
+        (Shape::File(_), _) => return Ok(()),
+        (Shape::Box { .. }, _) => &BOX,
+        (Shape::Cylinder { .. }, Kind::Dem) | (Shape::Bar { .. }, _) => &CYLINDER[..2],
+        (Shape::Cylinder { .. }, _) => &CYLINDER,
+    };
+    if known.contains(&name.as_str()) {
+        return Ok(());
+    }
+    let mut known: Vec<String> = known.iter().map(|n| (*n).to_owned()).collect();
+    known.sort();
+    Err(unknown(path, name, "group of the model", known.iter()))
+}
+
+/// Lowest and highest corner of a shape that the scene describes.
+fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
+    Some(match *shape {
+        Shape::Box { low, high } => [low, high],
+        Shape::Cylinder { from, length, radius } => {
+            let [x, y, z] = from;
+            [[x, y - radius, z - radius], [x + length, y + radius, z + radius]]
+        }
+        Shape::Bar { from, to, .. } => [[from, 0.0, 0.0], [to, 0.0, 0.0]],
+        Shape::File(_) => return None,
+    })
+}
+
+/// Corners of the box around a shape.
+fn corners(shape: &Shape) -> Option<Vec<Point3<f64>>> {
+    let ends = ends(shape)?;
+    let corner = |k: usize| Point3::new(ends[k & 1][0], ends[(k >> 1) & 1][1], ends[(k >> 2) & 1][2]);
+    Some((0..8).map(corner).collect())
+}
+
+fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &Path) -> Result<()> {
+    let path = format!("interface.{name}");
+    let overlap = joint::overlap(&format!("{path}.overlap"), &table.overlap)?;
+    if let (Some(coarse), Some(fine)) = (corners(&models[0].shape), corners(&models[1].shape)) {
+        let names = [&table.coarse, &table.fine];
+        joint::check_sense(&path, &table.overlap, names, [&coarse, &fine])?;
+    }
+    // What lies in the mediator's space is known once there is one.
+    let mut weight = table.weight.clone();
+    let known = |p: ProfileKind| match p {
+        ProfileKind::MediatorCompatible => ProfileKind::Cubic,
+        p => p,
+    };
+    weight.profile = known(weight.profile);
+    for own in [&mut weight.alpha, &mut weight.beta, &mut weight.gamma]
+        .into_iter()
+        .flatten()
+    {
+        own.profile = known(own.profile);
+    }
+    joint::weights(&path, &weight, &overlap, &[], [false; 2])?;
+    joint::junction(&path, table, 1.0)?;
+    if let Some(a) = &table.absorber
+        && a.rate.is_some() == a.rate_factor.is_some()
+    {
+        let rule = "needs exactly one of rate [1/s], rate_factor [-]";
+        return Err(key(format!("{path}.absorber"), rule));
+    }
+    let at = format!("{path}.mediator");
+    let shape = match &table.mediator.shape {
+        Some(s) => s.clone(),
+        None => joint::derived_shape(&at, &table.overlap, models.map(|m| &m.shape))?,
+    };
+    let given = table.mediator.spacing.is_some() || table.mediator.divisions.is_some();
+    let is_file = matches!(shape, Shape::File(_));
+    mesh::Request {
+        key: &at,
+        shape: &shape,
+        spacing: table.mediator.spacing.or((!given && !is_file).then_some(1.0)),
+        divisions: table.mediator.divisions.as_deref(),
+        element: table.mediator.element,
+        rim: Rim::Inscribed,
+        folder,
+    }
+    .check()
+}
+
+/// Numbers of an effect, whatever it acts on.
+fn effect(k: usize, e: &Effect) -> Result<()> {
+    let path = format!("effect[{k}]");
+    if let Some(f) = &e.fracture {
+        grains::fracture(&format!("{path}.fracture"), f)?;
+    }
+    if let Some(c) = &e.contact {
+        let at = format!("{path}.contact");
+        grains::law(1.0, c).check().map_err(dem(at))?;
+    }
+    if let Some(o) = &e.obstacle {
+        grains::obstacle_parts(k, o)?;
+        let at = format!("{path}.obstacle.contact");
+        grains::law(1.0, &o.contact).check().map_err(dem(at))?;
+    }
+    if let Some(b) = &e.bulk_viscosity
+        && b.coefficient < 0.0
+    {
+        let (name, at) = (
+            "bulk viscosity coefficient",
+            format!("{path}.bulk_viscosity.coefficient"),
+        );
+        return Err(core(at)(invalid(
+            name,
+            b.coefficient,
+            "must not be negative [-]; the usual one is 0.06",
+        )));
+    }
+    drive::plain_effect(&path, e).map(|_| ())
+}

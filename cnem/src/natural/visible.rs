@@ -1,0 +1,74 @@
+//! Functions where the reach of a point goes round a re-entrant edge or a crack front.
+//!
+//! One rule holds everywhere: the functions at `x` are the natural-neighbour functions of the nodes that `x` sees, and of
+//! no others: those in reach (see [`super`]) to which the straight way from `x` passes no wall. Where the star of `x` in its
+//! cavity has empty spheres the dual of the cavity gives them directly. Elsewhere the reach goes round an edge, and the
+//! cell of `x` is clipped by the bisectors of the nodes seen: it is taken from the Delaunay complex of these nodes
+//! alone. Since `x` is among the nodes of its tetrahedron, all of which it sees, the weights are positive, sum to one
+//! and are linearly precise whatever the set.
+
+use super::{Kind, Scratch};
+use crate::constraint::Surface;
+use crate::domain::Domain;
+use crate::predicates::orient3d;
+use nalgebra::Point3;
+use std::cmp::Ordering;
+
+impl Domain {
+    /// Fills the row from the nodes in reach that `x` sees; false if they do not span a volume. Allocates.
+    pub(super) fn on_visible(&self, kind: Kind, x: &Point3<f64>, s: &mut Scratch, slopes: bool) -> bool {
+        let mut seen: Vec<u32> = s.cavity.nodes.clone();
+        seen.retain(|&v| self.sees(x, v, s));
+        seen.sort_unstable_by_key(|&v| (self.copies.original(v), v));
+        seen.dedup_by_key(|v| self.copies.original(*v));
+        let points: Vec<Point3<f64>> = seen.iter().map(|&v| self.delaunay.points[v as usize]).collect();
+        let mut alone = Scratch {
+            alone: true,
+            ..Scratch::default()
+        };
+        let Ok(hull) = Self::new(&points, &Surface::convex_hull()) else {
+            return false;
+        };
+        let Ok(row) = hull.evaluate(kind, x, &mut alone, slopes) else {
+            return false;
+        };
+        s.row.nodes.extend(row.nodes.iter().map(|&k| seen[k] as usize));
+        s.row.values.extend(&row.values);
+        s.row.gradients.extend(&row.gradients);
+        alone.counters.linear == 0
+    }
+
+    /// True if no wall at the reach is between `x` and a node; a node on a crack must be seen on its own lip.
+    fn sees(&self, x: &Point3<f64>, node: u32, s: &Scratch) -> bool {
+        let p = &self.delaunay.points[node as usize];
+        let hidden = s.cavity.walls().any(|face| {
+            if face
+                .iter()
+                .any(|&v| self.copies.original(v) == self.copies.original(node))
+            {
+                return false;
+            }
+            let [a, b, c] = face.map(|v| &self.delaunay.points[v as usize]);
+            let sides = [orient3d(a, b, c, x), orient3d(a, b, c, p)];
+            if sides.contains(&Ordering::Equal) || sides[0] == sides[1] {
+                return false;
+            }
+            let turns = [orient3d(x, p, a, b), orient3d(x, p, b, c), orient3d(x, p, c, a)];
+            !(turns.contains(&Ordering::Greater) && turns.contains(&Ordering::Less))
+        });
+        !hidden && (self.copies.of(self.copies.original(node)).is_empty() || self.lip_faces(x, node))
+    }
+
+    /// True if the way from a node towards `x` starts in a tetrahedron of the domain that has this copy of the node.
+    fn lip_faces(&self, x: &Point3<f64>, node: u32) -> bool {
+        let mut star = Vec::new();
+        self.delaunay.star(node, &mut star);
+        star.iter().filter(|&&t| self.inside[t as usize]).any(|&t| {
+            let tet = &self.delaunay.tets[t as usize];
+            (0..4).filter(|&slot| tet.v[slot] != node).all(|slot| {
+                let [a, b, c] = tet.face(slot).map(|v| &self.delaunay.points[v as usize]);
+                orient3d(a, b, c, x) != Ordering::Greater
+            })
+        })
+    }
+}
