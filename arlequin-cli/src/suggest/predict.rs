@@ -343,33 +343,86 @@ mod tests {
         assert!(wavenumber(10.5, 1.0, [h, 0.0], 1e-6).is_none());
     }
 
-    /// A body of two lengths of 1 m whose lattices are alike: nothing disperses, what is lost is lost in the overlap.
-    fn alike(end: f64, loss: f64) -> Errors {
-        let scene: Scene = toml::from_str(&miniature(&Form {
+    /// Between lattices that are alike `|r|² + |t|² = 1`, so that the worst loss is that of the largest reflection.
+    #[test]
+    fn the_loss_of_an_overlap_counts_what_it_reflects() {
+        for (overlap, profile) in [(2.0, ProfileKind::Linear), (4.0, ProfileKind::Cubic)] {
+            let form = Form {
+                ratio: 1.0,
+                h_b: 2.0,
+                overlap,
+                profile,
+                junction: JunctionKind::L2,
+                length_ratio: None,
+            };
+            let found = table(&form).expect("a table");
+            let long = found.frequencies.iter().zip(&found.losses);
+            let worst = long
+                .filter(|(f, _)| **f < 0.68)
+                .fold(0.0f64, |m, (_, l)| m.max(*l));
+            let r = found.top_reflection;
+            let expected = r * r + (1.0 - (1.0 - r * r).sqrt()).powi(2);
+            assert!(
+                r > 1e-3 && (worst / expected - 1.0).abs() < 1e-6,
+                "{overlap}: {worst}, not {expected}"
+            );
+        }
+    }
+
+    /// A body of two lengths of 1 m whose lattices are alike: nothing disperses, what is lost is lost in the overlap. The
+    /// signal is slow and of no place, or with a probe at `x` a short wave that starts 2 m before the overlap.
+    fn alike(end: f64, loss: f64, probe: Option<f64>) -> Errors {
+        let form = Form {
             ratio: 1.0,
             h_b: 1.0,
             overlap: 4.0,
             profile: ProfileKind::Cubic,
             junction: JunctionKind::L2,
             length_ratio: None,
-        }))
-        .expect("a scene");
-        let s = super::super::scenario::scenario(&scene).expect("a scenario");
-        let spectrum = super::super::scenario::spectrum(&scene, &s, end, Some(0.01)).expect("a spectrum");
+        };
+        let more = probe.map_or_else(String::new, |x| {
+            format!(
+                "[[initial]]\nwave = {{ component = \"x\", along = \"x\", centre = -2, width = 0.5, amplitude = 1 }}\n\
+                 [probe.p]\nmodel = \"bar\"\nat = [{x}, 0, 0]\nquantity = \"velocity\"\ncomponent = \"x\"\n"
+            )
+        });
+        let scene: Scene = toml::from_str(&(miniature(&form) + &more)).expect("a scene");
+        let mut s = super::super::scenario::scenario(&scene).expect("a scenario");
+        let (h, dt, frequency) = match probe {
+            None => (1.0, 0.5, Some(0.01)),
+            Some(_) => (1e-3, 5e-4, None),
+        };
+        s.spacings = [h; 3];
+        let spectrum = super::super::scenario::spectrum(&scene, &s, end, frequency).expect("a spectrum");
         let table = Table {
             frequencies: vec![0.0, 1.0],
             losses: vec![loss; 2],
             top_reflection: 0.0,
         };
         let c = Candidate {
-            h: 1.0,
-            h_b: 1.0,
+            h,
+            h_b: h,
             overlap: 4.0,
             profile: ProfileKind::Cubic,
             length_ratio: None,
             table: 0,
         };
-        errors(&c, &[table], &s, &spectrum, end, 0.5)
+        errors(&c, &[table], &s, &spectrum, end, dt)
+    }
+
+    /// A probe behind the overlap sees the loss of one passage, one before it, after the far end, that of two.
+    #[test]
+    fn a_probe_sees_the_loss_of_the_passages_before_it() {
+        for (probe, end, passages) in [(6.0, 10.0, 1.0), (-3.0, 22.0, 2.0)] {
+            for reflection in [0.1, 0.05, 0.0] {
+                let found = alike(end, reflection * reflection, Some(probe)).velocity;
+                let expected = f64::sqrt(passages) * reflection;
+                assert!(
+                    (found - expected).abs() < 1e-6,
+                    "at {probe} m: {found}, not {expected}"
+                );
+            }
+        }
     }
 
     /// With a loss `|r|² + (1 − |t|)²` per passage, `n` passages lose `√n |r|`, and no more than two signals' worth.
@@ -382,7 +435,7 @@ mod tests {
             (1.0, 0.0, 0.0),
             (1e6, 0.5, 2f64.sqrt()),
         ] {
-            let e = alike(passages * body, reflection * reflection);
+            let e = alike(passages * body, reflection * reflection, None);
             for found in [e.displacement, e.velocity] {
                 assert!(
                     (found - expected).abs() < 1e-3,
