@@ -18,14 +18,12 @@ use common::{noise, solve};
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 
+/// An axis, the layer across it, and the grid faces of that layer that are cracked.
+type Cut<'a> = (usize, usize, &'a dyn Fn(usize, usize) -> bool);
+
 /// Grid of `n` cells of size `h`, with a crack on the faces of cells in the plane of index `at` across the axis that `cut`
 /// keeps; the other two indices are given in the order of the axes.
-fn cracked(
-    n: [usize; 3],
-    h: f64,
-    jitter: f64,
-    cuts: &[(usize, usize, &dyn Fn(usize, usize) -> bool)],
-) -> Domain {
+fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
     let size = n.map(|c| c as f64 * h);
     let mut points = generate::block(Point3::origin(), Point3::from(size), n, jitter, 3).unwrap();
     let id = |v: [usize; 3]| v[0] + (n[0] + 1) * (v[1] + (n[1] + 1) * v[2]);
