@@ -339,7 +339,7 @@ fn consistent(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
         "force {force:e}, moment {moment:e}"
     );
     prop_assert!(run.interfaces()[0].report().momentum_defect < 1e-12);
-    if case.seed % 4 == 0 {
+    if case.seed.is_multiple_of(4) {
         shaken(kinds, case)?;
     }
     Ok(())

@@ -8,6 +8,7 @@ mod cells;
 mod chain;
 mod check;
 mod checkpoint;
+mod crossing;
 mod effects;
 mod error;
 mod output;

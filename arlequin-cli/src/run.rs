@@ -3,6 +3,7 @@
 use crate::Input;
 use crate::build::{self, Bounds, Built, Strangers};
 use crate::checkpoint::{self, Checkpoint, Origin};
+use crate::crossing::{self, Crossing};
 use crate::error::{Error, Result};
 use crate::output::packing::PackingLine;
 use crate::output::summary::{self, Energy, Summary, WakeReport, WallSeconds};
@@ -109,6 +110,15 @@ pub(crate) enum End {
     Interrupted,
     /// A sleeping model wakes.
     Woken,
+    /// A bond broke in an overlap, and the scene ends there.
+    IntoOverlap,
+}
+
+impl End {
+    /// Whether `resume` can go on from there.
+    fn goes_on(self) -> bool {
+        matches!(self, Self::Interrupted | Self::IntoOverlap)
+    }
 }
 
 /// How a run ended.
@@ -125,6 +135,7 @@ impl Status {
             Self::Ended(End::Complete) => "complete",
             Self::Ended(End::Interrupted) => "interrupted",
             Self::Ended(End::Woken) => "woken",
+            Self::Ended(End::IntoOverlap) => "stopped-at-overlap",
             Self::Failed(_) => "failed",
         }
     }
@@ -232,7 +243,7 @@ impl<'a, T: Real> Session<'a, T> {
     /// Writes the results of the steps made, however they ended, and ends the folder.
     pub(crate) fn conclude(mut self, end: Result<End>, wake: Option<WakeReport>) -> Result<ExitCode> {
         let written = end.and_then(|end| {
-            if end == End::Interrupted {
+            if end.goes_on() {
                 self.save()?;
             }
             Ok((end, self.write_results(end, wake.clone())?))
@@ -354,6 +365,7 @@ impl<'a, T: Real> Session<'a, T> {
         summary.resumed_at_step = self.resumed_at;
         summary.models = summary::models(&self.run, &self.packings);
         summary.effect_ledger = summary::effects(&self.run, &self.clock);
+        summary.into_overlap = crossing::found(&self.run, &self.breaks);
         summary
     }
 
@@ -371,6 +383,7 @@ impl<'a, T: Real> Session<'a, T> {
         let mut end = End::Complete;
         // Once is enough: the state that follows is as odd.
         let mut strange = !self.bounds.watch(&self.run).is_empty();
+        let mut crossing = Crossing::since(&self.breaks);
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             let drawn = energy.is_some();
@@ -381,7 +394,13 @@ impl<'a, T: Real> Session<'a, T> {
                 odd.into_iter().for_each(|w| self.warn(w));
             }
             progress.set(made);
+            let (said, ends) = crossing.watch(self.input, &self.run, &self.breaks);
+            said.into_iter().for_each(|w| self.warn(w));
             if made == self.steps {
+                break;
+            }
+            if ends {
+                end = End::IntoOverlap;
                 break;
             }
             if woken(&self.run, &mut self.stage) {
@@ -452,6 +471,7 @@ fn summarise<T: Real>(
         version: env!("CARGO_PKG_VERSION"),
         resumed_at_step: None,
         wake: None,
+        into_overlap: Vec::new(),
         set: input.set.to_vec(),
         threads: input.threads,
         models: Vec::new(),

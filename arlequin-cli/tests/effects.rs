@@ -83,7 +83,8 @@ fn breakage_in_and_on_the_border_of_an_overlap_keeps_the_balance() {
     assert!(breaks.len() > 100, "{} broke", breaks.len());
     assert!(breaks.iter().all(|b| b[0] > 0.0 && b[5] > 0.0));
     let ledger = s["effect_ledger"].as_array().expect("ledger");
-    assert_eq!(ledger.len(), 2);
+    // Fracture, contact, and the absorber that comes with bonds that break.
+    assert_eq!(ledger.len(), 3);
     let start = number(&s, "/energy/initial");
     for e in ledger {
         assert!(number(e, "/dissipated") > -1e-3 * start, "{e}");
@@ -122,7 +123,7 @@ fn a_run_without_contact_or_finite_rotations_says_what_it_misses() {
         warnings.contains("unbonded particles overlap") && warnings.contains("switch contact on"),
         "{warnings}"
     );
-    assert_eq!(s["effect_ledger"].as_array().map(Vec::len), Some(1));
+    assert_eq!(s["effect_ledger"].as_array().map(Vec::len), Some(2));
 }
 
 #[test]
@@ -183,6 +184,66 @@ fn prestress_makes_the_initial_shape_an_equilibrium() {
     let free = moved(&bare);
     let held = moved(&format!("{bare}\n[[effect]]\nprestress = {{}}\n"));
     assert!(free > 1e-3 && held < 1e-12, "{free} {held}");
+}
+
+/// A crack that runs into the overlap is said with time and place, stands in the summary, and ends the run where wanted.
+#[test]
+fn a_crack_into_the_overlap_is_said_at_once_and_can_end_the_run_there() {
+    let folder = scratch("effects-into-overlap");
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, LAYERED).expect("scene");
+    let run = |name: &str, more: &[&str]| {
+        let out = folder.join(name);
+        succeed(&[&["run", text(&path), "--out", text(&out)], more].concat());
+        summary(&out)
+    };
+    let whole = run("whole", &[]);
+    assert_eq!(whole["status"], "complete");
+    let time = number(&whole, "/into_overlap/0/time");
+    let x = number(&whole, "/into_overlap/0/place/0");
+    assert!((3.6e-3..6.4e-3).contains(&x), "{x}");
+    let said = |s: &serde_json::Value| {
+        let warnings = s["warnings"].as_array().expect("warnings").clone();
+        let of = |w: &&serde_json::Value| w.as_str().is_some_and(|w| w.contains("broke in an overlap at t"));
+        warnings.iter().filter(of).count()
+    };
+    assert_eq!(said(&whole), 1);
+    let key = "effect.0.fracture.stop_at_overlap=true";
+    let ended = run("ended", &["--set", key]);
+    assert_eq!(ended["status"], "stopped-at-overlap");
+    assert!((number(&ended, "/time") - time).abs() < 0.5 * number(&ended, "/dt"));
+    assert!(folder.join("ended/fracture-grains.csv").exists() && said(&ended) == 1);
+}
+
+/// Where breakage in the overlap cannot be right, the set-up says so; with the defaults it has nothing to say.
+#[test]
+fn an_overlap_in_which_breakage_cannot_be_right_is_warned_of_before_the_run() {
+    let folder = scratch("effects-warned");
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, LAYERED).expect("scene");
+    let warned = |more: &[&str], word: &str| {
+        let report = succeed(&[&["check", text(&path), "--json"], more].concat());
+        let plan: serde_json::Value = serde_json::from_str(&report).expect("JSON");
+        let warnings = plan["warnings"].as_array().expect("warnings").clone();
+        warnings
+            .iter()
+            .any(|w| w.as_str().is_some_and(|w| w.contains(word)))
+    };
+    for (set, word) in [
+        (
+            "interface.joint.mediator.spacing=2e-3",
+            "mediator elements lie across",
+        ),
+        (
+            "interface.joint.weight.epsilon=1e-6",
+            "smallest weight of their model",
+        ),
+        ("interface.joint.absorber.rate=0.0", "has no absorber"),
+        ("interface.joint.absorber.rate_factor=0.2", "coarse elements wide"),
+    ] {
+        assert!(!warned(&[], word), "{word}");
+        assert!(warned(&["--set", set], word), "{set}");
+    }
 }
 
 /// The three scenes of `docs/effects.md`, shortened.

@@ -27,7 +27,7 @@ fn sizes_beyond_any_memory_are_refused_by_name() {
         (
             "dem-fem-beam.toml",
             "model.right.spacing=1e-9",
-            "number of spheres = 1000000000",
+            "4.2e19 spheres of that diameter",
         ),
         ("bar-1d.toml", "time.end=1e300", "time.end = 1"),
         (

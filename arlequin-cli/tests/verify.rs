@@ -46,7 +46,7 @@ fn rows_as_json_and_pictures() {
     ]);
     let rows: serde_json::Value = serde_json::from_str(&made).expect("an array of rows");
     let rows = rows.as_array().expect("an array");
-    assert_eq!(rows.len(), 15 + 6 + 3);
+    assert_eq!(rows.len(), 15 + 9 + 6);
     for row in rows {
         for key in KEYS {
             assert!(row.get(key).is_some(), "{key} in {row}");

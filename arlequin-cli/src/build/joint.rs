@@ -7,6 +7,7 @@ use crate::scene::{
     Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind,
     RegionShape, SamplingKind, Shape, WeightTable, WeightingKind,
 };
+use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::field::{Interpolation, ShapeRow};
 use arlequin::core::junction::{H1Gradient, H1Seminorm, H1Strain, Junction, L2};
@@ -44,6 +45,8 @@ pub(crate) struct Joint {
     pub(crate) view: View,
     /// Damping of what the coarse model cannot carry, on the fine model.
     pub(crate) absorber: Option<Absorber<f64>>,
+    /// What it is known not to do well.
+    pub(crate) advice: Vec<Advice>,
 }
 
 /// The models of an interface: index and body, coarse first.
@@ -97,6 +100,20 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
         _ => None,
     };
+    let width = overlap.linear_position().map(|(g, _)| 1.0 / g.norm());
+    let mut advice = Vec::new();
+    if brittle[1] {
+        let floor = floors(&table.weight, brittle)[1];
+        let on = absorber.is_some();
+        advice = advice::breakage(width, mediator.spacing(), floor, on);
+    }
+    if absorber.is_some() && table.absorber.is_some() {
+        let jump = match table.weight.profile {
+            ProfileKind::Constant => table.weight.value.map_or(0.0, |v| v.max(1.0 - v)),
+            _ => 0.0,
+        };
+        advice.extend(advice::absorber(width, jump, coarse_spacing, sides[1].1.spacing));
+    }
     let junction = junction(&path, table, mediator.spacing())?;
     let options = options(table, sides);
     Ok(Joint {
@@ -115,6 +132,7 @@ pub(crate) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         },
         view,
         absorber,
+        advice,
     })
 }
 
@@ -218,13 +236,6 @@ pub(super) fn weights(
         WeightingKind::Energy => Weighting::Energy,
         WeightingKind::Nodal => Weighting::Nodal,
     };
-    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal law loses
-    // its critical step with a small floor; 0.05 is the literature's.
-    let floor = match weighting {
-        Weighting::Energy => 1e-6,
-        Weighting::Nodal => 0.05,
-    };
-    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
     let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
         let profile = match (kind, constant) {
@@ -247,9 +258,10 @@ pub(super) fn weights(
                     .map_err(core(format!("{path}.profile")))?
             }
         };
-        let given = epsilon.or(table.epsilon);
-        let [coarse, fine] = brittle.map(least).map(|d| given.unwrap_or(d));
-        let fine = table.fine_epsilon.unwrap_or(fine);
+        let [coarse, fine] = match epsilon {
+            None => floors(table, brittle),
+            Some(e) => [e, table.fine_epsilon.unwrap_or(e)],
+        };
         let ramp = Ramp::new(overlap.clone(), profile, coarse)
             .map_err(core(format!("{path}.epsilon")))?
             .with_fine_floor(fine)
@@ -267,6 +279,19 @@ pub(super) fn weights(
         external: own(".gamma", &table.gamma)?,
         weighting,
     })
+}
+
+/// Smallest weights of the coarse and the fine model.
+fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
+    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal law loses
+    // its critical step with a small floor; 0.05 is the literature's.
+    let floor = match table.weighting {
+        WeightingKind::Energy => 1e-6,
+        WeightingKind::Nodal => 0.05,
+    };
+    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
+    let [coarse, fine] = brittle.map(|b| table.epsilon.unwrap_or(least(b)));
+    [coarse, table.fine_epsilon.unwrap_or(fine)]
 }
 
 /// Positions `s` of the mediator layers across the overlap.

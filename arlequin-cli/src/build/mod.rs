@@ -52,6 +52,19 @@ pub(crate) struct Drawn {
     pub(crate) packing: Option<PackingLine>,
 }
 
+impl Drawn {
+    fn of(body: &Body) -> Self {
+        Self {
+            view: body.view.clone(),
+            field: body.field.clone(),
+            material: body.material,
+            breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
+            spacing: body.spacing,
+            packing: body.grains.as_ref().map(|g| g.packing.clone()),
+        }
+    }
+}
+
 /// The state from which a run starts, if not that of `[[initial]]` at time zero.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Start {
@@ -120,16 +133,7 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
         .enumerate()
         .map(|(m, (name, table))| kinds::body(name, table, folder, &effects[m]))
         .collect::<Result<_>>()?;
-    let mut joints = Vec::new();
-    for (name, table) in &scene.interface {
-        let [c, f] = sides_of(name, table, scene)?;
-        joints.push(joint::joint(
-            name,
-            table,
-            [(c, &bodies[c]), (f, &bodies[f])],
-            folder,
-        )?);
-    }
+    let mut joints = joints_of(scene, &bodies, folder)?;
     let probes = scene
         .probe
         .iter()
@@ -158,14 +162,7 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             &body.material,
             !may_leave(scene, m),
         );
-        drawn.push(Drawn {
-            view: body.view.clone(),
-            field: body.field.clone(),
-            material: body.material,
-            breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
-            spacing: body.spacing,
-            packing: body.grains.as_ref().map(|g| g.packing.clone()),
-        });
+        drawn.push(Drawn::of(&body));
         let state = match start {
             Some(s) => s.states[m].clone(),
             None => drive::initial(scene, m, &body)?,
@@ -176,6 +173,10 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
             Some(of) => made.with_memory(of),
             None => made,
         });
+    }
+    for j in &joints {
+        let name = &j.spec.name;
+        warnings.extend(j.advice.iter().map(|a| format!("interface '{name}': {a}")));
     }
     let mediators = joints.iter().map(|j| j.view.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
@@ -206,6 +207,14 @@ pub(crate) fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) ->
     let odd = plausible::warnings(scene, &built);
     built.warnings.extend(odd);
     Ok(built)
+}
+
+fn joints_of(scene: &Scene, bodies: &[Body], folder: &Path) -> Result<Vec<Joint>> {
+    let of = |(name, table): (&String, &Interface)| {
+        let [c, f] = sides_of(name, table, scene)?;
+        joint::joint(name, table, [(c, &bodies[c]), (f, &bodies[f])], folder)
+    };
+    scene.interface.iter().map(of).collect()
 }
 
 /// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds that break.

@@ -34,7 +34,8 @@ const LOOKS: usize = 2000;
 pub(super) fn warnings(scene: &Scene, built: &Built) -> Vec<String> {
     let mut out = Vec::new();
     // Unit material: lengths, times and loads are in units of the scene's own, and only their ratios can be odd.
-    let unit = |m: &ModelTable| m.material.young == 1.0 && m.material.density == 1.0;
+    let one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
+    let unit = |m: &ModelTable| one(m.material.young) && one(m.material.density);
     if !scene.model.values().any(unit) {
         scene
             .model

@@ -31,6 +31,9 @@ pub(crate) struct Summary {
     /// The sleeping model and what woke it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) wake: Option<WakeReport>,
+    /// First bonds that broke in an overlap, one per model.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) into_overlap: Vec<crate::crossing::OverlapBreak>,
     /// Assignments of `--set`.
     pub(crate) set: Vec<String>,
     /// Worker threads.

@@ -42,6 +42,10 @@ pub(crate) fn breaks<T: Real>(folder: &Path, run: &Coupled<T>, breaks: &[Option<
         "second particle [-]",
         "released [J]",
         "distance [m]",
+        "x [m]",
+        "y [m]",
+        "z [m]",
+        "in an overlap [-]",
     ];
     for (s, log) in run.subdomains().iter().zip(breaks) {
         let Some(log) = log else { continue };
@@ -54,6 +58,10 @@ pub(crate) fn breaks<T: Real>(folder: &Path, run: &Coupled<T>, breaks: &[Option<
             column(|e| f64::from(e.pair[1])),
             column(|e| e.released),
             column(|e| e.distance),
+            column(|e| e.place.x),
+            column(|e| e.place.y),
+            column(|e| e.place.z),
+            column(|e| f64::from(u8::from(e.overlap))),
         ];
         let path = folder.join(format!("fracture-{}.csv", s.model().name()));
         let columns: Vec<&[f64]> = table.iter().map(Vec::as_slice).collect();

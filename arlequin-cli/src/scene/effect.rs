@@ -139,6 +139,9 @@ pub(crate) struct Fracture {
     /// Whether bonds in an overlap never break.
     #[serde(default)]
     pub(crate) spare_overlap: bool,
+    /// Whether the first bond that breaks in an overlap ends the run.
+    #[serde(default)]
+    pub(crate) stop_at_overlap: bool,
 }
 
 fn one() -> u64 {

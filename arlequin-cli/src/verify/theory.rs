@@ -212,10 +212,11 @@ pub(super) fn patch(_: &Done) -> Result<Report> {
             ..waves::patch_line()
         };
         let defect = waves::patch_defects(&line).map_err(at("patch"))?;
-        // The strain jumps from spring to spring where the displacement does not: it is off by more.
+        // The strain jumps from spring to spring where the displacement does not: it is off by a fifth, at the border
+        // where the weight of the springs vanishes.
         let strain = match accept {
             Accept::AtMost(_) => Accept::AtMost(1e-10),
-            _ => Accept::Between(1e-5, 0.1),
+            _ => Accept::Between(1e-2, 0.25),
         };
         for (what, value, accept) in [
             ("displacement", defect.displacement, accept),
@@ -224,7 +225,8 @@ pub(super) fn patch(_: &Done) -> Result<Report> {
             let row = Row::new(format!("defect of uniform strain, {what}, {name}"), value, accept);
             out.push(match accept {
                 Accept::AtMost(_) => row,
-                _ => row.note("its gradient is not in the mediator space: small, not zero"),
+                _ => row
+                    .note("its gradient is not in the mediator space: small in displacement, not in strain"),
             });
         }
     }

@@ -32,6 +32,7 @@ pub use scatter::Scatter;
 
 use crate::error::{DemError, Result, positive};
 use arlequin_core::snapshot::Record;
+use nalgebra::Vector3;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 /// When bonds break.
@@ -99,6 +100,10 @@ pub struct Break {
     pub released: f64,
     /// Distance of the centres then (m).
     pub distance: f64,
+    /// Middle of the bond in the reference configuration (m).
+    pub place: Vector3<f64>,
+    /// Whether it lay in an overlap, wholly or in part.
+    pub overlap: bool,
 }
 
 /// What broke so far. Shared between a model, contact and output.
@@ -108,6 +113,7 @@ pub struct BreakLog {
     events: Vec<Break>,
     released: f64,
     checks: usize,
+    into_overlap: Option<usize>,
 }
 
 impl BreakLog {
@@ -121,6 +127,12 @@ impl BreakLog {
     #[must_use]
     pub fn events(&self) -> &[Break] {
         &self.events
+    }
+
+    /// The first break in an overlap: the crack has left the particles' own region.
+    #[must_use]
+    pub fn first_in_overlap(&self) -> Option<&Break> {
+        self.events.get(self.into_overlap?)
     }
 
     /// Energy that left with broken bonds (J).
@@ -148,8 +160,14 @@ impl BreakLog {
         }
     }
 
-    /// Undoes [`Self::save`]; `false` for a record that is not of this model.
-    pub(crate) fn restore(&mut self, from: &Record<f64>, pairs: &[[u32; 2]]) -> bool {
+    /// Undoes [`Self::save`]; `false` for a record that is not of this model. `at` knows the place of a bond and whether it
+    /// lies in an overlap.
+    pub(crate) fn restore(
+        &mut self,
+        from: &Record<f64>,
+        pairs: &[[u32; 2]],
+        at: &dyn Fn(usize) -> (Vector3<f64>, bool),
+    ) -> bool {
         let Some((checks, integers)) = from.integers.split_first() else {
             return false;
         };
@@ -157,6 +175,7 @@ impl BreakLog {
         let (bonds, _) = integers.as_chunks::<3>();
         self.begin(pairs.len());
         self.events.clear();
+        self.into_overlap = None;
         self.released = 0.0;
         self.checks = *checks as usize;
         for (&[time, released, distance], &[bond, i, j]) in numbers.iter().zip(bonds) {
@@ -165,12 +184,15 @@ impl BreakLog {
                 return false;
             }
             let pair = pairs[bond as usize];
+            let (place, overlap) = at(bond as usize);
             self.push(Break {
                 time,
                 bond: bond as u32,
                 pair,
                 released,
                 distance,
+                place,
+                overlap,
             });
         }
         numbers.len() * 3 == from.numbers.len()
@@ -187,6 +209,9 @@ impl BreakLog {
             *b = true;
         }
         self.released += event.released;
+        if event.overlap && self.into_overlap.is_none() {
+            self.into_overlap = Some(self.events.len());
+        }
         self.events.push(event);
     }
 }

@@ -204,13 +204,18 @@ impl FractureState {
 
     /// Undoes [`Self::save`] but for the bonds themselves, which [`Self::now`] lists; `false` for a record that is not of
     /// this model.
-    pub(crate) fn restore(&mut self, mut from: Record<f64>, body: &BondedParticles) -> bool {
+    pub(crate) fn restore(
+        &mut self,
+        mut from: Record<f64>,
+        body: &BondedParticles,
+        inside: impl Fn(usize) -> bool,
+    ) -> bool {
         if from.integers.is_empty() {
             return false;
         }
         self.wait = from.integers.remove(0) as usize;
         let mut log = writing(&self.log);
-        if !log.restore(&from, body.pairs()) {
+        if !log.restore(&from, body.pairs(), &|b| (middle(body, b), inside(b))) {
             return false;
         }
         self.now = log.events().iter().map(|e| e.bond).collect();
@@ -306,6 +311,7 @@ impl FractureState {
         body: &BondedParticles,
         step: &mut Evolution<'_, f64>,
         readers: [&Reader<'_>; 2],
+        inside: impl Fn(usize) -> bool,
     ) -> f64 {
         let mut total = 0.0;
         let mut log = writing(&self.log);
@@ -337,11 +343,19 @@ impl FractureState {
                 pair,
                 released,
                 distance: (now(ends[1]) - now(ends[0])).norm(),
+                place: middle(body, bond),
+                overlap: inside(bond),
             });
             self.strength[bond] = f64::INFINITY;
         }
         total
     }
+}
+
+/// Middle of a bond in the reference configuration (m).
+fn middle(body: &BondedParticles, b: usize) -> Vector3<f64> {
+    let [i, j] = body.pairs()[b].map(|i| body.positions()[i as usize]);
+    (i + j) * 0.5
 }
 
 fn strength_of(spec: &Fracture, body: &BondedParticles, b: usize) -> f64 {

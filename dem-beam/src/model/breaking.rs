@@ -77,7 +77,8 @@ impl DemModel {
         let mut released = 0.0;
         if !fracture.now.is_empty() {
             let (before, now) = (step.q_before, step.q);
-            released = fracture.release(&self.body, &mut step, [&self.reader(before), &self.reader(now)]);
+            let readers = [&self.reader(before), &self.reader(now)];
+            released = fracture.release(&self.body, &mut step, readers, |b| self.in_overlap(b));
             let blocks = self.sever(&mut fracture);
             let factors = self.factors.as_deref();
             match &self.kernel {
@@ -144,7 +145,7 @@ impl DemModel {
         let Some(mut fracture) = self.fracture.take() else {
             return from.expect(&self.name, 0, 0);
         };
-        let fits = fracture.restore(from, &self.body);
+        let fits = fracture.restore(from, &self.body, |b| self.in_overlap(b));
         if fits {
             self.sever(&mut fracture);
         }

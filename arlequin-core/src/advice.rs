@@ -1,0 +1,169 @@
+//! What an overlap is known not to do well, before the first step: measured ranges of the absorber and of bonds that
+//! break there (decision 0022). Advice refuses nothing; callers say it.
+
+use std::fmt;
+
+/// Mediator elements across an overlap below which its bonds are loaded unevenly.
+const LEAST_LAYERS: f64 = 2.0;
+
+/// Smallest weight of the fine model below which the skin of an overlap is loaded above the body.
+const LEAST_FLOOR: f64 = 0.05;
+
+/// Coarse elements across the overlap from which the absorber keeps its promise.
+const ABSORBER_WIDTH: f64 = 4.0;
+
+/// Coarse element over fine spacing from which there are wavelengths well below the element.
+const ABSORBER_RATIO: f64 = 4.0;
+
+/// Something measured that the choices of an overlap lie outside of. Lengths \[m\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Advice {
+    /// The absorber in an overlap of few coarse elements.
+    NarrowAbsorber {
+        /// Width of the overlap.
+        width: f64,
+        /// Coarse element.
+        element: f64,
+    },
+    /// The absorber under a weight that jumps at the borders.
+    JumpingWeight {
+        /// Height of the jump, 0 to 1.
+        jump: f64,
+    },
+    /// The absorber where no wave is much shorter than a coarse element.
+    NoShortWaves {
+        /// Coarse element.
+        element: f64,
+        /// Spacing of the fine model.
+        spacing: f64,
+    },
+    /// Bonds that break where few mediator elements lie across the overlap.
+    FewLayers {
+        /// Width of the overlap.
+        width: f64,
+        /// Mediator element.
+        element: f64,
+    },
+    /// Bonds that break where their weight goes to nothing.
+    LowFloor {
+        /// Smallest weight of the fine model.
+        floor: f64,
+    },
+    /// Bonds that break without an absorber.
+    NoAbsorber,
+}
+
+impl fmt::Display for Advice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NarrowAbsorber { width, element } => write!(
+                f,
+                "the overlap is {:.2} coarse elements wide; the absorber takes 99.7 % of short waves from {ABSORBER_WIDTH} on \
+                 and leaves 9 to 70 % below: widen the overlap to {:.3e} m or refine the coarse model",
+                width / element,
+                ABSORBER_WIDTH * element
+            ),
+            Self::JumpingWeight { jump } => write!(
+                f,
+                "the weight jumps by {jump} at the borders of the overlap, which reflects what the absorber should take: \
+                 choose a weight without a jump (cubic)"
+            ),
+            Self::NoShortWaves { element, spacing } => write!(
+                f,
+                "a coarse element is {:.2} fine spacings long; the absorber takes waves well below the element only, and \
+                 from {ABSORBER_RATIO} spacings on there are such: what is reflected will be more than 0.3 %",
+                element / spacing
+            ),
+            Self::FewLayers { width, element } => write!(
+                f,
+                "{:.2} mediator elements lie across the overlap, and bonds can break in it: with one, bonds are loaded up to \
+                 twice as hard as in a body of particles alone. Take at least {LEAST_LAYERS} (h_B <= {:.3e} m), better 4",
+                width / element,
+                width / LEAST_LAYERS
+            ),
+            Self::LowFloor { floor } => write!(
+                f,
+                "bonds can break in the overlap, and the smallest weight of their model is {floor:.1e}: below {LEAST_FLOOR} \
+                 its skin is loaded up to 9 times as hard as the body and breaks first; take 0.1"
+            ),
+            Self::NoAbsorber => write!(
+                f,
+                "bonds can break in the overlap and it has no absorber: what breaking radiates stays in the particles and \
+                 breaks more of them there; take rate_factor = 0.2"
+            ),
+        }
+    }
+}
+
+/// What bonds that can break meet in an overlap of that `width` (where it has one) with mediator elements of length
+/// `element`, a smallest weight of `floor` of their model, and an absorber or none.
+#[must_use]
+pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) -> Vec<Advice> {
+    let mut out = Vec::new();
+    if let Some(width) = width.filter(|w| *w < (LEAST_LAYERS - 0.01) * element) {
+        out.push(Advice::FewLayers { width, element });
+    }
+    if floor < LEAST_FLOOR {
+        out.push(Advice::LowFloor { floor });
+    }
+    if !absorber {
+        out.push(Advice::NoAbsorber);
+    }
+    out
+}
+
+/// What keeps an absorber from reflecting 0.3 % of short waves at most: `jump` of the weight at its borders, coarse
+/// elements of length `element`, a fine model of that `spacing`.
+#[must_use]
+pub fn absorber(width: Option<f64>, jump: f64, element: f64, spacing: f64) -> Vec<Advice> {
+    let mut out = Vec::new();
+    if jump > LEAST_FLOOR {
+        out.push(Advice::JumpingWeight { jump });
+    }
+    if let Some(width) = width.filter(|w| *w < (ABSORBER_WIDTH - 0.01) * element) {
+        out.push(Advice::NarrowAbsorber { width, element });
+    }
+    if element < ABSORBER_RATIO * spacing {
+        out.push(Advice::NoShortWaves { element, spacing });
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Advice, absorber, breakage};
+
+    #[test]
+    fn overlaps_in_which_breakage_is_right_are_not_warned_of_and_each_fault_is_named() {
+        assert_eq!(breakage(Some(2.0), 1.0, 0.1, true), []);
+        assert_eq!(breakage(None, 1.0, 0.1, true), []);
+        let all = breakage(Some(1.0), 1.0, 1e-6, false);
+        let wanted = [
+            Advice::FewLayers {
+                width: 1.0,
+                element: 1.0,
+            },
+            Advice::LowFloor { floor: 1e-6 },
+            Advice::NoAbsorber,
+        ];
+        assert_eq!(all, wanted);
+        assert!(all[0].to_string().contains("5.000e-1 m"), "{}", all[0]);
+    }
+
+    #[test]
+    fn the_absorber_is_warned_of_outside_of_its_range() {
+        assert_eq!(absorber(Some(4.0), 1e-6, 1.0, 0.1), []);
+        assert_eq!(absorber(Some(2.0), 1e-6, 1.0, 0.1).len(), 1);
+        assert_eq!(
+            absorber(Some(4.0), 0.5, 1.0, 0.1),
+            [Advice::JumpingWeight { jump: 0.5 }]
+        );
+        let short = absorber(Some(4.0), 0.0, 1.0, 0.5);
+        assert!(
+            short[0].to_string().contains("2.00 fine spacings"),
+            "{}",
+            short[0]
+        );
+    }
+}
