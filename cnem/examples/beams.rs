@@ -16,7 +16,7 @@ mod common;
 
 use beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 use cnem::natural::Kind;
-use cnem::{Forces, Options, Stabilisation};
+use cnem::{Forces, Inertia, Options, Stabilisation};
 
 fn row(options: Options, sizes: [f64; 4]) {
     let shape = cylinder(sizes[0] == 0.0, sizes[1] as usize, sizes[2] as usize, sizes[3]);
@@ -74,6 +74,7 @@ fn main() {
                     kind,
                     stabilisation,
                     forces: Forces::Assembled,
+                    inertia: Inertia::default(),
                 };
                 row(options, sizes);
             }

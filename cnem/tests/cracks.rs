@@ -13,19 +13,17 @@ use arlequin_core::weight::{Uniform, Weighting};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::{Kind, Scratch};
-use cnem::{CnemModel, Elastic, Options, generate};
+use cnem::{CnemModel, Elastic, Inertia, Options, generate};
 use common::{noise, solve};
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 
+/// An axis, the layer across it, and the grid faces of that layer that are cracked.
+type Cut<'a> = (usize, usize, &'a dyn Fn(usize, usize) -> bool);
+
 /// Grid of `n` cells of size `h`, with a crack on the faces of cells in the plane of index `at` across the axis that `cut`
 /// keeps; the other two indices are given in the order of the axes.
-fn cracked(
-    n: [usize; 3],
-    h: f64,
-    jitter: f64,
-    cuts: &[(usize, usize, &dyn Fn(usize, usize) -> bool)],
-) -> Domain {
+fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
     let size = n.map(|c| c as f64 * h);
     let mut points = generate::block(Point3::origin(), Point3::from(size), n, jitter, 3).unwrap();
     let id = |v: [usize; 3]| v[0] + (n[0] + 1) * (v[1] + (n[1] + 1) * v[2]);
@@ -189,6 +187,33 @@ fn each_lip_has_its_own_unknowns_and_the_front_is_shared() {
         .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut mass)
         .unwrap();
     assert!((mass.iter().sum::<f64>() / 3.0 - 1.0).abs() < 1e-13);
+}
+
+/// A cut right through: the masses of each half have its total and its first moments, wherever cells put them.
+#[test]
+fn masses_around_centroids_stay_on_their_side_of_a_crack() {
+    let domain = cracked([4, 4, 4], 0.25, 0.3, &[(0, 2, &|_, _| true)]);
+    let below: Vec<usize> = domain.lips().flat_map(|l| l.below.unwrap()).collect();
+    let options = Options {
+        inertia: Inertia::Centroids,
+        ..Options::default()
+    };
+    let model = CnemModel::new("body", domain, unit(), options).unwrap();
+    let mut mass = vec![0.0; model.layout().dofs()];
+    model
+        .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut mass)
+        .unwrap();
+    let mut halves = [(0.0, Vector3::zeros()); 2];
+    for (i, (m, x)) in mass.iter().step_by(3).zip(model.nodes()).enumerate() {
+        let half = &mut halves[usize::from(x.x > 0.5 || (x.x == 0.5 && !below.contains(&i)))];
+        half.0 += m;
+        half.1 += x.coords * *m;
+    }
+    for ((m, first), middle) in halves.into_iter().zip([0.25, 0.75]) {
+        assert!((m - 0.5).abs() < 1e-13, "{m}");
+        let error = (first / m - Vector3::new(middle, 0.5, 0.5)).norm();
+        assert!(error < 1e-13, "{error:e}");
+    }
 }
 
 /// Cracks that cross, that meet in a T, and that branch: one unknown per group around a node.

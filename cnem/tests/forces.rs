@@ -48,6 +48,7 @@ fn both_computations_agree() {
                     kind,
                     stabilisation,
                     forces,
+                    ..Options::default()
                 };
                 CnemModel::new("L", domain.clone(), silica(), options).unwrap()
             };

@@ -77,6 +77,7 @@ fn all_options() -> Vec<Options> {
                     kind,
                     stabilisation,
                     forces,
+                    ..Options::default()
                 });
             }
         }
