@@ -175,3 +175,16 @@ fn overlaps_that_one_model_does_not_fill_are_refused_and_reports_say_what_is_tie
     let tied = number(&plan, "/interface/0/tied/1");
     assert!(tied > 0.93, "{tied}");
 }
+
+#[test]
+fn masses_of_natural_elements_are_a_choice_of_the_scene() {
+    let path = scene("beam-cnem.toml");
+    let step = |inertia: &str| {
+        let set = format!("model.left.cnem.inertia={inertia}");
+        let made = succeed(&["check", "--json", text(&path), "--set", &set]);
+        let plan: serde_json::Value = serde_json::from_str(&made).expect("JSON");
+        number(&plan, "/models/0/critical_dt")
+    };
+    let ratio = step("centroids") / step("cells");
+    assert!((0.85..0.99).contains(&ratio), "{ratio}");
+}

@@ -3,11 +3,11 @@
 use super::kinds::{Body, solid_poisson};
 use super::mesh::{Request, View, one_material};
 use crate::error::{Result, cnem as natural, core, fem, value};
-use crate::scene::{CnemTable, Element, Functions, Material, ModelTable, Shape};
+use crate::scene::{CnemTable, Element, Functions, Masses, Material, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Kind as Neighbours;
-use arlequin::cnem::{CnemModel, Elastic, Options, Stabilisation};
+use arlequin::cnem::{CnemModel, Elastic, Inertia, Options, Stabilisation};
 use arlequin::core::model::CoarseModel;
 use arlequin::fem_ref::Mesh;
 use arlequin::fem_ref::generate::Rim;
@@ -87,6 +87,11 @@ fn options(table: &CnemTable) -> Options {
             None => default.stabilisation,
             Some(0.0) => Stabilisation::None,
             Some(a) => Stabilisation::SubCells(a),
+        },
+        inertia: match table.inertia {
+            None => default.inertia,
+            Some(Masses::Cells) => Inertia::Cells,
+            Some(Masses::Centroids) => Inertia::Centroids,
         },
         ..default
     }

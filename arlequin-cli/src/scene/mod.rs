@@ -19,8 +19,8 @@ pub(crate) use interface::{
     SamplingKind, WeightTable, WeightingKind,
 };
 pub(crate) use model::{
-    CnemTable, DemTable, Element, Functions, LooseKind, Material, ModelTable, NotchBox, ParticleFieldKind,
-    Protocol, RoleKind, Shape,
+    CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelTable, NotchBox,
+    ParticleFieldKind, Protocol, RoleKind, Shape,
 };
 pub(crate) use source::Source;
 pub(crate) use wake::{Near, Wake};

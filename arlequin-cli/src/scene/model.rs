@@ -137,6 +137,18 @@ pub(crate) struct CnemTable {
     pub(crate) functions: Option<Functions>,
     /// Share of the stabilisation, 0 for none.
     pub(crate) stabilisation: Option<f64>,
+    /// Which nodes carry the mass of a cell.
+    pub(crate) inertia: Option<Masses>,
+}
+
+/// Masses of natural elements.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Masses {
+    /// The cell's own node.
+    Cells,
+    /// The nodes around its centroid.
+    Centroids,
 }
 
 /// Natural-neighbour functions.
