@@ -186,5 +186,6 @@ fn masses_of_natural_elements_are_a_choice_of_the_scene() {
         number(&plan, "/models/0/critical_dt")
     };
     let ratio = step("centroids") / step("cells");
-    assert!((0.85..0.99).contains(&ratio), "{ratio}");
+    // A node beyond the weight's floor keeps a share of its neighbours' mass: the step of a coupled model grows.
+    assert!((1.2..1.3).contains(&ratio), "{ratio}");
 }
