@@ -8,6 +8,7 @@ pub mod container;
 pub(crate) mod csv;
 pub(crate) mod lattice;
 pub mod narrow;
+mod nesting;
 mod orient;
 pub mod parts;
 pub mod protocol;

@@ -1,7 +1,8 @@
 //! Surfaces from files: triangles turned alike, outer shells outwards, cavities inwards.
 
 use super::bonding::Components;
-use super::surface::{Surface, winding};
+use super::nesting::{Place, place};
+use super::surface::Surface;
 use crate::error::{DemError, Result, finite};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -11,11 +12,11 @@ type Edges = BTreeMap<(u32, u32), Vec<(usize, bool)>>;
 impl Surface {
     /// A closed surface whose triangles may be turned either way, as files bring them. Triangles
     /// with a repeated corner are left out; each connected shell is turned alike, outer shells
-    /// outwards, shells inside an odd number of others (cavities) inwards. Shells must not
-    /// cross; that is not checked.
+    /// outwards, shells inside an odd number of others (cavities) inwards. Shells may touch.
     ///
     /// # Errors
-    /// As [`Self::new`]; [`DemError::OneSidedSurface`].
+    /// As [`Self::new`]; [`DemError::OneSidedSurface`]; [`DemError::CrossingBodies`] for shells with points on both
+    /// sides of another (64 points of each are looked at).
     ///
     /// ```
     /// use dem_beam::Surface;
@@ -45,7 +46,7 @@ impl Surface {
         }
         let edges = edges(&triangles)?;
         let shells = turn_alike(&mut triangles, &edges)?;
-        turn_outwards(&vertices, &mut triangles, &shells);
+        turn_outwards(&vertices, &mut triangles, &shells)?;
         Self::new(vertices, triangles)
     }
 }
@@ -144,7 +145,7 @@ fn turn_alike(triangles: &mut [[u32; 3]], edges: &Edges) -> Result<Vec<Vec<usize
     Ok(shells)
 }
 
-fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: &[Vec<usize>]) {
+fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: &[Vec<usize>]) -> Result<()> {
     let corners = |t: &[u32; 3]| t.map(|i| vertices[i as usize]);
     for shell in shells {
         let volume = |t: &[u32; 3]| {
@@ -156,16 +157,32 @@ fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: 
         }
     }
     // All shells face outwards now, so their winding numbers are 0 or 1.
-    let inside =
-        |x: &Vector3<f64>, shell: &[usize]| winding(x, shell.iter().map(|&i| corners(&triangles[i]))) > 0.5;
-    let cavities: Vec<usize> = (0..shells.len())
-        .filter(|&s| {
-            let x = vertices[triangles[shells[s][0]][0] as usize];
-            let around = (0..shells.len()).filter(|&o| o != s && inside(&x, &shells[o]));
-            around.count() % 2 == 1
-        })
+    let facing: Vec<Vec<_>> = shells
+        .iter()
+        .map(|s| s.iter().map(|&i| corners(&triangles[i])).collect())
         .collect();
+    let mut cavities = Vec::new();
+    for s in 0..shells.len() {
+        let mut around = 0;
+        for o in (0..shells.len()).filter(|&o| o != s) {
+            match place(&facing[s], &facing[o]) {
+                Place::Outside => {}
+                Place::Inside => around += 1,
+                Place::Crossing(x) => {
+                    return Err(DemError::CrossingBodies {
+                        first: s.min(o) + 1,
+                        second: s.max(o) + 1,
+                        point: x.into(),
+                    });
+                }
+            }
+        }
+        if around % 2 == 1 {
+            cavities.push(s);
+        }
+    }
     for s in cavities {
         shells[s].iter().for_each(|&i| triangles[i].swap(1, 2));
     }
+    Ok(())
 }

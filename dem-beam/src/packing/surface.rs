@@ -1,5 +1,6 @@
 //! A closed triangle surface: volume, inside test, nearest point through a uniform grid.
 
+use super::nesting::{Place, place};
 use crate::error::{DemError, Result, finite};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -111,11 +112,12 @@ impl Surface {
         };
         let (mut outer, cavities): (Vec<_>, Vec<_>) = shells.into_iter().partition(|s| volume(s) > 0.0);
         let sizes: Vec<f64> = outer.iter().map(|s| volume(s)).collect();
-        let around = |o: &[[u32; 3]], x: &Vector3<f64>| winding(x, o.iter().map(corners)) > 0.5;
+        let facing = |shell: &[[u32; 3]]| shell.iter().map(corners).collect::<Vec<_>>();
+        let outside: Vec<_> = outer.iter().map(|o| facing(o)).collect();
         let mut owners = Vec::with_capacity(cavities.len());
         for cavity in &cavities {
-            let x = self.vertices[cavity[0][0] as usize];
-            let holds = (0..outer.len()).filter(|&o| around(&outer[o], &x));
+            let inner = facing(cavity);
+            let holds = (0..outer.len()).filter(|&o| place(&inner, &outside[o]) == Place::Inside);
             owners.push(holds.min_by(|&a, &b| sizes[a].total_cmp(&sizes[b])));
         }
         for (cavity, owner) in cavities.into_iter().zip(owners) {
