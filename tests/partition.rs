@@ -253,14 +253,16 @@ fn a_model_alone_has_all_of_itself() {
         let body = Subdomain::coarse(model.unwrap(), w).with_partition(partition);
         Coupled::new(vec![body], Vec::new(), TimeStep::Fraction(0.8), None)
     };
-    let half = || Weights::same(Arc::new(Uniform(0.5)));
     assert!(build(Weights::uncoupled(), Partition::Checked).is_ok());
-    assert!(build(half(), Partition::Unchecked).is_ok());
-    let error = build(half(), Partition::Checked).unwrap_err();
-    assert!(
-        matches!(&error, Error::PartitionOfUnity { model, .. } if model == "alone"),
-        "{error}"
-    );
+    for weight in [0.5, 1.5] {
+        let part = || Weights::same(Arc::new(Uniform(weight)));
+        assert!(build(part(), Partition::Unchecked).is_ok());
+        let error = build(part(), Partition::Checked).unwrap_err();
+        assert!(
+            matches!(&error, Error::PartitionOfUnity { model, sum, .. } if model == "alone" && *sum == weight),
+            "{error}"
+        );
+    }
 }
 
 #[test]

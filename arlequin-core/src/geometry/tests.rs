@@ -260,3 +260,28 @@ proptest! {
         prop_assert!((ab - truth).abs() < bound && (ba - truth).abs() < bound, "{ab} {ba} {truth}");
     }
 }
+
+#[test]
+fn corners_that_differ_by_round_off_are_one_and_a_face_in_the_plane_counts_once() {
+    let plane = |normal, at: f64| HalfSpace::new(&Point3::new(at, at, at), normal);
+    let mut apart = cube(0.5, 0.5);
+    for (k, face) in apart.faces.iter_mut().enumerate() {
+        let shift = Vector3::repeat(k as f64 * f64::EPSILON);
+        face.iter_mut().for_each(|p| *p += shift);
+    }
+    let half = apart.clip(&plane(Vector3::x(), 0.75));
+    assert_eq!(half.faces.iter().map(Vec::len).collect::<Vec<_>>(), [4; 6]);
+    assert!((half.volume() - 0.0625).abs() < 1e-14, "{}", half.volume());
+
+    // A roof whose lower half lies in the plane and whose upper half lies beyond it, by round-off.
+    let z = [-14.0, 14.0, 20.0].map(|k| 1.0 + k * f64::EPSILON);
+    let gable = |y: f64| {
+        [[0.0, 0.0], [1.0, 0.0], [1.0, z[2]], [0.5, z[1]], [0.0, z[0]]].map(|[x, z]| Point3::new(x, y, z))
+    };
+    let (a, b) = (gable(0.0), gable(1.0));
+    let mut faces = vec![a.to_vec(), b.to_vec()];
+    faces.extend((0..5).map(|k| vec![a[k], a[(k + 1) % 5], b[(k + 1) % 5], b[k]]));
+    let cut = Polyhedron { faces }.clip(&plane(Vector3::z(), 1.0));
+    assert_eq!(cut.faces.len(), 7);
+    assert!((cut.volume() - 1.0).abs() < 1e-13, "{}", cut.volume());
+}
