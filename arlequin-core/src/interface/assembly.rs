@@ -84,7 +84,12 @@ pub(super) fn assemble<T: Real>(
             let mut sums = Sums::new(spec, sides, components).over_particles(m);
             sums.add(samples, UNKNOWN)?;
             let (coupling, [covered, reached]) = sums.finish(&mut warnings)?;
-            check_coverage(spec, sides[m].name, covered, total)?;
+            check_coverage(
+                spec,
+                sides[m].name,
+                [covered, total],
+                [T::of(PARTICLE_COVERAGE); 2],
+            )?;
             (coupling, covered + reached)
         }
     };
@@ -123,13 +128,18 @@ fn degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> Option<
     Some(wanted.min(HIGHEST))
 }
 
-fn check_coverage<T: Real>(spec: &InterfaceSpec<T>, model: &str, covered: T, total: T) -> Result<()> {
+/// Compares what a model covers of the mediator with all of it; `limits`: relative excess and defect that are let pass.
+fn check_coverage<T: Real>(
+    spec: &InterfaceSpec<T>,
+    model: &str,
+    [covered, total]: [T; 2],
+    [excess, defect]: [T; 2],
+) -> Result<()> {
     let (interface, model) = (spec.name.clone(), model.to_owned());
     if covered <= T::zero() {
         return Err(Error::EmptyOverlap { interface, model });
     }
-    let beyond = (covered - total) / total;
-    if beyond > T::of(PARTICLE_COVERAGE) {
+    if covered - total > total * excess {
         let (covered, total) = (covered.as_f64(), total.as_f64());
         return Err(Error::CoveredTwice {
             interface,
@@ -138,7 +148,7 @@ fn check_coverage<T: Real>(spec: &InterfaceSpec<T>, model: &str, covered: T, tot
             total,
         });
     }
-    if -beyond > T::of(PARTICLE_COVERAGE) {
+    if total - covered > total * defect {
         let (outside, total) = ((total - covered).as_f64(), total.as_f64());
         return Err(Error::OverhangingMediator {
             interface,
@@ -220,29 +230,9 @@ fn refined<T: Real>(
             }
         }
     }
-    for (m, covered) in covered.into_iter().enumerate() {
-        let (interface, model) = (spec.name.clone(), sides[m].name.to_owned());
-        if covered <= T::zero() {
-            return Err(Error::EmptyOverlap { interface, model });
-        }
-        if covered - total > total * T::of(TWICE).max(T::epsilon().sqrt()) {
-            let (covered, total) = (covered.as_f64(), total.as_f64());
-            return Err(Error::CoveredTwice {
-                interface,
-                model,
-                covered,
-                total,
-            });
-        }
-        if total - covered > total * T::of(OVERHANG_LIMIT) {
-            let (outside, total) = ((total - covered).as_f64(), total.as_f64());
-            return Err(Error::OverhangingMediator {
-                interface,
-                model,
-                outside,
-                total,
-            });
-        }
+    let limits = [T::of(TWICE).max(T::epsilon().sqrt()), T::of(OVERHANG_LIMIT)];
+    for (side, covered) in sides.iter().zip(covered) {
+        check_coverage(spec, side.name, [covered, total], limits)?;
     }
     let (coupling, [measure, _]) = sums.finish(warnings)?;
     Ok((coupling, measure))
