@@ -7,8 +7,7 @@ use crate::build::{self, Built};
 use crate::error::{Error, Result, core, key, value};
 use crate::recorder::PhaseClock;
 use crate::report;
-use crate::scene::{Precision, Scene};
-use arlequin::core::Real;
+use crate::scene::Scene;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -153,13 +152,10 @@ fn variants(scene: &Scene) -> Vec<(String, Scene)> {
 
 fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
     let built = build::build(scene, folder)?;
-    match scene.time.precision {
-        Precision::Double => steps(built),
-        Precision::Single => steps(built.narrowed()?),
-    }
+    steps(built)
 }
 
-fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
+fn steps(built: Built) -> Result<Trace> {
     let Built {
         mut run,
         probes,
@@ -183,7 +179,7 @@ fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
             out.failed = Some(core("time")(e));
             break;
         }
-        out.times.push(run.time().as_f64());
+        out.times.push(run.time());
         for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
             values.push(reader.read(run.subdomains()));
         }

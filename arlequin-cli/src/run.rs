@@ -10,9 +10,8 @@ use crate::output::summary::{self, Energy, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
-use crate::scene::Precision;
 use crate::wake::{self, Stage};
-use arlequin::core::{Coupled, Real};
+use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::SharedLog;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -36,13 +35,7 @@ pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<
     let built = build::build(&input.scene, input.source.folder())?;
     // Made only now: Ctrl-C during the set-up leaves nothing behind.
     let stop = watch_interrupt()?;
-    match input.scene.time.precision {
-        Precision::Double => Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop),
-        Precision::Single => {
-            let built = built.narrowed()?;
-            Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop)
-        }
-    }
+    Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop)
 }
 
 /// Files a run reads.
@@ -91,14 +84,7 @@ pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCo
     let built = build::build(&input.scene, source.folder())?;
     let stop = watch_interrupt()?;
     let origin = saved.origin.clone();
-    let open = || Folder::reopen(target);
-    match input.scene.time.precision {
-        Precision::Double => Session::new(&input, built, open()?, origin)?.rest(saved, begin, &stop),
-        Precision::Single => {
-            let built = built.narrowed()?;
-            Session::new(&input, built, open()?, origin)?.rest(saved, begin, &stop)
-        }
-    }
+    Session::new(&input, built, Folder::reopen(target)?, origin)?.rest(saved, begin, &stop)
 }
 
 /// Why the steps ended.
@@ -142,9 +128,9 @@ impl Status {
 }
 
 /// A run with everything that records it.
-pub(crate) struct Session<'a, T: Real> {
+pub(crate) struct Session<'a> {
     input: &'a Input<'a>,
-    run: Coupled<T>,
+    run: Coupled<f64>,
     steps: usize,
     recorder: Recorder,
     clock: PhaseClock,
@@ -160,9 +146,9 @@ pub(crate) struct Session<'a, T: Real> {
     bounds: Bounds,
 }
 
-impl<'a, T: Real> Session<'a, T> {
+impl<'a> Session<'a> {
     /// Records the state before the first step.
-    pub(crate) fn new(input: &'a Input<'a>, built: Built<T>, folder: Folder, origin: Origin) -> Result<Self> {
+    pub(crate) fn new(input: &'a Input<'a>, built: Built, folder: Folder, origin: Origin) -> Result<Self> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
@@ -206,7 +192,7 @@ impl<'a, T: Real> Session<'a, T> {
     }
 
     /// The run.
-    pub(crate) fn coupled(&self) -> &Coupled<T> {
+    pub(crate) fn coupled(&self) -> &Coupled<f64> {
         &self.run
     }
 
@@ -224,7 +210,7 @@ impl<'a, T: Real> Session<'a, T> {
 
     /// Takes the state of a checkpoint.
     pub(crate) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
-        let restored = self.run.restore(&saved.snapshot.rounded());
+        let restored = self.run.restore(&saved.snapshot);
         restored.map_err(|e| Error::Checkpoint {
             path: self.folder.path().join(checkpoint::NAME),
             reason: format!("does not fit the run that its scene gives: {e}"),
@@ -373,7 +359,7 @@ impl<'a, T: Real> Session<'a, T> {
     pub(crate) fn advance(
         &mut self,
         stop: &AtomicBool,
-        woken: &mut dyn FnMut(&Coupled<T>, &mut Option<Stage>) -> bool,
+        woken: &mut dyn FnMut(&Coupled<f64>, &mut Option<Stage>) -> bool,
     ) -> Result<End> {
         if !self.input.json {
             self.recorder.warnings.iter().for_each(|w| report::warning(w));
@@ -424,7 +410,7 @@ impl<'a, T: Real> Session<'a, T> {
         Checkpoint {
             version: env!("CARGO_PKG_VERSION").into(),
             origin: self.origin.clone(),
-            snapshot: self.run.snapshot().rounded(),
+            snapshot: self.run.snapshot(),
             records: self.recorder.records(),
             wake: self.stage.clone(),
         }
@@ -452,9 +438,9 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-fn summarise<T: Real>(
+fn summarise(
     input: &Input<'_>,
-    run: &Coupled<T>,
+    run: &Coupled<f64>,
     r: &Recorder,
     wall_seconds: WallSeconds,
     status: Status,
@@ -475,25 +461,20 @@ fn summarise<T: Real>(
         set: input.set.to_vec(),
         threads: input.threads,
         models: Vec::new(),
-        precision: input.scene.time.precision.name(),
         dt: plan.dt,
         critical_dt: plan.critical_dt,
         steps: run.steps(),
-        time: run.time().as_f64(),
+        time: run.time(),
         frames: r.frames.count(),
         wall_seconds,
         peak_bytes: summary::process_bytes("VmHWM:"),
         energy: Energy {
             initial: r.initial_energy,
-            last: run.energy().as_f64(),
-            h_drift_max: run.drift().as_f64(),
-            created_max: run.top_created().as_f64(),
-            start_loss: run.start_loss().as_f64(),
-            ledger: run
-                .works()
-                .into_iter()
-                .map(|w| (w.name, w.work.as_f64()))
-                .collect(),
+            last: run.energy(),
+            h_drift_max: run.drift(),
+            created_max: run.top_created(),
+            start_loss: run.start_loss(),
+            ledger: run.works().into_iter().map(|w| (w.name, w.work)).collect(),
         },
         momentum: summary::momentum(run),
         interface: summary::interfaces(run, &r.residuals),

@@ -74,30 +74,6 @@ pub(crate) struct Time {
     /// The step.
     #[serde(default)]
     pub(crate) step: StepChoice,
-    /// Width of the numbers that step.
-    #[serde(default)]
-    pub(crate) precision: Precision,
-}
-
-impl Precision {
-    /// Its name in scenes and reports.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Double => "double",
-            Self::Single => "single",
-        }
-    }
-}
-
-/// Width of the numbers that step; the set-up is always in 64 bits.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Precision {
-    /// 64 bits.
-    #[default]
-    Double,
-    /// 32 bits.
-    Single,
 }
 
 /// How the time step is chosen.
