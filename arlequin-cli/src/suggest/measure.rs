@@ -3,11 +3,11 @@
 use super::apply::Change;
 use super::choose::Measured;
 use super::scenario::{self, Scenario};
-use crate::Input;
-use crate::build;
 use crate::error::{Result, core};
-use crate::recorder::PhaseClock;
 use arlequin::core::Coupled;
+use arlequin_scene::Input;
+use arlequin_scene::recorder::PhaseClock;
+use arlequin_scene::setup::{self, Built};
 use std::time::Instant;
 
 /// Seconds of trial steps per scene.
@@ -22,7 +22,7 @@ pub(crate) fn measure(input: &Input<'_>, changes: &[Change]) -> Result<(Measured
     set.extend(changes.iter().filter_map(Change::assignment));
     let scene = input.source.scene(&set)?;
     let s = scenario::scenario(&scene)?;
-    let built = build::build(&scene, input.source.folder())?;
+    let built = setup::build(&scene, input.source.folder())?;
     let setup = begin.elapsed().as_secs_f64();
     let mut run = built.run;
     let end = s.end.unwrap_or(built.steps as f64 * run.dt());
