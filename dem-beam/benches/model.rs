@@ -6,7 +6,7 @@
 
 use arlequin_core::observer::Silent;
 use arlequin_core::weight::Weight;
-use arlequin_core::{Coupled, Guard, Model, Partition, Subdomain, TimeStep, Weighting, Weights};
+use arlequin_core::{Coupled, Guard, Model, Partition, Subdomain, TimeStep, Weights};
 use dem_beam::{
     BeamDynamics, BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter,
     Twist,
@@ -62,7 +62,7 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
     };
     bare.set_velocities(&kick)?;
     let mut model = make()?;
-    model.set_internal_weight(&Along, Weighting::Energy)?;
+    model.set_internal_weight(&Along)?;
     let n = model.layout().dofs();
     let q: Vec<f64> = (0..n)
         .map(|i| (i as f64).sin() * if i < n / 2 { 1e-9 } else { 1e-4 })

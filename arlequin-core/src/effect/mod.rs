@@ -205,8 +205,7 @@ impl<T: Real> Effect<T> for BodyForce<T> {
     fn attach(&mut self, site: &Site<'_, T>) -> Result<()> {
         let DofLayout { components, .. } = site.model.layout();
         let mut mass = vec![T::zero(); site.model.layout().dofs()];
-        site.model
-            .lumped_inertia(&*site.weights.external, site.weights.weighting, &mut mass)?;
+        site.model.lumped_inertia(&*site.weights.external, &mut mass)?;
         mass.truncate(site.model.layout().translations());
         for (i, m) in mass.iter_mut().enumerate() {
             *m *= self.acceleration[i % components];

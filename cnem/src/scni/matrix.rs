@@ -190,15 +190,14 @@ impl BlockMatrix {
         out
     }
 
-    /// Subtracts `D K q` from `f` \[N\], with an optional factor `D` per node. Allocates nothing.
-    pub(crate) fn subtract_product(&self, q: &[f64], factors: Option<&[f64]>, f: &mut [f64]) {
+    /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
+    pub(crate) fn subtract_product(&self, q: &[f64], f: &mut [f64]) {
         let q = q.as_chunks::<3>().0;
         let work = |chunk: usize, f: &mut [f64]| {
             for (k, out) in f.as_chunks_mut::<3>().0.iter_mut().enumerate() {
                 let i = chunk * CHUNK + k;
                 let y = self.row(i, q);
-                let d = factors.map_or(1.0, |d| d[i]);
-                (0..3).for_each(|a| out[a] -= y[a] * d);
+                (0..3).for_each(|a| out[a] -= y[a]);
             }
         };
         if q.len() < SERIAL {
@@ -226,26 +225,21 @@ impl BlockMatrix {
         Vector3::new(y[0] + y[1] + y[2], y[3] + y[4] + y[5], y[6] + y[7] + y[8])
     }
 
-    /// `½ qᵀ D K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
-    pub(crate) fn energy(&self, q: &[f64], factors: Option<&[f64]>) -> f64 {
-        0.5 * self.energy_of(0..q.len() / 3, q.as_chunks::<3>().0, factors)
+    /// `½ qᵀ K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
+    pub(crate) fn energy(&self, q: &[f64]) -> f64 {
+        0.5 * self.energy_of(0..q.len() / 3, q.as_chunks::<3>().0)
     }
 
-    fn energy_of(&self, rows: Range<usize>, q: &[[f64; 3]], factors: Option<&[f64]>) -> f64 {
+    fn energy_of(&self, rows: Range<usize>, q: &[[f64; 3]]) -> f64 {
         if rows.len() <= CHUNK {
-            return rows.fold(0.0, |sum, i| {
-                sum + self.row(i, q).dot(&Vector3::from(q[i])) * factors.map_or(1.0, |d| d[i])
-            });
+            return rows.fold(0.0, |sum, i| sum + self.row(i, q).dot(&Vector3::from(q[i])));
         }
         let middle = rows.start + rows.len() / 2;
         let (low, high) = (rows.start..middle, middle..rows.end);
         let (a, b) = if rows.len() < SERIAL {
-            (self.energy_of(low, q, factors), self.energy_of(high, q, factors))
+            (self.energy_of(low, q), self.energy_of(high, q))
         } else {
-            rayon::join(
-                || self.energy_of(low, q, factors),
-                || self.energy_of(high, q, factors),
-            )
+            rayon::join(|| self.energy_of(low, q), || self.energy_of(high, q))
         };
         a + b
     }
