@@ -86,7 +86,7 @@ pub struct BeamRigidity {
 }
 
 /// One bond, ready for use: `axis = n/l` (1/m) and `scale = w l` (m), `w` the weight.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LinearBond {
     /// `n/l`, from the first particle to the second.
     pub axis: Vector3<f64>,

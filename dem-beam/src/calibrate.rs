@@ -8,9 +8,9 @@
 
 use crate::bond::BeamMaterial;
 use crate::error::{DemError, Result, finite, positive};
-use crate::kernel::Held;
 use crate::packing::Packing;
 use crate::particles::BondedParticles;
+use crate::statics::Held;
 use crate::statics::StaticProblem;
 use nalgebra::{Matrix3, Vector3};
 

@@ -11,7 +11,9 @@ use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 use crate::error::{DemError, Result, finite, positive};
 use crate::packing::Packing;
 use crate::packing::cells::image;
+use arlequin_core::adjacency::Adjacency;
 use nalgebra::Vector3;
+use std::sync::{Arc, OnceLock};
 
 /// Largest ratio of radii accepted (the neighbour search and the beam law lose their meaning).
 pub const MAX_RADIUS_RATIO: f64 = 20.0;
@@ -31,6 +33,7 @@ pub struct BondedParticles {
     mass: Vec<f64>,
     inertia: Vec<f64>,
     rigidity: BeamRigidity,
+    adjacency: OnceLock<Arc<Adjacency<[u32; 2]>>>,
 }
 
 /// What has to be known besides geometry.
@@ -144,6 +147,7 @@ impl BondedParticles {
             full_mass,
             inertia,
             rigidity,
+            adjacency: OnceLock::new(),
         })
     }
 
@@ -278,6 +282,12 @@ impl BondedParticles {
     #[must_use]
     pub fn inertia(&self) -> &[f64] {
         &self.inertia
+    }
+
+    /// Other end and bond of each bond of a particle, sorted.
+    pub(crate) fn adjacency(&self) -> Arc<Adjacency<[u32; 2]>> {
+        let new = || Arc::new(Adjacency::of_pairs(self.len(), &self.pairs).sorted());
+        self.adjacency.get_or_init(new).clone()
     }
 
     /// Section rigidities, the same for all bonds.

@@ -102,8 +102,8 @@ impl DemModel {
         let log = locked(&self.log);
         let (body, whole) = (&self.body, |b: usize| !log.is_broken(b));
         match &mut self.kernel {
-            Kernel::Linear(k) => k.refresh(&blocks, body, &fracture.incidence, &whole),
-            Kernel::Finite(k) => k.refresh(&blocks, body, &fracture.incidence, &whole),
+            Kernel::Linear(k) => k.refresh(&blocks, body, &fracture.adjacency, &whole),
+            Kernel::Finite(k) => k.refresh(&blocks, body, &fracture.adjacency, &whole),
         }
         fracture.follow(&blocks, &whole);
         blocks
