@@ -3,10 +3,10 @@
 
 use super::path::{self, Arrival};
 use super::scenario::{Scenario, Spectrum};
-use crate::build;
 use crate::error::{Error, Result, core};
-use crate::scene::{JunctionKind, ProfileKind, Scene};
 use arlequin::core::harmonic::{HarmonicOverlap, Port};
+use arlequin_scene::scene::{JunctionKind, ProfileKind, Scene};
+use arlequin_scene::setup;
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -125,7 +125,7 @@ fn table(f: &Form) -> Result<Table> {
         what: "writing the miniature of an overlap",
         message: e.message().to_owned(),
     })?;
-    let run = build::build(&scene, Path::new("."))?.run;
+    let run = setup::build(&scene, Path::new("."))?.run;
     let nodes = |k: usize| run.subdomains()[k].model().nodes();
     let spacing = |k: usize| (nodes(k)[1].x - nodes(k)[0].x).abs();
     let port = |subdomain: usize, dof: usize| {
