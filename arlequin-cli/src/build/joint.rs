@@ -14,7 +14,7 @@ use arlequin::core::junction::{H1Gradient, H1Seminorm, H1Strain, Junction, L2};
 use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
-use arlequin::core::weight::{Profile, Ramp, Weight, Weighting};
+use arlequin::core::weight::{Ramp, Weight, Weighting};
 use arlequin::core::{InterfaceOptions, InterfaceSpec, Partition, Sampling, Weights};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{FemField, FemMediator};
@@ -238,26 +238,22 @@ pub(super) fn weights(
     };
     let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
-        let profile = match (kind, constant) {
-            (ProfileKind::Constant, Some(v)) => Profile::Constant(v),
-            (ProfileKind::Constant, None) => {
+        match (kind == ProfileKind::Constant, constant) {
+            (true, None) => {
                 return Err(crate::error::key(
                     path,
                     "the constant profile needs value [-], such as value = 0.5",
                 ));
             }
-            (_, Some(v)) => {
+            (false, Some(v)) => {
                 let rule = "belongs to the constant profile; remove it or choose profile = \"constant\"";
                 return Err(value(format!("{path}.value"), v, rule));
             }
-            (ProfileKind::Linear, None) => Profile::Linear,
-            (ProfileKind::Cubic, None) => Profile::Cubic,
-            (ProfileKind::Quintic, None) => Profile::Quintic,
-            (ProfileKind::MediatorCompatible, None) => {
-                Profile::mediator_compatible(&stations(&**overlap, mediator))
-                    .map_err(core(format!("{path}.profile")))?
-            }
-        };
+            _ => {}
+        }
+        let profile = kind
+            .profile(constant, &stations(&**overlap, mediator))
+            .map_err(core(format!("{path}.profile")))?;
         let [coarse, fine] = match epsilon {
             None => floors(table, brittle),
             Some(e) => [e, table.fine_epsilon.unwrap_or(e)],

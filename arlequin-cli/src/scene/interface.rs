@@ -3,6 +3,8 @@
 use super::model::{Element, Shape};
 use serde::Deserialize;
 
+pub(crate) use arlequin::core::weight::ProfileKind;
+
 /// `[interface.NAME]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -117,23 +119,6 @@ pub(crate) struct ProfileTable {
     pub(crate) value: Option<f64>,
     /// Smallest weight in the overlap \[–\].
     pub(crate) epsilon: Option<f64>,
-}
-
-/// Shapes of the transition.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum ProfileKind {
-    /// The same value in the whole overlap.
-    Constant,
-    /// C0.
-    Linear,
-    /// C1; reflects least for its width, hence the default.
-    #[default]
-    Cubic,
-    /// C2.
-    Quintic,
-    /// C1 with a gradient in the mediator space: exact patch test.
-    MediatorCompatible,
 }
 
 /// How weights enter a model.

@@ -64,21 +64,6 @@ pub(crate) fn tables(forms: &[Form]) -> Result<Vec<Table>> {
     forms.par_iter().map(table).collect()
 }
 
-fn profile_name(p: ProfileKind) -> &'static str {
-    match p {
-        ProfileKind::Constant => "constant",
-        ProfileKind::Linear => "linear",
-        ProfileKind::Cubic => "cubic",
-        ProfileKind::Quintic => "quintic",
-        ProfileKind::MediatorCompatible => "mediator-compatible",
-    }
-}
-
-/// Name of a weight in a scene.
-pub(crate) fn weight_name(p: ProfileKind) -> &'static str {
-    profile_name(p)
-}
-
 /// Name of a junction in a scene.
 pub(crate) fn junction_name(j: JunctionKind) -> &'static str {
     match j {
@@ -113,7 +98,7 @@ fn miniature(f: &Form) -> String {
          junction = {{ kind = \"{junction}\"{length} }}\n[time]\nsteps = 1\n",
         from = f.overlap - bonds * (f.overlap + 4.0 * r) / bonds,
         to = f.overlap,
-        profile = profile_name(f.profile),
+        profile = f.profile,
         h_b = f.h_b,
         junction = junction_name(f.junction),
     )
