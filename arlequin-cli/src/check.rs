@@ -1,15 +1,15 @@
 //! `arlequin check`: builds everything, prints the plan, runs nothing.
 
-use crate::Input;
-use crate::build::{self, Built};
 use crate::error::{Error, Result};
-use crate::output::Frames;
-use crate::output::summary::{self, InterfaceLine, ModelLine};
-use crate::recorder::PhaseClock;
 use crate::report;
-use crate::scene::{Precision, Scene};
-use crate::wake;
 use arlequin::core::{Coupled, Real};
+use arlequin_scene::Input;
+use arlequin_scene::output::Frames;
+use arlequin_scene::output::summary::{self, InterfaceLine, ModelLine};
+use arlequin_scene::recorder::PhaseClock;
+use arlequin_scene::scene::{Precision, Scene};
+use arlequin_scene::setup::{self, Built};
+use arlequin_scene::wake;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -56,10 +56,10 @@ pub(crate) struct Plan {
 }
 
 /// Checks a scene.
-pub(crate) fn check(input: &Input<'_>) -> Result<()> {
+pub(crate) fn check(input: &Input<'_>, json: bool) -> Result<()> {
     let begin = Instant::now();
     let (asleep, built) = match &input.scene.wake {
-        None => (None, build::build(&input.scene, input.source.folder())?),
+        None => (None, setup::build(&input.scene, input.source.folder())?),
         Some(w) => {
             let (scene, asleep, built) = wake::both(input, w)?;
             (Some((scene, asleep)), built)
@@ -71,7 +71,7 @@ pub(crate) fn check(input: &Input<'_>) -> Result<()> {
         Precision::Single => plan(input, &input.scene, built.narrowed()?, setup),
     };
     out.asleep = asleep.map(|(scene, built)| Box::new(plan(input, &scene, built, setup)));
-    if input.json {
+    if json {
         let text = serde_json::to_string_pretty(&out).map_err(|e| Error::System {
             what: "writing the plan",
             message: e.to_string(),

@@ -2,13 +2,13 @@
 //!
 //! Results are the same in every run; times are not, so each variant runs several times, in turns, and its least counts.
 
-use crate::Input;
-use crate::build::{self, Built};
 use crate::error::{Error, Result, core, key, value};
-use crate::recorder::PhaseClock;
 use crate::report;
-use crate::scene::{Precision, Scene};
 use arlequin::core::Real;
+use arlequin_scene::Input;
+use arlequin_scene::recorder::PhaseClock;
+use arlequin_scene::scene::{Precision, Scene};
+use arlequin_scene::setup::{self, Built};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -58,8 +58,8 @@ struct Trace {
 }
 
 /// Compares and prints.
-pub(crate) fn effects(input: &Input<'_>, repeat: usize) -> Result<()> {
-    crate::wake::refuse(&input.scene, "effects")?;
+pub(crate) fn effects(input: &Input<'_>, repeat: usize, json: bool) -> Result<()> {
+    arlequin_scene::wake::refuse(&input.scene, "effects")?;
     let folder = input.source.folder();
     if repeat == 0 {
         return Err(value("--repeat", 0, "must be at least 1"));
@@ -107,7 +107,7 @@ pub(crate) fn effects(input: &Input<'_>, repeat: usize) -> Result<()> {
         effects: changes,
         missing: messages(given.missing),
     };
-    if input.json {
+    if json {
         let text = serde_json::to_string_pretty(&out).map_err(|e| Error::System {
             what: "writing the comparison",
             message: e.to_string(),
@@ -152,7 +152,7 @@ fn variants(scene: &Scene) -> Vec<(String, Scene)> {
 }
 
 fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
-    let built = build::build(scene, folder)?;
+    let built = setup::build(scene, folder)?;
     match scene.time.precision {
         Precision::Double => steps(built),
         Precision::Single => steps(built.narrowed()?),

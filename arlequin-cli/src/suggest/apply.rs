@@ -3,7 +3,7 @@
 use super::choose::Proposal;
 use super::scenario::Scenario;
 use crate::error::{Error, Result, key, value, write as write_error};
-use crate::scene::{JunctionKind, OverlapShape, Scene, Shape, Source};
+use arlequin_scene::scene::{JunctionKind, OverlapShape, Scene, Shape, Source};
 use std::path::Path;
 use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
 

@@ -3,12 +3,12 @@
 use super::apply::Change;
 use super::choose::Measured;
 use super::scenario::{self, Scenario};
-use crate::Input;
-use crate::build::{self, Built};
 use crate::error::{Result, core};
-use crate::recorder::PhaseClock;
-use crate::scene::Precision;
 use arlequin::core::{Coupled, Real};
+use arlequin_scene::Input;
+use arlequin_scene::recorder::PhaseClock;
+use arlequin_scene::scene::Precision;
+use arlequin_scene::setup::{self, Built};
 use std::time::Instant;
 
 /// Seconds of trial steps per scene.
@@ -23,7 +23,7 @@ pub(crate) fn measure(input: &Input<'_>, changes: &[Change]) -> Result<(Measured
     set.extend(changes.iter().filter_map(Change::assignment));
     let scene = input.source.scene(&set)?;
     let s = scenario::scenario(&scene)?;
-    let built = build::build(&scene, input.source.folder())?;
+    let built = setup::build(&scene, input.source.folder())?;
     match scene.time.precision {
         Precision::Double => timed(built, &s, begin),
         Precision::Single => timed(built.narrowed()?, &s, begin),

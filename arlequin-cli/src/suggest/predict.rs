@@ -3,10 +3,10 @@
 
 use super::path::{self, Arrival};
 use super::scenario::{Scenario, Spectrum};
-use crate::build;
 use crate::error::{Error, Result, core};
-use crate::scene::{JunctionKind, ProfileKind, Scene};
 use arlequin::core::harmonic::{HarmonicOverlap, Port};
+use arlequin_scene::scene::{JunctionKind, ProfileKind, Scene};
+use arlequin_scene::setup;
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -64,16 +64,6 @@ pub(crate) fn tables(forms: &[Form]) -> Result<Vec<Table>> {
     forms.par_iter().map(table).collect()
 }
 
-/// Name of a junction in a scene.
-pub(crate) fn junction_name(j: JunctionKind) -> &'static str {
-    match j {
-        JunctionKind::L2 => "l2",
-        JunctionKind::H1Strain => "h1-strain",
-        JunctionKind::H1Gradient => "h1-gradient",
-        JunctionKind::H1Seminorm => "h1-seminorm",
-    }
-}
-
 /// A chain and a bar of unit modulus, density and element length, with the overlap of the form.
 fn miniature(f: &Form) -> String {
     let r = 1.0 / f.ratio.min(FINEST);
@@ -100,7 +90,7 @@ fn miniature(f: &Form) -> String {
         to = f.overlap,
         profile = f.profile,
         h_b = f.h_b,
-        junction = junction_name(f.junction),
+        junction = f.junction,
     )
 }
 
@@ -110,7 +100,7 @@ fn table(f: &Form) -> Result<Table> {
         what: "writing the miniature of an overlap",
         message: e.message().to_owned(),
     })?;
-    let run = build::build(&scene, Path::new("."))?.run;
+    let run = setup::build(&scene, Path::new("."))?.run;
     let nodes = |k: usize| run.subdomains()[k].model().nodes();
     let spacing = |k: usize| (nodes(k)[1].x - nodes(k)[0].x).abs();
     let port = |subdomain: usize, dof: usize| {
