@@ -24,7 +24,6 @@ pub mod model;
 pub mod momentum;
 mod motion;
 mod named;
-mod narrow;
 pub mod observer;
 pub mod overlap;
 pub mod parallel;
