@@ -2,13 +2,12 @@
 //!
 //! Results are the same in every run; times are not, so each variant runs several times, in turns, and its least counts.
 
-use crate::Input;
-use crate::build::{self, Built};
 use crate::error::{Error, Result, core, key, value};
-use crate::recorder::PhaseClock;
 use crate::report;
-use crate::scene::{Precision, Scene};
-use arlequin::core::Real;
+use arlequin_scene::Input;
+use arlequin_scene::recorder::PhaseClock;
+use arlequin_scene::scene::Scene;
+use arlequin_scene::setup::{self, Built};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -58,8 +57,8 @@ struct Trace {
 }
 
 /// Compares and prints.
-pub(crate) fn effects(input: &Input<'_>, repeat: usize) -> Result<()> {
-    crate::wake::refuse(&input.scene, "effects")?;
+pub(crate) fn effects(input: &Input<'_>, repeat: usize, json: bool) -> Result<()> {
+    arlequin_scene::wake::refuse(&input.scene, "effects")?;
     let folder = input.source.folder();
     if repeat == 0 {
         return Err(value("--repeat", 0, "must be at least 1"));
@@ -107,7 +106,7 @@ pub(crate) fn effects(input: &Input<'_>, repeat: usize) -> Result<()> {
         effects: changes,
         missing: messages(given.missing),
     };
-    if input.json {
+    if json {
         let text = serde_json::to_string_pretty(&out).map_err(|e| Error::System {
             what: "writing the comparison",
             message: e.to_string(),
@@ -152,14 +151,10 @@ fn variants(scene: &Scene) -> Vec<(String, Scene)> {
 }
 
 fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
-    let built = build::build(scene, folder)?;
-    match scene.time.precision {
-        Precision::Double => steps(built),
-        Precision::Single => steps(built.narrowed()?),
-    }
+    steps(setup::build(scene, folder)?)
 }
 
-fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
+fn steps(built: Built) -> Result<Trace> {
     let Built {
         mut run,
         probes,
@@ -183,7 +178,7 @@ fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
             out.failed = Some(core("time")(e));
             break;
         }
-        out.times.push(run.time().as_f64());
+        out.times.push(run.time());
         for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
             values.push(reader.read(run.subdomains()));
         }

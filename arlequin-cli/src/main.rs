@@ -1,31 +1,20 @@
 //! Command line of the Arlequin workspace: a scene file in, results out.
 
-mod build;
 mod calibrate;
-mod cells;
-#[allow(dead_code, reason = "the example offers more than a scene asks for")]
-#[path = "../../examples/chain/model.rs"]
-mod chain;
 mod check;
-mod checkpoint;
-mod crossing;
 mod effects;
 mod error;
-mod output;
-mod recorder;
 mod report;
 mod run;
-mod scene;
-mod spectrum;
 mod suggest;
 mod sweep;
 mod threads;
 mod verify;
-mod wake;
 
+use arlequin_scene::Input;
+use arlequin_scene::scene::Source;
 use clap::{Args, Parser, Subcommand};
 use error::{Error, Result};
-use scene::{Scene, Source};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -107,26 +96,21 @@ struct Common {
     json: bool,
 }
 
-/// What the commands on a scene start from.
-struct Input<'a> {
-    source: &'a Source,
-    scene: Scene,
-    set: &'a [String],
-    threads: usize,
-    json: bool,
-}
-
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Run { common, out, force } => {
-            return with_scene(&common, |input| run::run(input, out.as_deref(), force));
+            return with_scene(&common, |input| {
+                run::run(input, out.as_deref(), force, common.json)
+            });
         }
         Command::Check { common } => {
-            return with_scene(&common, |input| check::check(input).map(|()| ExitCode::SUCCESS));
+            return with_scene(&common, |input| {
+                check::check(input, common.json).map(|()| ExitCode::SUCCESS)
+            });
         }
         Command::Effects { common, repeat } => {
             return with_scene(&common, |input| {
-                effects::effects(input, repeat).map(|()| ExitCode::SUCCESS)
+                effects::effects(input, repeat, common.json).map(|()| ExitCode::SUCCESS)
             });
         }
         Command::Calibrate(wanted) => return measured(&wanted),
@@ -135,14 +119,14 @@ fn main() -> ExitCode {
         Command::SweepDocs(a) => sweep::document(&a),
         Command::Suggest { common, wish } => {
             return with_scene(&common, |input| {
-                suggest::suggest(input, &wish).map(|()| ExitCode::SUCCESS)
+                suggest::suggest(input, &wish, common.json).map(|()| ExitCode::SUCCESS)
             });
         }
         Command::Resume {
             folder,
-            threads: wanted,
+            threads,
             json,
-        } => threads::start(wanted).and_then(|n| run::resume(&folder, n, json)),
+        } => threads::start(threads).and_then(|_| run::resume(&folder, json)),
     };
     done.unwrap_or_else(|e| fail(&e, None))
 }
@@ -154,12 +138,11 @@ fn with_scene(common: &Common, command: impl FnOnce(&Input<'_>) -> Result<ExitCo
         Err(e) => return fail(&e, None),
     };
     let input = || -> Result<Input<'_>> {
+        threads::start(common.threads)?;
         Ok(Input {
-            threads: threads::start(common.threads)?,
             source: &source,
             scene: source.scene(&common.set)?,
             set: &common.set,
-            json: common.json,
         })
     };
     let done = input().and_then(|input| command(&input));

@@ -7,8 +7,10 @@
 
 use crate::check::Plan;
 use crate::effects::Comparison;
-use crate::output::packing::PackingLine;
-use crate::output::summary::{EffectReport, InterfaceLine, ModelLine, MomentumLine, Summary, WakeReport};
+use arlequin_scene::output::packing::PackingLine;
+use arlequin_scene::output::summary::{
+    EffectReport, InterfaceLine, ModelLine, MomentumLine, Summary, WakeReport,
+};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::Path;

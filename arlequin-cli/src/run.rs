@@ -1,444 +1,81 @@
 //! `arlequin run` and `arlequin resume`.
 
-use crate::Input;
-use crate::build::{self, Bounds, Built, Strangers};
-use crate::checkpoint::{self, Checkpoint, Origin};
-use crate::crossing::{self, Crossing};
 use crate::error::{Error, Result};
-use crate::output::packing::PackingLine;
-use crate::output::summary::{self, Energy, Summary, WakeReport, WallSeconds};
-use crate::output::{Folder, Frames, Place, put, tables};
-use crate::recorder::{self, PhaseClock, Recorder};
 use crate::report::{self, Progress};
-use crate::scene::Precision;
-use crate::wake::{self, Stage};
-use arlequin::core::{Coupled, Real};
-use arlequin::dem_beam::fracture::SharedLog;
-use std::path::{Path, PathBuf};
+use arlequin_scene::Input;
+use arlequin_scene::run::{self, End, Finished, Listener};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
 /// Exit code of a run that the user ended (128 + SIGINT).
 const INTERRUPTED: u8 = 130;
 
 /// Runs a scene and writes its results.
-pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool) -> Result<ExitCode> {
-    let begin = Instant::now();
-    let target = out.map_or_else(|| default_folder(input), Path::to_owned);
-    let place = Place::new(&target, force, &inputs(input)?);
-    place.check()?;
-    if let Some(asleep) = &input.scene.wake {
-        return wake::run(input, asleep, place);
-    }
-    let origin = Origin::of(input.source, input.set)?;
-    let built = build::build(&input.scene, input.source.folder())?;
-    // Made only now: Ctrl-C during the set-up leaves nothing behind.
-    let stop = watch_interrupt()?;
-    match input.scene.time.precision {
-        Precision::Double => Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop),
-        Precision::Single => {
-            let built = built.narrowed()?;
-            Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, &stop)
-        }
-    }
-}
-
-/// Files a run reads.
-fn inputs(input: &Input<'_>) -> Result<Vec<PathBuf>> {
-    let folder = input.source.folder();
-    let named = input.source.files(input.set)?;
-    let named = named.iter().map(|f| folder.join(f));
-    Ok(std::iter::once(input.source.path.clone()).chain(named).collect())
+pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool, json: bool) -> Result<ExitCode> {
+    Ok(said(
+        &run::run(input, out, force, &mut Terminal::new(json))?,
+        json,
+    ))
 }
 
 /// Goes on with the run of a folder from its last checkpoint.
-pub(crate) fn resume(target: &Path, threads: usize, json: bool) -> Result<ExitCode> {
-    let begin = Instant::now();
-    let place = Folder::left_behind(target);
-    let saved = Checkpoint::read(&place)?;
-    if place != target && target.exists() {
-        return Err(Error::Checkpoint {
-            path: place.join(checkpoint::NAME),
-            reason: format!(
-                "belongs to a run that is to replace {}, which exists; move that away, then resume",
-                target.display()
-            ),
-        });
+pub(crate) fn resume(target: &Path, json: bool) -> Result<ExitCode> {
+    Ok(said(&run::resume(target, &mut Terminal::new(json))?, json))
+}
+
+/// Reports what a run left.
+fn said(done: &Finished, json: bool) -> ExitCode {
+    if json {
+        report::json(&done.json);
+    } else {
+        report::finished(&done.summary, &done.folder, done.planned);
     }
-    if saved.version != env!("CARGO_PKG_VERSION") {
-        return Err(Error::Checkpoint {
-            path: place.join(checkpoint::NAME),
-            reason: format!(
-                "was written by version {}, this is {}; resume it with the version that wrote it",
-                saved.version,
-                env!("CARGO_PKG_VERSION")
-            ),
-        });
+    if done.end == End::Interrupted {
+        ExitCode::from(INTERRUPTED)
+    } else {
+        ExitCode::SUCCESS
     }
-    let (source, set) = (saved.origin.source()?, saved.origin.set.clone());
-    let input = Input {
-        scene: source.scene(&saved.origin.set)?,
-        source: &source,
-        set: &set,
-        threads,
-        json,
-    };
-    if let (Some(stage), Some(wake)) = (saved.wake.clone(), &input.scene.wake) {
-        return wake::resume(&input, wake, target, saved, stage);
-    }
-    let built = build::build(&input.scene, source.folder())?;
-    let stop = watch_interrupt()?;
-    let origin = saved.origin.clone();
-    let open = || Folder::reopen(target);
-    match input.scene.time.precision {
-        Precision::Double => Session::new(&input, built, open()?, origin)?.rest(saved, begin, &stop),
-        Precision::Single => {
-            let built = built.narrowed()?;
-            Session::new(&input, built, open()?, origin)?.rest(saved, begin, &stop)
+}
+
+/// A user at a terminal, who sees warnings and a bar and may press Ctrl-C.
+struct Terminal {
+    json: bool,
+    bar: Option<Progress>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Terminal {
+    fn new(json: bool) -> Self {
+        Self {
+            json,
+            bar: None,
+            stop: Arc::default(),
         }
     }
 }
 
-/// Why the steps ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum End {
-    /// All are made.
-    Complete,
-    /// The user ended them.
-    Interrupted,
-    /// A sleeping model wakes.
-    Woken,
-    /// A bond broke in an overlap, and the scene ends there.
-    IntoOverlap,
-}
-
-impl End {
-    /// Whether `resume` can go on from there.
-    fn goes_on(self) -> bool {
-        matches!(self, Self::Interrupted | Self::IntoOverlap)
-    }
-}
-
-/// How a run ended.
-enum Status {
-    /// By plan or by its user.
-    Ended(End),
-    /// By an error, in words.
-    Failed(String),
-}
-
-impl Status {
-    fn name(&self) -> &'static str {
-        match self {
-            Self::Ended(End::Complete) => "complete",
-            Self::Ended(End::Interrupted) => "interrupted",
-            Self::Ended(End::Woken) => "woken",
-            Self::Ended(End::IntoOverlap) => "stopped-at-overlap",
-            Self::Failed(_) => "failed",
-        }
-    }
-}
-
-/// A run with everything that records it.
-pub(crate) struct Session<'a, T: Real> {
-    input: &'a Input<'a>,
-    run: Coupled<T>,
-    steps: usize,
-    recorder: Recorder,
-    clock: PhaseClock,
-    folder: Folder,
-    origin: Origin,
-    setup: f64,
-    resumed_at: Option<usize>,
-    /// How far a scene with `[wake]` has come, for the checkpoints.
-    pub(crate) stage: Option<Stage>,
-    breaks: Vec<Option<SharedLog>>,
-    strangers: Strangers,
-    packings: Vec<Option<PackingLine>>,
-    bounds: Bounds,
-}
-
-impl<'a, T: Real> Session<'a, T> {
-    /// Records the state before the first step.
-    pub(crate) fn new(input: &'a Input<'a>, built: Built<T>, folder: Folder, origin: Origin) -> Result<Self> {
-        let settings = &input.scene.output;
-        let vtu = folder.subfolder("vtu")?;
-        let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
-        let packings = built.drawn.iter().map(|d| d.packing.clone()).collect();
-        let frames = Frames::new(vtu, &settings.fields, &built.run, built.drawn, built.mediators);
-        Ok(Self {
-            recorder: Recorder::new(
-                &built.run,
-                built.probes,
-                frames,
-                settings.probe_every,
-                built.frame_every,
-                built.warnings,
-            )?,
-            input,
-            run: built.run,
-            steps: built.steps,
-            clock: PhaseClock::new(),
-            folder,
-            origin,
-            setup: 0.0,
-            resumed_at: None,
-            stage: None,
-            breaks,
-            strangers: built.strangers,
-            packings,
-            bounds: built.bounds,
-        })
-    }
-
-    /// Says a warning the moment it is known, once, and keeps it for the summary.
-    pub(crate) fn warn(&mut self, text: String) {
-        if self.recorder.warn(text.clone()) && !self.input.json {
-            report::warning(&text);
-        }
-    }
-
-    /// Ends the set-up that began then.
-    pub(crate) fn begun(&mut self, then: Instant) {
-        self.setup = then.elapsed().as_secs_f64();
-    }
-
-    /// The run.
-    pub(crate) fn coupled(&self) -> &Coupled<T> {
-        &self.run
-    }
-
-    /// Makes all steps of a run whose set-up began then, and writes the results.
-    fn whole(mut self, begin: Instant, stop: &AtomicBool) -> Result<ExitCode> {
-        self.begun(begin);
-        self.complete(stop)
-    }
-
-    /// Goes on from a checkpoint likewise.
-    fn rest(mut self, saved: Checkpoint, begin: Instant, stop: &AtomicBool) -> Result<ExitCode> {
-        self.restore(saved)?;
-        self.whole(begin, stop)
-    }
-
-    /// Takes the state of a checkpoint.
-    pub(crate) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
-        let restored = self.run.restore(&saved.snapshot.rounded());
-        restored.map_err(|e| Error::Checkpoint {
-            path: self.folder.path().join(checkpoint::NAME),
-            reason: format!("does not fit the run that its scene gives: {e}"),
-        })?;
-        self.recorder.resume(saved.records)?;
-        self.resumed_at = Some(saved.snapshot.step);
+impl Listener for Terminal {
+    /// Watches for Ctrl-C only now: during the set-up it leaves nothing behind.
+    fn begins(&mut self) -> Result<()> {
+        self.stop = watch_interrupt()?;
         Ok(())
     }
-
-    /// Makes the steps that are left and writes the results.
-    fn complete(mut self, stop: &AtomicBool) -> Result<ExitCode> {
-        let end = self.advance(stop, &mut |_, _| false);
-        self.conclude(end, None)
-    }
-
-    /// Writes the results of the steps made, however they ended, and ends the folder.
-    pub(crate) fn conclude(mut self, end: Result<End>, wake: Option<WakeReport>) -> Result<ExitCode> {
-        let written = end.and_then(|end| {
-            if end.goes_on() {
-                self.save()?;
-            }
-            Ok((end, self.write_results(end, wake.clone())?))
-        });
-        let (end, (summary, text)) = match written {
-            Ok(done) => done,
-            Err(e) => return Err(self.salvage(e, wake)),
-        };
-        let place = self.folder.finish(false)?;
-        if end == End::Complete {
-            // Only now: killed in between, the run would have neither results nor a checkpoint.
-            checkpoint::remove(&place)?;
-        }
-        if self.input.json {
-            report::json(&text);
-        } else {
-            report::finished(&summary, &place, self.steps);
-        }
-        Ok(if end == End::Interrupted {
-            ExitCode::from(INTERRUPTED)
-        } else {
-            ExitCode::SUCCESS
-        })
-    }
-
-    /// Writes the results of the steps made and moves them into a folder inside; the folder is free for another run.
-    pub(crate) fn put_aside(mut self, name: &str) -> Result<Folder> {
-        if let Err(e) = self.write_results(End::Woken, None) {
-            return Err(self.salvage(e, None));
-        }
-        match self.folder.put_aside(name) {
-            Ok(()) => Ok(self.folder),
-            Err(e) => Err(self.folder.keep(e)),
+    fn warning(&mut self, text: &str) {
+        if !self.json {
+            report::warning(text);
         }
     }
-
-    /// Keeps what a run computed before it failed: every file that can still be written. A run that made no step has
-    /// nothing.
-    fn salvage(mut self, error: Error, wake: Option<WakeReport>) -> Error {
-        if self.run.steps() == 0 {
-            return error;
-        }
-        self.clock.enter(None);
-        let path = self.folder.path().to_owned();
-        let mut tries = vec![
-            tables::write(&path, &self.recorder),
-            tables::breaks(&path, &self.run, &self.breaks),
-            self.recorder.frames.finish(&path.join("results.pvd")),
-        ];
-        if self.input.scene.output.plots {
-            let plots = self.folder.subfolder("plots");
-            tries.push(plots.and_then(|p| tables::draw(&p, &self.recorder, title(self.input))));
-        }
-        let mut summary = self.summary(Status::Failed(error.to_string()), 0.0);
-        summary.wake = wake;
-        tries.push(self.write_summary(&summary).map(|_| ()));
-        let lost: Vec<String> = tries
-            .into_iter()
-            .filter_map(|t| Some(t.err()?.to_string()))
-            .collect();
-        let mut what = format!("the {} steps before are kept", self.run.steps());
-        if !lost.is_empty() {
-            what += &format!(", but for what failed too ({})", lost.join("; "));
-        }
-        match self.folder.finish(true) {
-            Ok(place) => error.kept(what, &place),
-            Err(e) => Error::Kept {
-                source: Box::new(error),
-                what: format!("{what}; {e};"),
-                place: path,
-            },
-        }
+    fn step(&mut self, made: usize, of: usize) {
+        self.bar.get_or_insert_with(|| Progress::new(of)).set(made);
     }
-
-    fn write_results(&mut self, end: End, wake: Option<WakeReport>) -> Result<(Summary, String)> {
-        let after = Instant::now();
-        self.recorder.finish(&self.run)?;
-        tables::write(self.folder.path(), &self.recorder)?;
-        tables::breaks(self.folder.path(), &self.run, &self.breaks)?;
-        self.recorder
-            .frames
-            .finish(&self.folder.path().join("results.pvd"))?;
-        if self.input.scene.output.plots {
-            tables::draw(
-                &self.folder.subfolder("plots")?,
-                &self.recorder,
-                title(self.input),
-            )?;
-        }
-        for w in summary::findings(&self.run, &self.strangers) {
-            self.recorder.warn(w);
-        }
-        let mut summary = self.summary(Status::Ended(end), after.elapsed().as_secs_f64());
-        summary.wake = wake;
-        let text = self.write_summary(&summary)?;
-        Ok((summary, text))
+    fn stepped(&mut self) {
+        self.bar = None;
     }
-
-    fn write_summary(&self, summary: &Summary) -> Result<String> {
-        let text = serde_json::to_string_pretty(summary).map_err(|e| Error::System {
-            what: "writing summary.json",
-            message: e.to_string(),
-        })?;
-        let path = self.folder.path().join("summary.json");
-        put(&path, &[text.as_bytes()])?;
-        Ok(text)
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
     }
-
-    /// What there is to say, after so many seconds of writing.
-    fn summary(&self, status: Status, writing: f64) -> Summary {
-        let [stepping, observing] = self.clock.split();
-        let wall = WallSeconds {
-            setup: self.setup,
-            stepping,
-            output: observing + writing,
-            phases: self.clock.phases(&self.run),
-        };
-        let mut summary = summarise(self.input, &self.run, &self.recorder, wall, status);
-        summary.resumed_at_step = self.resumed_at;
-        summary.models = summary::models(&self.run, &self.packings);
-        summary.effect_ledger = summary::effects(&self.run, &self.clock);
-        summary.into_overlap = crossing::found(&self.run, &self.breaks);
-        summary
-    }
-
-    /// Makes the steps until the user or `woken`, which may change the stage, ends them before the last.
-    pub(crate) fn advance(
-        &mut self,
-        stop: &AtomicBool,
-        woken: &mut dyn FnMut(&Coupled<T>, &mut Option<Stage>) -> bool,
-    ) -> Result<End> {
-        if !self.input.json {
-            self.recorder.warnings.iter().for_each(|w| report::warning(w));
-        }
-        let every = self.input.scene.output.checkpoint_every;
-        let progress = Progress::new(self.steps);
-        let mut end = End::Complete;
-        // Once is enough: the state that follows is as odd.
-        let mut strange = !self.bounds.watch(&self.run).is_empty();
-        let mut crossing = Crossing::since(&self.breaks);
-        for made in self.run.steps() + 1..=self.steps {
-            let energy = recorder::step(&mut self.run, &mut self.clock)?;
-            let drawn = energy.is_some();
-            self.recorder.observe(&mut self.run, energy)?;
-            if drawn && !strange {
-                let odd = self.bounds.watch(&self.run);
-                strange = !odd.is_empty();
-                odd.into_iter().for_each(|w| self.warn(w));
-            }
-            progress.set(made);
-            let (said, ends) = crossing.watch(self.input, &self.run, &self.breaks);
-            said.into_iter().for_each(|w| self.warn(w));
-            if made == self.steps {
-                break;
-            }
-            if ends {
-                end = End::IntoOverlap;
-                break;
-            }
-            if woken(&self.run, &mut self.stage) {
-                end = End::Woken;
-                break;
-            }
-            if every.is_some_and(|n| made.is_multiple_of(n)) {
-                self.save()?;
-            }
-            if stop.load(Ordering::Relaxed) {
-                end = End::Interrupted;
-                break;
-            }
-        }
-        self.clock.enter(None);
-        Ok(end)
-    }
-
-    /// Writes a checkpoint.
-    pub(crate) fn save(&self) -> Result<()> {
-        Checkpoint {
-            version: env!("CARGO_PKG_VERSION").into(),
-            origin: self.origin.clone(),
-            snapshot: self.run.snapshot().rounded(),
-            records: self.recorder.records(),
-            wake: self.stage.clone(),
-        }
-        .write(self.folder.path())
-    }
-}
-
-fn default_folder(input: &Input<'_>) -> PathBuf {
-    let stem = input.source.path.file_stem().unwrap_or_default();
-    Path::new("results").join(stem)
-}
-
-fn title<'a>(input: &'a Input<'_>) -> &'a str {
-    input.scene.title.as_deref().unwrap_or_default()
 }
 
 /// A flag that Ctrl-C raises.
@@ -450,56 +87,4 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
         message: e.to_string(),
     })?;
     Ok(stop)
-}
-
-fn summarise<T: Real>(
-    input: &Input<'_>,
-    run: &Coupled<T>,
-    r: &Recorder,
-    wall_seconds: WallSeconds,
-    status: Status,
-) -> Summary {
-    let plan = run.plan();
-    Summary {
-        scene: input.source.path.display().to_string(),
-        title: input.scene.title.clone(),
-        status: status.name(),
-        error: match status {
-            Status::Failed(words) => Some(words),
-            Status::Ended(_) => None,
-        },
-        version: env!("CARGO_PKG_VERSION"),
-        resumed_at_step: None,
-        wake: None,
-        into_overlap: Vec::new(),
-        set: input.set.to_vec(),
-        threads: input.threads,
-        models: Vec::new(),
-        precision: input.scene.time.precision.name(),
-        dt: plan.dt,
-        critical_dt: plan.critical_dt,
-        steps: run.steps(),
-        time: run.time().as_f64(),
-        frames: r.frames.count(),
-        wall_seconds,
-        peak_bytes: summary::process_bytes("VmHWM:"),
-        energy: Energy {
-            initial: r.initial_energy,
-            last: run.energy().as_f64(),
-            h_drift_max: run.drift().as_f64(),
-            created_max: run.top_created().as_f64(),
-            start_loss: run.start_loss().as_f64(),
-            ledger: run
-                .works()
-                .into_iter()
-                .map(|w| (w.name, w.work.as_f64()))
-                .collect(),
-        },
-        momentum: summary::momentum(run),
-        interface: summary::interfaces(run, &r.residuals),
-        effects: plan.effects,
-        effect_ledger: Vec::new(),
-        probes: summary::probes(r),
-        warnings: r.warnings.clone(),
-    }
 }

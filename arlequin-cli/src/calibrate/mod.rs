@@ -4,20 +4,33 @@ mod sample;
 mod strength;
 mod table;
 
-use crate::build::filling::dem;
 use crate::error::{Error, Result, key, value};
-use crate::output::packing::PackingLine;
 use crate::report;
-use crate::scene::{CriterionKind, Protocol, Source};
 use arlequin::dem_beam::calibrate::{Elasticity, Spread, Statistics, beam_for, tension_test};
 use arlequin::dem_beam::homogenise::{Bulk, BulkStatistics, bulk};
 use arlequin::dem_beam::{BeamMaterial, Packing};
+use arlequin_scene::output::packing::PackingLine;
+use arlequin_scene::scene::{CriterionKind, Protocol, Source};
+use arlequin_scene::setup::filling::dem;
 use clap::Args;
 use sample::{Sample, Test};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use strength::Strengths;
+
+/// A value that scenes know by the same names.
+fn one_of<T>(names: &'static [&'static str]) -> impl clap::builder::TypedValueParser<Value = T>
+where
+    T: serde::de::DeserializeOwned + Clone + Send + Sync + 'static,
+{
+    use clap::builder::TypedValueParser;
+    clap::builder::PossibleValuesParser::new(names.iter().copied()).try_map(|name| {
+        T::deserialize(serde::de::value::StrDeserializer::<serde::de::value::Error>::new(
+            &name,
+        ))
+    })
+}
 
 /// Key of errors that no scene is to blame for.
 const KEY: &str = "calibrate";
@@ -59,7 +72,7 @@ pub(crate) struct Calibrate {
     #[arg(long, value_name = "Z")]
     coordination: Option<f64>,
     /// How the packing is compacted [default: onset]
-    #[arg(long)]
+    #[arg(long, value_parser = one_of::<Protocol>(&["onset", "quench"]))]
     protocol: Option<Protocol>,
     /// Young's modulus of the beams [Pa] [default: 265e9]
     #[arg(long, value_name = "PASCAL")]
@@ -80,7 +93,7 @@ pub(crate) struct Calibrate {
     #[arg(long)]
     strength: bool,
     /// When beams break [default: all criteria]
-    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "strength")]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "strength", value_parser = one_of::<CriterionKind>(&["axial", "rankine", "mises", "energy"]))]
     criterion: Vec<CriterionKind>,
     /// Strength of the beams [Pa]; ratios do not depend on it [default: 200e6]
     #[arg(long, value_name = "PASCAL", requires = "strength")]

@@ -1,13 +1,13 @@
 //! What is tested: bars of a scene or of the flags, or periodic samples.
 
 use super::{Calibrate, KEY};
-use crate::build::filling::{Filling, Recipe, beam, dem, mean_sphere, spec};
-use crate::build::{Kind, cut};
 use crate::error::{Result, key, unknown, value};
-use crate::scene::{DemTable, LooseKind, Material, ModelTable, NotchBox, Shape, Source};
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::{BeamMaterial, Packing};
+use arlequin_scene::scene::{DemTable, LooseKind, Material, ModelTable, NotchBox, Shape, Source};
+use arlequin_scene::setup::filling::{Filling, Recipe, beam, dem, mean_sphere, spec};
+use arlequin_scene::setup::{Kind, cut};
 use std::path::{Path, PathBuf};
 
 /// Spheres of a periodic sample: isotropic to a per cent.

@@ -2,14 +2,14 @@
 
 use super::sample::{Sample, Test};
 use super::{Bar, Calibrate, KEY};
-use crate::build::filling::dem;
 use crate::error::{Result, key, value};
 use crate::report;
-use crate::scene::{CriterionKind, Source};
 use arlequin::dem_beam::calibrate::Spread;
 use arlequin::dem_beam::packing::Packing;
 use arlequin::dem_beam::strength::{Strength, strength_test};
 use arlequin::dem_beam::{Criterion, Fracture, Scatter};
+use arlequin_scene::scene::{CriterionKind, Source};
+use arlequin_scene::setup::filling::dem;
 use serde::Serialize;
 
 /// Strength of the beams \[Pa\] unless one is given; ratios do not depend on it.

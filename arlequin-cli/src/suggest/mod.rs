@@ -10,10 +10,10 @@ mod path;
 mod predict;
 mod scenario;
 
-use crate::Input;
 use crate::error::{Error, Result, key, value};
-use crate::scene::{Scene, Source};
 use apply::Change;
+use arlequin_scene::Input;
+use arlequin_scene::scene::{Scene, Source};
 use choose::{CostModel, Goal, Proposal, Search};
 use measure::measure;
 use scenario::Scenario;
@@ -89,7 +89,7 @@ pub(crate) struct Foretold {
 
 /// Refuses a scene of which nothing can be foretold.
 pub(crate) fn readable(scene: &Scene) -> Result<Scenario> {
-    crate::wake::refuse(scene, "suggest")?;
+    arlequin_scene::wake::refuse(scene, "suggest")?;
     let s = scenario::scenario(scene)?;
     if scene.interface.values().any(|i| i.lumped) {
         let rule = "suggest cannot analyse a lumped interface; remove it";
@@ -102,14 +102,7 @@ pub(crate) fn readable(scene: &Scene) -> Result<Scenario> {
 pub(crate) fn foretell(source: &Source, set: &[String]) -> Result<Foretold> {
     let scene = source.scene(set)?;
     let s = readable(&scene)?;
-    let threads = rayon::current_num_threads();
-    let input = Input {
-        source,
-        scene,
-        set,
-        threads,
-        json: false,
-    };
+    let input = Input { source, scene, set };
     let (m, end) = measure(&input, &[])?;
     let spectrum = scenario::spectrum(&input.scene, &s, end, None)?;
     let (candidate, form) = choose::as_given(&s);
@@ -154,7 +147,7 @@ fn goal(wish: &Wish) -> Result<Goal> {
 }
 
 /// Proposes settings.
-pub(crate) fn suggest(input: &Input<'_>, wish: &Wish) -> Result<()> {
+pub(crate) fn suggest(input: &Input<'_>, wish: &Wish, json: bool) -> Result<()> {
     let goal = goal(wish)?;
     let s = readable(&input.scene)?;
     let (first, end) = measure(input, &[])?;
@@ -188,7 +181,7 @@ pub(crate) fn suggest(input: &Input<'_>, wish: &Wish) -> Result<()> {
         set: changes.iter().filter_map(Change::assignment).collect(),
         notes: notes(&s, &proposal),
     };
-    if input.json {
+    if json {
         let text = serde_json::to_string_pretty(&report).map_err(|e| Error::System {
             what: "writing the proposal",
             message: e.to_string(),
@@ -262,11 +255,8 @@ fn forecast(search: &Search<'_>, s: &Scenario, p: &Proposal, fraction: f64, abso
         ("h_C [m]".to_owned(), format!("{:.4e}", c.h)),
         ("h_B [m]".to_owned(), format!("{:.4e}", c.h_b)),
         ("L_O [m]".to_owned(), format!("{:.4e}", c.overlap)),
-        ("weight".to_owned(), predict::weight_name(c.profile).to_owned()),
-        (
-            "junction".to_owned(),
-            predict::junction_name(s.junction).to_owned(),
-        ),
+        ("weight".to_owned(), c.profile.to_string()),
+        ("junction".to_owned(), s.junction.to_string()),
         ("step / critical".to_owned(), format!("{fraction:.3}")),
     ];
     if let Some(l) = c.length_ratio {

@@ -1,7 +1,7 @@
 //! Which ways a signal makes from its source to the probes, through which model and how often through the overlap.
 
 use super::scenario::Scenario;
-use crate::scene::{Quantity, Scene, Selection};
+use arlequin_scene::scene::{Quantity, Scene, Selection};
 
 /// Most arrivals that are followed; a run with more is judged as if its probes were everywhere.
 const MOST: usize = 64;
@@ -104,7 +104,7 @@ pub(crate) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) ->
 
 /// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes of motion along the axis \[m\].
 pub(crate) fn probes(scene: &Scene, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
-    let place = |p: &crate::scene::Probe| match (&p.at, &p.over) {
+    let place = |p: &arlequin_scene::scene::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),
         (_, Some(Selection::Box(low, high))) => Some(0.5 * (low[axis] + high[axis])),
         (_, Some(Selection::Group(name))) => end(scene, &p.model, name, axis),

@@ -1,13 +1,13 @@
 //! What of a scene decides how accurate and how dear a coupling is.
 
 use super::path::{self, Origin};
-use crate::build::Kind;
 use crate::error::{Error, Result, key};
-use crate::scene::{
+use arlequin::cnem::Stabilisation;
+use arlequin_scene::scene::{
     Interface, JunctionKind, Load, ModelTable, OverlapShape, ProfileKind, Scene, Shape, StepChoice,
     TimeShape, Wave,
 };
-use arlequin::cnem::Stabilisation;
+use arlequin_scene::setup::Kind;
 use std::f64::consts::PI;
 
 /// Samples of a signal from which its spectrum is read.

@@ -6,7 +6,7 @@ use super::picture::{self, HookRow};
 use super::result::Sweep;
 use super::spec::{Hook, Mark, SweepFile};
 use crate::error::{Result, key, write};
-use crate::output::mark;
+use arlequin_scene::output::mark;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -14,9 +14,9 @@ mod spec;
 pub(crate) use document::{Arguments as DocumentArguments, document};
 
 use crate::error::{Error, Result, key, write};
-use crate::output::mark;
-use crate::scene::Source;
 use crate::suggest::Foretold;
+use arlequin_scene::output::mark;
+use arlequin_scene::scene::Source;
 use curve::Curve;
 use plan::Member;
 use result::{Run, Sweep};

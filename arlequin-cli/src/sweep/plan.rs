@@ -2,7 +2,7 @@
 
 use super::spec::{Axis, Design, Mark, Reference, SweepFile};
 use crate::error::{Result, key, unknown, value};
-use crate::scene::{Scene, Shape, Source};
+use arlequin_scene::scene::{Scene, Shape, Source};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -311,7 +311,7 @@ fn member(
     let roles = read
         .model
         .iter()
-        .map(|(n, m)| (n.clone(), m.role.map(crate::scene::RoleKind::name)));
+        .map(|(n, m)| (n.clone(), m.role.map(arlequin_scene::scene::RoleKind::name)));
     Ok(Member {
         label: folder_name(label),
         mark: None,

@@ -3,7 +3,7 @@
 
 use super::plan::Member;
 use crate::error::{Error, Result, write};
-use crate::output::mark;
+use arlequin_scene::output::mark;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};

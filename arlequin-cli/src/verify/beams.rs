@@ -1,11 +1,11 @@
 //! Runs of the beam scenes, what is kept of them, and beam theory.
 
 use super::row::{Accept, Row};
-use crate::build::{self, Built};
 use crate::error::{Error, Result, core, write};
-use crate::scene::Source;
-use crate::spectrum;
 use arlequin::core::observer::Silent;
+use arlequin_scene::scene::Source;
+use arlequin_scene::setup::{self, Built};
+use arlequin_scene::spectrum;
 use arlequin_studies::solid::momentum_scale;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -124,7 +124,7 @@ impl RunSpec {
             probes,
             steps,
             ..
-        } = build::build(&scene, Path::new("."))?;
+        } = setup::build(&scene, Path::new("."))?;
         let every = steps.div_ceil(SAMPLES).max(1);
         let mut out = Record {
             step: every as f64 * run.dt(),

@@ -12,9 +12,9 @@ mod solids;
 mod theory;
 
 use crate::error::{Error, Result, unknown};
-use crate::output::mark;
-use crate::output::plots::{self, Curve, Plot};
 use crate::report::{self, Progress};
+use arlequin_scene::output::mark;
+use arlequin_scene::output::plots::{self, Curve, Plot};
 use beams::{Record, RunSpec};
 use row::Row;
 use std::collections::BTreeMap;

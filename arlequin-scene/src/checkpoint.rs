@@ -1,0 +1,331 @@
+//! Checkpoints: everything a run needs to go on with the same bits, in one file that is whole or not there.
+//!
+//! ```text
+//! "ARLQCKPT"   format, u32   length of the payload, u64   payload (postcard)   CRC-32 of all before, u32
+//! ```
+//!
+//! Numbers are little-endian. The file is written beside its place, synced and renamed: whenever the program dies, the
+//! last whole checkpoint is found. The payload holds the text of the scene, so that a resumed run cannot meet another
+//! one, and check sums of the files the scene reads.
+
+use crate::error::{Error, Result, write};
+use crate::recorder::Records;
+use crate::scene::Source;
+use crate::wake::Stage;
+use arlequin::core::snapshot::Snapshot;
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Name of the file in an output folder.
+pub const NAME: &str = "checkpoint.bin";
+/// Changes whenever the payload does.
+const FORMAT: u32 = 3;
+const MAGIC: &[u8; 8] = b"ARLQCKPT";
+const HEAD: usize = 8 + 4 + 8;
+const TAIL: usize = 4;
+
+/// The scene a checkpoint belongs to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// Scene file as given on the command line.
+    pub path: PathBuf,
+    /// Absolute folder of the scene file.
+    pub folder: PathBuf,
+    /// Its text.
+    pub text: String,
+    /// Assignments of the command line.
+    pub set: Vec<String>,
+    /// Files the scene reads, with length and CRC-32.
+    files: Vec<(PathBuf, u64, u32)>,
+}
+
+/// A run at one instant.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Checkpoint {
+    /// Version of the program.
+    pub version: String,
+    /// Scene.
+    pub origin: Origin,
+    /// State.
+    pub snapshot: Snapshot<f64>,
+    /// What was recorded so far.
+    pub records: Records,
+    /// How far a scene with `[wake]` has come.
+    pub wake: Option<Stage>,
+}
+
+impl Origin {
+    /// Of a scene that is about to run.
+    pub fn of(source: &Source, set: &[String]) -> Result<Self> {
+        let folder = source.folder();
+        let folder = if folder.as_os_str().is_empty() {
+            Path::new(".")
+        } else {
+            folder
+        };
+        let absolute = folder.canonicalize().map_err(|e| Error::Read {
+            path: folder.to_owned(),
+            source: e,
+        })?;
+        let files = source
+            .files(set)?
+            .into_iter()
+            .map(|name| {
+                let (length, sum) = fingerprint(&absolute.join(&name))?;
+                Ok((name, length, sum))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            path: source.path.clone(),
+            folder: absolute,
+            text: source.text.clone(),
+            set: set.to_vec(),
+            files,
+        })
+    }
+
+    /// The source again; refuses files that changed since.
+    pub fn source(&self) -> Result<Source> {
+        for (name, length, sum) in &self.files {
+            let path = self.folder.join(name);
+            if fingerprint(&path)? != (*length, *sum) {
+                let reason =
+                    "has changed since the checkpoint was written; restore it, or start the run anew";
+                return Err(Error::Checkpoint {
+                    path,
+                    reason: reason.into(),
+                });
+            }
+        }
+        Ok(Source {
+            path: self.path.clone(),
+            base: Some(self.folder.clone()),
+            text: self.text.clone(),
+        })
+    }
+}
+
+/// Removes the checkpoint of a run that is complete.
+pub fn remove(folder: &Path) -> Result<()> {
+    let path = folder.join(NAME);
+    if path.exists() {
+        std::fs::remove_file(&path).map_err(write(&path))?;
+    }
+    Ok(())
+}
+
+fn fingerprint(path: &Path) -> Result<(u64, u32)> {
+    let bytes = std::fs::read(path).map_err(|source| Error::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok((bytes.len() as u64, crc32fast::hash(&bytes)))
+}
+
+impl Checkpoint {
+    /// Writes the file into a folder, replacing the one before.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let bytes = self.encode().map_err(|e| Error::System {
+            what: "packing the checkpoint",
+            message: e.to_string(),
+        })?;
+        let path = folder.join(NAME);
+        let aside = folder.join(format!("{NAME}.tmp"));
+        let put = || -> std::io::Result<()> {
+            let mut file = File::create(&aside)?;
+            file.write_all(&bytes)?;
+            file.sync_all()?;
+            std::fs::rename(&aside, &path)?;
+            // The rename itself must survive a power failure; not every system can sync a folder.
+            if let Ok(folder) = File::open(folder) {
+                let _ = folder.sync_all();
+            }
+            Ok(())
+        };
+        put().map_err(write(&path))
+    }
+
+    /// Reads the file of a folder.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(NAME);
+        let bytes = std::fs::read(&path).map_err(|source| Error::Read {
+            path: path.clone(),
+            source,
+        })?;
+        Self::decode(&bytes).map_err(|reason| Error::Checkpoint { path, reason })
+    }
+
+    fn encode(&self) -> postcard::Result<Vec<u8>> {
+        let payload = postcard::to_allocvec(self)?;
+        let mut out = Vec::with_capacity(HEAD + payload.len() + TAIL);
+        out.extend(MAGIC);
+        out.extend(FORMAT.to_le_bytes());
+        out.extend((payload.len() as u64).to_le_bytes());
+        out.extend(payload);
+        out.extend(crc32fast::hash(&out).to_le_bytes());
+        Ok(out)
+    }
+
+    /// Undoes [`Self::encode`]; `Err` is the reason and the way out.
+    fn decode(bytes: &[u8]) -> Result<Self, String> {
+        if bytes.get(..8) != Some(MAGIC) {
+            return Err("is no checkpoint of this program".into());
+        }
+        let truncated = || {
+            let found = bytes.len();
+            format!("is truncated at {found} bytes; take another copy, or start the run anew")
+        };
+        let format = word(bytes, 8).ok_or_else(truncated)?;
+        if format != FORMAT {
+            return Err(format!(
+                "has format {format}, this program reads format {FORMAT}; resume it with the version that wrote it"
+            ));
+        }
+        let low = u64::from(word(bytes, 12).ok_or_else(truncated)?);
+        let high = u64::from(word(bytes, 16).ok_or_else(truncated)?);
+        let length = usize::try_from(low | (high << 32)).map_err(|_| truncated())?;
+        let end = HEAD.checked_add(length).ok_or_else(truncated)?;
+        let sum = word(bytes, end).ok_or_else(truncated)?;
+        if bytes.len() != end + TAIL {
+            return Err(format!(
+                "has {} bytes too many; take another copy",
+                bytes.len() - end - TAIL
+            ));
+        }
+        if sum != crc32fast::hash(&bytes[..end]) {
+            return Err(
+                "is damaged: its check sum does not fit; take another copy, or start the run anew".into(),
+            );
+        }
+        postcard::from_bytes(&bytes[HEAD..end])
+            .map_err(|e| format!("cannot be understood ({e}); resume it with the version that wrote it"))
+    }
+}
+
+fn word(bytes: &[u8], at: usize) -> Option<u32> {
+    let four = bytes.get(at..at.checked_add(4)?)?;
+    Some(u32::from_le_bytes(four.try_into().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arlequin::core::snapshot::{PairSnapshot, Record, SubdomainSnapshot};
+    use proptest::prelude::*;
+
+    fn sample() -> Checkpoint {
+        let body = SubdomainSnapshot {
+            q: vec![1.0, -2.5e-300],
+            v: vec![0.1, f64::MIN_POSITIVE],
+            a: vec![0.0, -0.0],
+            internal: vec![3.0, 4.0],
+            works: vec![7.0],
+            evolved: Some(-1.0),
+            model: Record {
+                numbers: vec![0.5],
+                integers: vec![u64::MAX, 3],
+            },
+            effects: vec![Record::default()],
+        };
+        Checkpoint {
+            version: "0".into(),
+            origin: Origin {
+                path: "a.toml".into(),
+                folder: "/tmp".into(),
+                text: "[time]\nend = 1.0".into(),
+                set: vec!["time.end=2".into()],
+                files: vec![("m.msh".into(), 3, 17)],
+            },
+            snapshot: Snapshot {
+                step: 12,
+                dt: 1e-9,
+                start_loss: 0.0,
+                ledger: vec![0.0; 9],
+                subdomains: vec![body],
+                multipliers: vec![vec![1.0, 2.0]],
+                pairs: vec![PairSnapshot {
+                    work: -0.5,
+                    effect: Record::default(),
+                }],
+            },
+            records: Records::default(),
+            wake: Some(Stage::Asleep {
+                highest: f64::NEG_INFINITY,
+                place: [1.0, 2.0, 3.0],
+            }),
+        }
+    }
+
+    /// With a check sum that fits, so that the decoder behind it is reached.
+    fn sealed(mut body: Vec<u8>) -> Vec<u8> {
+        body.truncate(body.len().saturating_sub(TAIL));
+        let length = (body.len().saturating_sub(HEAD) as u64).to_le_bytes();
+        if body.len() >= HEAD {
+            body[12..HEAD].copy_from_slice(&length);
+        }
+        let sum = crc32fast::hash(&body);
+        body.extend(sum.to_le_bytes());
+        body
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let c = sample();
+        assert_eq!(Checkpoint::decode(&c.encode().unwrap()).unwrap(), c);
+    }
+
+    #[test]
+    fn reasons_are_named() {
+        let good = sample().encode().unwrap();
+        let reason = |b: &[u8]| Checkpoint::decode(b).unwrap_err();
+        assert_eq!(reason(b""), "is no checkpoint of this program");
+        assert_eq!(
+            reason(b"PK\x03\x04 something else"),
+            "is no checkpoint of this program"
+        );
+        for n in 8..good.len() {
+            let r = reason(&good[..n]);
+            assert!(r.starts_with("is truncated at"), "{n}: {r}");
+        }
+        let mut newer = good.clone();
+        newer[8] = 9;
+        let wanted = format!("has format 9, this program reads format {FORMAT}");
+        assert!(reason(&newer).starts_with(&wanted));
+        for k in (HEAD..good.len()).step_by(7) {
+            let mut bad = good.clone();
+            bad[k] ^= 0x10;
+            assert!(reason(&bad).starts_with("is damaged"), "byte {k}");
+        }
+        let mut long = good.clone();
+        long.push(0);
+        assert_eq!(reason(&long), "has 1 bytes too many; take another copy");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        /// No bytes crash the decoder or make it allocate more than a few times their own length.
+        #[test]
+        fn any_bytes_are_an_error_or_a_checkpoint(
+            at in 0usize..400, noise in proptest::collection::vec(any::<u8>(), 1..40), cut in 0usize..400,
+        ) {
+            let mut bytes = sample().encode().unwrap();
+            let at = at.min(bytes.len() - 1).max(HEAD);
+            let end = (at + noise.len()).min(bytes.len());
+            bytes[at..end].copy_from_slice(&noise[..end - at]);
+            bytes.truncate(bytes.len().saturating_sub(cut).max(HEAD + TAIL));
+            if let Ok(c) = Checkpoint::decode(&sealed(bytes)) {
+                prop_assert!(c.snapshot.subdomains.len() < 400);
+            }
+        }
+
+        #[test]
+        fn random_bytes_are_refused(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            prop_assert!(Checkpoint::decode(&bytes).is_err());
+            let with_magic = [&MAGIC[..], &FORMAT.to_le_bytes(), &bytes].concat();
+            let _ = Checkpoint::decode(&sealed(with_magic));
+        }
+    }
+}

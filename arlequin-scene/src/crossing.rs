@@ -1,0 +1,95 @@
+//! Cracks that run into an overlap: said when it happens, kept for the summary, and a reason to end where wanted.
+
+use crate::run::Input;
+use crate::scene::Effect;
+use crate::setup;
+use arlequin::core::Coupled;
+use arlequin::dem_beam::fracture::{SharedLog, locked};
+use serde::Serialize;
+
+/// A crack that ran into an overlap.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct OverlapBreak {
+    /// The model.
+    pub model: String,
+    /// Time of the first break there \[s\].
+    pub time: f64,
+    /// Its place \[m\].
+    pub place: [f64; 3],
+    /// Bonds of overlaps that are broken by now.
+    pub bonds: usize,
+}
+
+impl std::fmt::Display for OverlapBreak {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [x, y, z] = self.place;
+        write!(
+            f,
+            "model '{}': a bond broke in an overlap at t = {:.4e} s, at ({x:.3e}, {y:.3e}, {z:.3e}) m: breakage has left the \
+             particles' own region, where results are those of particles alone; enlarge it, or end the run there \
+             (fracture.stop_at_overlap = true)",
+            self.model, self.time
+        )
+    }
+}
+
+/// Models of which it was said.
+#[derive(Debug)]
+pub struct Crossing(Vec<bool>);
+
+impl Crossing {
+    /// What has happened so far needs no word.
+    pub fn since(breaks: &[Option<SharedLog>]) -> Self {
+        Self(breaks.iter().map(|b| has_left(b.as_ref())).collect())
+    }
+
+    /// What there is to say of the step just made, and whether the scene ends there.
+    pub fn watch(
+        &mut self,
+        input: &Input<'_>,
+        run: &Coupled<f64>,
+        breaks: &[Option<SharedLog>],
+    ) -> (Vec<String>, bool) {
+        let (mut said, mut ends) = (Vec::new(), false);
+        for (m, told) in self.0.iter_mut().enumerate() {
+            if *told || !has_left(breaks[m].as_ref()) {
+                continue;
+            }
+            *told = true;
+            said.extend(of_model(run, m, breaks[m].as_ref()).map(|line| line.to_string()));
+            ends |= stops(input, m);
+        }
+        (said, ends)
+    }
+}
+
+/// First breaks in overlaps, one per model.
+pub fn found(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
+    let all = breaks.iter().enumerate();
+    all.filter_map(|(m, b)| of_model(run, m, b.as_ref())).collect()
+}
+
+/// Whether a bond of an overlap has broken.
+fn has_left(breaks: Option<&SharedLog>) -> bool {
+    breaks.is_some_and(|b| locked(b).first_in_overlap().is_some())
+}
+
+fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<OverlapBreak> {
+    let log = locked(breaks?);
+    let first = log.first_in_overlap()?;
+    Some(OverlapBreak {
+        model: run.subdomains().get(m)?.model().name().to_owned(),
+        time: first.time,
+        place: first.place.into(),
+        bonds: log.events().iter().filter(|e| e.overlap).count(),
+    })
+}
+
+/// Whether an effect of the scene ends the run at the first break of model `m` in an overlap.
+fn stops(input: &Input<'_>, m: usize) -> bool {
+    let of = |(k, e): (usize, &Effect)| {
+        let stops = e.enabled && e.fracture.as_ref().is_some_and(|f| f.stop_at_overlap);
+        stops && setup::effect_models(k, e, &input.scene).is_ok_and(|models| models.contains(&m))
+    };
+    input.scene.effect.iter().enumerate().any(of)
+}

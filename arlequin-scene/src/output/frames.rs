@@ -1,0 +1,272 @@
+//! Frames: the state of all models and mediators at one instant.
+
+use super::mark;
+use super::vtu::{self, Array, Entry};
+use crate::cells::{self, Cell};
+use crate::error::{Error, Result, write};
+use crate::scene::{Material, OutputField};
+use crate::setup::{Drawn, View};
+use arlequin::core::{Coupled, Subdomain};
+use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
+use std::path::{Path, PathBuf};
+
+/// Writes frames and, at the end, their index.
+pub struct Frames {
+    folder: PathBuf,
+    fields: Vec<OutputField>,
+    models: Vec<Painter>,
+    mediators: Vec<View>,
+    entries: Vec<Entry>,
+}
+
+/// What a model's files repeat.
+struct Painter {
+    view: View,
+    material: Material,
+    /// Empty if the energy density is not wanted or the field has no gradient.
+    centres: Vec<Cell>,
+    weights: Vec<Array>,
+    /// What broke, where bonds can.
+    breaks: Option<SharedLog>,
+}
+
+impl Frames {
+    /// Prepares frames in a folder.
+    pub fn new(
+        folder: PathBuf,
+        fields: &[OutputField],
+        run: &Coupled<f64>,
+        drawn: Vec<Drawn>,
+        mediators: Vec<View>,
+    ) -> Self {
+        let density = fields.contains(&OutputField::EnergyDensity);
+        let models = drawn
+            .into_iter()
+            .zip(run.subdomains())
+            .map(|(d, s)| Painter {
+                centres: if density {
+                    cells::cells("output.fields", &d).unwrap_or_default()
+                } else {
+                    Vec::new()
+                },
+                weights: weights(s),
+                view: d.view,
+                breaks: d.breaks,
+                material: d.material,
+            })
+            .collect();
+        Self {
+            folder,
+            fields: fields.to_vec(),
+            models,
+            mediators,
+            entries: Vec::new(),
+        }
+    }
+
+    /// Files written so far.
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// Goes on with the files written before; removes those of later instants.
+    pub fn resume(&mut self, entries: Vec<Entry>) -> Result<()> {
+        let kept: Vec<_> = entries
+            .iter()
+            .filter_map(|e| Path::new(&e.file).file_name())
+            .collect();
+        for file in std::fs::read_dir(&self.folder)
+            .map_err(write(&self.folder))?
+            .flatten()
+        {
+            let name = file.file_name();
+            if !kept.contains(&name.as_os_str()) && mark::is_frame(&name) {
+                std::fs::remove_file(file.path()).map_err(write(&file.path()))?;
+            }
+        }
+        self.entries = entries;
+        Ok(())
+    }
+
+    /// Number of instants written.
+    pub fn count(&self) -> usize {
+        self.entries.iter().filter(|e| e.part == 0).count()
+    }
+
+    /// Bytes of one frame, without headers.
+    pub fn bytes_per_frame(&self) -> usize {
+        let model = |m: &Painter| {
+            let fixed = 24 * m.view.points.len() + 4 * m.view.connectivity.len() + 9 * m.view.cells();
+            let weights = if self.fields.contains(&OutputField::Weights) {
+                24
+            } else {
+                0
+            };
+            fixed + (48 + weights) * m.view.points.len() + 8 * (m.centres.len() + m.view.radii.len())
+        };
+        let mediator = |v: &View| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
+        self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
+    }
+
+    /// Writes the current state.
+    pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
+        for (part, (painter, s)) in self.models.iter().zip(run.subdomains()).enumerate() {
+            let name = s.model().name();
+            check_finite(run, name, &s.state().q)?;
+            check_finite(run, name, &s.state().v)?;
+            let (points, cells) = painter.arrays(&self.fields, s);
+            let file = format!("{name}_{:08}.vtu", run.steps());
+            vtu::write_grid(&self.folder.join(&file), &painter.view, &points, &cells)?;
+            self.entries.push(entry(run, part, name, file));
+        }
+        if !self.fields.contains(&OutputField::Multipliers) {
+            return Ok(());
+        }
+        for (k, (view, i)) in self.mediators.iter().zip(run.interfaces()).enumerate() {
+            let name = &i.report().name;
+            check_finite(run, name, i.multipliers())?;
+            let lambda = Array {
+                name: "multiplier".into(),
+                components: 3,
+                values: vectors(i.multipliers(), i.components(), view.points.len()),
+            };
+            let file = format!("mediator-{name}_{:08}.vtu", run.steps());
+            vtu::write_grid(&self.folder.join(&file), view, &[lambda], &[])?;
+            self.entries.push(entry(
+                run,
+                self.models.len() + k,
+                &format!("mediator-{name}"),
+                file,
+            ));
+        }
+        Ok(())
+    }
+
+    /// Writes the index.
+    pub fn finish(&self, path: &Path) -> Result<()> {
+        vtu::write_index(path, &self.entries)
+    }
+}
+
+impl Painter {
+    fn arrays(&self, fields: &[OutputField], s: &Subdomain<f64>) -> (Vec<Array>, Vec<Array>) {
+        let (mut points, mut cells) = (Vec::new(), Vec::new());
+        let count = s.model().layout().components;
+        let vector = |name: &str, values: &[f64]| Array {
+            name: name.into(),
+            components: 3,
+            values: vectors(values, count, self.view.points.len()),
+        };
+        if !self.view.radii.is_empty() {
+            points.push(Array {
+                name: "radius [m]".into(),
+                components: 1,
+                values: self.view.radii.clone(),
+            });
+        }
+        for field in fields {
+            match field {
+                OutputField::Displacement => points.push(vector("displacement [m]", &s.state().q)),
+                OutputField::Velocity => points.push(vector("velocity [m/s]", &s.state().v)),
+                OutputField::Weights => points.extend(self.weights.iter().cloned()),
+                OutputField::EnergyDensity if !self.centres.is_empty() => cells.push(Array {
+                    name: "energy density [J/m3]".into(),
+                    components: 1,
+                    values: self
+                        .centres
+                        .iter()
+                        .map(|cell| self.density(cell, &s.state().q, count))
+                        .collect(),
+                }),
+                OutputField::EnergyDensity | OutputField::Multipliers => {}
+            }
+        }
+        if let Some(log) = &self.breaks {
+            let (damage, broken) = self.damage(&locked(log));
+            points.push(damage);
+            cells.push(broken);
+        }
+        (points, cells)
+    }
+
+    /// Share of broken bonds of every particle, and which bonds are broken.
+    fn damage(&self, log: &BreakLog) -> (Array, Array) {
+        let mut counts = vec![[0.0_f64; 2]; self.view.points.len()];
+        let mut broken = Vec::with_capacity(self.view.cells());
+        for (b, pair) in self.view.connectivity.chunks_exact(2).enumerate() {
+            let gone = f64::from(u8::from(log.is_broken(b)));
+            broken.push(gone);
+            for i in pair {
+                let c = &mut counts[*i as usize];
+                c[0] += gone;
+                c[1] += 1.0;
+            }
+        }
+        let array = |name: &str, values| Array {
+            name: name.into(),
+            components: 1,
+            values,
+        };
+        let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
+        (array("damage [-]", shares), array("broken [-]", broken))
+    }
+
+    /// Unweighted strain energy density `½ σ:ε` at a cell centre.
+    fn density(&self, cell: &Cell, q: &[f64], count: usize) -> f64 {
+        let h = cell.gradient(q, count);
+        if count == 1 {
+            return 0.5 * self.material.young * h[(0, 0)] * h[(0, 0)];
+        }
+        let [lambda, mu] = cells::lame(&self.material);
+        let strain = (h + h.transpose()) * 0.5;
+        0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
+    }
+}
+
+fn weights(s: &Subdomain<f64>) -> Vec<Array> {
+    let w = s.weights();
+    let all = [
+        ("alpha", &w.internal),
+        ("beta", &w.kinetic),
+        ("gamma", &w.external),
+    ];
+    all.map(|(name, w)| Array {
+        name: name.into(),
+        components: 1,
+        values: s.model().nodes().iter().map(|x| w.at(x)).collect(),
+    })
+    .into()
+}
+
+/// Three components per point, whatever the model has.
+fn vectors(values: &[f64], components: usize, points: usize) -> Vec<f64> {
+    (0..points)
+        .flat_map(|k| (0..3).map(move |c| (k, c)))
+        .map(|(k, c)| {
+            if c < components {
+                values[k * components + c]
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}
+
+fn entry(run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
+    Entry {
+        time: run.time(),
+        part,
+        name: name.to_owned(),
+        file: format!("vtu/{file}"),
+    }
+}
+
+fn check_finite(run: &Coupled<f64>, name: &str, values: &[f64]) -> Result<()> {
+    if values.iter().all(|v| v.is_finite()) {
+        return Ok(());
+    }
+    Err(Error::NotFinite {
+        what: format!("a value of '{name}'"),
+        time: run.time(),
+    })
+}

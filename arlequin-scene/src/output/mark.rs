@@ -1,0 +1,282 @@
+//! The mark of folders of results. Nothing that the program did not write is ever removed or replaced: a folder goes
+//! file by file, by the list in its mark.
+//!
+//! ```text
+//! Results of arlequin, ...            head
+//! 1234 probes.csv                     length [bytes] and path of every file, once the run has ended
+//! end
+//! ```
+//!
+//! While the run goes on there is no list; then the names that a run uses decide, and a lock says that it goes on.
+
+use crate::error::{Error, Result, write};
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::fs::{File, TryLockError};
+use std::io::{Seek as _, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Name of the file.
+pub const NAME: &str = ".arlequin-results";
+const HEAD: &str = "Results of arlequin. A run with --force replaces this folder as long as it holds nothing but the \
+                    files listed here, unchanged.\n";
+/// Last line of a list that is whole.
+const END: &str = "end\n";
+/// Length of what is neither a file nor a folder: no list knows it.
+const LINK: u64 = u64::MAX;
+/// Files of a run.
+const FILES: [&str; 8] = [
+    NAME,
+    "probes.csv",
+    "energy.csv",
+    "effects.csv",
+    "results.pvd",
+    "summary.json",
+    "checkpoint.bin",
+    "checkpoint.bin.tmp",
+];
+/// Files that a sweep adds to its runs afterwards.
+const ADDED: [&str; 3] = ["member.json", ".member.json", "predicted.json"];
+/// Folders inside, and what their files end with.
+const FOLDERS: [(&str, &str); 2] = [("vtu", ".vtu"), ("plots", ".svg")];
+/// Folder with the same again.
+pub const PART: &str = "asleep";
+
+/// A marked folder in which this process writes; others see that it does.
+#[derive(Debug)]
+pub struct Mark(File);
+
+impl Mark {
+    /// Marks a folder and locks it; `None` if another process writes there.
+    pub fn set(folder: &Path) -> Result<Option<Self>> {
+        let path = folder.join(NAME);
+        let open = File::options()
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(&path);
+        let mut file = open.map_err(write(&path))?;
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => return Ok(None),
+            // Some file systems know no locks: then nobody is watched.
+            Err(TryLockError::Error(_)) | Ok(()) => {}
+        }
+        file.set_len(0)
+            .and_then(|()| file.write_all(HEAD.as_bytes()))
+            .map_err(write(&path))?;
+        Ok(Some(Self(file)))
+    }
+
+    /// Lists what the run wrote: from now on these files, unchanged, are what may be replaced.
+    pub fn seal(&mut self, folder: &Path) -> Result<()> {
+        let mut text = HEAD.to_owned();
+        for (name, length) in entries(folder)? {
+            if let Some(n) = length.filter(|_| is_ours(&name) && name != Path::new(NAME)) {
+                text += &format!("{n} {}\n", name.display());
+            }
+        }
+        text += END;
+        let path = folder.join(NAME);
+        let put = |file: &mut File| {
+            file.set_len(0)?;
+            file.rewind()?;
+            file.write_all(text.as_bytes())
+        };
+        put(&mut self.0).map_err(write(&path))
+    }
+}
+
+/// Whether another process writes into a marked folder.
+pub fn is_busy(folder: &Path) -> bool {
+    let file = File::options().write(true).open(folder.join(NAME));
+    file.is_ok_and(|f| matches!(f.try_lock(), Err(TryLockError::WouldBlock)))
+}
+
+/// Whether the run that made a marked folder wrote all it had to.
+pub fn is_sealed(folder: &Path) -> bool {
+    listed(folder).is_some_and(|l| !l.is_empty())
+}
+
+/// Why a folder must not be removed; none if it holds nothing but what a run wrote.
+pub fn objection(folder: &Path) -> Result<Option<String>> {
+    let found = entries(folder)?;
+    if found.is_empty() {
+        return Ok(None);
+    }
+    let Some(list) = listed(folder) else {
+        return Ok(Some(format!(
+            "does not bear the mark of results ('{NAME}'), so no flag replaces it; choose another --out, or remove it \
+             yourself"
+        )));
+    };
+    let foreign = found.iter().find(|(name, length)| {
+        let added = ADDED.iter().any(|a| name.as_path() == Path::new(a));
+        let known = match length {
+            Some(LINK) => false,
+            _ if list.is_empty() || added || name.as_path() == Path::new(NAME) => true,
+            None => true,
+            Some(n) => list.get(*name) == Some(n),
+        };
+        !known || !is_ours(name)
+    });
+    Ok(foreign.map(|(name, _)| {
+        format!(
+            "holds '{}', which no run wrote or which was changed since, so no flag replaces it; move that away, or \
+             choose another --out",
+            name.display()
+        )
+    }))
+}
+
+/// Removes what a run wrote, the mark last, and the folder if nothing else is left in it.
+pub fn remove(folder: &Path) -> Result<()> {
+    let list = listed(folder).unwrap_or_default();
+    let all = entries(folder)?;
+    // Deepest first: the paths are sorted.
+    for (name, length) in all.iter().rev().filter(|(name, _)| is_ours(name)) {
+        let path = folder.join(name);
+        let mine = match length {
+            _ if name.as_path() == Path::new(NAME) => continue,
+            Some(LINK) => false,
+            Some(n) => {
+                list.is_empty() || ADDED.iter().any(|a| name.ends_with(a)) || list.get(name) == Some(n)
+            }
+            // A folder that still holds something stays.
+            None => {
+                let _ = std::fs::remove_dir(&path);
+                continue;
+            }
+        };
+        if mine {
+            std::fs::remove_file(&path).map_err(write(&path))?;
+        }
+    }
+    let mark = folder.join(NAME);
+    if entries(folder)?.keys().all(|name| name == Path::new(NAME)) {
+        if mark.exists() {
+            std::fs::remove_file(&mark).map_err(write(&mark))?;
+        }
+        std::fs::remove_dir(folder).map_err(write(folder))?;
+    }
+    Ok(())
+}
+
+/// A folder of many runs or of pictures, into which files are written again and again: it must be new, empty or marked.
+pub fn claim(flag: &str, folder: &Path) -> Result<()> {
+    if folder.exists() && !folder.is_dir() {
+        let rule = "is a file; choose another folder";
+        return Err(crate::error::value(flag, folder.display(), rule));
+    }
+    std::fs::create_dir_all(folder).map_err(write(folder))?;
+    let path = folder.join(NAME);
+    if path.exists() {
+        return Ok(());
+    }
+    let mut inside = std::fs::read_dir(folder).map_err(write(folder))?;
+    if let Some(Ok(entry)) = inside.next() {
+        let rule = format!(
+            "holds '{}' and does not bear the mark of results ('{NAME}'); choose a folder that is new or empty",
+            entry.file_name().display()
+        );
+        return Err(crate::error::value(flag, folder.display(), &rule));
+    }
+    std::fs::write(&path, HEAD).map_err(write(&path))
+}
+
+/// Refuses to write over a page that does not begin as the one that is written there.
+pub fn generated(flag: &str, page: &Path, head: &str) -> Result<()> {
+    let Ok(text) = std::fs::read(page) else {
+        return Ok(());
+    };
+    let first = head.lines().next().unwrap_or_default();
+    if text.is_empty() || text.starts_with(first.as_bytes()) {
+        return Ok(());
+    }
+    let rule =
+        format!("exists and does not begin with '{first}' as what would replace it; choose another place");
+    Err(crate::error::value(flag, page.display(), &rule))
+}
+
+/// Whether a run may have given this name to something in its folder.
+pub fn is_ours(name: &Path) -> bool {
+    let parts: Option<Vec<&str>> = name.iter().map(|p| p.to_str()).collect();
+    match parts.as_deref() {
+        Some([PART, rest @ ..]) if rest.first() != Some(&PART) => is_part(rest),
+        Some(parts) => is_part(parts),
+        None => false,
+    }
+}
+
+/// Whether a file's name is that of a frame: a model, an underscore, the number of the step.
+pub fn is_frame(name: &OsStr) -> bool {
+    let stem = name.to_str().and_then(|n| n.strip_suffix(".vtu"));
+    let step = stem.and_then(|s| s.rsplit_once('_')).map(|(_, step)| step);
+    step.is_some_and(|s| s.len() >= 8 && s.bytes().all(|b| b.is_ascii_digit()))
+}
+
+fn is_part(parts: &[&str]) -> bool {
+    match parts {
+        [] => true,
+        [file] => {
+            FILES.contains(file)
+                || ADDED.contains(file)
+                || FOLDERS.iter().any(|f| f.0 == *file)
+                || (file.starts_with("fracture-") && file.ends_with(".csv"))
+        }
+        [folder, file] => FOLDERS.iter().any(|f| f.0 == *folder && file.ends_with(f.1)),
+        _ => false,
+    }
+}
+
+/// Everything below a folder: path and length, none for folders. A link is never followed, and has a length that no
+/// list knows.
+fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Option<u64>>> {
+    let read = |path: &Path| {
+        let path = path.to_owned();
+        move |source| Error::Read { path, source }
+    };
+    let mut out = BTreeMap::new();
+    let mut open = vec![PathBuf::new()];
+    while let Some(below) = open.pop() {
+        let path = folder.join(&below);
+        for entry in std::fs::read_dir(&path).map_err(read(&path))? {
+            let entry = entry.map_err(read(&path))?;
+            let kind = entry.file_type().map_err(read(&entry.path()))?;
+            let name = below.join(entry.file_name());
+            let length = if kind.is_dir() {
+                // What lies deeper than a run writes is foreign by its folder's name already.
+                if is_ours(&name) {
+                    open.push(name.clone());
+                }
+                None
+            } else if kind.is_file() {
+                Some(entry.metadata().map_err(read(&entry.path()))?.len())
+            } else {
+                Some(LINK)
+            };
+            out.insert(name, length);
+        }
+    }
+    Ok(out)
+}
+
+/// The list of the mark, empty while the run goes on; none without a mark.
+fn listed(folder: &Path) -> Option<BTreeMap<PathBuf, u64>> {
+    let path = folder.join(NAME);
+    if !std::fs::symlink_metadata(&path).is_ok_and(|m| m.is_file()) {
+        return None;
+    }
+    let text = std::fs::read_to_string(&path).ok()?;
+    if HEAD.starts_with(&text) {
+        return Some(BTreeMap::new());
+    }
+    // Killed while it was written: as if there were no list yet.
+    let Some(list) = text.strip_prefix(HEAD)?.strip_suffix(END) else {
+        return Some(BTreeMap::new());
+    };
+    let line = |l: &str| {
+        let (length, name) = l.split_once(' ')?;
+        Some((PathBuf::from(name), length.parse().ok()?))
+    };
+    list.lines().map(line).collect()
+}

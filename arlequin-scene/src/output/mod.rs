@@ -1,0 +1,45 @@
+//! Result files.
+
+mod folder;
+mod frames;
+pub mod mark;
+pub mod packing;
+pub mod plots;
+pub mod summary;
+pub mod tables;
+mod vtu;
+
+pub use folder::{Folder, Place};
+pub use frames::Frames;
+pub use vtu::Entry;
+
+use crate::error::{Result, write};
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Write as _;
+use std::path::Path;
+
+/// Writes columns of equal length as comma-separated values.
+pub fn csv(path: &Path, names: &[String], columns: &[&[f64]]) -> Result<()> {
+    let rows = columns.first().map_or(0, |c| c.len());
+    let mut text = names.join(",");
+    text.push('\n');
+    for k in 0..rows {
+        for (c, column) in columns.iter().enumerate() {
+            let comma = if c > 0 { "," } else { "" };
+            // Shortest digits that read back as the same number.
+            let _ = write!(text, "{comma}{:e}", column[k]);
+        }
+        text.push('\n');
+    }
+    put(path, &[text.as_bytes()])
+}
+
+/// Writes a file whole, or leaves none: on a full disk, half a file takes the space of others.
+pub fn put(path: &Path, parts: &[&[u8]]) -> Result<()> {
+    let all = |mut file: File| parts.iter().try_for_each(|p| file.write_all(p));
+    File::create(path).and_then(all).map_err(|e| {
+        let _ = std::fs::remove_file(path);
+        write(path)(e)
+    })
+}

@@ -1,0 +1,244 @@
+//! Curves as SVG: over time, or over anything else on linear or logarithmic axes.
+
+use crate::error::{Error, Result};
+use plotters::prelude::*;
+use std::path::Path;
+
+/// One curve.
+#[derive(Debug, Clone)]
+pub struct Curve<'a> {
+    /// Legend.
+    pub name: String,
+    /// Times \[s\], or whatever the horizontal axis shows.
+    pub times: &'a [f64],
+    /// Values in the unit of the plot.
+    pub values: Vec<f64>,
+}
+
+/// A plot of curves.
+#[derive(Debug, Clone)]
+pub struct Plot<'a> {
+    /// Headline.
+    pub title: String,
+    /// Quantity on the horizontal axis and its SI unit.
+    pub across: [&'a str; 2],
+    /// Whether the horizontal and the vertical axis are logarithmic.
+    pub log: [bool; 2],
+    /// Quantity on the vertical axis.
+    pub quantity: &'a str,
+    /// Its SI unit.
+    pub unit: &'a str,
+    /// Curves.
+    pub curves: Vec<Curve<'a>>,
+}
+
+impl<'a> Plot<'a> {
+    /// A plot over time, linear.
+    pub fn over_time(title: String, quantity: &'a str, unit: &'a str, curves: Vec<Curve<'a>>) -> Self {
+        Self {
+            title,
+            across: ["time", "s"],
+            log: [false; 2],
+            quantity,
+            unit,
+            curves,
+        }
+    }
+}
+
+/// Colours that stay apart for the colour-blind (Okabe and Ito), darkest first.
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
+    RGBColor(80, 80, 80),
+];
+/// Width of a plot \[px\].
+const WIDTH: u32 = 1060;
+/// Most points of a curve; more cannot be told apart at this size.
+const MOST_POINTS: usize = 1500;
+
+/// Factor to and name of the prefixed unit for values up to `top`.
+fn prefixed(top: f64, unit: &str) -> (f64, String) {
+    const PREFIXES: [(f64, &str); 9] = [
+        (1e9, "G"),
+        (1e6, "M"),
+        (1e3, "k"),
+        (1.0, ""),
+        (1e-3, "m"),
+        (1e-6, "µ"),
+        (1e-9, "n"),
+        (1e-12, "p"),
+        (1e-15, "f"),
+    ];
+    let fits = PREFIXES.iter().find(|p| top >= p.0);
+    match fits {
+        Some((size, prefix)) if !unit.is_empty() && top < 1e12 => (1.0 / size, format!("{prefix}{unit}")),
+        _ => (1.0, unit.to_owned()),
+    }
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |a, b| a.max(b.abs()))
+}
+
+/// Lowest and highest value of a few, in their order: a curve that keeps its peaks.
+fn thinned(times: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
+    let n = times.len().min(values.len());
+    if n <= MOST_POINTS {
+        return times.iter().copied().zip(values.iter().copied()).collect();
+    }
+    let size = (2 * n).div_ceil(MOST_POINTS);
+    let mut out = Vec::with_capacity(MOST_POINTS + 2);
+    for start in (0..n).step_by(size) {
+        let range = start..(start + size).min(n);
+        let by = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
+        let ends = [range.clone().min_by(by), range.max_by(by)];
+        let mut ends: Vec<usize> = ends.into_iter().flatten().collect();
+        ends.sort_unstable();
+        ends.dedup();
+        out.extend(ends.into_iter().map(|k| (times[k], values[k])));
+    }
+    out
+}
+
+/// Draws a plot, if there is anything to draw.
+pub fn draw(path: &Path, plot: &Plot<'_>) -> Result<()> {
+    if plot.curves.iter().all(|c| c.times.len() < 2) {
+        return Ok(());
+    }
+    draw_svg(path, plot).map_err(|message| Error::Plot {
+        name: path.display().to_string(),
+        message,
+    })
+}
+
+/// Values the vertical axis spans, with a margin.
+fn range(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
+    let values = || plot.curves.iter().flat_map(|c| c.values.iter());
+    let (low, high) = extremes(values().map(|v| scaled(*v, factor, plot.log[1])));
+    let margin = if high > low {
+        0.06 * (high - low)
+    } else {
+        1.0f64.max(high.abs())
+    };
+    (low - margin, high + margin)
+}
+
+/// Abscissae that are shown; zero belongs to a linear axis.
+fn span(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
+    let all = plot.curves.iter().flat_map(|c| c.times.iter());
+    let (first, last) = extremes(all.map(|t| scaled(*t, factor, plot.log[0])));
+    if plot.log[0] {
+        (first, last)
+    } else {
+        (first.min(0.0), last)
+    }
+}
+
+fn extremes(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    })
+}
+
+/// Where a value stands on an axis.
+fn scaled(value: f64, factor: f64, log: bool) -> f64 {
+    if log {
+        (value * factor).max(f64::MIN_POSITIVE).log10()
+    } else {
+        value * factor
+    }
+}
+
+/// The number that stands at a place of an axis.
+fn mark(place: f64, log: bool) -> String {
+    if !log {
+        return tick(place);
+    }
+    // Lines between the decades stand at odd numbers; two digits are enough to read them.
+    let value = 10f64.powf(place);
+    let unit = 10f64.powf(place.floor() - 1.0);
+    tick((value / unit).round() * unit)
+}
+
+fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
+    let text = |e: &dyn std::fmt::Display| e.to_string();
+    let end = largest(plot.curves.iter().flat_map(|c| c.times.iter().copied()));
+    let top = largest(plot.curves.iter().flat_map(|c| c.values.iter().copied()));
+    let (ft, tu) = prefixed(end, plot.across[1]);
+    let (fv, vu) = prefixed(top, plot.unit);
+    let (low, high) = range(plot, fv);
+    let [log_x, log_y] = plot.log;
+    let (first, last) = span(plot, ft);
+    let root = SVGBackend::new(path, (WIDTH, 520)).into_drawing_area();
+    root.fill(&WHITE).map_err(|e| text(&e))?;
+    // The legend stands beside the curves, never on them.
+    let longest = plot
+        .curves
+        .iter()
+        .map(|c| c.name.chars().count())
+        .max()
+        .unwrap_or(0) as i32;
+    let (left, right) = root.split_horizontally(WIDTH as i32 - (longest * 8 + 50).min(WIDTH as i32 / 2));
+    let mut chart = ChartBuilder::on(&left)
+        .caption(&plot.title, ("sans-serif", 20))
+        .margin(14)
+        .x_label_area_size(46)
+        .y_label_area_size(84)
+        .build_cartesian_2d(first..last, low..high)
+        .map_err(|e| text(&e))?;
+    let unit = |u: &str| match u {
+        "" => String::new(),
+        u => format!(" [{u}]"),
+    };
+    chart
+        .configure_mesh()
+        .x_desc(format!("{}{}", plot.across[0], unit(&tu)))
+        .y_desc(format!("{}{}", plot.quantity, unit(&vu)))
+        .label_style(("sans-serif", 14))
+        .axis_desc_style(("sans-serif", 16))
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(BLACK.mix(0.12))
+        .x_label_formatter(&|v| mark(*v, log_x))
+        .y_label_formatter(&|v| mark(*v, log_y))
+        .draw()
+        .map_err(|e| text(&e))?;
+    for (k, c) in plot.curves.iter().enumerate() {
+        let colour = COLOURS[k % COLOURS.len()];
+        let points = thinned(c.times, &c.values)
+            .into_iter()
+            .map(|(t, v)| (scaled(t, ft, log_x), scaled(v, fv, log_y)));
+        chart
+            .draw_series(LineSeries::new(points, colour.stroke_width(2)))
+            .map_err(|e| text(&e))?;
+        let y = 54 + 22 * k as i32;
+        right
+            .draw(&PathElement::new([(0, y), (22, y)], colour.stroke_width(2)))
+            .map_err(|e| text(&e))?;
+        right
+            .draw(&Text::new(c.name.clone(), (30, y - 8), ("sans-serif", 14)))
+            .map_err(|e| text(&e))?;
+    }
+    root.present().map_err(|e| text(&e))
+}
+
+/// Short number: six digits, no trailing zeros.
+fn tick(v: f64) -> String {
+    if v == 0.0 || v.abs() < 1e-12 {
+        return "0".into();
+    }
+    if !(1e-3..1e6).contains(&v.abs()) {
+        return format!("{v:.1e}");
+    }
+    let digits = (5 - v.abs().log10().floor() as i32).clamp(0, 6) as usize;
+    let text = format!("{v:.digits$}");
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}

@@ -1,0 +1,336 @@
+//! Watches a run: probes, energy, frames, and where wall time goes.
+
+use crate::error::{Error, Result, core};
+use crate::output::Entry;
+use crate::output::Frames;
+use crate::setup::Reader;
+use arlequin::core::Coupled;
+use arlequin::core::ledger::EnergySample;
+use arlequin::core::observer::{Observer, Phase, StepReport};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// A clock that knows the phases of a step.
+#[derive(Debug)]
+pub struct PhaseClock {
+    since: Instant,
+    current: Option<Phase>,
+    seconds: Vec<(Phase, f64)>,
+}
+
+impl PhaseClock {
+    /// Starts now.
+    pub fn new() -> Self {
+        Self {
+            since: Instant::now(),
+            current: None,
+            seconds: Vec::new(),
+        }
+    }
+
+    /// Begins a phase, ending the one before.
+    pub fn enter(&mut self, phase: Option<Phase>) {
+        let now = Instant::now();
+        if let Some(p) = self.current {
+            let passed = (now - self.since).as_secs_f64();
+            match self.seconds.iter_mut().find(|s| s.0 == p) {
+                Some(s) => s.1 += passed,
+                None => self.seconds.push((p, passed)),
+            }
+        }
+        self.since = now;
+        self.current = phase;
+    }
+
+    /// Seconds by phase; models by name.
+    pub fn phases(&self, run: &Coupled<f64>) -> BTreeMap<String, f64> {
+        let name = |p: Phase| match p {
+            Phase::Predict(k) => format!("predict/{}", run.subdomains()[k].model().name()),
+            Phase::Evolve(k) => format!("evolve/{}", run.subdomains()[k].model().name()),
+            Phase::Effect(k, e) => {
+                let s = &run.subdomains()[k];
+                let effect = s.effects().nth(e).map_or("?", |e| e.name());
+                format!("effect/{}/{effect}", s.model().name())
+            }
+            Phase::Pair(k) => {
+                let lines = run.effects();
+                let line = lines.iter().find(|e| e.phase == Some(Phase::Pair(k)));
+                format!("effect/{}", line.map_or("?", |e| &e.name))
+            }
+            Phase::Interface => "interface".to_owned(),
+            Phase::Ledger => "ledger".to_owned(),
+            Phase::Observe => "observe".to_owned(),
+            _ => "other".to_owned(),
+        };
+        self.seconds.iter().map(|(p, s)| (name(*p), *s)).collect()
+    }
+
+    /// Seconds of one phase.
+    pub fn seconds(&self, phase: Phase) -> f64 {
+        self.seconds.iter().find(|s| s.0 == phase).map_or(0.0, |s| s.1)
+    }
+
+    /// Seconds of steps and of observation.
+    pub fn split(&self) -> [f64; 2] {
+        self.seconds.iter().fold([0.0; 2], |mut sum, (p, s)| {
+            sum[usize::from(*p == Phase::Observe)] += s;
+            sum
+        })
+    }
+}
+
+impl Observer<f64> for PhaseClock {
+    fn phase(&mut self, phase: Phase) {
+        self.enter(Some(phase));
+    }
+
+    fn observe(&mut self, _: &Coupled<f64>, _: &StepReport<f64>) -> arlequin::core::Result<ControlFlow<()>> {
+        Ok(ControlFlow::Continue(()))
+    }
+}
+
+/// Columns over time.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Table {
+    /// Times \[s\].
+    pub times: Vec<f64>,
+    /// Columns.
+    pub columns: Vec<Vec<f64>>,
+}
+
+impl Table {
+    fn push(&mut self, time: f64, row: impl Iterator<Item = f64>) {
+        self.times.push(time);
+        for (k, x) in row.enumerate() {
+            if self.columns.len() <= k {
+                self.columns.push(Vec::new());
+            }
+            self.columns[k].push(x);
+        }
+    }
+}
+
+/// Names of the columns of [`Recorder::energy`] before the works.
+pub const ENERGY_COLUMNS: [&str; 10] = [
+    "kinetic [J]",
+    "internal [J]",
+    "total [J]",
+    "invariant [J]",
+    "work [J]",
+    "drift [J]",
+    "relative drift [-]",
+    "constraint residual [-]",
+    "momentum drift [-]",
+    "angular momentum drift [-]",
+];
+
+/// Columns of each body behind those of the works.
+pub const MOMENTUM_COLUMNS: [&str; 6] = [
+    "momentum x [kg m/s]",
+    "momentum y [kg m/s]",
+    "momentum z [kg m/s]",
+    "angular momentum x [kg m2/s]",
+    "angular momentum y [kg m2/s]",
+    "angular momentum z [kg m2/s]",
+];
+
+/// What a resumed run must know of what was recorded before.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Records {
+    probes: Table,
+    energy: Table,
+    facts: Table,
+    residuals: Vec<f64>,
+    top_speed: f64,
+    warnings: Vec<String>,
+    frames: Vec<Entry>,
+    /// Energy before the first step \[J\].
+    pub initial_energy: f64,
+}
+
+/// What is kept of a run.
+pub struct Recorder {
+    /// Probes.
+    pub readers: Vec<Reader>,
+    /// Their values.
+    pub probes: Table,
+    /// Energy: [`ENERGY_COLUMNS`], then one column per work, then [`MOMENTUM_COLUMNS`] per body.
+    pub energy: Table,
+    /// Names of the works.
+    pub works: Vec<String>,
+    /// Names of the bodies.
+    pub bodies: Vec<String>,
+    /// Figures of the effects at the times of the energy.
+    pub facts: Table,
+    /// Their names.
+    pub fact_names: Vec<String>,
+    /// Frames.
+    pub frames: Frames,
+    /// Largest relative velocity jump per interface.
+    pub residuals: Vec<f64>,
+    /// What a user should know: from before the first step, then from the steps, each once.
+    pub warnings: Vec<String>,
+    top_speed: f64,
+    /// Energy before the first step \[J\].
+    pub initial_energy: f64,
+    probe_every: usize,
+    frame_every: usize,
+}
+
+impl Recorder {
+    /// Records the state before the first step.
+    pub fn new(
+        run: &Coupled<f64>,
+        readers: Vec<Reader>,
+        mut frames: Frames,
+        probe_every: usize,
+        frame_every: usize,
+        warnings: Vec<String>,
+    ) -> Result<Self> {
+        frames.write(run)?;
+        let mut out = Self {
+            readers,
+            probes: Table::default(),
+            energy: Table::default(),
+            works: run.works().into_iter().map(|w| w.name).collect(),
+            bodies: run.bodies().iter().map(|b| b.models.join(" + ")).collect(),
+            facts: Table::default(),
+            fact_names: facts(run).map(|f| f.0).collect(),
+            frames,
+            residuals: Vec::new(),
+            warnings,
+            top_speed: 0.0,
+            initial_energy: run.energy(),
+            probe_every,
+            frame_every,
+        };
+        out.read_probes(run)?;
+        Ok(out)
+    }
+
+    /// Goes on with what was recorded before.
+    pub fn resume(&mut self, from: Records) -> Result<()> {
+        self.probes = from.probes;
+        self.energy = from.energy;
+        self.facts = from.facts;
+        self.residuals = from.residuals;
+        self.top_speed = from.top_speed;
+        for w in from.warnings {
+            self.warn(w);
+        }
+        self.initial_energy = from.initial_energy;
+        self.frames.resume(from.frames)
+    }
+
+    /// Keeps a warning for the summary; whether it was not known yet.
+    pub fn warn(&mut self, text: String) -> bool {
+        let new = !self.warnings.contains(&text);
+        if new {
+            self.warnings.push(text);
+        }
+        new
+    }
+
+    /// What a resumed run must know.
+    pub fn records(&self) -> Records {
+        Records {
+            probes: self.probes.clone(),
+            energy: self.energy.clone(),
+            facts: self.facts.clone(),
+            residuals: self.residuals.clone(),
+            top_speed: self.top_speed,
+            warnings: self.warnings.clone(),
+            frames: self.frames.entries().to_vec(),
+            initial_energy: self.initial_energy,
+        }
+    }
+
+    /// Records the step just made.
+    pub fn observe(&mut self, run: &mut Coupled<f64>, energy: Option<EnergySample<f64>>) -> Result<()> {
+        if run.steps().is_multiple_of(self.probe_every) {
+            self.read_probes(run)?;
+        }
+        if let Some(sample) = energy {
+            self.draw_energy(run, &sample);
+        }
+        if run.steps().is_multiple_of(self.frame_every) {
+            self.frames.write(run)?;
+        }
+        Ok(())
+    }
+
+    /// Records the last state, if it was not yet.
+    pub fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
+        if run.steps().is_multiple_of(self.frame_every) {
+            return Ok(());
+        }
+        self.frames.write(run)
+    }
+
+    fn read_probes(&mut self, run: &Coupled<f64>) -> Result<()> {
+        let values: Vec<f64> = self.readers.iter().map(|r| r.read(run.subdomains())).collect();
+        if let Some(k) = values.iter().position(|v| !v.is_finite()) {
+            return Err(Error::NotFinite {
+                what: format!("probe '{}'", self.readers[k].name),
+                time: run.time(),
+            });
+        }
+        self.probes.push(run.time(), values.into_iter());
+        Ok(())
+    }
+
+    fn draw_energy(&mut self, run: &mut Coupled<f64>, s: &EnergySample<f64>) {
+        let fixed = [
+            s.kinetic,
+            s.internal,
+            s.total(),
+            s.invariant,
+            s.work,
+            s.drift,
+            s.relative_drift,
+            s.constraint_residual,
+            s.momentum_drift[0],
+            s.momentum_drift[1],
+        ];
+        let works = run.works().into_iter().map(|w| w.work);
+        let bodies = run.bodies();
+        let momenta = bodies
+            .iter()
+            .flat_map(|b| b.linear.iter().chain(&b.angular).copied());
+        let row = fixed.into_iter().chain(works).chain(momenta);
+        self.energy.push(s.time, row);
+        if !self.fact_names.is_empty() {
+            self.facts.push(s.time, facts(run).map(|f| f.1));
+        }
+        for d in run.subdomains() {
+            let moving = &d.state().v[..d.model().layout().translations()];
+            self.top_speed = moving.iter().fold(self.top_speed, |m, v| m.max(v.abs()));
+        }
+        self.residuals.resize(run.interfaces().len(), 0.0);
+        for k in 0..run.interfaces().len() {
+            let jump = run.jumps(k)[0];
+            if self.top_speed > 0.0 {
+                self.residuals[k] = self.residuals[k].max(jump / self.top_speed);
+            }
+        }
+    }
+}
+
+/// Figures of all effects: name with the effect in front, value.
+fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
+    run.effects().into_iter().flat_map(|e| {
+        let name = e.name;
+        e.facts
+            .into_iter()
+            .map(move |(fact, x)| (format!("{name} {fact}"), x))
+    })
+}
+
+/// Makes one step under the clock.
+pub fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
+    let report = run.advance(clock).map_err(core("time"))?;
+    clock.enter(Some(Phase::Observe));
+    Ok(report.energy)
+}

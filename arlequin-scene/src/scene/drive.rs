@@ -1,0 +1,260 @@
+//! What acts on the models and what is watched: supports, loads, effects, initial states, probes.
+
+use serde::Deserialize;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, MapAccess, Visitor};
+
+/// A part of a model: a group by name, or what lies in a box.
+#[derive(Debug, Clone)]
+pub enum Selection {
+    /// Named group.
+    Group(String),
+    /// Nodes in a closed box: lowest and highest corner \[m\].
+    Box([f64; 3], [f64; 3]),
+}
+
+impl<'de> Deserialize<'de> for Selection {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields, rename_all = "snake_case")]
+        enum Table {
+            Box { low: [f64; 3], high: [f64; 3] },
+        }
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = Selection;
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("the name of a group or { box = { low = [x, y, z], high = [x, y, z] } }")
+            }
+            fn visit_str<E>(self, name: &str) -> Result<Selection, E> {
+                Ok(Selection::Group(name.to_owned()))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Selection, A::Error> {
+                let Table::Box { low, high } = Table::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(Selection::Box(low, high))
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+impl std::fmt::Display for Selection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Group(name) => write!(f, "'{name}'"),
+            Self::Box(low, high) => write!(f, "box {low:?} to {high:?}"),
+        }
+    }
+}
+
+/// Directions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Axis {
+    /// First.
+    X,
+    /// Second.
+    Y,
+    /// Third.
+    Z,
+}
+
+impl Axis {
+    /// 0, 1, 2.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+}
+
+/// A dimensionless function of time.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum TimeShape {
+    /// One from time zero on.
+    Step,
+    /// From 0 to 1 within a duration \[s\].
+    Ramp {
+        /// Rise time \[s\].
+        duration: f64,
+    },
+    /// `sin²` within a duration \[s\], then zero.
+    Pulse {
+        /// Length \[s\].
+        duration: f64,
+    },
+    /// Linear between `[time, value]` rows.
+    Table(Vec<(f64, f64)>),
+}
+
+/// `[[support]]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Support {
+    /// Model.
+    pub model: String,
+    /// Which nodes.
+    #[serde(rename = "where")]
+    pub at: Selection,
+    /// Which components; all by default.
+    pub components: Option<Vec<Axis>>,
+    /// Prescribed motion; fixed without one.
+    pub motion: Option<Motion>,
+}
+
+/// A prescribed motion.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motion {
+    /// Amplitude \[m\].
+    pub amplitude: f64,
+    /// Time function.
+    pub time: TimeShape,
+}
+
+/// `[[load]]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Load {
+    /// Name in the ledger.
+    pub name: Option<String>,
+    /// Model.
+    pub model: String,
+    /// Which surface.
+    #[serde(rename = "where")]
+    pub at: Selection,
+    /// Traction \[Pa\].
+    pub traction: Option<[f64; 3]>,
+    /// Total force \[N\].
+    pub force: Option<[f64; 3]>,
+    /// Pressure against the outward normal \[Pa\].
+    pub pressure: Option<f64>,
+    /// Total torque about the surface's centre \[N m\].
+    pub torque: Option<[f64; 3]>,
+    /// Time function.
+    pub time: TimeShape,
+}
+
+/// `[[initial]]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Initial {
+    /// Of which models; all by default.
+    pub models: Option<Vec<String>>,
+    /// Displacement \[m\].
+    pub displacement: Option<Field>,
+    /// Velocity \[m/s\].
+    pub velocity: Option<Field>,
+    /// A rigid spin.
+    pub spin: Option<Spin>,
+    /// A travelling pulse: displacement and the velocity that goes with it.
+    pub wave: Option<Wave>,
+}
+
+/// A rigid spin about a point: velocities, and spins of particles.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spin {
+    /// Angular velocity \[rad/s\].
+    pub rate: [f64; 3],
+    /// Point on its axis \[m\].
+    #[serde(default)]
+    pub centre: [f64; 3],
+}
+
+/// A vector field.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum Field {
+    /// The same everywhere.
+    Uniform([f64; 3]),
+    /// One component, a polynomial of one coordinate.
+    Polynomial(Polynomial),
+}
+
+/// `Σ c_k x^k`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Polynomial {
+    /// Component of the field.
+    pub component: Axis,
+    /// Coordinate.
+    pub along: Axis,
+    /// `c_0, c_1, …` in SI units.
+    pub coefficients: Vec<f64>,
+}
+
+/// `A cos²(π (x − centre)/width)` within its width, travelling.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wave {
+    /// Component of the displacement.
+    pub component: Axis,
+    /// Direction of travel.
+    pub along: Axis,
+    /// Centre at time zero \[m\].
+    pub centre: f64,
+    /// Width \[m\].
+    pub width: f64,
+    /// Amplitude \[m\].
+    pub amplitude: f64,
+    /// Speed \[m/s\], negative towards smaller coordinates; `√(E/ρ)` of each model by default.
+    pub speed: Option<f64>,
+}
+
+/// `[probe.NAME]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Probe {
+    /// Model.
+    pub model: String,
+    /// Point \[m\].
+    pub at: Option<[f64; 3]>,
+    /// Nodes whose mean is taken, in place of a point.
+    #[serde(rename = "where")]
+    pub over: Option<Selection>,
+    /// What.
+    #[serde(default)]
+    pub quantity: Quantity,
+    /// Which component.
+    pub component: Axis,
+}
+
+/// What a probe reads.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Quantity {
+    /// \[m\].
+    #[default]
+    Displacement,
+    /// \[m/s\].
+    Velocity,
+    /// Mean rotation of a group of nodes about an axis through their centroid \[rad\].
+    Rotation,
+}
+
+impl Quantity {
+    /// Name and unit.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Displacement => "displacement [m]",
+            Self::Velocity => "velocity [m/s]",
+            Self::Rotation => "rotation [rad]",
+        }
+    }
+}
+
+/// Fields of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OutputField {
+    /// Displacement \[m\].
+    Displacement,
+    /// Velocity \[m/s\].
+    Velocity,
+    /// `alpha`, `beta`, `gamma` at the nodes \[–\].
+    Weights,
+    /// Unweighted strain energy density at the element centres \[J/m³\].
+    EnergyDensity,
+    /// Multipliers on the mediators.
+    Multipliers,
+}

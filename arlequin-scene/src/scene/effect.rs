@@ -1,0 +1,241 @@
+//! `[[effect]]`: what acts on the models beside supports and loads.
+
+use super::drive::TimeShape;
+use serde::Deserialize;
+
+/// `[[effect]]`: exactly one of the effects.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Effect {
+    /// On which models; all that can have it by default.
+    pub models: Option<Vec<String>>,
+    /// The two models a contact is between; in place of `models`.
+    pub between: Option<Vec<String>>,
+    /// Whether it is on.
+    #[serde(default = "yes")]
+    pub enabled: bool,
+    /// Body force.
+    pub body_force: Option<BodyForce>,
+    /// Mass-proportional damping.
+    pub mass_damping: Option<MassDamping>,
+    /// Stiffness-proportional damping.
+    pub stiffness_damping: Option<StiffnessDamping>,
+    /// Local damping.
+    pub local_damping: Option<LocalDamping>,
+    /// Bulk viscosity.
+    pub bulk_viscosity: Option<BulkViscosity>,
+    /// Initial displacements count as equilibrium.
+    pub prestress: Option<Prestress>,
+    /// Bonds that break.
+    pub fracture: Option<Fracture>,
+    /// Contact between unbonded particles.
+    pub contact: Option<Contact>,
+    /// A rigid body.
+    pub obstacle: Option<Obstacle>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Effect {
+    /// Names of the effects that are given.
+    pub fn given(&self) -> Vec<&'static str> {
+        let all = [
+            ("body_force", self.body_force.is_some()),
+            ("mass_damping", self.mass_damping.is_some()),
+            ("stiffness_damping", self.stiffness_damping.is_some()),
+            ("local_damping", self.local_damping.is_some()),
+            ("bulk_viscosity", self.bulk_viscosity.is_some()),
+            ("prestress", self.prestress.is_some()),
+            ("fracture", self.fracture.is_some()),
+            ("contact", self.contact.is_some()),
+            ("obstacle", self.obstacle.is_some()),
+        ];
+        all.into_iter()
+            .filter(|(_, given)| *given)
+            .map(|(n, _)| n)
+            .collect()
+    }
+
+    /// Whether only particles can have it.
+    pub fn is_for_particles(&self) -> bool {
+        self.fracture.is_some() || self.contact.is_some() || self.obstacle.is_some()
+    }
+
+    /// Whether only solids of finite or natural elements can have it.
+    pub fn is_for_solids(&self) -> bool {
+        self.bulk_viscosity.is_some()
+    }
+}
+
+/// A constant acceleration field.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyForce {
+    /// Acceleration \[m/s²\].
+    pub acceleration: [f64; 3],
+}
+
+/// Mass-proportional damping.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MassDamping {
+    /// Rate \[1/s\].
+    pub rate: f64,
+}
+
+/// Initial displacements count as equilibrium; nothing to choose.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Prestress {}
+
+/// Stiffness-proportional damping.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StiffnessDamping {
+    /// `c` in `F = -c K v` \[s\].
+    pub time: f64,
+}
+
+/// Local damping.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LocalDamping {
+    /// Share of the force that opposes the motion.
+    pub share: f64,
+}
+
+/// Linear bulk viscosity.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BulkViscosity {
+    /// Coefficient `b`.
+    #[serde(default = "usual")]
+    pub coefficient: f64,
+}
+
+fn usual() -> f64 {
+    0.06
+}
+
+/// Bonds that break.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fracture {
+    /// What is compared.
+    pub criterion: CriterionKind,
+    /// Strength \[Pa\], or \[J/m²\] for the energy.
+    pub strength: f64,
+    /// Weibull modulus of the scatter.
+    pub weibull: Option<f64>,
+    /// Relative standard deviation of a normal scatter.
+    pub deviation: Option<f64>,
+    /// Seed of the scatter.
+    #[serde(default = "one")]
+    pub seed: u64,
+    /// Steps between two checks.
+    pub every: Option<usize>,
+    /// Whether bonds in an overlap never break.
+    #[serde(default)]
+    pub spare_overlap: bool,
+    /// Whether the first bond that breaks in an overlap ends the run.
+    #[serde(default)]
+    pub stop_at_overlap: bool,
+}
+
+fn one() -> u64 {
+    1
+}
+
+/// Criteria of bonds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CriterionKind {
+    /// Axial tension.
+    Axial,
+    /// Largest principal tension of the section.
+    Rankine,
+    /// Equivalent stress of von Mises.
+    Mises,
+    /// Elastic energy per section.
+    Energy,
+}
+
+/// Contact between unbonded particles.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Contact {
+    /// Modulus of the normal spring \[Pa\]; that of the material by default.
+    pub modulus: Option<f64>,
+    /// Coefficient of restitution.
+    pub restitution: Option<f64>,
+    /// Coulomb friction.
+    pub friction: Option<f64>,
+    /// Tangential over normal stiffness.
+    pub shear_ratio: Option<f64>,
+    /// Rolling resistance.
+    pub rolling: Option<f64>,
+    /// Skin of the neighbour list in mean radii.
+    pub skin: Option<f64>,
+}
+
+/// A rigid body.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Obstacle {
+    /// Name in the ledger.
+    pub name: Option<String>,
+    /// Shape at rest.
+    pub shape: ObstacleShape,
+    /// Constant velocity \[m/s\]; with a mass, the velocity at the start.
+    pub velocity: Option<[f64; 3]>,
+    /// Prescribed displacement.
+    pub displacement: Option<ObstacleMotion>,
+    /// Mass of a free body \[kg\].
+    pub mass: Option<f64>,
+    /// Moment of inertia of a free ball \[kg m²\].
+    pub inertia: Option<f64>,
+    /// How it touches particles.
+    #[serde(default)]
+    pub contact: Contact,
+}
+
+/// Shapes of obstacles.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum ObstacleShape {
+    /// Half-space behind a plane.
+    Plane {
+        /// A point of it \[m\].
+        point: [f64; 3],
+        /// Towards the particles.
+        normal: [f64; 3],
+    },
+    /// Ball.
+    Sphere {
+        /// Centre \[m\].
+        centre: [f64; 3],
+        /// Radius \[m\].
+        radius: f64,
+    },
+    /// Endless cylinder.
+    Cylinder {
+        /// A point of the axis \[m\].
+        point: [f64; 3],
+        /// Direction of the axis.
+        axis: [f64; 3],
+        /// Radius \[m\].
+        radius: f64,
+    },
+}
+
+/// Displacement of an obstacle, `amplitude · time`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObstacleMotion {
+    /// Amplitude \[m\].
+    pub amplitude: [f64; 3],
+    /// Time function.
+    pub time: TimeShape,
+}

@@ -1,0 +1,142 @@
+//! Contact between two models of particles, and the watch over those without it.
+
+use super::grains;
+use super::kinds::Body;
+use super::{Kind, model_index};
+use crate::error::{Result, dem, key};
+use crate::scene::{Effect, Scene};
+use arlequin::core::Coupled;
+use arlequin::core::effect::{Finding, PairSpec};
+use arlequin::dem_beam::{ContactBetween, ContactBody};
+use std::collections::BTreeSet;
+
+/// Overlap over the sum of radii above which two particles call for contact, as within a model.
+const TOLERATED_OVERLAP: f64 = 0.01;
+
+/// Numbers of the two models effect `k` is between; none if it is on single models.
+pub(super) fn sides(k: usize, e: &Effect, scene: &Scene) -> Result<Option<[usize; 2]>> {
+    let Some(names) = &e.between else {
+        return Ok(None);
+    };
+    let path = format!("effect[{k}].between");
+    if e.contact.is_none() {
+        let rule = format!(
+            "is for contact; {} acts on single models, name them in models",
+            e.given()[0]
+        );
+        return Err(key(path, rule));
+    }
+    if e.models.is_some() {
+        return Err(key(path, "excludes models; remove one of the two"));
+    }
+    let [a, b] = &names[..] else {
+        let rule = format!("names {} models; name two", names.len());
+        return Err(key(path, rule));
+    };
+    let mut out = [0; 2];
+    for (n, (slot, name)) in out.iter_mut().zip([a, b]).enumerate() {
+        *slot = model_index(&format!("{path}[{n}]"), name, scene)?;
+        if scene.model[name].kind != Kind::Dem {
+            let rule = format!("contact needs particles, kind = \"dem\", which model '{name}' is not");
+            return Err(key(format!("{path}[{n}]"), rule));
+        }
+    }
+    if a == b {
+        let rule = format!("names '{a}' twice; contact within one model is models = [\"{a}\"]");
+        return Err(key(path, rule));
+    }
+    Ok(Some(out))
+}
+
+fn ordered([a, b]: [usize; 2]) -> [usize; 2] {
+    [a.min(b), a.max(b)]
+}
+
+/// Contacts between models that are on, with their effects' numbers.
+pub(super) fn touching(scene: &Scene) -> Result<Vec<(usize, [usize; 2])>> {
+    let mut out = Vec::new();
+    let mut seen = BTreeSet::new();
+    for (k, e) in scene.effect.iter().enumerate() {
+        let Some(pair) = sides(k, e, scene)?.filter(|_| e.enabled) else {
+            continue;
+        };
+        if !seen.insert(ordered(pair)) {
+            let rule = "names a pair of models that has contact already; keep one";
+            return Err(key(format!("effect[{k}].between"), rule));
+        }
+        out.push((k, pair));
+    }
+    Ok(out)
+}
+
+fn body(bodies: &[Body], m: usize) -> Option<&ContactBody> {
+    bodies[m].grains.as_ref().map(|g| &g.body)
+}
+
+/// The contacts of a scene between two models.
+pub(super) fn pairs(scene: &Scene, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>> {
+    let mut out = Vec::new();
+    for (k, [a, b]) in touching(scene)? {
+        let (Some(first), Some(second)) = (body(bodies, a), body(bodies, b)) else {
+            continue;
+        };
+        let [e, f] = [a, b].map(|m| bodies[m].material.young);
+        // Two springs in a row.
+        let law = grains::law(
+            2.0 * e * f / (e + f),
+            &scene.effect[k].contact.unwrap_or_default(),
+        );
+        let made = ContactBetween::new(first.clone(), second.clone(), law);
+        let made = made.map_err(dem(format!("effect[{k}].contact")))?;
+        out.push(PairSpec {
+            sides: [a, b],
+            effect: Box::new(made),
+        });
+    }
+    Ok(out)
+}
+
+/// Pairs of particle models between which no contact is on and that no interface ties: they may go through each other.
+#[derive(Debug, Default)]
+pub struct Strangers(Vec<([usize; 2], [ContactBody; 2])>);
+
+impl Strangers {
+    /// Of the models of a scene.
+    pub(super) fn of(scene: &Scene, bodies: &[Body]) -> Result<Self> {
+        let mut known: BTreeSet<[usize; 2]> = touching(scene)?.into_iter().map(|(_, p)| ordered(p)).collect();
+        for (name, i) in &scene.interface {
+            known.insert(ordered(super::sides_of(name, i, scene)?));
+        }
+        let mut out = Vec::new();
+        for b in 0..bodies.len() {
+            for a in (0..b).filter(|a| !known.contains(&[*a, b])) {
+                if let (Some(first), Some(second)) = (body(bodies, a), body(bodies, b)) {
+                    out.push(([a, b], [first.clone(), second.clone()]));
+                }
+            }
+        }
+        Ok(Self(out))
+    }
+
+    /// Those whose particles overlap now, by the name of the first model.
+    pub fn watch(&self, run: &Coupled<f64>) -> Vec<(String, Finding)> {
+        let mut out = Vec::new();
+        for (sides, [a, b]) in &self.0 {
+            let displaced = sides.map(|m| &run.subdomains()[m].state().q[..]);
+            if let Some((count, worst)) = a.overlaps(b, displaced, TOLERATED_OVERLAP) {
+                let [one, other] = [a.name(), b.name()];
+                let message = format!(
+                    "{count} of its particles and those of '{other}' overlap, by up to {:.1} % of their radii; switch on \
+                     contact with between = [\"{one}\", \"{other}\"]",
+                    100.0 * worst
+                );
+                let finding = Finding {
+                    effect: "contact",
+                    message,
+                };
+                out.push((one.to_owned(), finding));
+            }
+        }
+        out
+    }
+}

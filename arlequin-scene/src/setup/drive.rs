@@ -1,0 +1,431 @@
+//! Supports, loads, effects and initial states.
+
+use super::kinds::{Body, Kind};
+use super::select;
+use crate::error::{Result, core, key, unknown, value};
+use crate::scene::{Axis, Effect, Field, Initial, Load, Motion, Scene, Spin, Support, TimeShape, Wave};
+use arlequin::core::Subdomain;
+use arlequin::core::effect::{
+    self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping, SurfaceFacet,
+};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::subdomain::PrescribedMotion;
+use arlequin::core::time::TimeFunction;
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+/// Traction \[Pa\] on a facet.
+type Traction = Box<dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>>;
+
+/// Index of a model by name.
+pub fn model_index(path: &str, name: &str, scene: &Scene) -> Result<usize> {
+    let found = scene.model.keys().position(|k| k == name);
+    found.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
+}
+
+pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &Scene) -> Result<Vec<usize>> {
+    let Some(names) = names else {
+        return Ok((0..scene.model.len()).collect());
+    };
+    let index = |(k, n): (usize, &String)| model_index(&format!("{path}.models[{k}]"), n, scene);
+    names.iter().enumerate().map(index).collect()
+}
+
+pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunction<f64>> {
+    let function = match shape {
+        TimeShape::Step => TimeFunction::Step,
+        TimeShape::Ramp { duration } => TimeFunction::Ramp { duration: *duration },
+        TimeShape::Pulse { duration } => TimeFunction::SmoothPulse { duration: *duration },
+        TimeShape::Table(rows) => TimeFunction::Table(rows.clone()),
+    };
+    function.validate().map_err(core(path))?;
+    Ok(function)
+}
+
+/// Everything that is attached to the subdomains.
+#[derive(Default)]
+pub(super) struct Attachments {
+    supports: BTreeMap<usize, Vec<PrescribedMotion<f64>>>,
+    effects: BTreeMap<usize, Vec<Box<dyn effect::Effect<f64>>>>,
+    /// Effects that must come after all others.
+    last: BTreeMap<usize, Vec<Box<dyn effect::Effect<f64>>>>,
+}
+
+impl Attachments {
+    /// Reads supports, loads and effects of a scene.
+    pub(super) fn of(scene: &Scene, bodies: &mut [Body]) -> Result<Self> {
+        let mut out = Self::default();
+        for (k, s) in scene.support.iter().enumerate() {
+            let path = format!("support[{k}]");
+            let m = model_index(&format!("{path}.model"), &s.model, scene)?;
+            let motion = support(&path, s, &bodies[m])?;
+            out.supports.entry(m).or_default().push(motion);
+        }
+        for (k, l) in scene.load.iter().enumerate() {
+            let path = format!("load[{k}]");
+            let m = model_index(&format!("{path}.model"), &l.model, scene)?;
+            let name = l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1));
+            out.add(m, Box::new(load(&path, &name, l, &bodies[m])?));
+        }
+        for (k, e) in scene.effect.iter().enumerate() {
+            let path = format!("effect[{k}]");
+            for m in effect_models(k, e, scene)? {
+                let body = &mut bodies[m];
+                match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
+                    Some(made) => out.add(m, made),
+                    None if e.enabled && !e.is_for_particles() => {
+                        let made = body_effect(&path, e, body)?;
+                        if e.local_damping.is_some() {
+                            out.last.entry(m).or_default().push(made);
+                        } else {
+                            out.add(m, made);
+                        }
+                    }
+                    None => {}
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// Adds an effect on model `m`.
+    pub(super) fn add(&mut self, m: usize, effect: Box<dyn effect::Effect<f64>>) {
+        self.effects.entry(m).or_default().push(effect);
+    }
+
+    /// Attaches what belongs to model `m`.
+    pub(super) fn attach(&mut self, m: usize, mut to: Subdomain<f64>) -> Subdomain<f64> {
+        for s in self.supports.remove(&m).unwrap_or_default() {
+            to = to.with_support(s);
+        }
+        for list in [&mut self.effects, &mut self.last] {
+            for e in list.remove(&m).unwrap_or_default() {
+                to = to.with_effect(e);
+            }
+        }
+        to
+    }
+}
+
+fn support(path: &str, s: &Support, body: &Body) -> Result<PrescribedMotion<f64>> {
+    let nodes = select::nodes(&format!("{path}.where"), body, &s.at)?;
+    let count = body.model.layout().components;
+    let components: Vec<usize> = match &s.components {
+        None => (0..count).collect(),
+        Some(c) => c.iter().map(|c| c.index()).collect(),
+    };
+    if let Some(k) = components.iter().position(|&c| c >= count) {
+        let rule = format!("model '{}' moves along x only; use [\"x\"]", body.model.name());
+        return Err(key(format!("{path}.components[{k}]"), rule));
+    }
+    if components.is_empty() {
+        let rule = "is empty; name at least one, or remove it for all";
+        return Err(key(format!("{path}.components"), rule));
+    }
+    let mut dofs: Vec<usize> = nodes
+        .iter()
+        .flat_map(|n| components.iter().map(move |c| n * count + c))
+        .collect();
+    let layout = body.model.layout();
+    if s.components.is_none() && s.motion.is_none() && layout.rotations == 3 * layout.nodes {
+        // A clamp holds rotations too.
+        let first = layout.translations();
+        dofs.extend(nodes.iter().flat_map(|n| (0..3).map(move |c| first + 3 * n + c)));
+    }
+    Ok(match &s.motion {
+        None => PrescribedMotion::fixed(dofs),
+        Some(Motion { amplitude, time }) => PrescribedMotion {
+            dofs,
+            amplitude: *amplitude,
+            time: time_function(&format!("{path}.motion.time"), time)?,
+        },
+    })
+}
+
+/// Refuses a load that says not one thing.
+pub(super) fn check_load(path: &str, l: &Load) -> Result<()> {
+    let given = [
+        l.traction.is_some(),
+        l.force.is_some(),
+        l.pressure.is_some(),
+        l.torque.is_some(),
+    ];
+    if given.iter().filter(|g| **g).count() != 1 {
+        return Err(key(
+            path,
+            "needs exactly one of traction, force, pressure, torque",
+        ));
+    }
+    Ok(())
+}
+
+fn load(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
+    check_load(path, l)?;
+    let time = time_function(&format!("{path}.time"), &l.time)?;
+    let at = format!("{path}.where");
+    let Some(facets) = select::facets(&at, body, &l.at)? else {
+        return load_on_nodes(path, name, l, body, time);
+    };
+    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
+    let field: Traction = if let Some(t) = l.traction {
+        Box::new(move |_| Vector3::from(t))
+    } else if let Some(f) = l.force {
+        Box::new(move |_| Vector3::from(f) / area)
+    } else if let Some(p) = l.pressure {
+        Box::new(move |f| -f.normal * p)
+    } else {
+        torque(path, Vector3::from(l.torque.unwrap_or_default()), &facets, area)?
+    };
+    effect::Load::traction(name, facets, &*field, time).map_err(core(path))
+}
+
+/// Tractions `k m × (x − c)` about the centroid whose moment is the given one.
+fn torque(path: &str, moment: Vector3<f64>, facets: &[SurfaceFacet<f64>], area: f64) -> Result<Traction> {
+    let size = moment.norm();
+    let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
+    let centre = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
+    let axis = if size > 0.0 { moment / size } else { moment };
+    let polar: f64 = facets
+        .iter()
+        .map(|f| axis.cross(&(f.centre - centre)).norm_squared() * f.area())
+        .sum();
+    if polar <= 0.0 {
+        return Err(key(
+            format!("{path}.torque"),
+            "needs a moment other than zero and a surface of several facets around its axis",
+        ));
+    }
+    let factor = size / polar;
+    Ok(Box::new(move |f| axis.cross(&(f.centre - centre)) * factor))
+}
+
+/// Forces on the nodes of a model without a surface, shared by mass; a torque as forces `∝ m_i ω × (x_i − c)`.
+fn load_on_nodes(
+    path: &str,
+    name: &str,
+    l: &Load,
+    body: &Body,
+    time: TimeFunction<f64>,
+) -> Result<effect::Load<f64>> {
+    let nodes = select::nodes(&format!("{path}.where"), body, &l.at)?;
+    let layout = body.model.layout();
+    let count = layout.components;
+    let mut inertia = vec![0.0; layout.dofs()];
+    let one = arlequin::core::weight::Uniform(1.0);
+    let energy = arlequin::core::Weighting::Energy;
+    body.model
+        .lumped_inertia(&one, energy, &mut inertia)
+        .map_err(core(path))?;
+    let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
+    let share = |n: usize| inertia[n * count] / total;
+    let field: Box<dyn Fn(usize) -> Vector3<f64>> = match (l.force, l.torque) {
+        (Some(f), _) => Box::new(move |_| Vector3::from(f)),
+        (None, Some(m)) if count == 3 => nodal_torque(path, Vector3::from(m), body, &nodes, &share)?,
+        _ => {
+            let rule = format!("model '{}' has no surface; give a force [N]", body.model.name());
+            return Err(key(path, rule));
+        }
+    };
+    let forces = nodes.iter().flat_map(|&n| {
+        let f = field(n) * share(n);
+        (0..count).map(move |c| (n * count + c, f[c]))
+    });
+    effect::Load::on_dofs(name, forces.collect(), time).map_err(core(path))
+}
+
+fn nodal_torque(
+    path: &str,
+    moment: Vector3<f64>,
+    body: &Body,
+    nodes: &[usize],
+    share: &dyn Fn(usize) -> f64,
+) -> Result<Box<dyn Fn(usize) -> Vector3<f64>>> {
+    let points: Vec<Point3<f64>> = body.model.nodes().to_vec();
+    let sum = |s: Vector3<f64>, n: &usize| s + points[*n].coords * share(*n);
+    let centre = Point3::from(nodes.iter().fold(Vector3::zeros(), sum));
+    let axis = moment.try_normalize(0.0).unwrap_or_default();
+    let lever = |n: usize| axis.cross(&(points[n] - centre));
+    let polar: f64 = nodes.iter().map(|&n| share(n) * lever(n).norm_squared()).sum();
+    if polar <= 0.0 {
+        let rule = "needs a moment other than zero and several nodes around its axis";
+        return Err(key(format!("{path}.torque"), rule));
+    }
+    let factor = moment.norm() / polar;
+    Ok(Box::new(move |n| axis.cross(&(points[n] - centre)) * factor))
+}
+
+/// An effect that needs to know no body; none for the others.
+pub(super) fn plain_effect(path: &str, e: &Effect) -> Result<Option<Box<dyn effect::Effect<f64>>>> {
+    let at = |name: &str| format!("{path}.{name}");
+    if let Some(b) = &e.body_force {
+        let made = BodyForce::new(Vector3::from(b.acceleration));
+        return Ok(Some(Box::new(made.map_err(core(path))?)));
+    }
+    if let Some(d) = &e.mass_damping {
+        let made = MassDamping::new(d.rate);
+        return Ok(Some(Box::new(made.map_err(core(at("mass_damping.rate")))?)));
+    }
+    if let Some(d) = &e.stiffness_damping {
+        let made = StiffnessDamping::new(d.time);
+        return Ok(Some(Box::new(made.map_err(core(at("stiffness_damping.time")))?)));
+    }
+    if let Some(d) = &e.local_damping {
+        let made = LocalDamping::new(d.share);
+        return Ok(Some(Box::new(made.map_err(core(at("local_damping.share")))?)));
+    }
+    Ok(e.prestress.is_some().then(|| Box::new(Prestress::new()) as _))
+}
+
+fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect::Effect<f64>>> {
+    let at = |name: &str| format!("{path}.{name}");
+    if let Some(made) = plain_effect(path, e)? {
+        return Ok(made);
+    }
+    let coefficient = e.bulk_viscosity.map_or(0.0, |b| b.coefficient);
+    let m = &body.material;
+    let nu = m.poisson.unwrap_or(0.0);
+    // Dilatational waves: c² = (λ + 2 μ)/ρ.
+    let modulus = m.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu));
+    let impedance = (modulus * m.density).sqrt();
+    let made = BulkViscosity::new(body.field.clone(), coefficient, impedance);
+    Ok(Box::new(made.map_err(core(at("bulk_viscosity.coefficient")))?))
+}
+
+/// Models an effect acts on: those named, or all that can have it.
+pub fn effect_models(k: usize, e: &Effect, scene: &Scene) -> Result<Vec<usize>> {
+    let path = format!("effect[{k}]");
+    let given = e.given();
+    if given.len() != 1 {
+        let rule = "needs exactly one of body_force, mass_damping, stiffness_damping, local_damping, bulk_viscosity, \
+                    prestress, fracture, contact, obstacle";
+        return Err(key(path, rule));
+    }
+    if super::between::sides(k, e, scene)?.is_some() {
+        return Ok(Vec::new());
+    }
+    let kind = |m: usize| scene.model.values().nth(m).map(|t| t.kind);
+    let fits = |m: &usize| match kind(*m) {
+        Some(Kind::Dem) => !e.is_for_solids(),
+        Some(Kind::Chain) => !e.is_for_solids() && !e.is_for_particles(),
+        _ => !e.is_for_particles(),
+    };
+    let all = model_indices(&path, e.models.as_deref(), scene)?;
+    if let (Some(names), Some(at)) = (&e.models, all.iter().position(|m| !fits(m))) {
+        let wanted = if e.is_for_particles() {
+            "kind = \"dem\""
+        } else {
+            "kind = \"fem\" or \"cnem\""
+        };
+        let rule = format!("{} needs {wanted}, which model '{}' is not", given[0], names[at]);
+        return Err(key(format!("{path}.models[{at}]"), rule));
+    }
+    let fitting: Vec<usize> = all.into_iter().filter(fits).collect();
+    if fitting.is_empty() {
+        let rule = format!("no model of the scene can have {}; remove it", given[0]);
+        return Err(key(path, rule));
+    }
+    Ok(fitting)
+}
+
+/// Initial displacements and velocities of model `m`.
+pub(super) fn initial(scene: &Scene, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
+    let layout = body.model.layout();
+    let (mut q, mut v) = (vec![0.0; layout.dofs()], vec![0.0; layout.dofs()]);
+    for (k, i) in scene.initial.iter().enumerate() {
+        let path = format!("initial[{k}]");
+        check_initial(&path, i)?;
+        if !model_indices(&path, i.models.as_deref(), scene)?.contains(&m) {
+            continue;
+        }
+        if let Some(s) = &i.spin {
+            spin(&path, s, body, &mut v)?;
+        }
+        for (n, x) in body.model.nodes().iter().enumerate() {
+            let at = n * layout.components..(n + 1) * layout.components;
+            let add = |target: &mut [f64], value: Vector3<f64>| {
+                for (t, c) in target[at.clone()].iter_mut().zip(value.iter()) {
+                    *t += c;
+                }
+            };
+            if let Some(f) = &i.displacement {
+                add(&mut q, field_at(f, x));
+            }
+            if let Some(f) = &i.velocity {
+                add(&mut v, field_at(f, x));
+            }
+            if let Some(w) = &i.wave {
+                let (u, du) = wave_at(w, x, body.bar_speed());
+                add(&mut q, u);
+                add(&mut v, du);
+            }
+        }
+    }
+    Ok([q, v])
+}
+
+/// Adds the velocities of a rigid spin, and the spins of what has any.
+fn spin(path: &str, s: &Spin, body: &Body, v: &mut [f64]) -> Result<()> {
+    let layout = body.model.layout();
+    if layout.components != 3 {
+        return Err(key(
+            format!("{path}.spin"),
+            "a model that moves along x only cannot turn; list the others in models",
+        ));
+    }
+    let (rate, centre) = (Vector3::from(s.rate), Point3::from(s.centre));
+    for (v, x) in v.chunks_exact_mut(3).zip(body.model.nodes()) {
+        let turn = rate.cross(&(x - centre));
+        v.iter_mut().zip(turn.iter()).for_each(|(v, t)| *v += t);
+    }
+    if layout.rotations == 3 * layout.nodes {
+        for (k, v) in v[layout.translations()..].iter_mut().enumerate() {
+            *v += rate[k % 3];
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn check_initial(path: &str, i: &Initial) -> Result<()> {
+    if i.displacement.is_none() && i.velocity.is_none() && i.spin.is_none() && i.wave.is_none() {
+        return Err(key(path, "needs displacement, velocity, spin or wave"));
+    }
+    match &i.wave {
+        Some(w) if w.width <= 0.0 => Err(value(
+            format!("{path}.wave.width"),
+            w.width,
+            "must be positive [m]",
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn along(axis: Axis, length: f64) -> Vector3<f64> {
+    let mut v = Vector3::zeros();
+    v[axis.index()] = length;
+    v
+}
+
+fn field_at(field: &Field, x: &Point3<f64>) -> Vector3<f64> {
+    match field {
+        Field::Uniform(v) => Vector3::from(*v),
+        Field::Polynomial(p) => {
+            let s = x[p.along.index()];
+            along(
+                p.component,
+                p.coefficients.iter().rev().fold(0.0, |sum, c| sum * s + c),
+            )
+        }
+    }
+}
+
+/// Displacement and velocity of `A cos²(π (x − centre)/width)` travelling: `u̇ = −c u'`.
+fn wave_at(w: &Wave, x: &Point3<f64>, bar_speed: f64) -> (Vector3<f64>, Vector3<f64>) {
+    let s = (x[w.along.index()] - w.centre) / w.width;
+    if s.abs() >= 0.5 {
+        return (Vector3::zeros(), Vector3::zeros());
+    }
+    let speed = w.speed.unwrap_or(bar_speed);
+    let u = w.amplitude * (PI * s).cos().powi(2);
+    let slope = -w.amplitude * PI / w.width * (2.0 * PI * s).sin();
+    (along(w.component, u), along(w.component, -speed * slope))
+}

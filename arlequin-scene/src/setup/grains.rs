@@ -1,0 +1,251 @@
+//! What only particles have: bonds that break, contact, obstacles, notches.
+
+use super::drive::time_function;
+use super::filling::dem;
+use crate::error::{Result, key, value};
+use crate::output::packing::PackingLine;
+use crate::scene::{self, CriterionKind, Effect, LooseKind, ModelTable, NotchBox, ObstacleShape};
+use arlequin::core::effect;
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::fracture::SharedLog;
+use arlequin::dem_beam::packing::Packing;
+use arlequin::dem_beam::{
+    Contact, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Scatter, Shape,
+};
+use std::collections::BTreeMap;
+
+/// What a body of particles brings besides a model.
+pub struct Grains {
+    /// Contact and obstacles, by the number of the effect in the scene.
+    pub effects: BTreeMap<usize, Box<dyn effect::Effect<f64>>>,
+    /// What broke, if bonds can.
+    pub breaks: Option<SharedLog>,
+    /// Whether the scene gives its bonds a strength, fracture on or off.
+    pub brittle: bool,
+    /// What contact with other models needs.
+    pub body: ContactBody,
+    /// How the packing came out.
+    pub packing: PackingLine,
+}
+
+impl Grains {
+    /// Gives the model its bonds' strengths and makes the effects that need to know particles.
+    pub(super) fn of(
+        mut model: DemModel,
+        table: &ModelTable,
+        effects: &[(usize, &Effect)],
+        packing: PackingLine,
+    ) -> Result<(DemModel, Self)> {
+        let mut breaks = None;
+        let mut brittle = false;
+        for (k, e) in effects {
+            let Some(f) = &e.fracture else { continue };
+            brittle = true;
+            let path = format!("effect[{k}].fracture");
+            let spec = fracture(&path, f)?;
+            if !e.enabled {
+                model = model.with_watched_strength(spec).map_err(dem(&path))?;
+            } else if breaks.is_some() {
+                let rule = format!("model '{}' has two; keep one", name(&model));
+                return Err(key(path, rule));
+            } else {
+                model = model.with_fracture(spec).map_err(dem(&path))?;
+                breaks = Some(model.break_log());
+            }
+        }
+        let mut made: BTreeMap<usize, Box<dyn effect::Effect<f64>>> = BTreeMap::new();
+        let mut touching = false;
+        for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
+            if let Some(c) = &e.contact {
+                let path = format!("effect[{k}].contact");
+                if std::mem::replace(&mut touching, true) {
+                    let rule = format!("model '{}' has two; keep one", name(&model));
+                    return Err(key(path, rule));
+                }
+                let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
+                made.insert(*k, Box::new(contact));
+            }
+            if let Some(o) = &e.obstacle {
+                made.insert(*k, Box::new(obstacle(*k, o, &model, table)?));
+            }
+        }
+        let body = ContactBody::of(&model);
+        Ok((
+            model,
+            Self {
+                effects: made,
+                breaks,
+                brittle,
+                body,
+                packing,
+            },
+        ))
+    }
+}
+
+fn name(model: &DemModel) -> &str {
+    arlequin::core::Model::name(model)
+}
+
+pub(super) fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
+    let scatter = match (f.weibull, f.deviation) {
+        (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
+        (Some(modulus), None) => Scatter::Weibull { modulus },
+        (None, Some(deviation)) => Scatter::Normal { deviation },
+        (None, None) => Scatter::None,
+    };
+    let criterion = match f.criterion {
+        CriterionKind::Axial => Criterion::Axial,
+        CriterionKind::Rankine => Criterion::Rankine,
+        CriterionKind::Mises => Criterion::Mises,
+        CriterionKind::Energy => Criterion::Energy,
+    };
+    let made = Fracture {
+        scatter,
+        seed: f.seed,
+        every: f.every.unwrap_or(1),
+        spare_overlap: f.spare_overlap,
+        ..Fracture::new(criterion, f.strength)
+    };
+    made.check().map_err(dem(path))?;
+    Ok(made)
+}
+
+/// The law of a contact of material with the modulus `young` \[Pa\].
+pub(super) fn law(young: f64, c: &scene::Contact) -> ContactLaw {
+    let base = ContactLaw::elastic(c.modulus.unwrap_or(young));
+    ContactLaw {
+        // Grains of brittle materials rebound with about half of their speed.
+        restitution: c.restitution.unwrap_or(0.5),
+        friction: c.friction.unwrap_or(base.friction),
+        shear_ratio: c.shear_ratio.unwrap_or(base.shear_ratio),
+        rolling: c.rolling.unwrap_or(base.rolling),
+        skin: c.skin.unwrap_or(base.skin),
+        ..base
+    }
+}
+
+/// Shape and motion of an obstacle.
+pub(super) fn obstacle_parts(k: usize, o: &scene::Obstacle) -> Result<(Shape, Motion)> {
+    let path = format!("effect[{k}].obstacle");
+    let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
+    let shape = match o.shape {
+        ObstacleShape::Plane { point: p, normal } => Shape::Plane {
+            point: point(p),
+            normal: Vector3::from(normal),
+        },
+        ObstacleShape::Sphere { centre, radius } => Shape::Sphere {
+            centre: point(centre),
+            radius,
+        },
+        ObstacleShape::Cylinder {
+            point: p,
+            axis,
+            radius,
+        } => Shape::Cylinder {
+            point: point(p),
+            axis: Vector3::from(axis),
+            radius,
+        },
+    };
+    let velocity = o.velocity.map(Vector3::from);
+    let motion = match (o.mass, velocity, &o.displacement) {
+        (Some(mass), v, None) => Motion::Free {
+            mass,
+            velocity: v.unwrap_or_default(),
+            inertia: o.inertia,
+        },
+        (None, Some(v), None) => Motion::Velocity(v),
+        (None, None, Some(d)) => Motion::Prescribed {
+            amplitude: Vector3::from(d.amplitude),
+            time: time_function(&format!("{path}.displacement.time"), &d.time)?,
+        },
+        (None, None, None) => Motion::Fixed,
+        _ => {
+            let rule = "displacement excludes velocity and mass; remove one side";
+            return Err(key(path, rule));
+        }
+    };
+    if o.contact.skin.is_some() || o.contact.rolling.is_some() {
+        return Err(key(
+            format!("{path}.contact"),
+            "an obstacle knows no skin and no rolling; remove them",
+        ));
+    }
+    if o.inertia.is_some() && o.mass.is_none() {
+        let rule = "only a free obstacle has one; give its mass as well, or remove it";
+        return Err(key(format!("{path}.inertia"), rule));
+    }
+    let shape = shape.checked().map_err(dem(format!("{path}.shape")))?;
+    Ok((shape, motion))
+}
+
+fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
+    let path = format!("effect[{k}].obstacle");
+    let (shape, motion) = obstacle_parts(k, o)?;
+    let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));
+    Obstacle::new(
+        &called,
+        model,
+        shape,
+        motion,
+        law(table.material.young, &o.contact),
+    )
+    .map_err(dem(&path))
+}
+
+/// Refuses loose grains without contact: they would pass through everything.
+pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Effect)]) -> Result<()> {
+    let touches = |e: &Effect| e.enabled && e.contact.as_ref().is_some();
+    if table.dem.loose == LooseKind::Drop || effects.iter().any(|(_, e)| touches(e)) {
+        return Ok(());
+    }
+    let rule = "loose grains need contact, or they pass through everything; add an effect contact to the model, or take \
+                \"drop\"";
+    Err(value(format!("{path}.dem.loose"), "keep", rule))
+}
+
+/// Refuses boxes turned inside out.
+pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
+    for (k, b) in boxes.iter().enumerate() {
+        if let Some(c) = (0..3).find(|&c| b.high[c] < b.low[c]) {
+            let rule = format!("must not be below low[{c}] = {} m", b.low[c]);
+            return Err(value(
+                format!("{path}.dem.notch[{k}].high[{c}]"),
+                b.high[c],
+                &rule,
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Removes the bonds that pass through a box, and the spheres that hang on nothing without them.
+pub fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
+    check_boxes(path, boxes)?;
+    for (k, b) in boxes.iter().enumerate() {
+        if packing.cut(|from, to| crosses(b, from, to)).bonds == 0 {
+            let rule = "crosses no bond; enlarge it or check the units (m)";
+            return Err(key(format!("{path}.dem.notch[{k}]"), rule));
+        }
+    }
+    Ok(())
+}
+
+/// Whether a segment meets a box, by the slabs of the axes.
+fn crosses(b: &NotchBox, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
+    let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
+    for c in 0..3 {
+        let d = to[c] - from[c];
+        if d.abs() < f64::MIN_POSITIVE {
+            if from[c] < b.low[c] || from[c] > b.high[c] {
+                return false;
+            }
+            continue;
+        }
+        let (s, t) = ((b.low[c] - from[c]) / d, (b.high[c] - from[c]) / d);
+        enter = enter.max(s.min(t));
+        leave = leave.min(s.max(t));
+    }
+    enter <= leave
+}

@@ -1,0 +1,471 @@
+//! Interfaces: overlap, weights, mediator, junction, absorber.
+
+use super::kinds::Body;
+use super::mesh::{Request, View};
+use crate::error::{Result, core, key, value};
+use crate::scene::{
+    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, Shape, WeightTable,
+};
+use arlequin::core::advice::{self, Advice};
+use arlequin::core::effect::Absorber;
+use arlequin::core::field::{Interpolation, ShapeRow};
+use arlequin::core::junction::Junction;
+use arlequin::core::mediator::Mediator;
+use arlequin::core::nalgebra::{Point3, Unit, Vector3};
+use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
+use arlequin::core::weight::{Ramp, Weight, Weighting};
+use arlequin::core::{InterfaceOptions, InterfaceSpec, Partition, Sampling, Weights};
+use arlequin::fem_ref::FemField;
+use arlequin::fem_ref::generate::Rim;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Smallest weight of a model whose bonds can break: with less, the skin of its particles at the border where the weight
+/// vanishes is loaded several times as hard as the body, at rest already (decision 0022).
+const BRITTLE_FLOOR: f64 = 0.1;
+
+/// The absorber of a fine model whose bonds can break, unless the scene gives one: what breaking radiates would run back
+/// and forth in the overlap, highest where the weight is least.
+const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
+    rate: None,
+    rate_factor: Some(0.2),
+    spacing: None,
+};
+
+/// An interface before it is handed to the core.
+pub(super) struct Joint {
+    /// For the core.
+    pub spec: InterfaceSpec<f64>,
+    /// Weights of the coarse model in this overlap.
+    pub weights: Weights<f64>,
+    /// Whether the weights must sum to one.
+    pub partition: Partition,
+    /// Picture of the mediator.
+    pub view: View,
+    /// Damping of what the coarse model cannot carry, on the fine model.
+    pub absorber: Option<Absorber<f64>>,
+    /// What it is known not to do well.
+    pub advice: Vec<Advice>,
+}
+
+/// The models of an interface: index and body, coarse first.
+pub(super) type Sides<'a> = [(usize, &'a Body); 2];
+
+/// Builds `[interface.NAME]`.
+pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Path) -> Result<Joint> {
+    let path = format!("interface.{name}");
+    let overlap = overlap(&format!("{path}.overlap"), &table.overlap)?;
+    let names = [&table.coarse, &table.fine];
+    let points = sides.map(|s| s.1.model.nodes());
+    check_sense(&path, &table.overlap, names, points)?;
+    let mediator_path = format!("{path}.mediator");
+    let shape = match &table.mediator.shape {
+        Some(s) => s.clone(),
+        None => derived_shape(&mediator_path, &table.overlap, sides.map(|s| &s.1.shape))?,
+    };
+    let is_file = matches!(shape, Shape::File(_));
+    let coarse_spacing = sides[0].1.spacing;
+    let given = table.mediator.spacing.is_some() || table.mediator.divisions.is_some();
+    let request = Request {
+        key: &mediator_path,
+        shape: &shape,
+        spacing: table
+            .mediator
+            .spacing
+            .or((!given && !is_file).then_some(coarse_spacing)),
+        divisions: table.mediator.divisions.as_deref(),
+        element: table.mediator.element,
+        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
+        rim: Rim::Inscribed,
+        folder,
+    };
+    let mut inset = None;
+    for (_, body) in sides
+        .iter()
+        .filter(|s| table.mediator.shape.is_none() && is_hull(s.1))
+    {
+        let shape = inset.as_ref().unwrap_or(&shape);
+        inset = Some(within_hull(Request { shape, ..request }, body)?);
+    }
+    let shape = inset.as_ref().unwrap_or(&shape);
+    let request = Request { shape, ..request };
+    let mesh = request.mesh()?;
+    let view = View::of_mesh(&mesh);
+    let mediator = Arc::new(FemField::new(mesh));
+    let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
+    let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
+    let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
+    let absorber = match table.absorber.as_ref().or(standard) {
+        Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
+        _ => None,
+    };
+    let width = overlap.linear_position().map(|(g, _)| 1.0 / g.norm());
+    let mut advice = Vec::new();
+    if brittle[1] {
+        let floor = floors(&table.weight, brittle)[1];
+        let on = absorber.is_some();
+        advice = advice::breakage(width, mediator.spacing(), floor, on);
+    }
+    if absorber.is_some() && table.absorber.is_some() {
+        let jump = match table.weight.profile {
+            ProfileKind::Constant => table.weight.value.map_or(0.0, |v| v.max(1.0 - v)),
+            _ => 0.0,
+        };
+        advice.extend(advice::absorber(width, jump, coarse_spacing, sides[1].1.spacing));
+    }
+    let junction = junction(&path, table, mediator.spacing())?;
+    let options = options(table, sides);
+    Ok(Joint {
+        spec: InterfaceSpec {
+            name: name.to_owned(),
+            coarse: sides[0].0,
+            fine: sides[1].0,
+            mediator,
+            junction,
+            options,
+        },
+        weights,
+        partition: table.partition,
+        view,
+        absorber,
+        advice,
+    })
+}
+
+/// Refuses a slab whose two points are exchanged: the coarse model then has its own region where the fine one should have
+/// it, and the weights leave both without mass.
+pub(super) fn check_sense(
+    path: &str,
+    overlap: &OverlapShape,
+    [coarse, fine]: [&String; 2],
+    [coarse_points, fine_points]: [&[Point3<f64>]; 2],
+) -> Result<()> {
+    let OverlapShape::Slab {
+        fine: from,
+        coarse: to,
+    } = overlap
+    else {
+        return Ok(());
+    };
+    let (from, across) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
+    let place = |x: &Point3<f64>| across.dot(&(x.coords - from)) / across.norm_squared();
+    let ends = |points: &[Point3<f64>]| {
+        let places = points.iter().map(place);
+        places.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| {
+            [a.min(s), b.max(s)]
+        })
+    };
+    let ([c0, c1], [f0, f1]) = (ends(coarse_points), ends(fine_points));
+    let outside = |s: f64| !(-1e-6..=1.0 + 1e-6).contains(&s);
+    if f0 > -1e-6 && outside(f1) && c1 < 1.0 + 1e-6 && outside(c0) {
+        let rule = format!(
+            "the slab is reversed: fine = {:?} must lie on the border to the region of '{fine}' alone, which is beyond \
+             coarse = {to:?}, as that of '{coarse}' is beyond fine; exchange the two points",
+            from.as_slice()
+        );
+        return Err(key(format!("{path}.overlap.slab"), rule));
+    }
+    Ok(())
+}
+
+fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
+    InterfaceOptions {
+        sampling: match table.sampling {
+            Some(chosen) => chosen,
+            None if sides.iter().any(|s| s.1.field.samples().is_some()) => Sampling::Particles,
+            None => Sampling::Intersection,
+        },
+        lumped: table.lumped,
+        pin: table.pin.map(Point3::from),
+        ..InterfaceOptions::default()
+    }
+}
+
+pub(super) fn overlap(path: &str, shape: &OverlapShape) -> Result<Arc<dyn Overlap<f64>>> {
+    Ok(match shape {
+        OverlapShape::Slab { fine, coarse } => Arc::new(
+            Slab::between(Point3::from(*fine), Point3::from(*coarse))
+                .map_err(core(format!("{path}.slab")))?,
+        ),
+        OverlapShape::Shell { core, domain } => Arc::new(Shell {
+            fine_core: region(&format!("{path}.shell.core"), core)?,
+            fine_domain: region(&format!("{path}.shell.domain"), domain)?,
+        }),
+    })
+}
+
+fn region(path: &str, shape: &RegionShape) -> Result<Primitive<f64>> {
+    let positive = |key: &str, r: f64| {
+        if r > 0.0 {
+            return Ok(r);
+        }
+        Err(value(format!("{path}.{key}.radius"), r, "must be positive [m]"))
+    };
+    Ok(match shape {
+        RegionShape::Ball { centre, radius } => Primitive::Ball {
+            centre: Point3::from(*centre),
+            radius: positive("ball", *radius)?,
+        },
+        RegionShape::Box { low, high } => Primitive::Block {
+            low: Point3::from(*low),
+            high: Point3::from(*high),
+        },
+        RegionShape::Cylinder { point, axis, radius } => Primitive::Cylinder {
+            point: Point3::from(*point),
+            axis: Unit::try_new(Vector3::from(*axis), 0.0)
+                .ok_or_else(|| key(format!("{path}.cylinder.axis"), "has no length; take [1, 0, 0]"))?,
+            radius: positive("cylinder", *radius)?,
+        },
+    })
+}
+
+pub(super) fn weights(
+    path: &str,
+    table: &WeightTable,
+    overlap: &Arc<dyn Overlap<f64>>,
+    mediator: &[Point3<f64>],
+    brittle: [bool; 2],
+) -> Result<Weights<f64>> {
+    let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
+        let path = format!("{path}.weight{key}");
+        match (kind == ProfileKind::Constant, constant) {
+            (true, None) => {
+                return Err(crate::error::key(
+                    path,
+                    "the constant profile needs value [-], such as value = 0.5",
+                ));
+            }
+            (false, Some(v)) => {
+                let rule = "belongs to the constant profile; remove it or choose profile = \"constant\"";
+                return Err(value(format!("{path}.value"), v, rule));
+            }
+            _ => {}
+        }
+        let profile = kind
+            .profile(constant, &stations(&**overlap, mediator))
+            .map_err(core(format!("{path}.profile")))?;
+        let [coarse, fine] = match epsilon {
+            None => floors(table, brittle),
+            Some(e) => [e, table.fine_epsilon.unwrap_or(e)],
+        };
+        let ramp = Ramp::new(overlap.clone(), profile, coarse)
+            .map_err(core(format!("{path}.epsilon")))?
+            .with_fine_floor(fine)
+            .map_err(core(format!("{path}.fine_epsilon")))?;
+        Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
+    };
+    let all = one("", table.profile, table.value, table.epsilon)?;
+    let own = |key: &str, t: &Option<crate::scene::ProfileTable>| match t {
+        None => Ok(all.clone()),
+        Some(t) => one(key, t.profile, t.value, t.epsilon),
+    };
+    Ok(Weights {
+        internal: own(".alpha", &table.alpha)?,
+        kinetic: own(".beta", &table.beta)?,
+        external: own(".gamma", &table.gamma)?,
+        weighting: table.weighting,
+    })
+}
+
+/// Smallest weights of the coarse and the fine model.
+fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
+    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal law loses
+    // its critical step with a small floor; 0.05 is the literature's.
+    let floor = match table.weighting {
+        Weighting::Energy => 1e-6,
+        Weighting::Nodal => 0.05,
+    };
+    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
+    let [coarse, fine] = brittle.map(|b| table.epsilon.unwrap_or(least(b)));
+    [coarse, table.fine_epsilon.unwrap_or(fine)]
+}
+
+/// Positions `s` of the mediator layers across the overlap.
+fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
+    let position = |x: &Point3<f64>| match overlap.place(x) {
+        Place::Fine => 0.0,
+        Place::Coarse => 1.0,
+        Place::Overlap(s) => s,
+    };
+    let mut s: Vec<f64> = mediator.iter().map(position).collect();
+    s.sort_by(f64::total_cmp);
+    s.dedup_by(|next, kept| *next - *kept < 1e-6);
+    s
+}
+
+pub(super) fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
+    let at = format!("{path}.junction.length");
+    // Measured best in one and three dimensions: 0.1 to 0.4 of h_B; at h_B the condition is twenty times worse.
+    let length = table.junction.length.unwrap_or(0.25 * spacing);
+    if let (false, Some(l)) = (table.junction.kind.has_length(), table.junction.length) {
+        let rule = format!(
+            "the {} junction has no length; remove it or choose an h1 kind",
+            table.junction.kind
+        );
+        return Err(value(at, l, &rule));
+    }
+    table.junction.kind.junction(length).map_err(core(at))
+}
+
+fn absorber(
+    path: &str,
+    table: &AbsorberTable,
+    mediator_request: Request<'_>,
+    mediator: &Arc<FemField<f64>>,
+    overlap: &Arc<dyn Overlap<f64>>,
+    fine: &Body,
+) -> Result<Absorber<f64>> {
+    let path = format!("{path}.absorber");
+    let rate = match (table.rate, table.rate_factor) {
+        (Some(r), None) => r,
+        (None, Some(f)) => f * fine.bar_speed() / fine.spacing,
+        _ => return Err(key(path, "needs exactly one of rate [1/s], rate_factor [-]")),
+    };
+    let resolved: Arc<dyn Interpolation<f64>> = match table.spacing {
+        None => mediator.clone(),
+        Some(h) => {
+            let request = Request {
+                key: &path,
+                spacing: Some(h),
+                divisions: None,
+                ..mediator_request
+            };
+            Arc::new(FemField::new(request.mesh()?))
+        }
+    };
+    let overlap = overlap.clone();
+    // Smooth from zero at the border to the fine model's own region, so that the absorber itself does not reflect.
+    let field = move |x: &Point3<f64>| match overlap.place(x) {
+        Place::Fine => 0.0,
+        Place::Coarse => rate,
+        Place::Overlap(s) => rate * s * s,
+    };
+    Ok(Absorber::new(resolved, Arc::new(field)))
+}
+
+/// Whether a field ends at the hull of particle centres, about a radius inside the body.
+fn is_hull(body: &Body) -> bool {
+    body.model.kind() == "dem" && body.field.samples().is_none()
+}
+
+/// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
+/// of the particles. The hull is convex, so that its nodes decide. Only faces on the particles' own surface move.
+fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
+    let mut row = ShapeRow::default();
+    for step in 1..=30 {
+        let inset = 0.1 * f64::from(step) * grains.spacing;
+        let Some(shape) = moved_inwards(request.shape, &grains.shape, inset) else {
+            break;
+        };
+        let mesh = Request {
+            shape: &shape,
+            ..request
+        }
+        .mesh()?;
+        let mut nodes = mesh.nodes().iter();
+        if nodes.all(|x| grains.field.shape_at(x, false, &mut row).is_ok()) {
+            return Ok(shape);
+        }
+    }
+    let rule =
+        "no mediator fits into the hull of the particles; give mediator.shape, or dem.field = \"particles\"";
+    Err(key(request.key, rule))
+}
+
+/// Faces that lie on the given body, moved inwards; none if nothing is left.
+fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
+    let same = |a: f64, b: f64| (a - b).abs() < inset;
+    let ends = |low: f64, high: f64, first: f64, last: f64| {
+        let low = if same(low, first) { first + inset } else { low };
+        let high = if same(high, last) { last - inset } else { high };
+        (high > low).then_some([low, high])
+    };
+    match (shape, body) {
+        (
+            Shape::Cylinder { from, length, radius },
+            Shape::Cylinder {
+                from: first,
+                length: whole,
+                ..
+            },
+        ) => {
+            let [low, high] = ends(from[0], from[0] + length, first[0], first[0] + whole)?;
+            let radius = radius - inset;
+            (radius > 0.0).then_some(Shape::Cylinder {
+                from: [low, from[1], from[2]],
+                length: high - low,
+                radius,
+            })
+        }
+        (
+            Shape::Box { low, high },
+            Shape::Box {
+                low: first,
+                high: last,
+            },
+        ) => {
+            let mut corners = [[0.0; 3]; 2];
+            for c in 0..3 {
+                let [a, b] = ends(low[c], high[c], first[c], last[c])?;
+                corners[0][c] = a;
+                corners[1][c] = b;
+            }
+            Some(Shape::Box {
+                low: corners[0],
+                high: corners[1],
+            })
+        }
+        _ => None,
+    }
+}
+
+/// The slab's part of the space both models share.
+pub(super) fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
+    let give = || {
+        key(
+            path,
+            "the mediator cannot be derived from this overlap and these shapes; give mediator.shape",
+        )
+    };
+    let OverlapShape::Slab { fine, coarse } = overlap else {
+        return Err(give());
+    };
+    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
+    let &[axis] = apart.as_slice() else {
+        return Err(give());
+    };
+    let (low, high) = (fine[axis].min(coarse[axis]), fine[axis].max(coarse[axis]));
+    match shapes {
+        [Shape::Bar { section, .. }, Shape::Bar { .. }] if axis == 0 => Ok(Shape::Bar {
+            from: low,
+            to: high,
+            section: *section,
+        }),
+        [
+            Shape::Cylinder {
+                from: a, radius: r, ..
+            },
+            Shape::Cylinder {
+                from: b, radius: s, ..
+            },
+        ] if axis == 0 && a[1..] == b[1..] && (r - s).abs() <= 1e-9 * r => Ok(Shape::Cylinder {
+            from: [low, a[1], a[2]],
+            length: high - low,
+            radius: *r,
+        }),
+        [Shape::Box { low: a, high: b }, Shape::Box { low: c, high: d }] => {
+            let mut corners = [[0.0; 3]; 2];
+            for k in 0..3 {
+                corners[0][k] = a[k].max(c[k]);
+                corners[1][k] = b[k].min(d[k]);
+            }
+            corners[0][axis] = low;
+            corners[1][axis] = high;
+            Ok(Shape::Box {
+                low: corners[0],
+                high: corners[1],
+            })
+        }
+        _ => Err(give()),
+    }
+}

@@ -1,0 +1,228 @@
+//! The model kinds, in one place: a table of the scene becomes a body.
+//!
+//! A new kind is a variant of [`Kind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
+//! into a table of that name in [`ModelTable`].
+
+use super::grains::Grains;
+use super::mesh::{self, View};
+use crate::chain::Chain;
+use crate::error::{Result, core, fem, value};
+use crate::scene::{Effect, Material, ModelTable, RoleKind, Shape};
+use arlequin::core::Model;
+use arlequin::core::effect::SurfaceFacet;
+use arlequin::core::field::Interpolation;
+use arlequin::core::model::{CoarseModel, FineModel};
+use arlequin::fem_ref::generate::Rim;
+use arlequin::fem_ref::{Elastic, FemModel};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Kinds of models, by their names in a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// Linear finite elements.
+    Fem,
+    /// Constrained natural elements.
+    Cnem,
+    /// Spheres joined by cohesive beams.
+    Dem,
+    /// Harmonic spring chain along x.
+    Chain,
+}
+
+/// A model and what supports, loads and output need of it.
+pub struct Body {
+    /// The model.
+    pub model: Box<dyn Model<f64>>,
+    /// Its field.
+    pub field: Arc<dyn Interpolation<f64>>,
+    /// Its picture.
+    pub view: View,
+    /// Nodes of the named groups.
+    pub groups: BTreeMap<String, Vec<usize>>,
+    /// Facets of the named surfaces.
+    pub surfaces: BTreeMap<String, Vec<SurfaceFacet<f64>>>,
+    /// All facets of the surface.
+    pub boundary: Vec<SurfaceFacet<f64>>,
+    /// Distance of nodes or particles \[m\].
+    pub spacing: f64,
+    /// What it is made of.
+    pub material: Material,
+    /// What it looks like.
+    pub shape: Shape,
+    /// What only particles have.
+    pub grains: Option<Grains>,
+    /// What a user should know of it, without its name.
+    pub warnings: Vec<String>,
+}
+
+impl std::fmt::Debug for Body {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Body of {}", self.model.name())
+    }
+}
+
+impl Body {
+    /// Speed of long axial waves in a bar of the material \[m/s\].
+    pub fn bar_speed(&self) -> f64 {
+        (self.material.young / self.material.density).sqrt()
+    }
+}
+
+/// Builds the body of `[model.NAME]`; paths are relative to `folder`.
+/// `effects` are the effects on this model with their numbers in the scene; particles need some of them here.
+pub(super) fn body(
+    name: &str,
+    table: &ModelTable,
+    folder: &Path,
+    effects: &[(usize, &Effect)],
+) -> Result<Body> {
+    let key = format!("model.{name}");
+    check_material(&key, &table.material)?;
+    match table.kind {
+        Kind::Fem => finite_elements(name, &key, table, folder),
+        Kind::Cnem => super::natural::body(name, &key, table, folder),
+        Kind::Dem => super::particles::body(name, &key, table, folder, effects),
+        Kind::Chain => chain(name, &key, table),
+    }
+}
+
+fn check_material(key: &str, m: &Material) -> Result<()> {
+    for (name, x, unit) in [("young", m.young, "Pa"), ("density", m.density, "kg/m³")] {
+        if x <= 0.0 {
+            let rule = format!("must be positive [{unit}]");
+            return Err(value(format!("{key}.material.{name}"), x, &rule));
+        }
+    }
+    match m.poisson {
+        Some(nu) if !(nu > -1.0 && nu < 0.5) => Err(value(
+            format!("{key}.material.poisson"),
+            nu,
+            "must lie above -1 and below 0.5; take 0.49 for a nearly incompressible material",
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The mesh a table of finite elements asks for.
+fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<mesh::Request<'a>> {
+    if !matches!(table.shape, Shape::Bar { .. }) {
+        solid_poisson(key, table)?;
+    }
+    Ok(mesh::Request {
+        key,
+        shape: &table.shape,
+        spacing: table.spacing,
+        divisions: table.divisions.as_deref(),
+        element: table.fem.element,
+        rim: Rim::EqualArea,
+        folder,
+    })
+}
+
+/// Refuses what can be seen to be wrong with a table before anything is meshed or packed.
+pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()> {
+    let key = format!("model.{name}");
+    check_material(&key, &table.material)?;
+    match table.kind {
+        Kind::Fem => request(&key, table, folder)?.check(),
+        Kind::Cnem => super::natural::request(&key, table, folder)?.check(),
+        Kind::Dem => super::particles::check(&key, table, folder),
+        Kind::Chain => line(&key, table).map(|_| ()),
+    }
+}
+
+fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+    let mesh = request(key, table, folder)?.mesh()?;
+    let poisson = match table.shape {
+        Shape::Bar { .. } => table.material.poisson.unwrap_or(0.0),
+        _ => solid_poisson(key, table)?,
+    };
+    let material = Elastic::new(table.material.young, poisson, table.material.density)
+        .map_err(core(&format!("{key}.material")))?;
+    let mut groups = BTreeMap::new();
+    let mut surfaces = BTreeMap::new();
+    for (n, g) in mesh.groups() {
+        groups.insert(n.clone(), g.nodes.iter().map(|&k| k as usize).collect());
+        if !g.facets.is_empty() {
+            surfaces.insert(n.clone(), mesh.surface(n).map_err(fem(key))?);
+        }
+    }
+    let boundary = mesh.surface_where(|_| true);
+    let warnings = mesh::one_material(&mesh);
+    let view = View::of_mesh(&mesh);
+    let spacing = mesh.spacing();
+    let model = FemModel::new(name, mesh, material).map_err(fem(key))?;
+    Ok(Body {
+        field: model.coarse_field(),
+        model: Box::new(model),
+        view,
+        groups,
+        surfaces,
+        boundary,
+        spacing,
+        material: Material {
+            poisson: Some(poisson),
+            ..table.material
+        },
+        shape: table.shape.clone(),
+        grains: None,
+        warnings,
+    })
+}
+
+/// Poisson's ratio, which a solid must have.
+pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<f64> {
+    table.material.poisson.ok_or_else(|| {
+        crate::error::key(
+            format!("{key}.material"),
+            "a solid needs poisson, Poisson's ratio [-]; add poisson = 0.3 or what the material has",
+        )
+    })
+}
+
+/// Ends, section and number of bonds of a chain.
+fn line(key: &str, table: &ModelTable) -> Result<(f64, f64, f64, usize)> {
+    let Shape::Bar { from, to, section } = table.shape else {
+        return Err(value(
+            format!("{key}.shape"),
+            table.shape.name(),
+            "a chain is a line; use the shape bar, or another kind of model",
+        ));
+    };
+    if table.role == Some(RoleKind::Coarse) {
+        return Err(value(
+            format!("{key}.role"),
+            "coarse",
+            "a chain is discrete and can only be fine; give the coarse role to a fem model",
+        ));
+    }
+    mesh::check_bar(key, from, to, section)?;
+    let bonds = mesh::divisions_of(key, &[to - from], table.spacing, table.divisions.as_deref())?[0];
+    Ok((from, to, section, bonds))
+}
+
+fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
+    let (from, to, section, bonds) = line(key, table)?;
+    let spacing = (to - from) / bonds as f64;
+    let mass = table.material.density * section * spacing;
+    let stiffness = table.material.young * section / spacing;
+    let model = Chain::new(name, from, spacing, bonds, mass, stiffness).map_err(core(key))?;
+    let ends = [("x-min", vec![0]), ("x-max", vec![bonds])];
+    Ok(Body {
+        field: model.fine_field(),
+        view: View::of_line(model.nodes()),
+        model: Box::new(model),
+        groups: ends.map(|(n, k)| (n.to_owned(), k)).into_iter().collect(),
+        surfaces: BTreeMap::new(),
+        boundary: Vec::new(),
+        spacing,
+        material: table.material,
+        shape: table.shape.clone(),
+        grains: None,
+        warnings: Vec::new(),
+    })
+}

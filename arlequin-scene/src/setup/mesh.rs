@@ -1,0 +1,240 @@
+//! Shapes become meshes; meshes become pictures.
+
+use crate::error::{Result, fem, value};
+use crate::scene::{Element, Shape};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::fem_ref::generate::{self, Cylinder, Rim};
+use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
+use std::path::Path;
+
+/// What output draws of a mesh.
+#[derive(Debug, Clone)]
+pub struct View {
+    /// Nodes \[m\].
+    pub points: Vec<Point3<f64>>,
+    /// Corners of all cells in a row.
+    pub connectivity: Vec<u32>,
+    /// Corners per cell.
+    pub corners: usize,
+    /// Cell type of VTK.
+    pub cell_type: u8,
+    /// Radii \[m\], if the points are spheres.
+    pub radii: Vec<f64>,
+}
+
+impl View {
+    /// Picture of a finite element mesh.
+    pub fn of_mesh(mesh: &Mesh<f64>) -> Self {
+        Self {
+            points: mesh.nodes().to_vec(),
+            connectivity: mesh.connectivity().to_vec(),
+            corners: mesh.kind().corners(),
+            cell_type: match mesh.kind() {
+                ElementKind::Bar2 => 3,
+                ElementKind::Tet4 => 10,
+                ElementKind::Hex8 => 12,
+            },
+            radii: Vec::new(),
+        }
+    }
+
+    /// Picture of particles joined in their order.
+    pub fn of_line(points: &[Point3<f64>]) -> Self {
+        Self {
+            points: points.to_vec(),
+            connectivity: (1..points.len() as u32).flat_map(|k| [k - 1, k]).collect(),
+            corners: 2,
+            cell_type: 3,
+            radii: Vec::new(),
+        }
+    }
+
+    /// Number of cells.
+    pub fn cells(&self) -> usize {
+        self.connectivity.len() / self.corners
+    }
+}
+
+/// A mesh that is wanted.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Request<'a> {
+    /// Key of the table it comes from.
+    pub key: &'a str,
+    /// Body.
+    pub shape: &'a Shape,
+    /// Target length \[m\].
+    pub spacing: Option<f64>,
+    /// Number of elements along the axes.
+    pub divisions: Option<&'a [usize]>,
+    /// Element of solids.
+    pub element: Element,
+    /// Where the side nodes of cylinders lie.
+    pub rim: Rim,
+    /// Folder of the scene.
+    pub folder: &'a Path,
+}
+
+impl Request<'_> {
+    /// Refuses what can be seen to be wrong before anything is meshed.
+    pub(super) fn check(&self) -> Result<()> {
+        let key = self.key;
+        match self.shape {
+            Shape::Box { low, high } => {
+                for c in 0..3 {
+                    if high[c] <= low[c] {
+                        let rule = format!("must be above low[{c}] = {} m", low[c]);
+                        return Err(value(format!("{key}.shape.box.high[{c}]"), high[c], &rule));
+                    }
+                }
+                let extents = [0, 1, 2].map(|c| high[c] - low[c]);
+                divisions_of(key, &extents, self.spacing, self.divisions).map(|_| ())
+            }
+            Shape::Cylinder { length, radius, .. } => {
+                for (name, x) in [("length", *length), ("radius", *radius)] {
+                    if x <= 0.0 {
+                        let path = format!("{key}.shape.cylinder.{name}");
+                        return Err(value(path, x, "must be positive [m]"));
+                    }
+                }
+                if self.divisions.is_some() {
+                    let rule = "a cylinder is meshed by spacing; give spacing in place of divisions";
+                    return Err(crate::error::key(format!("{key}.divisions"), rule));
+                }
+                positive_spacing(key, self.spacing).map(|_| ())
+            }
+            Shape::Bar { from, to, section } => {
+                check_bar(key, *from, *to, *section)?;
+                divisions_of(key, &[to - from], self.spacing, self.divisions).map(|_| ())
+            }
+            Shape::File(path) => {
+                if self.spacing.is_some() || self.divisions.is_some() {
+                    let rule = "a mesh file brings its own spacing; remove spacing and divisions";
+                    return Err(crate::error::key(key, rule));
+                }
+                there(&format!("{key}.shape.file"), &self.folder.join(path))
+            }
+        }
+    }
+
+    /// Meshes the shape.
+    pub(super) fn mesh(&self) -> Result<Mesh<f64>> {
+        self.check()?;
+        let key = self.key;
+        let kind = match self.element {
+            Element::Hex8 => ElementKind::Hex8,
+            Element::Tet4 => ElementKind::Tet4,
+        };
+        match self.shape {
+            Shape::Box { low, high } => {
+                let extents = [0, 1, 2].map(|c| high[c] - low[c]);
+                let n = divisions_of(key, &extents, self.spacing, self.divisions)?;
+                let mesh = generate::block(kind, Point3::from(*low), Point3::from(*high), [n[0], n[1], n[2]]);
+                mesh.map_err(fem(key))
+            }
+            Shape::Cylinder { from, length, radius } => self.cylinder(kind, *from, *length, *radius),
+            Shape::Bar { from, to, section } => {
+                let n = divisions_of(key, &[to - from], self.spacing, self.divisions)?;
+                generate::bar(*from, *to, n[0], *section).map_err(fem(key))
+            }
+            Shape::File(path) => self.file(&self.folder.join(path)),
+        }
+    }
+
+    fn cylinder(&self, kind: ElementKind, from: [f64; 3], length: f64, radius: f64) -> Result<Mesh<f64>> {
+        let key = self.key;
+        let spacing = positive_spacing(key, self.spacing)?;
+        let size = Cylinder::with_size([from[0], from[0] + length], radius, spacing).map_err(fem(key))?;
+        let shape = Cylinder {
+            rim: self.rim,
+            ..size
+        };
+        let mesh = generate::cylinder(kind, &shape).map_err(fem(key))?;
+        let shift = Vector3::new(0.0, from[1], from[2]);
+        mesh.mapped(|x| x + shift).map_err(fem(key))
+    }
+
+    fn file(&self, path: &Path) -> Result<Mesh<f64>> {
+        gmsh::load(path).map_err(fem(format!("{}.shape.file", self.key)))
+    }
+}
+
+/// Says that volumes which a file tells apart are one to the model.
+pub(super) fn one_material(mesh: &Mesh<f64>) -> Vec<String> {
+    let parts = mesh.volumes();
+    if parts.len() < 2 {
+        return Vec::new();
+    }
+    vec![format!(
+        "its mesh file has {} volumes ({}), and all get the one material of the model; make a model of each part, or check \
+         that they are alike",
+        parts.len(),
+        parts.join(", ")
+    )]
+}
+
+/// Refuses a file that cannot be opened.
+pub(super) fn there(key: &str, path: &Path) -> Result<()> {
+    let opened = std::fs::File::open(path).map(|_| ());
+    opened.map_err(|e| {
+        fem(key)(arlequin::fem_ref::Error::File {
+            path: path.display().to_string(),
+            message: e.to_string(),
+        })
+    })
+}
+
+/// Checks the bar shape.
+pub(super) fn check_bar(key: &str, from: f64, to: f64, section: f64) -> Result<()> {
+    if to <= from {
+        let rule = format!("must be above from = {from} m");
+        return Err(value(format!("{key}.shape.bar.to"), to, &rule));
+    }
+    if section <= 0.0 {
+        let rule = "must be positive [m²]";
+        return Err(value(format!("{key}.shape.bar.section"), section, rule));
+    }
+    Ok(())
+}
+
+fn positive_spacing(key: &str, spacing: Option<f64>) -> Result<f64> {
+    match spacing {
+        Some(h) if h > 0.0 => Ok(h),
+        Some(h) => Err(value(format!("{key}.spacing"), h, "must be positive [m]")),
+        None => Err(crate::error::key(
+            key,
+            "spacing is missing: the distance of nodes or particles [m]",
+        )),
+    }
+}
+
+/// Number of elements along each of the extents \[m\].
+pub(super) fn divisions_of(
+    key: &str,
+    extents: &[f64],
+    spacing: Option<f64>,
+    divisions: Option<&[usize]>,
+) -> Result<Vec<usize>> {
+    match (spacing, divisions) {
+        (Some(_), Some(_)) => Err(crate::error::key(
+            key,
+            "spacing and divisions exclude each other; remove one",
+        )),
+        (_, Some(n)) if n.len() != extents.len() => Err(value(
+            format!("{key}.divisions"),
+            format_args!("{n:?}"),
+            &format!("needs {} numbers, one per direction", extents.len()),
+        )),
+        (_, Some(n)) => match n.iter().position(|&n| n == 0) {
+            Some(k) => Err(value(format!("{key}.divisions[{k}]"), 0, "must be at least 1")),
+            None => Ok(n.to_vec()),
+        },
+        (spacing, None) => {
+            let h = positive_spacing(key, spacing)?;
+            // The cast saturates; the generators refuse what is too many.
+            Ok(extents
+                .iter()
+                .map(|l| ((l / h).round() as usize).max(1))
+                .collect())
+        }
+    }
+}

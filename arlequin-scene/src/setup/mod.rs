@@ -1,0 +1,427 @@
+//! From the scene to a run that is ready to step.
+
+mod between;
+mod drive;
+pub mod filling;
+mod grains;
+mod joint;
+mod kinds;
+mod mesh;
+mod natural;
+mod particles;
+mod plausible;
+mod precheck;
+mod probe;
+mod select;
+
+pub use between::Strangers;
+pub use drive::{effect_models, model_index};
+pub use grains::cut;
+pub use kinds::{Body, Kind};
+pub use mesh::View;
+pub use plausible::Bounds;
+pub use probe::Reader;
+
+use crate::error::{Error, Result, key, value};
+use crate::output::packing::PackingLine;
+use crate::scene::{Effect, Interface, Material, RoleKind, Scene, StepChoice};
+use arlequin::core::coupled::Parts;
+use arlequin::core::field::Interpolation;
+use arlequin::core::snapshot::Record;
+use arlequin::core::subdomain::Role;
+use arlequin::core::{Coupled, Guard, Partition, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::dem_beam::fracture::SharedLog;
+use drive::Attachments;
+use joint::Joint;
+use std::path::Path;
+use std::sync::Arc;
+
+/// What output needs of a model besides its state.
+pub struct Drawn {
+    /// Picture.
+    pub view: View,
+    /// Field.
+    pub field: Arc<dyn Interpolation<f64>>,
+    /// Material.
+    pub material: Material,
+    /// What broke, where bonds can.
+    pub breaks: Option<SharedLog>,
+    /// Distance of nodes or particles \[m\].
+    pub spacing: f64,
+    /// How the spheres were packed, where there are any.
+    pub packing: Option<PackingLine>,
+}
+
+impl Drawn {
+    fn of(body: &Body) -> Self {
+        Self {
+            view: body.view.clone(),
+            field: body.field.clone(),
+            material: body.material,
+            breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
+            spacing: body.spacing,
+            packing: body.grains.as_ref().map(|g| g.packing.clone()),
+        }
+    }
+}
+
+/// The state from which a run starts, if not that of `[[initial]]` at time zero.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Start {
+    /// Time \[s\].
+    pub time: f64,
+    /// Displacements and velocities of every model.
+    pub states: Vec<[Vec<f64>; 2]>,
+    /// What a model remembers that went on as it was: orientations.
+    #[serde(default)]
+    pub memories: Vec<Option<Record<f64>>>,
+}
+
+/// A run that is ready to step.
+pub struct Built {
+    /// The run.
+    pub run: Coupled<f64>,
+    /// Pictures of the models.
+    pub drawn: Vec<Drawn>,
+    /// Pictures of the mediators.
+    pub mediators: Vec<View>,
+    /// Probes.
+    pub probes: Vec<Reader>,
+    /// Steps to make.
+    pub steps: usize,
+    /// Steps between two frames.
+    pub frame_every: usize,
+    /// Models of particles between which no contact is on.
+    pub strangers: Strangers,
+    /// What a user should know before the first step: of the bodies, of the interfaces, of the scene as a whole.
+    pub warnings: Vec<String>,
+    /// What the motion is held against.
+    pub bounds: Bounds,
+}
+
+/// Builds everything a scene asks for.
+pub fn build(scene: &Scene, folder: &Path) -> Result<Built> {
+    build_from(scene, folder, None)
+}
+
+/// The same with a state of its own to start from.
+pub fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result<Built> {
+    check_numbers(scene)?;
+    check_names(scene)?;
+    precheck::scene(scene, folder)?;
+    let effects = effects_by_model(scene)?;
+    let mut bodies: Vec<Body> = scene
+        .model
+        .iter()
+        .enumerate()
+        .map(|(m, (name, table))| kinds::body(name, table, folder, &effects[m]))
+        .collect::<Result<_>>()?;
+    let mut joints = joints_of(scene, &bodies, folder)?;
+    let probes = scene
+        .probe
+        .iter()
+        .map(|(n, p)| Reader::new(n, p, scene, &bodies))
+        .collect::<Result<_>>()?;
+    let mut attachments = Attachments::of(scene, &mut bodies)?;
+    let pairs = between::pairs(scene, &bodies)?;
+    let strangers = Strangers::of(scene, &bodies)?;
+    for j in &mut joints {
+        if let Some(a) = j.absorber.take() {
+            attachments.add(j.spec.fine, Box::new(a));
+        }
+    }
+    let (mut warnings, mut bounds) = (Vec::new(), Bounds::default());
+    let mut drawn = Vec::new();
+    let mut subdomains = Vec::new();
+    for (m, body) in bodies.into_iter().enumerate() {
+        let name = body.model.name();
+        warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
+        bounds.add(
+            body.model.nodes(),
+            &body.shape,
+            &body.material,
+            !may_leave(scene, m),
+        );
+        drawn.push(Drawn::of(&body));
+        let state = match start {
+            Some(s) => s.states[m].clone(),
+            None => drive::initial(scene, m, &body)?,
+        };
+        let memory = start.and_then(|s| s.memories.get(m).cloned().flatten());
+        let made = subdomain(m, body, state, &joints, &mut attachments)?;
+        subdomains.push(match memory {
+            Some(of) => made.with_memory(of),
+            None => made,
+        });
+    }
+    for j in &joints {
+        let name = &j.spec.name;
+        warnings.extend(j.advice.iter().map(|a| format!("interface '{name}': {a}")));
+    }
+    let mediators = joints.iter().map(|j| j.view.clone()).collect();
+    let specs = joints.into_iter().map(|j| j.spec).collect();
+    let begin = start.map_or(0.0, |s| s.time);
+    let parts = Parts {
+        start: begin,
+        subdomains,
+        interfaces: specs,
+        pairs,
+    };
+    let run = Coupled::of(parts, step_of(scene), Some(guard(scene))).map_err(located)?;
+    let steps = steps_of(scene, begin, run.dt())?;
+    let frame_every = frames(scene, steps, run.dt());
+    for i in run.interfaces().iter().map(|i| i.report()) {
+        warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
+    }
+    let mut built = Built {
+        run,
+        drawn,
+        mediators,
+        probes,
+        steps,
+        frame_every,
+        strangers,
+        warnings,
+        bounds,
+    };
+    let odd = plausible::warnings(scene, &built);
+    built.warnings.extend(odd);
+    Ok(built)
+}
+
+fn joints_of(scene: &Scene, bodies: &[Body], folder: &Path) -> Result<Vec<Joint>> {
+    let of = |(name, table): (&String, &Interface)| {
+        let [c, f] = sides_of(name, table, scene)?;
+        joint::joint(name, table, [(c, &bodies[c]), (f, &bodies[f])], folder)
+    };
+    scene.interface.iter().map(of).collect()
+}
+
+/// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds that break.
+fn may_leave(scene: &Scene, m: usize) -> bool {
+    let loose = scene.effect.iter().any(|e| e.enabled && e.is_for_particles());
+    let table = scene.model.values().nth(m).filter(|t| t.kind == Kind::Dem);
+    table.is_some_and(|t| loose || t.dem.finite_rotations)
+}
+
+/// Effects of a scene on each of its models, with their numbers.
+fn effects_by_model(scene: &Scene) -> Result<Vec<Vec<(usize, &Effect)>>> {
+    let mut out = vec![Vec::new(); scene.model.len()];
+    for (k, e) in scene.effect.iter().enumerate() {
+        for m in effect_models(k, e, scene)? {
+            out[m].push((k, e));
+        }
+    }
+    Ok(out)
+}
+
+fn step_of(scene: &Scene) -> TimeStep<f64> {
+    match scene.time.step {
+        StepChoice::Fraction(f) => TimeStep::Fraction(f),
+        StepChoice::Seconds(s) => TimeStep::Seconds(s),
+    }
+}
+
+/// Steps that no run lives to see, nor a number of them that counts each.
+const MANY_STEPS: f64 = 1e13;
+
+/// Whole steps up to the end; a step that ends there up to round-off is the last one.
+fn steps_of(scene: &Scene, begin: f64, dt: f64) -> Result<usize> {
+    let end = match (scene.time.steps, scene.time.end) {
+        (Some(n), _) => return Ok(n),
+        (None, end) => end.unwrap_or_default(),
+    };
+    let steps = ((end - begin) / dt * (1.0 - 1e-12)).ceil();
+    if steps > MANY_STEPS {
+        let rule =
+            format!("is {steps:.1e} steps of {dt:e} s away, more than {MANY_STEPS:e}; choose an earlier end");
+        return Err(value("time.end", end, &rule));
+    }
+    Ok((steps as usize).max(1))
+}
+
+/// Steps between two frames: as asked for, or about twenty frames in all.
+fn frames(scene: &Scene, steps: usize, dt: f64) -> usize {
+    let every = match (scene.output.every, scene.output.interval) {
+        (Some(n), _) => n,
+        (None, Some(seconds)) => (seconds / dt).round() as usize,
+        (None, None) => steps.div_ceil(20),
+    };
+    every.max(1)
+}
+
+fn guard(scene: &Scene) -> Guard<f64> {
+    let nodal = scene
+        .interface
+        .values()
+        .any(|i| i.weight.weighting == Weighting::Nodal);
+    let weighting = if nodal {
+        Weighting::Nodal
+    } else {
+        Weighting::Energy
+    };
+    Guard {
+        interval: scene.output.energy_every,
+        ..Guard::for_weighting(weighting)
+    }
+}
+
+fn check_numbers(scene: &Scene) -> Result<()> {
+    match (scene.time.end, scene.time.steps) {
+        (Some(t), None) if t <= 0.0 => return Err(value("time.end", t, "must be positive [s]")),
+        (None, Some(0)) => return Err(value("time.steps", 0, "must be at least 1")),
+        (Some(_), None) | (None, Some(_)) => {}
+        _ => return Err(key("time", "needs exactly one of end [s], steps")),
+    }
+    match scene.time.step {
+        StepChoice::Fraction(f) if !(f > 0.0 && f < 1.0) => {
+            let rule = "must lie above 0 and below 1, in units of the critical step; take 0.9";
+            return Err(value("time.step.fraction", f, rule));
+        }
+        StepChoice::Seconds(s) if s <= 0.0 => {
+            return Err(value("time.step.seconds", s, "must be positive [s]"));
+        }
+        _ => {}
+    }
+    let output = &scene.output;
+    let counts = [
+        ("every", output.every.unwrap_or(1)),
+        ("probe_every", output.probe_every),
+        ("checkpoint_every", output.checkpoint_every.unwrap_or(1)),
+        ("energy_every", output.energy_every),
+    ];
+    if let Some((name, _)) = counts.iter().find(|(_, n)| *n == 0) {
+        return Err(value(format!("output.{name}"), 0, "must be at least 1 step"));
+    }
+    match (output.interval, output.every) {
+        (Some(_), Some(_)) => Err(key("output", "every and interval exclude each other; remove one")),
+        (Some(t), _) if t <= 0.0 => Err(value("output.interval", t, "must be positive [s]")),
+        _ => Ok(()),
+    }
+}
+
+/// Names become file names and columns.
+fn check_names(scene: &Scene) -> Result<()> {
+    let tables = [
+        ("model", scene.model.keys().collect::<Vec<_>>()),
+        ("interface", scene.interface.keys().collect()),
+        ("probe", scene.probe.keys().collect()),
+    ];
+    for (table, names) in tables {
+        for name in names {
+            let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+            if name.is_empty() || !name.chars().all(good) {
+                let rule = "has a name with other signs than a-z, A-Z, 0-9, - and _; it also names files";
+                return Err(key(format!("{table}.{name}"), rule));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Indices of the coarse and the fine model of an interface.
+fn sides_of(name: &str, table: &Interface, scene: &Scene) -> Result<[usize; 2]> {
+    let path = format!("interface.{name}");
+    let mut out = [0; 2];
+    let wanted = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
+    for (slot, (model, role)) in out.iter_mut().zip(wanted) {
+        *slot = model_index(&format!("{path}.{}", role.name()), model, scene)?;
+    }
+    if out[0] == out[1] {
+        let rule = format!(
+            "is coarse and fine side at once ('{}'); name two models",
+            table.fine
+        );
+        return Err(key(format!("{path}.fine"), rule));
+    }
+    for (model, role) in wanted {
+        if scene.model[model].role != Some(role) {
+            let rule = format!("interface '{name}' needs role = \"{}\" here", role.name());
+            return Err(key(format!("model.{model}.role"), rule));
+        }
+    }
+    Ok(out)
+}
+
+fn subdomain(
+    m: usize,
+    body: Body,
+    [q, v]: [Vec<f64>; 2],
+    joints: &[Joint],
+    attachments: &mut Attachments,
+) -> Result<Subdomain<f64>> {
+    let partners = |side: fn(&Joint) -> usize| -> Vec<Weights<f64>> {
+        let mine = joints.iter().filter(|j| side(j) == m);
+        mine.map(|j| j.weights.clone()).collect()
+    };
+    let fine = partners(|j| j.spec.fine);
+    let coarse = partners(|j| j.spec.coarse);
+    let weights = match (coarse.as_slice(), fine.as_slice()) {
+        ([], []) => Weights::uncoupled(),
+        ([one], []) => one.clone(),
+        ([], all) => Weights::complement_of(all),
+        // Beside several fine partners: 1 − Σ (1 − f_i), one where none of them is.
+        (all, _) => {
+            let shares: Vec<_> = all
+                .iter()
+                .map(|w| Weights::complement_of(std::slice::from_ref(w)))
+                .collect();
+            Weights::complement_of(&shares)
+        }
+    };
+    let role = if coarse.is_empty() {
+        Role::Fine
+    } else {
+        Role::Coarse
+    };
+    let free = |j: &&Joint| j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m);
+    let partition = joints
+        .iter()
+        .find(free)
+        .map_or(Partition::Checked, |j| j.partition);
+    let subdomain = Subdomain::new(body.model, role, body.field, weights).with_partition(partition);
+    let subdomain = attachments.attach(m, subdomain);
+    subdomain
+        .with_initial(q, v)
+        .map_err(crate::error::core(format!("initial[{m}]")))
+}
+
+/// Finds the key an error of the core comes from.
+fn located(source: arlequin::core::Error) -> Error {
+    use arlequin::core::Error as Core;
+    let interface = |name: &str, key: &str| format!("interface.{name}.{key}");
+    let key = match &source {
+        Core::UnstableStep { .. } => "time.step.seconds".to_owned(),
+        Core::EmptyOverlap { interface: i, .. } | Core::OverhangingMediator { interface: i, .. } => {
+            interface(i, "mediator")
+        }
+        Core::OpposedMotions { interface: i, .. } => interface(i, "overlap"),
+        Core::UnequalShapes { interface: i, .. } => interface(i, "overlap"),
+        Core::UncoveredOverlap { interface: i, .. } | Core::CoveredTwice { interface: i, .. } => {
+            interface(i, "mediator")
+        }
+        Core::InitialJump { .. } => "initial".to_owned(),
+        Core::PartitionOfUnity { .. } | Core::PartitionMeasure { .. } | Core::PartitionMass { .. } => {
+            "interface".to_owned()
+        }
+        Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
+        Core::SingularInterface { interface: i, .. } | Core::RankTooLarge { interface: i, .. } => {
+            interface(i, "mediator")
+        }
+        Core::SharedNode { second, .. } => interface(second, "mediator"),
+        Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
+            format!("model.{model}")
+        }
+        // Messages that begin with "interface 'NAME': key".
+        Core::InvalidParameter { name, .. } => match name.strip_prefix("interface '") {
+            Some(rest) => rest.replacen("': ", ".", 1),
+            None => "model".to_owned(),
+        },
+        _ => "interface".to_owned(),
+    };
+    let key = match &source {
+        Core::InvalidParameter { name, .. } if name.starts_with("interface '") => format!("interface.{key}"),
+        _ => key,
+    };
+    Error::Core { key, source }
+}

@@ -1,0 +1,401 @@
+//! Warnings of what is possible and yet hardly meant. Each names the number that is odd; nothing here refuses.
+
+use super::{Built, Drawn, Kind, effect_models};
+use crate::scene::{
+    CriterionKind, Effect, Material, ModelTable, OverlapShape, RegionShape, Scene, Shape, TimeShape,
+};
+use arlequin::core::field::ShapeRow;
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Coupled, Subdomain};
+
+/// Steps above which a run is hardly meant: months at a microsecond each.
+const MANY_STEPS: f64 = 1e9;
+
+/// Young's moduli of solids \[Pa\]: from the softest gels to beyond diamond.
+const YOUNG: [f64; 2] = [1e3, 2e12];
+/// Densities of solids \[kg/m³\]: from the lightest foams to beyond osmium.
+const DENSITY: [f64; 2] = [5.0, 3e4];
+/// Strain at which a bond of a solid breaks, strength over the modulus of the beams.
+const BREAKING: [f64; 2] = [1e-7, 1.0];
+/// Energy per area at which a bond breaks \[J/m²\].
+const ENERGY: [f64; 2] = [1e-3, 1e8];
+/// Strain that a load may give a body of linear elasticity.
+const STRAIN: f64 = 0.1;
+/// Ratio of two Young's moduli that share an overlap.
+const STIFFNESS: f64 = 1000.0;
+/// Elements of the coarse model across an overlap, below which long waves see its borders.
+const ACROSS: f64 = 3.0;
+/// Extent of a body \[m\] and share of it that a wave crosses in the whole run: lengths in millimetres look so.
+const MILLIMETRES: [f64; 2] = [1.0, 0.1];
+/// Cells of one model that are looked for in another.
+const LOOKS: usize = 2000;
+
+/// What is odd about a scene that has been built.
+pub(super) fn warnings(scene: &Scene, built: &Built) -> Vec<String> {
+    let mut out = Vec::new();
+    // Unit material: lengths, times and loads are in units of the scene's own, and only their ratios can be odd.
+    let one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
+    let unit = |m: &ModelTable| one(m.material.young) && one(m.material.density);
+    if !scene.model.values().any(unit) {
+        scene
+            .model
+            .iter()
+            .for_each(|(name, table)| materials(name, table, &mut out));
+        strengths(scene, &mut out);
+        out.extend(millimetres(built));
+    }
+    loads(scene, built, &mut out);
+    overlaps(scene, built, &mut out);
+    untied(scene, built, &mut out);
+    out.extend(steps(built));
+    out.extend(built.bounds.watch(&built.run));
+    out
+}
+
+/// "far below" or "far above" a range, if the value is.
+fn beyond(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
+    match x {
+        x if x < low => Some("far below"),
+        x if x > high => Some("far above"),
+        _ => None,
+    }
+}
+
+fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
+    let all = [
+        ("material.young", Some(table.material.young), "Pa", YOUNG),
+        ("material.density", Some(table.material.density), "kg/m³", DENSITY),
+        // Beams are stiffer than the body they make.
+        ("dem.young", table.dem.young, "Pa", [YOUNG[0], 10.0 * YOUNG[1]]),
+    ];
+    for (key, x, unit, range) in all {
+        let Some(x) = x else { continue };
+        if let Some(far) = beyond(x, range) {
+            out.push(format!(
+                "model '{name}': {key} = {x:e} {unit} is {far} that of any solid ({:e} to {:e} {unit}); check the unit",
+                range[0], range[1]
+            ));
+        }
+    }
+}
+
+fn strengths(scene: &Scene, out: &mut Vec<String>) {
+    let beams = scene.model.values().filter(|m| m.kind == Kind::Dem);
+    // Whatever the effect acts on, the softest beams are the ones to break.
+    let young = beams
+        .map(|m| m.dem.young.unwrap_or(m.material.young))
+        .fold(f64::INFINITY, f64::min);
+    for (k, e) in scene.effect.iter().enumerate() {
+        let Some(f) = &e.fracture else { continue };
+        let (x, range, what) = match f.criterion {
+            CriterionKind::Energy => (f.strength, ENERGY, "J/m²"),
+            _ => (f.strength / young, BREAKING, "of Young's modulus"),
+        };
+        if let Some(far) = beyond(x, range) {
+            out.push(format!(
+                "effect[{k}].fracture: strength = {:e} is {x:.2e} {what}, {far} that of any solid ({:e} to {:e}); check the \
+                 unit",
+                f.strength, range[0], range[1]
+            ));
+        }
+    }
+}
+
+fn millimetres(built: &Built) -> Option<String> {
+    let end = built.steps as f64 * built.run.dt();
+    let all = built.run.subdomains().iter().zip(&built.bounds.0);
+    let odd = |(_, b): &(&Subdomain<f64>, &Bound)| {
+        b.extent >= MILLIMETRES[0] && b.wave * end < MILLIMETRES[1] * b.extent
+    };
+    all.into_iter().find(odd).map(|(s, b)| {
+        format!(
+            "model '{}': is {:.3e} m long, and a wave crosses {:.1e} of it in the whole run; lengths are metres: check that \
+             they are not given in millimetres, or run longer",
+            s.model().name(),
+            b.extent,
+            b.wave * end / b.extent
+        )
+    })
+}
+
+/// Stresses that loads and body forces give, by the size of the body they act on.
+fn loads(scene: &Scene, built: &Built, out: &mut Vec<String>) {
+    let size = |v: [f64; 3]| Vector3::from(v).norm();
+    let names: Vec<&String> = scene.model.keys().collect();
+    let mut judge = |what: String, model: usize, stress: f64| {
+        let young = built.drawn[model].material.young;
+        if stress > STRAIN * young {
+            out.push(format!(
+                "{what}: gives model '{}' a stress of about {stress:.1e} Pa, a strain of {:.1e}, which no linear elasticity \
+                 bears; check the unit",
+                names[model],
+                stress / young
+            ));
+        }
+    };
+    for (k, l) in scene.load.iter().enumerate() {
+        let Some(m) = names.iter().position(|n| **n == l.model) else {
+            continue;
+        };
+        let area = built.bounds.0[m].section;
+        let factor = match &l.time {
+            TimeShape::Table(rows) => rows.iter().fold(0.0, |m: f64, r| m.max(r.1.abs())),
+            _ => 1.0,
+        };
+        let (what, stress) = match (l.force, l.torque, l.traction, l.pressure) {
+            (Some(f), ..) => (format!("force of {:.3e} N", factor * size(f)), size(f) / area),
+            (_, Some(t), ..) => (
+                format!("torque of {:.3e} N m", factor * size(t)),
+                size(t) / area.powf(1.5),
+            ),
+            (_, _, Some(t), _) => (format!("traction of {:.3e} Pa", factor * size(t)), size(t)),
+            (_, _, _, p) => {
+                let p = p.unwrap_or_default().abs();
+                (format!("pressure of {:.3e} Pa", factor * p), p)
+            }
+        };
+        judge(format!("load[{k}]: a {what}"), m, factor * stress);
+    }
+    for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
+        let Some(b) = &e.body_force else { continue };
+        let a = size(b.acceleration);
+        for m in effect_models(k, e, scene).unwrap_or_default() {
+            let stress = built.drawn[m].material.density * a * built.bounds.0[m].extent;
+            judge(format!("effect[{k}]: an acceleration of {a:.3e} m/s²"), m, stress);
+        }
+    }
+    prescribed(scene, built, &names, out);
+}
+
+/// Prescribed motions beyond the body or faster than its waves.
+fn prescribed(scene: &Scene, built: &Built, names: &[&String], out: &mut Vec<String>) {
+    let supports = scene.support.iter().enumerate();
+    for (k, s) in supports {
+        let (Some(m), Some(motion)) = (names.iter().position(|n| **n == s.model), &s.motion) else {
+            continue;
+        };
+        let (bound, amplitude) = (&built.bounds.0[m], motion.amplitude.abs());
+        if bound.small && amplitude > bound.extent {
+            out.push(format!(
+                "support[{k}]: a motion of {amplitude:.3e} m is beyond model '{}', which is {:.3e} m large; check the unit",
+                s.model, bound.extent
+            ));
+        }
+        let rise = match &motion.time {
+            TimeShape::Ramp { duration } => *duration,
+            TimeShape::Pulse { duration } => duration / std::f64::consts::PI,
+            _ => continue,
+        };
+        if amplitude / rise > bound.wave {
+            out.push(format!(
+                "support[{k}]: a motion at {:.3e} m/s is faster than the waves of model '{}', {:.3e} m/s; check amplitude and \
+                 duration",
+                amplitude / rise,
+                s.model,
+                bound.wave
+            ));
+        }
+    }
+}
+
+/// Overlaps of unlike stiffness, or hardly wider than what lies in them.
+fn overlaps(scene: &Scene, built: &Built, out: &mut Vec<String>) {
+    let at = |name: &String| {
+        scene
+            .model
+            .keys()
+            .position(|k| k == name)
+            .map(|m| &built.drawn[m])
+    };
+    for (name, i) in &scene.interface {
+        let (Some(coarse), Some(fine)) = (at(&i.coarse), at(&i.fine)) else {
+            continue;
+        };
+        let ratio = coarse.material.young / fine.material.young;
+        let ratio = ratio.max(1.0 / ratio);
+        if ratio > STIFFNESS {
+            out.push(format!(
+                "interface '{name}': Young's moduli of '{}' and '{}' are {ratio:.1e} times apart in one place; check their \
+                 units",
+                i.coarse, i.fine
+            ));
+        }
+        let Some(width) = width(&i.overlap) else { continue };
+        let across = width / coarse.spacing;
+        if across < ACROSS * (1.0 - 1e-6) {
+            out.push(format!(
+                "interface '{name}': its overlap of {width:.3e} m is {across:.1} elements of '{}' ({:.3e} m) across; take {ACROSS} \
+                 or more, or waves are reflected",
+                i.coarse, coarse.spacing
+            ));
+        }
+    }
+}
+
+/// Distance of the two borders \[m\], where it is one number.
+fn width(overlap: &OverlapShape) -> Option<f64> {
+    match overlap {
+        OverlapShape::Slab { fine, coarse } => Some((Vector3::from(*coarse) - Vector3::from(*fine)).norm()),
+        OverlapShape::Shell { core, domain } => match (core, domain) {
+            (RegionShape::Ball { radius: a, .. }, RegionShape::Ball { radius: b, .. })
+            | (RegionShape::Cylinder { radius: a, .. }, RegionShape::Cylinder { radius: b, .. }) => {
+                Some((b - a).abs())
+            }
+            _ => None,
+        },
+    }
+}
+
+/// Models that fill the same space and know nothing of each other.
+fn untied(scene: &Scene, built: &Built, out: &mut Vec<String>) {
+    let names: Vec<&String> = scene.model.keys().collect();
+    let tied = |a: &String, b: &String| {
+        let pair = |x: &String, y: &String| (x == a && y == b) || (x == b && y == a);
+        let by_interface = scene.interface.values().any(|i| pair(&i.coarse, &i.fine));
+        let by_contact = |e: &Effect| {
+            e.enabled
+                && e.between
+                    .as_ref()
+                    .is_some_and(|n| n.len() == 2 && pair(&n[0], &n[1]))
+        };
+        by_interface || scene.effect.iter().any(by_contact)
+    };
+    for (b, second) in names.iter().enumerate() {
+        for (a, first) in names[..b]
+            .iter()
+            .enumerate()
+            .filter(|(_, first)| !tied(first, second))
+        {
+            let share =
+                inside(&built.drawn[a], &built.drawn[b]).max(inside(&built.drawn[b], &built.drawn[a]));
+            if share > 0.0 {
+                out.push(format!(
+                    "models '{first}' and '{second}' overlap ({:.1} % of one lies in the other) and no [interface] ties them: \
+                     their mass and stiffness count twice there, and waves pass through unseen; add an interface, or trim one",
+                    100.0 * share
+                ));
+            }
+        }
+    }
+}
+
+/// Share of the cells of a model whose centre lies in another.
+fn inside(of: &Drawn, within: &Drawn) -> f64 {
+    let ([low, high], [from, to]) = (corners(&of.view.points), corners(&within.view.points));
+    let apart = |c: usize| low[c] > to[c] || high[c] < from[c];
+    let cells = of.view.cells();
+    if (0..3).any(apart) || cells == 0 {
+        return 0.0;
+    }
+    let every = cells.div_ceil(LOOKS);
+    let mut row = ShapeRow::default();
+    let cells = of.view.connectivity.chunks_exact(of.view.corners).step_by(every);
+    let (mut found, mut all) = (0, 0);
+    for cell in cells {
+        let sum = cell
+            .iter()
+            .fold(Vector3::zeros(), |s, &k| s + of.view.points[k as usize].coords);
+        let centre = Point3::from(sum / cell.len() as f64);
+        let near = (0..3).all(|c| centre[c] >= from[c] && centre[c] <= to[c]);
+        all += 1;
+        found += usize::from(near && within.field.shape_at(&centre, false, &mut row).is_ok());
+    }
+    f64::from(found as u32) / f64::from(all)
+}
+
+fn steps(built: &Built) -> Option<String> {
+    let (n, dt) = (built.steps as f64, built.run.dt());
+    (n > MANY_STEPS).then(|| {
+        format!(
+            "time: {n:.2e} steps of {dt:.2e} s are more than {MANY_STEPS:e}; choose an earlier end, or coarser models"
+        )
+    })
+}
+
+/// What the motion of each model is held against, before the first step and while it runs.
+#[derive(Debug, Clone, Default)]
+pub struct Bounds(Vec<Bound>);
+
+#[derive(Debug, Clone)]
+struct Bound {
+    /// Speed of pressure waves \[m/s\].
+    wave: f64,
+    /// Largest extent \[m\].
+    extent: f64,
+    /// Section across it \[m²\].
+    section: f64,
+    /// Whether displacements are taken as small, so that a body cannot turn and no part of it can leave.
+    small: bool,
+}
+
+impl Bounds {
+    /// Adds a model: its nodes, what it is made of, whether its displacements are taken as small.
+    pub(super) fn add(&mut self, nodes: &[Point3<f64>], shape: &Shape, material: &Material, small: bool) {
+        let [low, high] = corners(nodes);
+        let size = high - low;
+        self.0.push(Bound {
+            wave: wave_speed(material),
+            extent: size.max(),
+            section: match shape {
+                Shape::Bar { section, .. } => *section,
+                _ => size.product() / size.max(),
+            },
+            small,
+        });
+    }
+
+    /// Displacements beyond the body and speeds beyond the wave speed of the present state, one line per model and kind.
+    pub fn watch(&self, run: &Coupled<f64>) -> Vec<String> {
+        let mut out = Vec::new();
+        for (s, b) in run.subdomains().iter().zip(&self.0) {
+            let (name, layout) = (s.model().name(), s.model().layout());
+            let moving = 0..layout.translations();
+            let top = |m: f64, x: &f64| m.max(x.abs());
+            let speed = s.state().v[moving.clone()].iter().fold(0.0, top);
+            if speed > b.wave {
+                out.push(format!(
+                    "model '{name}': moves at {speed:.3e} m/s at t = {:.3e} s, above its wave speed of {:.3e} m/s; check \
+                     loads, velocities and their units",
+                    run.time(),
+                    b.wave
+                ));
+            }
+            let stretch = stretch(&s.state().q[moving], layout.components);
+            if b.small && stretch > b.extent {
+                out.push(format!(
+                    "model '{name}': its displacements differ by {stretch:.3e} m at t = {:.3e} s, more than its size of \
+                     {:.3e} m, where strains are no longer small; check loads, displacements and their units",
+                    run.time(),
+                    b.extent
+                ));
+            }
+        }
+        out
+    }
+}
+
+/// Largest difference of one component of displacement between two nodes.
+fn stretch(q: &[f64], components: usize) -> f64 {
+    let span = |c: usize| {
+        let values = q.iter().skip(c).step_by(components).copied();
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+            (a.min(x), b.max(x))
+        });
+        high - low
+    };
+    (0..components).map(span).fold(0.0, f64::max)
+}
+
+/// Lowest and highest coordinates.
+pub(super) fn corners(nodes: &[Point3<f64>]) -> [Vector3<f64>; 2] {
+    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(Vector3::repeat);
+    nodes
+        .iter()
+        .fold(ends, |[a, b], x| [a.inf(&x.coords), b.sup(&x.coords)])
+}
+
+/// `√((λ + 2 μ)/ρ)` \[m/s\].
+fn wave_speed(m: &Material) -> f64 {
+    let nu = m.poisson.unwrap_or(0.0);
+    (m.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu)) / m.density).sqrt()
+}

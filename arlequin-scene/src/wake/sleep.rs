@@ -1,0 +1,169 @@
+//! The scene as long as the model sleeps.
+
+use crate::error::{Error, Result, key, unknown, value};
+use crate::run::Input;
+use crate::scene::{Effect, Near, Scene, Wake};
+use crate::setup::{Kind, effect_models};
+
+/// Applies the assignments of `[wake]` and leaves out the sleeping model with everything that is its own.
+pub(super) fn scene(input: &Input<'_>, wake: &Wake) -> Result<Scene> {
+    check(&input.scene, wake)?;
+    let mut assignments = input.set.to_vec();
+    assignments.extend_from_slice(&wake.asleep);
+    let own = format!("model.{}.", wake.model);
+    for (k, a) in wake.asleep.iter().enumerate() {
+        let path = a.split('=').next().unwrap_or_default().trim();
+        if path == "wake" || path.starts_with("wake.") || path.starts_with(&own) {
+            let rule = "changes nothing while the model sleeps; remove it";
+            return Err(value(format!("wake.asleep[{k}]"), a, rule));
+        }
+    }
+    let mut scene = input.source.scene(&assignments).map_err(|e| located(e, wake))?;
+    check_acting(&scene, wake)?;
+    let (sleeper, all) = (&wake.model, scene.clone());
+    scene.model.remove(sleeper);
+    scene
+        .interface
+        .retain(|_, i| i.coarse != *sleeper && i.fine != *sleeper);
+    scene.probe.retain(|_, p| p.model != *sleeper);
+    for i in &mut scene.initial {
+        if let Some(names) = &mut i.models {
+            names.retain(|n| n != sleeper);
+        }
+    }
+    scene.effect.clear();
+    for (k, e) in all.effect.iter().enumerate() {
+        if let Some(e) = effect(k, e, &all, wake)? {
+            scene.effect.push(e);
+        }
+    }
+    scene.wake = None;
+    Ok(scene)
+}
+
+/// An assignment that does not apply stands in the list, not on the command line.
+fn located(e: Error, wake: &Wake) -> Error {
+    match e {
+        Error::Set { assignment, message } => match wake.asleep.iter().position(|a| *a == assignment) {
+            Some(k) => value(format!("wake.asleep[{k}]"), assignment, &message),
+            None => Error::Set { assignment, message },
+        },
+        e => e,
+    }
+}
+
+fn check(scene: &Scene, wake: &Wake) -> Result<()> {
+    for (what, name) in [("model", &wake.model), ("by", &wake.by)] {
+        if !scene.model.contains_key(name) {
+            return Err(unknown(format!("wake.{what}"), name, "model", scene.model.keys()));
+        }
+    }
+    if wake.model == wake.by {
+        let rule = "sleeps and cannot carry itself; name the model that stands in for it";
+        return Err(value("wake.by", &wake.by, rule));
+    }
+    if wake.every == 0 {
+        return Err(value("wake.every", 0, "must be at least 1 step"));
+    }
+    let limits = [
+        ("strain", wake.criterion.strain, "-"),
+        ("stress", wake.criterion.stress, "Pa"),
+    ];
+    for (name, limit, unit) in limits {
+        if let Some(x) = limit.filter(|x| *x <= 0.0) {
+            let rule = format!("must be positive [{unit}]; tension counts as positive");
+            return Err(value(format!("wake.criterion.{name}"), x, &rule));
+        }
+    }
+    if limits.iter().filter(|l| l.1.is_some()).count() != 1 {
+        return Err(key(
+            "wake.criterion",
+            "needs exactly one of strain [-], stress [Pa]",
+        ));
+    }
+    if let Some(Near::Box { low, high }) = &wake.near
+        && let Some(c) = (0..3).find(|&c| high[c] < low[c])
+    {
+        let rule = format!("must not be below low[{c}] = {} m", low[c]);
+        return Err(value(format!("wake.near.box.high[{c}]"), high[c], &rule));
+    }
+    if scene.time.end.is_none() {
+        let rule = "is needed by [wake] in place of time.steps: the step changes as the model wakes";
+        return Err(key("time.end", rule));
+    }
+    Ok(())
+}
+
+/// What acts on the sleeping model would be lost.
+fn check_acting(scene: &Scene, wake: &Wake) -> Result<()> {
+    let (sleeper, by) = (&wake.model, &wake.by);
+    let lost = |list: &str, k: usize, change: String| {
+        let rule = format!(
+            "acts on '{sleeper}' and would be lost while it sleeps; let it act on '{by}' until then: add \
+             \"{list}.{k}.{change}\" to wake.asleep"
+        );
+        Err(key(format!("{list}[{k}]"), rule))
+    };
+    let model = || format!("model={by}");
+    if let Some(k) = scene.load.iter().position(|l| l.model == *sleeper) {
+        return lost("load", k, model());
+    }
+    if let Some(k) = scene.support.iter().position(|s| s.model == *sleeper) {
+        return lost("support", k, model());
+    }
+    let only = |names: &Option<Vec<String>>| {
+        names
+            .as_ref()
+            .is_some_and(|n| n.contains(sleeper) && !n.contains(by))
+    };
+    if let Some(k) = scene.initial.iter().position(|i| only(&i.models)) {
+        return lost("initial", k, format!("models=['{by}']"));
+    }
+    let forced = |e: &Effect| e.enabled && e.body_force.is_some() && only(&e.models);
+    if let Some(k) = scene.effect.iter().position(forced) {
+        return lost("effect", k, format!("models=['{by}']"));
+    }
+    Ok(())
+}
+
+/// Effect `k` while the model sleeps; none if it has no other to act on.
+fn effect(k: usize, e: &Effect, scene: &Scene, wake: &Wake) -> Result<Option<Effect>> {
+    let (path, sleeper) = (format!("effect[{k}]"), &wake.model);
+    if e.enabled && e.prestress.is_some() {
+        let rule = "holds the shape at the start, which is another one after [wake]; remove one of the two";
+        return Err(key(format!("{path}.prestress"), rule));
+    }
+    let mine = scene.model.keys().position(|n| n == sleeper);
+    if e.enabled && e.between.is_some() {
+        let rule = "is a contact between two models, which [wake] does not hand over; remove one";
+        return Err(key(format!("{path}.between"), rule));
+    }
+    let others = effect_models(k, e, scene)?
+        .into_iter()
+        .filter(|m| Some(*m) != mine);
+    if e.enabled && e.obstacle.is_some() {
+        let rule = "would touch nothing while the model sleeps, and [wake] does not hand its motion over; remove one";
+        return Err(key(format!("{path}.obstacle"), rule));
+    }
+    if let (true, Some(m)) = (e.is_for_particles() && e.enabled, others.clone().next()) {
+        let name = scene.model.keys().nth(m).map_or("", String::as_str);
+        let rule = format!(
+            "acts on '{name}', whose broken bonds and contacts [wake] does not hand over; name '{sleeper}' alone in \
+             {path}.models"
+        );
+        return Err(key(path, rule));
+    }
+    if others.count() == 0 {
+        return Ok(None);
+    }
+    let mut kept = e.clone();
+    if let Some(names) = &mut kept.models {
+        names.retain(|n| n != sleeper);
+    }
+    Ok(Some(kept))
+}
+
+/// Whether the kind has cells in which a strain can be looked at.
+pub(super) fn has_strain(kind: Kind) -> bool {
+    matches!(kind, Kind::Fem | Kind::Cnem)
+}

@@ -1,0 +1,150 @@
+//! Looks at the carrier until the criterion is met.
+
+use super::Stage;
+use super::sleep::has_strain;
+use crate::cells::{self, Cell};
+use crate::error::{Result, key, value};
+use crate::scene::{Material, Near, Wake};
+use crate::setup::{Drawn, Kind};
+use arlequin::core::Coupled;
+use arlequin::core::nalgebra::{Matrix3, Point3};
+
+/// The criterion and where it is looked at.
+pub(super) struct Watch {
+    carrier: usize,
+    cells: Vec<Cell>,
+    material: Material,
+    stress: bool,
+    limit: f64,
+    every: usize,
+    /// Largest value seen and where \[m\].
+    pub highest: (f64, Point3<f64>),
+}
+
+impl Watch {
+    /// Prepares the watch over model number `carrier` of the sleeping scene.
+    pub(super) fn new(wake: &Wake, carrier: usize, kind: Kind, drawn: &Drawn) -> Result<Self> {
+        if !has_strain(kind) {
+            let rule = "has no elements in which a strain could be looked at; use kind = \"fem\" or \"cnem\"";
+            return Err(value("wake.by", &wake.by, rule));
+        }
+        let near = |c: &Cell| match &wake.near {
+            None => true,
+            Some(Near::Box { low, high }) => (0..3).all(|k| c.centre[k] >= low[k] && c.centre[k] <= high[k]),
+        };
+        let cells: Vec<Cell> = cells::cells("wake.by", drawn)?.into_iter().filter(near).collect();
+        let Some(first) = cells.first() else {
+            let rule = format!(
+                "holds no element centre of '{}'; enlarge it or check the units (m)",
+                wake.by
+            );
+            return Err(key("wake.near", rule));
+        };
+        let c = wake.criterion;
+        Ok(Self {
+            carrier,
+            material: drawn.material,
+            stress: c.stress.is_some(),
+            limit: c.stress.or(c.strain).unwrap_or(f64::INFINITY),
+            every: wake.every,
+            highest: (f64::NEG_INFINITY, first.centre),
+            cells,
+        })
+    }
+
+    /// What is compared, with its unit.
+    pub(super) fn criterion(&self) -> &'static str {
+        if self.stress { "stress [Pa]" } else { "strain [-]" }
+    }
+
+    /// The limit.
+    pub(super) fn limit(&self) -> f64 {
+        self.limit
+    }
+
+    /// What a checkpoint must know.
+    pub(super) fn stage(&self) -> Stage {
+        Stage::Asleep {
+            highest: self.highest.0,
+            place: self.highest.1.coords.into(),
+        }
+    }
+
+    /// Looks, if it is time to; whether the criterion is met.
+    pub(super) fn look(&mut self, run: &Coupled<f64>) -> bool {
+        if !run.steps().is_multiple_of(self.every) {
+            return false;
+        }
+        let s = &run.subdomains()[self.carrier];
+        let count = s.model().layout().components;
+        for cell in &self.cells {
+            let value = self.value(&cell.gradient(&s.state().q, count), count);
+            if value > self.highest.0 {
+                self.highest = (value, cell.centre);
+            }
+        }
+        self.highest.0 >= self.limit
+    }
+
+    /// Largest principal strain, or stress `λ tr ε + 2 μ ε` of it; along the line for what moves on one.
+    fn value(&self, h: &Matrix3<f64>, count: usize) -> f64 {
+        if count == 1 {
+            return h[(0, 0)] * if self.stress { self.material.young } else { 1.0 };
+        }
+        let strain = (h + h.transpose()) * 0.5;
+        let top = strain.symmetric_eigenvalues().max();
+        if self.stress {
+            let [lambda, mu] = cells::lame(&self.material);
+            lambda * strain.trace() + 2.0 * mu * top
+        } else {
+            top
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn watch(stress: bool) -> Watch {
+        Watch {
+            carrier: 0,
+            cells: Vec::new(),
+            // λ = μ = 2/5.
+            material: Material {
+                young: 1.0,
+                poisson: Some(0.25),
+                density: 1.0,
+            },
+            stress,
+            limit: 1.0,
+            every: 1,
+            highest: (f64::NEG_INFINITY, Point3::origin()),
+        }
+    }
+
+    /// The largest principal stress: `E ε` where the sides are free to contract, `(λ + 2μ) ε` where they are not,
+    /// `3 K ε` of a dilatation, `2 μ ε` of a shear.
+    #[test]
+    fn the_largest_principal_stress_is_that_of_hooke() {
+        let e = 1e-3;
+        let diagonal = |x: f64, y: f64, z: f64| Matrix3::from_diagonal(&[x, y, z].into());
+        let shear = Matrix3::new(0.0, 2.0 * e, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        for (gradient, stress, strain) in [
+            (diagonal(e, -0.25 * e, -0.25 * e), e, e),
+            (diagonal(e, 0.0, 0.0), 1.2 * e, e),
+            (diagonal(e, e, e), 2.0 * e, e),
+            (shear, 0.8 * e, e),
+        ] {
+            for (wanted, expected) in [(true, stress), (false, strain)] {
+                let found = watch(wanted).value(&gradient, 3);
+                assert!(
+                    (found - expected).abs() < 1e-12 * e,
+                    "{gradient}: {found}, not {expected}"
+                );
+            }
+        }
+        // On a line nothing contracts across it.
+        assert!((watch(true).value(&diagonal(e, 0.0, 0.0), 1) - e).abs() < 1e-18);
+    }
+}
