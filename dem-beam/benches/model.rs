@@ -8,7 +8,6 @@ use arlequin_core::weight::Weight;
 use arlequin_core::{Coupled, Guard, Model, Partition, Subdomain, TimeStep, Weighting, Weights};
 use dem_beam::{BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter};
 use nalgebra::Point3;
-use std::error::Error;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -39,8 +38,8 @@ fn best(jobs: &mut [NamedJob<'_>], calls: usize, bonds: usize) -> Vec<f64> {
     out
 }
 
-fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn Error>> {
-    let make = || -> Result<DemModel, dem_beam::DemError> {
+fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
+    let make = || -> Result<DemModel, dem_beam::Error> {
         let m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
         Ok(if finite { m.with_finite_rotations() } else { m })
     };
@@ -85,12 +84,12 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
 
 /// What watching strengths adds to the step: without, with each criterion, with strengths that scatter, and with bonds
 /// compared one by one. Every bond is loaded far below its strength.
-fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn Error>> {
+fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
     let guard = Guard {
         interval: 1_000_000,
         growth: 0.05,
     };
-    let make = |spec: Option<Fracture>, plain: bool| -> Result<Coupled<f64>, Box<dyn Error>> {
+    let make = |spec: Option<Fracture>, plain: bool| -> Result<Coupled<f64>, Box<dyn std::error::Error>> {
         let mut m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
         if finite {
             m = m.with_finite_rotations();
@@ -155,7 +154,7 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
     Ok(())
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn std::error::Error>> {
     let counts: Vec<usize> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let counts = if counts.is_empty() { vec![20_000] } else { counts };
     for count in counts {

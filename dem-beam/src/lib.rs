@@ -59,7 +59,7 @@ pub mod strength;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 pub use contact::{Contact, ContactBetween, ContactBody, ContactLaw};
-pub use error::{DemError, Result};
+pub use error::{Error, Result};
 pub use fracture::{Criterion, Fracture, Scatter};
 pub use model::{DemModel, DemReport, LoadShare};
 pub use obstacle::{Motion, Obstacle, Shape};

@@ -7,7 +7,7 @@
 
 use crate::bond::{LinearBond, Twist};
 use crate::critical::diagonal_blocks;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use crate::particles::{BondedParticles, expect_len};
 use arlequin_core::adjacency::Adjacency;
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -72,7 +72,7 @@ impl StaticProblem {
     /// Solves to a relative residual of `tolerance`, in at most `limit` iterations.
     ///
     /// # Errors
-    /// [`DemError::LengthMismatch`], [`DemError::NoConvergence`].
+    /// [`Error::LengthMismatch`], [`Error::NoConvergence`].
     pub fn solve(&self, body: &BondedParticles, tolerance: f64, limit: usize) -> Result<Equilibrium> {
         expect_len("supports", self.held.len(), body.len())?;
         expect_len("start", self.start.len(), body.len())?;
@@ -83,7 +83,7 @@ impl StaticProblem {
         let (iterations, residual) = system.conjugate_gradients(&loads, &mut x, tolerance, limit);
         let converged = residual <= tolerance;
         if !converged {
-            return Err(DemError::NoConvergence {
+            return Err(Error::NoConvergence {
                 what: "static solve",
                 iterations,
                 residual,

@@ -20,7 +20,7 @@ impl DemModel {
     /// The same body with bonds that break.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for a strength, scatter or interval that makes no sense.
+    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense.
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
         self.fracture = Some(FractureState::new(spec, &self.body, self.log.clone()));
