@@ -2,12 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::report;
-use arlequin::core::{Coupled, Real};
+use arlequin::core::Coupled;
 use arlequin_scene::Input;
 use arlequin_scene::output::Frames;
 use arlequin_scene::output::summary::{self, InterfaceLine, ModelLine};
 use arlequin_scene::recorder::PhaseClock;
-use arlequin_scene::scene::{Precision, Scene};
+use arlequin_scene::scene::Scene;
 use arlequin_scene::setup::{self, Built};
 use arlequin_scene::wake;
 use serde::Serialize;
@@ -66,10 +66,7 @@ pub(crate) fn check(input: &Input<'_>, json: bool) -> Result<()> {
         }
     };
     let setup = begin.elapsed().as_secs_f64();
-    let mut out = match input.scene.time.precision {
-        Precision::Double => plan(input, &input.scene, built, setup),
-        Precision::Single => plan(input, &input.scene, built.narrowed()?, setup),
-    };
+    let mut out = plan(input, &input.scene, built, setup);
     out.asleep = asleep.map(|(scene, built)| Box::new(plan(input, &scene, built, setup)));
     if json {
         let text = serde_json::to_string_pretty(&out).map_err(|e| Error::System {
@@ -84,7 +81,7 @@ pub(crate) fn check(input: &Input<'_>, json: bool) -> Result<()> {
 }
 
 /// The plan of what is built, with trial steps.
-fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_seconds: f64) -> Plan {
+fn plan(input: &Input<'_>, scene: &Scene, built: Built, setup_seconds: f64) -> Plan {
     let Built {
         mut run,
         drawn,
@@ -120,7 +117,7 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
 }
 
 /// Seconds for all steps, extrapolated from a few.
-fn trial<T: Real>(run: &mut Coupled<T>, steps: usize) -> Option<f64> {
+fn trial(run: &mut Coupled<f64>, steps: usize) -> Option<f64> {
     let mut clock = PhaseClock::new();
     // The first step warms the caches.
     run.advance(&mut clock).ok()?;

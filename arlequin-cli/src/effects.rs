@@ -4,10 +4,9 @@
 
 use crate::error::{Error, Result, core, key, value};
 use crate::report;
-use arlequin::core::Real;
 use arlequin_scene::Input;
 use arlequin_scene::recorder::PhaseClock;
-use arlequin_scene::scene::{Precision, Scene};
+use arlequin_scene::scene::Scene;
 use arlequin_scene::setup::{self, Built};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -153,13 +152,10 @@ fn variants(scene: &Scene) -> Vec<(String, Scene)> {
 
 fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
     let built = setup::build(scene, folder)?;
-    match scene.time.precision {
-        Precision::Double => steps(built),
-        Precision::Single => steps(built.narrowed()?),
-    }
+    steps(built)
 }
 
-fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
+fn steps(built: Built) -> Result<Trace> {
     let Built {
         mut run,
         probes,
@@ -183,7 +179,7 @@ fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
             out.failed = Some(core("time")(e));
             break;
         }
-        out.times.push(run.time().as_f64());
+        out.times.push(run.time());
         for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
             values.push(reader.read(run.subdomains()));
         }

@@ -23,7 +23,6 @@ pub mod mediator;
 pub mod model;
 pub mod momentum;
 mod motion;
-mod narrow;
 pub mod observer;
 pub mod overlap;
 pub mod parallel;

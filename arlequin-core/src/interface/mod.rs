@@ -23,7 +23,7 @@ use crate::junction::Junction;
 use crate::mediator::Mediator;
 use crate::model::DofLayout;
 use crate::weight::Weight;
-use crate::{Error, Real, Result, narrow};
+use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use operator::Operator;
 use sprs::{CsMat, TriMat};
@@ -72,17 +72,6 @@ pub struct InterfaceOptions<T: Real> {
     pub start_jump: T,
     /// Point at which the models are pinned together; needed by a seminorm. `None` takes the first mediator node.
     pub pin: Option<Point3<T>>,
-}
-
-impl<T: Real> InterfaceOptions<T> {
-    /// The same choices for a run that will step in 32-bit numbers: multipliers that are dependent up to their round-off
-    /// are dropped.
-    #[must_use]
-    pub fn single(mut self) -> Self {
-        let bound = InterfaceOptions::<f32>::default().rank_tolerance;
-        self.rank_tolerance = self.rank_tolerance.max(narrow::to(bound));
-        self
-    }
 }
 
 impl<T: Real> Default for InterfaceOptions<T> {
@@ -289,24 +278,6 @@ impl<T: Real> Interface<T> {
             start_jump: spec.options.start_jump,
             components,
             nodes: spec.mediator.nodes().to_vec(),
-        })
-    }
-
-    /// The interface in 32-bit numbers.
-    pub(crate) fn narrowed(&self) -> Result<Interface<f32>> {
-        let coupling = self.coupling.each_ref().map(|c| Coupling {
-            matrix: narrow::matrix(&c.matrix),
-            shared: c.shared,
-        });
-        Ok(Interface {
-            sides: self.sides,
-            coupling,
-            operator: self.operator.narrowed(&self.report.name)?,
-            lambda: narrow::all(&self.lambda),
-            report: self.report.clone(),
-            start_jump: narrow::to(self.start_jump),
-            components: self.components,
-            nodes: self.nodes.iter().map(narrow::point).collect(),
         })
     }
 

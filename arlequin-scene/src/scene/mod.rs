@@ -74,30 +74,6 @@ pub struct Time {
     /// The step.
     #[serde(default)]
     pub step: StepChoice,
-    /// Width of the numbers that step.
-    #[serde(default)]
-    pub precision: Precision,
-}
-
-impl Precision {
-    /// Its name in scenes and reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Double => "double",
-            Self::Single => "single",
-        }
-    }
-}
-
-/// Width of the numbers that step; the set-up is always in 64 bits.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Precision {
-    /// 64 bits.
-    #[default]
-    Double,
-    /// 32 bits.
-    Single,
 }
 
 /// How the time step is chosen.
