@@ -151,8 +151,7 @@ fn variants(scene: &Scene) -> Vec<(String, Scene)> {
 }
 
 fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
-    let built = setup::build(scene, folder)?;
-    steps(built)
+    steps(setup::build(scene, folder)?)
 }
 
 fn steps(built: Built) -> Result<Trace> {

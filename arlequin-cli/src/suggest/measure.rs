@@ -7,7 +7,7 @@ use crate::error::{Result, core};
 use arlequin::core::Coupled;
 use arlequin_scene::Input;
 use arlequin_scene::recorder::PhaseClock;
-use arlequin_scene::setup::{self, Built};
+use arlequin_scene::setup;
 use std::time::Instant;
 
 /// Seconds of trial steps per scene.
