@@ -366,3 +366,14 @@ pub fn invalid(name: &str, value: impl std::fmt::Display, rule: &str) -> Error {
         rule: rule.to_owned(),
     }
 }
+
+/// The value, if it is finite and not below zero.
+///
+/// # Errors
+/// [`Error::InvalidParameter`] otherwise.
+pub fn not_negative<T: crate::Real>(name: &str, value: T) -> Result<T> {
+    if value.is_finite() && value >= T::zero() {
+        return Ok(value);
+    }
+    Err(invalid(name, value, "must be finite and not negative"))
+}

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::coupled::Guard;
-use arlequin_core::effect::{Effect, Instant, MassDamping, Site, StiffnessDamping};
+use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, MassDamping, StiffnessDamping};
 use arlequin_core::momentum::{Arms, Claim};
 use arlequin_core::observer::Silent;
 use arlequin_core::subdomain::PrescribedMotion;
@@ -237,13 +237,20 @@ fn the_linear_law_keeps_the_angular_momentum_about_positions_at_rest() {
 #[test]
 fn a_momentum_that_changes_though_it_should_stay_is_told() {
     struct Thief;
-    impl Effect<f64> for Thief {
+    impl EffectSpec<f64> for Thief {
+        fn attach(self: Box<Self>, _: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+            Ok(self)
+        }
+    }
+    impl AnyEffect<f64> for Thief {
         fn name(&self) -> &str {
             "thief"
         }
-        fn attach(&mut self, _: &Site<'_, f64>) -> arlequin_core::Result<()> {
-            Ok(())
+        fn arms(&self) -> Option<Arms> {
+            Some(Arms::Current)
         }
+    }
+    impl Effect<f64> for Thief {
         fn add_forces(&mut self, _: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
             let half = f.len() / 2;
             f[half] += 1e-6;
@@ -251,9 +258,6 @@ fn a_momentum_that_changes_though_it_should_stay_is_told() {
         }
         fn power(&self, v: &[f64]) -> f64 {
             1e-6 * v[v.len() / 2]
-        }
-        fn arms(&self) -> Option<Arms> {
-            Some(Arms::Current)
         }
     }
     let model = brick();
