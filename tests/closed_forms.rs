@@ -13,7 +13,7 @@ use arlequin::core::observer::Silent;
 use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{Coupled, Error, Model, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, generate};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::{COARSE, Line, rest};
 use arlequin_studies::solid::momentum_scale;
 use std::sync::Arc;
@@ -159,7 +159,7 @@ fn shared_element(stiffer: f64) -> Coupled<f64> {
         name: "joint".into(),
         coarse: 0,
         fine: 1,
-        mediator: Arc::new(FemMediator::new(generate::bar(0.0, 1.0, 1, 1.0).unwrap())),
+        mediator: Arc::new(FemField::new(generate::bar(0.0, 1.0, 1, 1.0).unwrap())),
         junction: Box::new(L2),
         options: InterfaceOptions::default(),
     };

@@ -15,8 +15,8 @@ use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
 use arlequin::core::weight::{Ramp, Weight, Weighting};
 use arlequin::core::{InterfaceOptions, InterfaceSpec, Partition, Sampling, Weights};
+use arlequin::fem_ref::FemField;
 use arlequin::fem_ref::generate::Rim;
-use arlequin::fem_ref::{FemField, FemMediator};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -91,7 +91,7 @@ pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     let request = Request { shape, ..request };
     let mesh = request.mesh()?;
     let view = View::of_mesh(&mesh);
-    let mediator = Arc::new(FemMediator::new(mesh));
+    let mediator = Arc::new(FemField::new(mesh));
     let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
     let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
     let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
@@ -311,7 +311,7 @@ fn absorber(
     path: &str,
     table: &AbsorberTable,
     mediator_request: Request<'_>,
-    mediator: &Arc<FemMediator<f64>>,
+    mediator: &Arc<FemField<f64>>,
     overlap: &Arc<dyn Overlap<f64>>,
     fine: &Body,
 ) -> Result<Absorber<f64>> {
