@@ -184,11 +184,20 @@ fn a_tumble_goes_on_from_a_snapshot_with_the_same_bits() {
     assert_eq!(whole.bodies(), rest.bodies());
     let mut wrong = saved;
     wrong.subdomains[0].model.numbers[0] += 0.5;
-    let text = free(spin, 0.8).restore(&wrong).unwrap_err().to_string();
+    let error = free(spin, 0.8).restore(&wrong).unwrap_err();
+    let text = error.to_string();
     assert!(
         text.contains("model 'box'") && text.contains("orientations"),
         "{text}"
     );
+    // The model's own error keeps its type on the way through the core.
+    let arlequin_core::Error::Model { source, .. } = &error else {
+        panic!("{error:?}")
+    };
+    assert!(matches!(
+        source.downcast_ref(),
+        Some(dem_beam::Error::ForeignRecord { .. })
+    ));
 }
 
 /// The linear law balances about the positions at rest: what it keeps is the angular momentum about those.

@@ -259,10 +259,7 @@ impl DemModel {
     fn named(&self, error: &Error) -> arlequin_core::Error {
         match error {
             Error::Core(e) => e.clone(),
-            e => arlequin_core::Error::Model {
-                model: self.name.clone(),
-                message: e.to_string(),
-            },
+            e => arlequin_core::Error::of_model(&self.name, e.clone()),
         }
     }
 
@@ -283,10 +280,7 @@ impl From<Error> for arlequin_core::Error {
     fn from(error: Error) -> Self {
         match error {
             Error::Core(e) => e,
-            e => Self::Model {
-                model: "dem".into(),
-                message: e.to_string(),
-            },
+            e => Self::of_model("dem", e),
         }
     }
 }
