@@ -107,11 +107,7 @@ pub(crate) fn calibrate(asked: &Calibrate) -> Result<ExitCode, Located> {
     let progress = report::Progress::default();
     let measured = threads::start(asked.threads)
         .and_then(|_| asked.check())
-        .and_then(|()| {
-            measure(&asked.wanted(), source.as_ref(), &|w, k, n| {
-                progress.show(w, k, n)
-            })
-        });
+        .and_then(|()| measure(&asked.wanted(), source.as_ref(), &progress.teller()));
     drop(progress);
     let found = match (measured, &source) {
         (Err(e), Some(source)) => return Err(Located::within(source)(e)),

@@ -9,7 +9,7 @@ use std::process::ExitCode;
 #[derive(Debug)]
 pub(crate) struct Located {
     error: Error,
-    source: Option<Source>,
+    source: Option<Box<Source>>,
 }
 
 impl From<Error> for Located {
@@ -21,13 +21,13 @@ impl From<Error> for Located {
 impl Located {
     /// Points into a text.
     pub(crate) fn within(source: &Source) -> impl FnOnce(Error) -> Self {
-        let source = Some(source.clone());
+        let source = Some(Box::new(source.clone()));
         |error| Self { error, source }
     }
 
     /// Shows the error; the code to exit with.
     pub(crate) fn report(&self) -> ExitCode {
-        crate::report::error(&render(&self.error, self.source.as_ref()));
+        crate::report::error(&render(&self.error, self.source.as_deref()));
         ExitCode::from(if self.error.is_input() { 2 } else { 1 })
     }
 }

@@ -47,7 +47,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 const SAME_SIGNAL: Duration = Duration::from_secs(1);
 
 /// Whether a run ended as Ctrl-C or SIGTERM ends it: with code 130, or at once if it was still being set up.
-fn ended_by_signal(status: std::process::ExitStatus) -> bool {
+fn ended_by_signal(status: ExitStatus) -> bool {
     #[cfg(unix)]
     let signal = std::os::unix::process::ExitStatusExt::signal(&status);
     #[cfg(not(unix))]

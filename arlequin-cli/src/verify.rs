@@ -70,7 +70,7 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         threads,
         kept: args.resume.as_deref(),
     };
-    let reports = verify::run(&chosen, &options, &|w, k, n| progress.show(w, k, n))?;
+    let reports = verify::run(&chosen, &options, &progress.teller())?;
     drop(progress);
     let rows: Vec<Row> = reports
         .iter()
@@ -108,8 +108,7 @@ fn hard(args: &Args, threads: usize, progress: &Progress) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let show = |w: &str, k: usize, n: usize| progress.show(w, k, n);
-    let measured = verify::in_parallel(&chosen, threads, "hard cases", &show, |case| {
+    let measured = verify::in_parallel(&chosen, threads, "hard cases", &progress.teller(), |case| {
         Ok((case.run)().map_err(|e| e.to_string()))
     })?;
     progress.clear();

@@ -38,41 +38,6 @@ impl<T: Real> BlockMatrix<T> {
         }
     }
 
-    /// A matrix of scalar rows rounded to `T`, in blocks of 3 where its size is a multiple of 3.
-    #[must_use]
-    pub fn of_csr<S: Real>(matrix: &CsMat<S>) -> Self {
-        let matrix = if matrix.is_csr() {
-            matrix.clone()
-        } else {
-            matrix.to_csr()
-        };
-        let size = if matrix.rows().is_multiple_of(3) { 3 } else { 1 };
-        let (mut starts, mut columns) = (vec![0], Vec::new());
-        let mut row: Vec<u32> = Vec::new();
-        for i in 0..matrix.rows() / size {
-            row.clear();
-            for a in 0..size {
-                let scalars = matrix.outer_view(size * i + a);
-                row.extend(
-                    scalars
-                        .iter()
-                        .flat_map(|r| r.indices())
-                        .map(|&j| (j / size) as u32),
-                );
-            }
-            row.sort_unstable();
-            row.dedup();
-            columns.extend_from_slice(&row);
-            starts.push(columns.len());
-        }
-        let mut out = Self::zeros(size, starts, columns);
-        for (v, (i, j)) in &matrix {
-            let at = out.position(i / size, (j / size) as u32);
-            out.values[(at * size + i % size) * size + j % size] += T::of(v.as_f64());
-        }
-        out
-    }
-
     /// Sets all values to zero.
     pub fn clear(&mut self) {
         self.values.fill(T::zero());
@@ -214,7 +179,6 @@ impl<T: Real> BlockMatrix<T> {
 mod tests {
     use super::*;
     use nalgebra::Matrix3;
-    use sprs::TriMat;
 
     /// A symmetric matrix of four block rows with some blocks missing.
     fn sample() -> BlockMatrix<f64> {
@@ -253,21 +217,5 @@ mod tests {
         for k in 0..12 {
             assert!((1.0 - g[k] - factors[k / 3] * (1.0 - f[k])).abs() < 1e-13);
         }
-    }
-
-    #[test]
-    fn scalar_rows_come_back_as_blocks() {
-        let (m, back) = (sample(), BlockMatrix::<f64>::of_csr(&sample().to_csr()));
-        assert_eq!((back.size, back.columns.clone()), (3, m.columns.clone()));
-        assert_eq!(back.values, m.values);
-        // Four unknowns are no multiple of three: single numbers.
-        let mut t = TriMat::new((4, 4));
-        (0..4).for_each(|i| t.add_triplet(i, i, 1.5 + i as f64));
-        t.add_triplet(0, 3, -1.0);
-        t.add_triplet(3, 0, -1.0);
-        let bars = BlockMatrix::<f32>::of_csr(&t.to_csr::<usize>());
-        let mut f = [0.0_f32; 4];
-        bars.subtract_product(&[1.0, 1.0, 1.0, 1.0], None, &mut f);
-        assert_eq!((bars.size, f), (1, [-0.5, -2.5, -3.5, -3.5]));
     }
 }

@@ -43,14 +43,6 @@ pub enum Error {
         /// Name of the junction.
         junction: String,
     },
-    /// Something exists in 64-bit numbers only.
-    #[error("{what} cannot step in 32-bit numbers: {why}; run in double precision, or leave it out")]
-    DoubleOnly {
-        /// What it is.
-        what: String,
-        /// Why not.
-        why: &'static str,
-    },
     /// A parameter has a value that makes no sense.
     #[error("{name} = {value}: {rule}")]
     InvalidParameter {

@@ -1,7 +1,7 @@
 //! The energy ledger: where energy is, where it came from, and what is left unexplained.
 
+use crate::Real;
 use crate::momentum::{Body, RECORDED};
-use crate::{Real, narrow};
 
 /// One line of the ledger: an effect and the work it has done since the start \[J\].
 #[derive(Debug, Clone, PartialEq)]
@@ -79,23 +79,6 @@ impl<T: Real> Ledger<T> {
             top_created: z,
             last: None,
             bodies: Vec::new(),
-        }
-    }
-
-    /// The same sums in single precision.
-    pub(crate) fn narrowed(&self) -> Ledger<f32> {
-        let one = narrow::to::<T, f32>;
-        Ledger {
-            supports: one(self.supports),
-            constraint: one(self.constraint),
-            start: self.start.map(one),
-            scale: one(self.scale),
-            top_drift: one(self.top_drift),
-            top_residual: one(self.top_residual),
-            top_velocity: one(self.top_velocity),
-            top_created: one(self.top_created),
-            last: None,
-            bodies: self.bodies.iter().map(Body::narrowed).collect(),
         }
     }
 

@@ -8,7 +8,6 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::traits::RealField;
 use faer::{Conj, MatMut, MatRef, Par, Side};
 use sprs::CsMat;
-use std::sync::Arc;
 
 /// A factor of a symmetric positive definite matrix that solves in place without allocating.
 pub trait SpdFactor<T>: Send + std::fmt::Debug {
@@ -18,8 +17,6 @@ pub trait SpdFactor<T>: Send + std::fmt::Debug {
     fn size(&self) -> usize;
     /// Stored entries of the factor.
     fn nonzeros(&self) -> usize;
-    /// The same factor rounded to 32-bit numbers.
-    fn narrowed(&self) -> Box<dyn SpdFactor<f32>>;
 }
 
 /// A factor of a general square matrix.
@@ -38,7 +35,7 @@ pub struct DenseEigen<T> {
 }
 
 struct Cholesky<T> {
-    symbolic: Arc<SymbolicCholesky<usize>>,
+    symbolic: SymbolicCholesky<usize>,
     values: Vec<T>,
     memory: MemBuffer,
 }
@@ -67,13 +64,6 @@ impl<T: Real + RealField> SpdFactor<T> for Cholesky<T> {
     }
     fn nonzeros(&self) -> usize {
         self.values.len()
-    }
-    fn narrowed(&self) -> Box<dyn SpdFactor<f32>> {
-        Box::new(Cholesky::<f32> {
-            symbolic: self.symbolic.clone(),
-            values: crate::narrow::all(&self.values),
-            memory: MemBuffer::new(self.symbolic.solve_in_place_scratch::<f32>(1, Par::Seq)),
-        })
     }
 }
 
@@ -128,7 +118,7 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
         .map_err(|faer::linalg::solvers::LltError::NonPositivePivot { index }| broken(index))?;
     let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(1, Par::Seq));
     Ok(Box::new(Cholesky {
-        symbolic: Arc::new(symbolic),
+        symbolic,
         values,
         memory,
     }))

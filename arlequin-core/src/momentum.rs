@@ -16,7 +16,7 @@
 
 use crate::coupled::Coupled;
 use crate::weight::Weighting;
-use crate::{Real, Subdomain, narrow, parallel};
+use crate::{Real, Subdomain, parallel};
 use nalgebra::Vector3;
 
 /// Positions about which the moments of forces vanish.
@@ -153,20 +153,6 @@ impl<T: Real> Body<T> {
         }
         let angular = matches!(self.claim, Claim::Both);
         [out[0], if angular { out[1] } else { T::zero() }]
-    }
-
-    pub(crate) fn narrowed(&self) -> Body<f32> {
-        let one = |v: &Vector3<T>| -> Vector3<f32> { v.map(narrow::to) };
-        Body {
-            members: self.members.clone(),
-            arms: self.arms,
-            claim: self.claim.clone(),
-            centre: one(&self.centre),
-            start: self.start.each_ref().map(one),
-            scale: self.scale.map(narrow::to),
-            top: self.top.map(narrow::to),
-            told: self.told,
-        }
     }
 
     pub(crate) fn record(&self) -> impl Iterator<Item = T> {

@@ -5,7 +5,7 @@
 
 use crate::coupled::Coupled;
 use crate::scalar::check_finite;
-use crate::{Error, Real, Result, Subdomain, narrow};
+use crate::{Error, Real, Result, Subdomain};
 
 /// Numbers and counts of an object whose layout only the object knows: an effect with a history, a model that evolved.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -90,40 +90,6 @@ pub struct Snapshot<T> {
     pub multipliers: Vec<Vec<T>>,
     /// Effects between two subdomains.
     pub pairs: Vec<PairSnapshot<T>>,
-}
-
-impl<T: Real> Snapshot<T> {
-    /// The same snapshot in another precision: from single to double and back nothing is lost.
-    #[must_use]
-    pub fn rounded<S: Real>(&self) -> Snapshot<S> {
-        let record = |r: &Record<T>| Record {
-            numbers: narrow::all(&r.numbers),
-            integers: r.integers.clone(),
-        };
-        let one = |s: &SubdomainSnapshot<T>| SubdomainSnapshot {
-            q: narrow::all(&s.q),
-            v: narrow::all(&s.v),
-            a: narrow::all(&s.a),
-            internal: narrow::all(&s.internal),
-            works: narrow::all(&s.works),
-            evolved: s.evolved.map(narrow::to),
-            model: record(&s.model),
-            effects: s.effects.iter().map(record).collect(),
-        };
-        let between = |p: &PairSnapshot<T>| PairSnapshot {
-            work: narrow::to(p.work),
-            effect: record(&p.effect),
-        };
-        Snapshot {
-            step: self.step,
-            dt: narrow::to(self.dt),
-            start_loss: narrow::to(self.start_loss),
-            ledger: narrow::all(&self.ledger),
-            subdomains: self.subdomains.iter().map(one).collect(),
-            multipliers: self.multipliers.iter().map(|m| narrow::all(m)).collect(),
-            pairs: self.pairs.iter().map(between).collect(),
-        }
-    }
 }
 
 impl<T: Real> Coupled<T> {

@@ -5,7 +5,6 @@ use crate::effect::{Demand, Effect, Finding, Instant, Site};
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::model::{CoarseModel, Evolution, FineModel, Model, State};
-use crate::narrow::{self, RoundedField, StiffnessModel, Watcher};
 use crate::observer::Phase;
 use crate::parallel;
 use crate::scalar::check_finite;
@@ -54,8 +53,6 @@ pub struct Subdomain<T: Real> {
     pub(crate) paired: bool,
     /// Internal energy \[J\] found by the last [`Self::invariant`].
     pub(crate) drawn_energy: T,
-    /// The model of double precision, where it watches.
-    watcher: Option<Watcher>,
     /// What the model is to remember from the start.
     memory: Option<Record<T>>,
 }
@@ -110,7 +107,6 @@ impl<T: Real> Subdomain<T> {
             q_before: zeros(),
             paired: false,
             drawn_energy: T::zero(),
-            watcher: None,
             memory: None,
             model,
         }
@@ -171,10 +167,10 @@ impl<T: Real> Subdomain<T> {
 
     /// What the present state would need effects for, whether they are on or not.
     pub(crate) fn watch(&self) -> Vec<Finding> {
-        match &self.watcher {
-            Some(w) => w.watch(&self.state),
-            None if self.model.watches() => self.model.watch(&self.state),
-            None => Vec::new(),
+        if self.model.watches() {
+            self.model.watch(&self.state)
+        } else {
+            Vec::new()
         }
     }
 
@@ -489,50 +485,5 @@ impl<T: Real> Subdomain<T> {
 
     pub(crate) fn is_finite(&self) -> bool {
         self.state.v.iter().all(|v| v.is_finite())
-    }
-}
-
-impl Subdomain<f64> {
-    /// The same in 32-bit numbers; `critical` is its critical step \[s\].
-    pub(crate) fn narrowed(self, critical: f64) -> Result<Subdomain<f32>> {
-        let model = StiffnessModel::of(&*self.model, &self.inertia, critical)?;
-        let effects = self
-            .effects
-            .iter()
-            .map(|e| narrow::effect(&**e, self.model.name()))
-            .collect::<Result<_>>()?;
-        let supports = self.supports.into_iter().map(|m| PrescribedMotion {
-            dofs: m.dofs,
-            amplitude: narrow::to(m.amplitude),
-            time: m.time.rounded(),
-        });
-        let State { q, v, a } = &self.state;
-        Ok(Subdomain {
-            model: Box::new(model),
-            role: self.role,
-            field: Arc::new(RoundedField::new(self.field)),
-            weights: narrow::weights(&self.weights),
-            partition: self.partition,
-            supports: supports.collect(),
-            effects,
-            works: narrow::all(&self.works),
-            last_works: narrow::all(&self.last_works),
-            evolved: None,
-            state: State {
-                q: narrow::all(q),
-                v: narrow::all(v),
-                a: narrow::all(a),
-            },
-            inertia: narrow::all(&self.inertia),
-            inverse_inertia: narrow::all(&self.inverse_inertia),
-            internal: narrow::all(&self.internal),
-            internal_before: narrow::all(&self.internal_before),
-            total: narrow::all(&self.total),
-            q_before: narrow::all(&self.q_before),
-            paired: self.paired,
-            drawn_energy: narrow::to(self.drawn_energy),
-            watcher: Watcher::of(self.model),
-            memory: None,
-        })
     }
 }

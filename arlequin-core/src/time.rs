@@ -1,7 +1,7 @@
 //! Time functions of loads and prescribed motions.
 
 use crate::error::invalid;
-use crate::{Real, Result, narrow};
+use crate::{Real, Result};
 
 /// A dimensionless function of time.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,24 +54,6 @@ impl<T: Real> TimeFunction<T> {
                     ))
                 }
             }
-        }
-    }
-
-    /// The function in another precision.
-    pub(crate) fn rounded<S: Real>(&self) -> TimeFunction<S> {
-        match self {
-            Self::Step => TimeFunction::Step,
-            Self::Ramp { duration } => TimeFunction::Ramp {
-                duration: narrow::to(*duration),
-            },
-            Self::SmoothPulse { duration } => TimeFunction::SmoothPulse {
-                duration: narrow::to(*duration),
-            },
-            Self::Table(rows) => TimeFunction::Table(
-                rows.iter()
-                    .map(|(t, v)| (narrow::to(*t), narrow::to(*v)))
-                    .collect(),
-            ),
         }
     }
 

@@ -3,7 +3,6 @@
 use crate::error::{Result, core};
 use crate::scene::Material;
 use crate::setup::Drawn;
-use arlequin::core::Real;
 use arlequin::core::field::ShapeRow;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 
@@ -18,12 +17,12 @@ pub struct Cell {
 
 impl Cell {
     /// Gradient `∂u_c/∂x_k` at row `c`, column `k` of a field with `count` components.
-    pub fn gradient<T: Real>(&self, values: &[T], count: usize) -> Matrix3<f64> {
+    pub fn gradient(&self, values: &[f64], count: usize) -> Matrix3<f64> {
         let mut h = Matrix3::zeros();
         for (node, g) in &self.row {
             for c in 0..count {
                 for k in 0..3 {
-                    h[(c, k)] += values[node * count + c].as_f64() * g[k];
+                    h[(c, k)] += values[node * count + c] * g[k];
                 }
             }
         }

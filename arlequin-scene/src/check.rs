@@ -5,10 +5,10 @@ use crate::error::Result;
 use crate::output::Frames;
 use crate::output::summary::{self, InterfaceLine, ModelLine};
 use crate::recorder::PhaseClock;
-use crate::scene::{Precision, Scene};
+use crate::scene::Scene;
 use crate::setup::{self, Built};
 use crate::wake;
-use arlequin::core::{Coupled, Real};
+use arlequin::core::Coupled;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -68,16 +68,13 @@ pub fn check(input: &Input<'_>) -> Result<RunPlan> {
         }
     };
     let setup = begin.elapsed().as_secs_f64();
-    let mut out = match input.scene.time.precision {
-        Precision::Double => plan(input, &input.scene, built, setup),
-        Precision::Single => plan(input, &input.scene, built.narrowed()?, setup),
-    };
+    let mut out = plan(input, &input.scene, built, setup);
     out.asleep = asleep.map(|(scene, built)| Box::new(plan(input, &scene, built, setup)));
     Ok(out)
 }
 
 /// The plan of what is built, with trial steps.
-fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_seconds: f64) -> RunPlan {
+fn plan(input: &Input<'_>, scene: &Scene, built: Built, setup_seconds: f64) -> RunPlan {
     let Built {
         mut run,
         drawn,
@@ -113,7 +110,7 @@ fn plan<T: Real>(input: &Input<'_>, scene: &Scene, built: Built<T>, setup_second
 }
 
 /// Seconds for all steps, extrapolated from a few.
-fn trial<T: Real>(run: &mut Coupled<T>, steps: usize) -> Option<f64> {
+fn trial(run: &mut Coupled<f64>, steps: usize) -> Option<f64> {
     let mut clock = PhaseClock::new();
     // The first step warms the caches.
     run.advance(&mut clock).ok()?;

@@ -3,7 +3,7 @@
 use crate::run::Input;
 use crate::scene::Effect;
 use crate::setup;
-use arlequin::core::{Coupled, Real};
+use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{SharedLog, locked};
 use serde::Serialize;
 
@@ -44,10 +44,10 @@ impl Crossing {
     }
 
     /// What there is to say of the step just made, and whether the scene ends there.
-    pub fn watch<T: Real>(
+    pub fn watch(
         &mut self,
         input: &Input<'_>,
-        run: &Coupled<T>,
+        run: &Coupled<f64>,
         breaks: &[Option<SharedLog>],
     ) -> (Vec<String>, bool) {
         let (mut said, mut ends) = (Vec::new(), false);
@@ -64,7 +64,7 @@ impl Crossing {
 }
 
 /// First breaks in overlaps, one per model.
-pub fn found<T: Real>(run: &Coupled<T>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
+pub fn found(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
     let all = breaks.iter().enumerate();
     all.filter_map(|(m, b)| of_model(run, m, b.as_ref())).collect()
 }
@@ -74,7 +74,7 @@ fn has_left(breaks: Option<&SharedLog>) -> bool {
     breaks.is_some_and(|b| locked(b).first_in_overlap().is_some())
 }
 
-fn of_model<T: Real>(run: &Coupled<T>, m: usize, breaks: Option<&SharedLog>) -> Option<OverlapBreak> {
+fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<OverlapBreak> {
     let log = locked(breaks?);
     let first = log.first_in_overlap()?;
     Some(OverlapBreak {

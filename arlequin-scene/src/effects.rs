@@ -5,9 +5,8 @@
 use crate::Input;
 use crate::error::{Error, Result, core, key, value};
 use crate::recorder::PhaseClock;
-use crate::scene::{Precision, Scene};
+use crate::scene::Scene;
 use crate::setup::{self, Built};
-use arlequin::core::Real;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -144,14 +143,10 @@ fn variants(scene: &Scene) -> Vec<(String, Scene)> {
 }
 
 fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
-    let built = setup::build(scene, folder)?;
-    match scene.time.precision {
-        Precision::Double => steps(built),
-        Precision::Single => steps(built.narrowed()?),
-    }
+    steps(setup::build(scene, folder)?)
 }
 
-fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
+fn steps(built: Built) -> Result<Trace> {
     let Built {
         mut run,
         probes,
@@ -175,7 +170,7 @@ fn steps<T: Real>(built: Built<T>) -> Result<Trace> {
             out.failed = Some(core("time")(e));
             break;
         }
-        out.times.push(run.time().as_f64());
+        out.times.push(run.time());
         for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
             values.push(reader.read(run.subdomains()));
         }

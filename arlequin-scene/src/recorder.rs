@@ -4,9 +4,9 @@ use crate::error::{Error, Result, core};
 use crate::output::Entry;
 use crate::output::Frames;
 use crate::setup::Reader;
+use arlequin::core::Coupled;
 use arlequin::core::ledger::EnergySample;
 use arlequin::core::observer::{Observer, Phase, StepReport};
-use arlequin::core::{Coupled, Real};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -45,7 +45,7 @@ impl PhaseClock {
     }
 
     /// Seconds by phase; models by name.
-    pub fn phases<T: Real>(&self, run: &Coupled<T>) -> BTreeMap<String, f64> {
+    pub fn phases(&self, run: &Coupled<f64>) -> BTreeMap<String, f64> {
         let name = |p: Phase| match p {
             Phase::Predict(k) => format!("predict/{}", run.subdomains()[k].model().name()),
             Phase::Evolve(k) => format!("evolve/{}", run.subdomains()[k].model().name()),
@@ -81,12 +81,12 @@ impl PhaseClock {
     }
 }
 
-impl<T: Real> Observer<T> for PhaseClock {
+impl Observer<f64> for PhaseClock {
     fn phase(&mut self, phase: Phase) {
         self.enter(Some(phase));
     }
 
-    fn observe(&mut self, _: &Coupled<T>, _: &StepReport<T>) -> arlequin::core::Result<ControlFlow<()>> {
+    fn observe(&mut self, _: &Coupled<f64>, _: &StepReport<f64>) -> arlequin::core::Result<ControlFlow<()>> {
         Ok(ControlFlow::Continue(()))
     }
 }
@@ -181,8 +181,8 @@ pub struct Recorder {
 
 impl Recorder {
     /// Records the state before the first step.
-    pub fn new<T: Real>(
-        run: &Coupled<T>,
+    pub fn new(
+        run: &Coupled<f64>,
         readers: Vec<Reader>,
         mut frames: Frames,
         probe_every: usize,
@@ -202,7 +202,7 @@ impl Recorder {
             residuals: Vec::new(),
             warnings,
             top_speed: 0.0,
-            initial_energy: run.energy().as_f64(),
+            initial_energy: run.energy(),
             probe_every,
             frame_every,
         };
@@ -248,7 +248,7 @@ impl Recorder {
     }
 
     /// Records the step just made.
-    pub fn observe<T: Real>(&mut self, run: &mut Coupled<T>, energy: Option<EnergySample<T>>) -> Result<()> {
+    pub fn observe(&mut self, run: &mut Coupled<f64>, energy: Option<EnergySample<f64>>) -> Result<()> {
         if run.steps().is_multiple_of(self.probe_every) {
             self.read_probes(run)?;
         }
@@ -262,26 +262,26 @@ impl Recorder {
     }
 
     /// Records the last state, if it was not yet.
-    pub fn finish<T: Real>(&mut self, run: &Coupled<T>) -> Result<()> {
+    pub fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
         if run.steps().is_multiple_of(self.frame_every) {
             return Ok(());
         }
         self.frames.write(run)
     }
 
-    fn read_probes<T: Real>(&mut self, run: &Coupled<T>) -> Result<()> {
+    fn read_probes(&mut self, run: &Coupled<f64>) -> Result<()> {
         let values: Vec<f64> = self.readers.iter().map(|r| r.read(run.subdomains())).collect();
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {
                 what: format!("probe '{}'", self.readers[k].name),
-                time: run.time().as_f64(),
+                time: run.time(),
             });
         }
-        self.probes.push(run.time().as_f64(), values.into_iter());
+        self.probes.push(run.time(), values.into_iter());
         Ok(())
     }
 
-    fn draw_energy<T: Real>(&mut self, run: &mut Coupled<T>, s: &EnergySample<T>) {
+    fn draw_energy(&mut self, run: &mut Coupled<f64>, s: &EnergySample<f64>) {
         let fixed = [
             s.kinetic,
             s.internal,
@@ -300,17 +300,17 @@ impl Recorder {
             .iter()
             .flat_map(|b| b.linear.iter().chain(&b.angular).copied());
         let row = fixed.into_iter().chain(works).chain(momenta);
-        self.energy.push(s.time.as_f64(), row.map(Real::as_f64));
+        self.energy.push(s.time, row);
         if !self.fact_names.is_empty() {
-            self.facts.push(s.time.as_f64(), facts(run).map(|f| f.1));
+            self.facts.push(s.time, facts(run).map(|f| f.1));
         }
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
-            self.top_speed = moving.iter().fold(self.top_speed, |m, v| m.max(v.as_f64().abs()));
+            self.top_speed = moving.iter().fold(self.top_speed, |m, v| m.max(v.abs()));
         }
         self.residuals.resize(run.interfaces().len(), 0.0);
         for k in 0..run.interfaces().len() {
-            let jump = run.jumps(k)[0].as_f64();
+            let jump = run.jumps(k)[0];
             if self.top_speed > 0.0 {
                 self.residuals[k] = self.residuals[k].max(jump / self.top_speed);
             }
@@ -319,7 +319,7 @@ impl Recorder {
 }
 
 /// Figures of all effects: name with the effect in front, value.
-fn facts<T: Real>(run: &Coupled<T>) -> impl Iterator<Item = (String, f64)> {
+fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
     run.effects().into_iter().flat_map(|e| {
         let name = e.name;
         e.facts
@@ -329,7 +329,7 @@ fn facts<T: Real>(run: &Coupled<T>) -> impl Iterator<Item = (String, f64)> {
 }
 
 /// Makes one step under the clock.
-pub fn step<T: Real>(run: &mut Coupled<T>, clock: &mut PhaseClock) -> Result<Option<EnergySample<T>>> {
+pub fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
     let report = run.advance(clock).map_err(core("time"))?;
     clock.enter(Some(Phase::Observe));
     Ok(report.energy)

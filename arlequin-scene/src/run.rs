@@ -7,10 +7,10 @@ use crate::output::packing::PackingLine;
 use crate::output::summary::{self, Energy, Summary, WakeReport, WallSeconds};
 use crate::output::{Folder, Frames, Place, put, tables};
 use crate::recorder::{self, PhaseClock, Recorder};
-use crate::scene::{Precision, Scene, Source};
+use crate::scene::{Scene, Source};
 use crate::setup::{self, Bounds, Built, Strangers};
 use crate::wake::{self, Stage};
-use arlequin::core::{Coupled, Real};
+use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::SharedLog;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -88,15 +88,7 @@ pub fn run(
     let origin = Origin::of(input.source, input.set)?;
     let built = setup::build(&input.scene, input.source.folder())?;
     listener.begins()?;
-    match input.scene.time.precision {
-        Precision::Double => {
-            Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, listener)
-        }
-        Precision::Single => {
-            let built = built.narrowed()?;
-            Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, listener)
-        }
-    }
+    Session::new(input, built, Folder::begin(place)?, origin)?.whole(begin, listener)
 }
 
 /// Files a run reads.
@@ -146,14 +138,7 @@ pub fn resume(target: &Path, listener: &mut dyn Listener) -> Result<Finished> {
     let built = setup::build(&input.scene, source.folder())?;
     listener.begins()?;
     let origin = saved.origin.clone();
-    let open = || Folder::reopen(target);
-    match input.scene.time.precision {
-        Precision::Double => Session::new(&input, built, open()?, origin)?.rest(saved, begin, listener),
-        Precision::Single => {
-            let built = built.narrowed()?;
-            Session::new(&input, built, open()?, origin)?.rest(saved, begin, listener)
-        }
-    }
+    Session::new(&input, built, Folder::reopen(target)?, origin)?.rest(saved, begin, listener)
 }
 
 /// Why the steps ended.
@@ -197,9 +182,9 @@ impl Status {
 }
 
 /// A run with everything that records it.
-pub struct Session<'a, T: Real> {
+pub struct Session<'a> {
     input: &'a Input<'a>,
-    run: Coupled<T>,
+    run: Coupled<f64>,
     steps: usize,
     recorder: Recorder,
     clock: PhaseClock,
@@ -215,9 +200,9 @@ pub struct Session<'a, T: Real> {
     bounds: Bounds,
 }
 
-impl<'a, T: Real> Session<'a, T> {
+impl<'a> Session<'a> {
     /// Records the state before the first step.
-    pub fn new(input: &'a Input<'a>, built: Built<T>, folder: Folder, origin: Origin) -> Result<Self> {
+    pub fn new(input: &'a Input<'a>, built: Built, folder: Folder, origin: Origin) -> Result<Self> {
         let settings = &input.scene.output;
         let vtu = folder.subfolder("vtu")?;
         let breaks = built.drawn.iter().map(|d| d.breaks.clone()).collect();
@@ -261,7 +246,7 @@ impl<'a, T: Real> Session<'a, T> {
     }
 
     /// The run.
-    pub fn coupled(&self) -> &Coupled<T> {
+    pub fn coupled(&self) -> &Coupled<f64> {
         &self.run
     }
 
@@ -279,7 +264,7 @@ impl<'a, T: Real> Session<'a, T> {
 
     /// Takes the state of a checkpoint.
     pub fn restore(&mut self, saved: Checkpoint) -> Result<()> {
-        let restored = self.run.restore(&saved.snapshot.rounded());
+        let restored = self.run.restore(&saved.snapshot);
         restored.map_err(|e| Error::Checkpoint {
             path: self.folder.path().join(checkpoint::NAME),
             reason: format!("does not fit the run that its scene gives: {e}"),
@@ -425,7 +410,7 @@ impl<'a, T: Real> Session<'a, T> {
     pub fn advance(
         &mut self,
         listener: &mut dyn Listener,
-        woken: &mut dyn FnMut(&Coupled<T>, &mut Option<Stage>) -> bool,
+        woken: &mut dyn FnMut(&Coupled<f64>, &mut Option<Stage>) -> bool,
     ) -> Result<End> {
         self.recorder.warnings.iter().for_each(|w| listener.warning(w));
         let every = self.input.scene.output.checkpoint_every;
@@ -474,7 +459,7 @@ impl<'a, T: Real> Session<'a, T> {
         Checkpoint {
             version: env!("CARGO_PKG_VERSION").into(),
             origin: self.origin.clone(),
-            snapshot: self.run.snapshot().rounded(),
+            snapshot: self.run.snapshot(),
             records: self.recorder.records(),
             wake: self.stage.clone(),
         }
@@ -491,9 +476,9 @@ fn title<'a>(input: &'a Input<'_>) -> &'a str {
     input.scene.title.as_deref().unwrap_or_default()
 }
 
-fn summarise<T: Real>(
+fn summarise(
     input: &Input<'_>,
-    run: &Coupled<T>,
+    run: &Coupled<f64>,
     r: &Recorder,
     wall_seconds: WallSeconds,
     status: Status,
@@ -514,25 +499,20 @@ fn summarise<T: Real>(
         set: input.set.to_vec(),
         threads: rayon::current_num_threads(),
         models: Vec::new(),
-        precision: input.scene.time.precision.name(),
         dt: plan.dt,
         critical_dt: plan.critical_dt,
         steps: run.steps(),
-        time: run.time().as_f64(),
+        time: run.time(),
         frames: r.frames.count(),
         wall_seconds,
         peak_bytes: summary::process_bytes("VmHWM:"),
         energy: Energy {
             initial: r.initial_energy,
-            last: run.energy().as_f64(),
-            h_drift_max: run.drift().as_f64(),
-            created_max: run.top_created().as_f64(),
-            start_loss: run.start_loss().as_f64(),
-            ledger: run
-                .works()
-                .into_iter()
-                .map(|w| (w.name, w.work.as_f64()))
-                .collect(),
+            last: run.energy(),
+            h_drift_max: run.drift(),
+            created_max: run.top_created(),
+            start_loss: run.start_loss(),
+            ledger: run.works().into_iter().map(|w| (w.name, w.work)).collect(),
         },
         momentum: summary::momentum(run),
         interface: summary::interfaces(run, &r.residuals),

@@ -7,7 +7,7 @@
 
 use arlequin_core::nalgebra::Point3;
 use divan::{Bencher, black_box};
-use fem_ref::kernel::{BlockMatrix, ElementLoop, stiffness};
+use fem_ref::kernel::{ElementLoop, stiffness};
 use fem_ref::{Elastic, ElementKind, Mesh, generate};
 
 fn main() {
@@ -38,15 +38,6 @@ fn blocks<const N: usize>(bencher: Bencher<'_, '_>, kind: ElementKind) {
     let (mesh, material, ones) = cube(kind, N);
     let kernel = stiffness(&mesh, &material, &ones);
     let q = displacements(&mesh);
-    let mut f = vec![0.0; q.len()];
-    bencher.bench_local(|| kernel.subtract_product(black_box(&q), None, &mut f));
-}
-
-#[divan::bench(args = KINDS, consts = SIZES)]
-fn blocks_in_single_precision<const N: usize>(bencher: Bencher<'_, '_>, kind: ElementKind) {
-    let (mesh, material, ones) = cube(kind, N);
-    let kernel = BlockMatrix::<f32>::of_csr(&stiffness(&mesh, &material, &ones).to_csr());
-    let q: Vec<f32> = displacements(&mesh).iter().map(|q| *q as f32).collect();
     let mut f = vec![0.0; q.len()];
     bencher.bench_local(|| kernel.subtract_product(black_box(&q), None, &mut f));
 }

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 
 /// What a case measured, or why it could not.
-pub(crate) type Measured = std::result::Result<Outcome, String>;
+pub(crate) type Measured = Result<Outcome, String>;
 
 /// A case in words.
 pub(crate) fn text(case: &HardCase, measured: &Measured) -> String {

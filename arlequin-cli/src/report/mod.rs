@@ -31,6 +31,11 @@ use std::time::Duration;
 pub(crate) struct Progress(Mutex<Option<(String, ProgressBar)>>);
 
 impl Progress {
+    /// What a library tells of its progress.
+    pub(crate) fn teller(&self) -> impl Fn(&str, usize, usize) + Sync {
+        |what, done, of| self.show(what, done, of)
+    }
+
     /// So much of so many is done.
     pub(crate) fn show(&self, what: &str, done: usize, of: usize) {
         let Ok(mut shown) = self.0.lock() else { return };

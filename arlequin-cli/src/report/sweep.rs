@@ -142,7 +142,7 @@ fn csv(path: &Path, s: &Sweep) -> Result<()> {
         row.extend([number(r.h_drift), number(r.condition), r.pareto.to_string()]);
         text += &(row.join(",") + "\n");
     }
-    std::fs::write(path, text).map_err(crate::error::write(path))
+    std::fs::write(path, text).map_err(write(path))
 }
 
 /// A cell that may contain commas.

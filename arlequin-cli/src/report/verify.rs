@@ -145,3 +145,23 @@ fn markdown(rows: &[Row]) -> String {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arlequin_studies::verify::Accept;
+
+    #[test]
+    fn tables_count_failures() {
+        let rows = [
+            Row::new("good", 1.0, Accept::AtMost(1.0)),
+            Row::new("bad", 2.0, Accept::AtMost(1.0)).note("because"),
+        ];
+        let text = table(&rows);
+        assert!(text.ends_with("2 rows, 1 failed\n") && text.contains("FAIL") && text.contains("(because)"));
+        assert_eq!(
+            (short(0.00012345), short(1606.04)),
+            ("1.234e-4".into(), "1606".into())
+        );
+    }
+}

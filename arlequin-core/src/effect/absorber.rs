@@ -10,7 +10,6 @@ use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::linalg::SpdFactor;
 use crate::momentum::Arms;
-use crate::narrow;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
 use std::sync::Arc;
@@ -199,24 +198,6 @@ impl<T: Real> Effect<T> for Absorber<T> {
     /// It leaves rigid motion alone.
     fn arms(&self) -> Option<Arms> {
         Some(Arms::Reference)
-    }
-
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        let rate = self.rate.clone();
-        Some(Box::new(Absorber {
-            resolved: Arc::new(narrow::RoundedField::new(self.resolved.clone())),
-            rate: Arc::new(move |x: &nalgebra::Point3<f32>| narrow::to(rate(&narrow::point(x)))),
-            top_rate: narrow::to(self.top_rate),
-            components: self.components,
-            nodes: self.nodes.clone(),
-            shapes: self.shapes.as_ref().map(narrow::matrix),
-            factor: self.factor.as_ref().map(|f| f.narrowed()),
-            mass: narrow::all(&self.mass),
-            damping: narrow::all(&self.damping),
-            coarse: narrow::all(&self.coarse),
-            work: narrow::all(&self.work),
-            force: narrow::all(&self.force),
-        }))
     }
 
     fn supplied(&self) -> Option<T> {

@@ -3,7 +3,7 @@
 use super::{Effect, Instant, Site};
 use crate::error::invalid;
 use crate::time::TimeFunction;
-use crate::{Error, Real, Result, narrow};
+use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
 /// A facet of a model's surface, as loads need it.
@@ -154,21 +154,5 @@ impl<T: Real> Effect<T> for Load<T> {
 
     fn power(&self, v: &[T]) -> T {
         self.forces.iter().fold(T::zero(), |s, &(dof, a)| s + a * v[dof]) * self.factor
-    }
-
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        let rounded = |list: &[(usize, T)]| {
-            list.iter()
-                .map(|&(dof, f)| (dof, narrow::to(f)))
-                .collect::<Vec<_>>()
-        };
-        Some(Box::new(Load {
-            name: self.name.clone(),
-            // What it was spread from is not needed any more.
-            spread: Spread::Dofs(rounded(&self.forces)),
-            time: self.time.rounded(),
-            forces: rounded(&self.forces),
-            factor: narrow::to(self.factor),
-        }))
     }
 }

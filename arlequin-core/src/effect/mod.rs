@@ -20,7 +20,6 @@ pub use viscous::{BulkViscosity, LocalDamping, StiffnessDamping};
 
 use crate::model::{DofLayout, Model};
 use crate::momentum::Arms;
-use crate::narrow;
 use crate::snapshot::Record;
 use crate::weight::Weights;
 use crate::{Real, Result};
@@ -168,11 +167,6 @@ pub trait Effect<T: Real>: Send {
     fn facts(&self) -> Vec<(String, f64)> {
         Vec::new()
     }
-
-    /// The effect as it is attached, in 32-bit numbers, for [`crate::Coupled::narrowed`]; `None` if there is no such form.
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        None
-    }
 }
 
 /// Gravity or any constant acceleration field \[m/s²\]: `F_i = M_γ,i g`.
@@ -228,13 +222,6 @@ impl<T: Real> Effect<T> for BodyForce<T> {
 
     fn power(&self, v: &[T]) -> T {
         dot(&self.force, v)
-    }
-
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        Some(Box::new(BodyForce {
-            acceleration: self.acceleration.map(narrow::to),
-            force: narrow::all(&self.force),
-        }))
     }
 }
 
@@ -298,14 +285,6 @@ impl<T: Real> Effect<T> for MassDamping<T> {
 
     fn demand(&self) -> Demand<T> {
         Demand::damping(self.rate)
-    }
-
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        Some(Box::new(MassDamping {
-            rate: narrow::to(self.rate),
-            inertia: narrow::all(&self.inertia),
-            force: narrow::all(&self.force),
-        }))
     }
 
     fn supplied(&self) -> Option<T> {

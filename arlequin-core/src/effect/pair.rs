@@ -77,11 +77,6 @@ pub trait PairEffect<T: Real>: Send {
         from.expect(self.name(), 0, 0)
     }
 
-    /// As [`super::Effect::narrowed`].
-    fn narrowed(&self) -> Option<Box<dyn PairEffect<f32>>> {
-        None
-    }
-
     /// Figures for reports: names (with units) and values.
     fn facts(&self) -> Vec<(String, f64)> {
         Vec::new()

@@ -2,7 +2,6 @@
 
 use super::{Effect, Instant, Site, dot};
 use crate::momentum::Arms;
-use crate::narrow;
 use crate::snapshot::Record;
 use crate::{Real, Result};
 
@@ -49,12 +48,6 @@ impl<T: Real> Effect<T> for Prestress<T> {
 
     fn arms(&self) -> Option<Arms> {
         Some(Arms::Reference)
-    }
-
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        Some(Box::new(Prestress {
-            force: narrow::all(&self.force),
-        }))
     }
 
     /// The subtracted forces.

@@ -5,7 +5,6 @@ use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{Cell, Sample};
 use crate::momentum::Arms;
-use crate::narrow;
 use crate::spectrum;
 use crate::{Error, Real, Result};
 use nalgebra::Vector3;
@@ -76,13 +75,6 @@ impl<T: Real> Effect<T> for StiffnessDamping<T> {
 
     fn arms(&self) -> Option<Arms> {
         Some(Arms::Reference)
-    }
-
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        Some(Box::new(StiffnessDamping {
-            time: narrow::to(self.time),
-            force: narrow::all(&self.force),
-        }))
     }
 
     fn supplied(&self) -> Option<T> {
@@ -226,21 +218,6 @@ impl<T: Real> Effect<T> for BulkViscosity<T> {
         Some(Arms::Reference)
     }
 
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        let rounded = |c: &ViscousCell<T>| ViscousCell {
-            gradients: c.gradients.iter().map(|(k, g)| (*k, g.map(narrow::to))).collect(),
-            factor: narrow::to(c.factor),
-        };
-        Some(Box::new(BulkViscosity {
-            field: Arc::new(narrow::RoundedField::new(self.field.clone())),
-            coefficient: narrow::to(self.coefficient),
-            impedance: narrow::to(self.impedance),
-            cells: self.cells.iter().map(rounded).collect(),
-            force: narrow::all(&self.force),
-            top_rate: narrow::to(self.top_rate),
-        }))
-    }
-
     fn supplied(&self) -> Option<T> {
         Some(T::zero())
     }
@@ -306,13 +283,6 @@ impl<T: Real> Effect<T> for LocalDamping<T> {
             gain: T::one() + self.share,
             ..Demand::none()
         }
-    }
-
-    fn narrowed(&self) -> Option<Box<dyn Effect<f32>>> {
-        Some(Box::new(LocalDamping {
-            share: narrow::to(self.share),
-            force: narrow::all(&self.force),
-        }))
     }
 
     fn supplied(&self) -> Option<T> {

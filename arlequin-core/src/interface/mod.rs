@@ -19,11 +19,11 @@ pub use assembly::Sampling;
 pub use operator::NullMode;
 
 use crate::field::Interpolation;
-use crate::junction::Junction;
+use crate::junction::{Components, Junction, Needs};
 use crate::mediator::Mediator;
 use crate::model::DofLayout;
 use crate::weight::Weight;
-use crate::{Error, Real, Result, narrow};
+use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use operator::Operator;
 use sprs::{CsMat, TriMat};
@@ -46,6 +46,16 @@ pub struct InterfaceSpec<T: Real> {
     pub junction: Box<dyn Junction<T>>,
     /// Choices with good defaults.
     pub options: InterfaceOptions<T>,
+}
+
+impl<T: Real> InterfaceSpec<T> {
+    /// Of so many displacement components: how many share one scalar coupling matrix.
+    fn shared(&self, components: usize) -> usize {
+        match self.junction.components() {
+            Components::Separate => components,
+            Components::Mixed => 1,
+        }
+    }
 }
 
 impl<T: Real> std::fmt::Debug for InterfaceSpec<T> {
@@ -72,17 +82,6 @@ pub struct InterfaceOptions<T: Real> {
     pub start_jump: T,
     /// Point at which the models are pinned together; needed by a seminorm. `None` takes the first mediator node.
     pub pin: Option<Point3<T>>,
-}
-
-impl<T: Real> InterfaceOptions<T> {
-    /// The same choices for a run that will step in 32-bit numbers: multipliers that are dependent up to their round-off
-    /// are dropped.
-    #[must_use]
-    pub fn single(mut self) -> Self {
-        let bound = InterfaceOptions::<f32>::default().rank_tolerance;
-        self.rank_tolerance = self.rank_tolerance.max(narrow::to(bound));
-        self
-    }
 }
 
 impl<T: Real> Default for InterfaceOptions<T> {
@@ -238,11 +237,11 @@ impl<T: Real> Interface<T> {
                 found: sides[1].layout.components,
             });
         }
-        if spec.options.lumped && !spec.junction.may_lump() {
+        if spec.options.lumped && spec.junction.needs() != Needs::Values {
             return Err(crate::error::invalid(
                 &format!("interface '{}': lumped", spec.name),
                 spec.junction.name(),
-                "only the L2 junction may be lumped; lumping an H1 junction diverges",
+                "only a junction of values (L2) may be lumped; lumping an H1 junction diverges",
             ));
         }
         let built = assembly::assemble(spec, &sides, components)?;
@@ -289,24 +288,6 @@ impl<T: Real> Interface<T> {
             start_jump: spec.options.start_jump,
             components,
             nodes: spec.mediator.nodes().to_vec(),
-        })
-    }
-
-    /// The interface in 32-bit numbers.
-    pub(crate) fn narrowed(&self) -> Result<Interface<f32>> {
-        let coupling = self.coupling.each_ref().map(|c| Coupling {
-            matrix: narrow::matrix(&c.matrix),
-            shared: c.shared,
-        });
-        Ok(Interface {
-            sides: self.sides,
-            coupling,
-            operator: self.operator.narrowed(&self.report.name)?,
-            lambda: narrow::all(&self.lambda),
-            report: self.report.clone(),
-            start_jump: narrow::to(self.start_jump),
-            components: self.components,
-            nodes: self.nodes.iter().map(narrow::point).collect(),
         })
     }
 

@@ -1,9 +1,8 @@
 //! The multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ`: factor, rank, condition.
 
-use super::{Coupling, InterfaceOptions, InterfaceSpec};
+use super::{Coupling, InterfaceSpec};
 use crate::effect::dot;
 use crate::linalg::SpdFactor;
-use crate::narrow;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
 
@@ -43,8 +42,6 @@ pub(super) struct Operator<T: Real> {
     serves: Vec<usize>,
     gather: Vec<T>,
     pub(super) condition: T,
-    /// Smallest eigenvalue kept of the scaled operator, relative to the largest.
-    smallest: T,
     pub(super) null_modes: Vec<NullMode>,
     /// `Σ_j |B_C,ij|` per multiplier unknown: turns a constraint residual into a velocity.
     pub(super) row_measure: Vec<T>,
@@ -53,7 +50,6 @@ pub(super) struct Operator<T: Real> {
 struct Outcome<T: Real> {
     block: Block<T>,
     condition: T,
-    smallest: T,
     null_modes: Vec<NullMode>,
 }
 
@@ -68,7 +64,7 @@ impl<T: Real> Operator<T> {
         let rows = coupling[0].matrix.rows();
         let (mut blocks, mut serves, mut null_modes) = (Vec::new(), Vec::new(), Vec::new());
         let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
-        let (mut condition, mut smallest) = (T::one(), T::one());
+        let mut condition = T::one();
         let mut seen: Vec<[Vec<T>; 2]> = Vec::new();
         for c in 0..shared {
             let pick = |m: usize| -> Vec<T> {
@@ -91,7 +87,6 @@ impl<T: Real> Operator<T> {
                 factor(spec, &s, components / shared)?
             };
             condition = condition.max(outcome.condition);
-            smallest = smallest.min(outcome.smallest);
             serves.push(blocks.len());
             null_modes.extend(outcome.null_modes.iter().cloned());
             modes_of.push(outcome.null_modes);
@@ -116,32 +111,8 @@ impl<T: Real> Operator<T> {
             serves,
             gather: vec![T::zero(); rows],
             condition,
-            smallest,
             null_modes,
             row_measure,
-        })
-    }
-
-    /// The same operator in 32-bit numbers, unless its smallest eigenvalue would drown in their round-off.
-    pub(super) fn narrowed(&self, interface: &str) -> Result<Operator<f32>> {
-        let bound = InterfaceOptions::<f32>::default().rank_tolerance;
-        if self.smallest.as_f64() < f64::from(bound) * 0.99 {
-            return Err(crate::error::invalid(
-                &format!("interface '{interface}': smallest relative eigenvalue of the multiplier operator"),
-                format_args!("{:.1e}", self.smallest.as_f64()),
-                &format!(
-                    "must be at least {bound:.1e} in 32-bit numbers; set rank_tolerance to that, or coarsen the mediator"
-                ),
-            ));
-        }
-        Ok(Operator {
-            blocks: self.blocks.iter().map(Block::narrowed).collect(),
-            serves: self.serves.clone(),
-            gather: narrow::all(&self.gather),
-            condition: narrow::to(self.condition),
-            smallest: narrow::to(self.smallest),
-            null_modes: self.null_modes.clone(),
-            row_measure: narrow::all(&self.row_measure),
         })
     }
 
@@ -171,23 +142,6 @@ impl<T: Real> Operator<T> {
 }
 
 impl<T: Real> Block<T> {
-    fn narrowed(&self) -> Block<f32> {
-        match self {
-            Self::Factor { scale, factor } => Block::Factor {
-                scale: narrow::all(scale),
-                factor: factor.narrowed(),
-            },
-            Self::Modes { scale, modes, work } => Block::Modes {
-                scale: narrow::all(scale),
-                modes: narrow::all(modes),
-                work: narrow::all(work),
-            },
-            Self::Diagonal { inverse } => Block::Diagonal {
-                inverse: narrow::all(inverse),
-            },
-        }
-    }
-
     fn solve(&mut self, b: &mut [T]) {
         let scaled = |b: &mut [T], s: &[T]| b.iter_mut().zip(s).for_each(|(b, s)| *b *= *s);
         match self {
@@ -280,7 +234,6 @@ fn factor<T: Real>(spec: &InterfaceSpec<T>, s: &CsMat<T>, per_node: usize) -> Re
             return Ok(Outcome {
                 block,
                 condition: high / low,
-                smallest: range[0] / range[1],
                 null_modes: Vec::new(),
             });
         }
@@ -381,7 +334,6 @@ fn modes<T: Real>(
             work: vec![T::zero(); n],
         },
         condition,
-        smallest: T::one() / condition,
         null_modes,
     })
 }
@@ -404,7 +356,6 @@ fn lumped<T: Real>(spec: &InterfaceSpec<T>, s: &CsMat<T>) -> Result<Outcome<T>> 
     Ok(Outcome {
         block: Block::Diagonal { inverse },
         condition: high / low,
-        smallest: low / high,
         null_modes: Vec::new(),
     })
 }

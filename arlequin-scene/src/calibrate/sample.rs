@@ -19,7 +19,7 @@ const SHORTEST: f64 = 8.0;
 
 /// Kind of test.
 #[derive(Debug, Clone, Copy)]
-pub enum Test {
+pub(super) enum Test {
     /// A bar along x is pulled.
     Tension(Bar),
     /// A periodic sample is strained.
@@ -28,7 +28,7 @@ pub enum Test {
 
 /// Packings to make and the test of each.
 #[derive(Debug, Clone)]
-pub struct Sample {
+pub(super) struct Sample {
     /// Key of the scene, for errors.
     pub key: String,
     /// In words.
@@ -45,7 +45,7 @@ pub struct Sample {
 
 impl Sample {
     /// What the flags and the scene ask for.
-    pub fn of(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
+    pub(super) fn of(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
         let (at, mut table, folder) = match source {
             Some(source) => of_scene(wanted, source)?,
             None if wanted.cylinder.is_none() && wanted.cuboid.is_none() && !wanted.periodic => {
@@ -76,12 +76,12 @@ impl Sample {
     }
 
     /// Cuts the notches of the scene.
-    pub fn cut(&self, packing: &mut Packing) -> Result<()> {
+    pub(super) fn cut(&self, packing: &mut Packing) -> Result<()> {
         cut(&self.key, &self.notches, packing)
     }
 
     /// Refuses bars too short for their spheres.
-    pub fn check(&self, packings: &[Packing]) -> Result<()> {
+    pub(super) fn check(&self, packings: &[Packing]) -> Result<()> {
         let Test::Tension(bar) = self.test else {
             return Ok(());
         };

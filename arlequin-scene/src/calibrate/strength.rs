@@ -82,7 +82,7 @@ pub struct Exponent {
 }
 
 /// Pulls bars of every size by every criterion; `sample` and `packings` are those of the elasticity.
-pub fn of(
+pub(super) fn of(
     asked: &StrengthTest,
     wanted: &Wanted,
     source: Option<&Source>,

@@ -6,7 +6,7 @@ use crate::cells::{self, Cell};
 use crate::error::{Error, Result, write};
 use crate::scene::{Material, OutputField};
 use crate::setup::{Drawn, View};
-use arlequin::core::{Coupled, Real, Subdomain};
+use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
 
@@ -32,10 +32,10 @@ struct Painter {
 
 impl Frames {
     /// Prepares frames in a folder.
-    pub fn new<T: Real>(
+    pub fn new(
         folder: PathBuf,
         fields: &[OutputField],
-        run: &Coupled<T>,
+        run: &Coupled<f64>,
         drawn: Vec<Drawn>,
         mediators: Vec<View>,
     ) -> Self {
@@ -109,7 +109,7 @@ impl Frames {
     }
 
     /// Writes the current state.
-    pub fn write<T: Real>(&mut self, run: &Coupled<T>) -> Result<()> {
+    pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
         for (part, (painter, s)) in self.models.iter().zip(run.subdomains()).enumerate() {
             let name = s.model().name();
             check_finite(run, name, &s.state().q)?;
@@ -149,10 +149,10 @@ impl Frames {
 }
 
 impl Painter {
-    fn arrays<T: Real>(&self, fields: &[OutputField], s: &Subdomain<T>) -> (Vec<Array>, Vec<Array>) {
+    fn arrays(&self, fields: &[OutputField], s: &Subdomain<f64>) -> (Vec<Array>, Vec<Array>) {
         let (mut points, mut cells) = (Vec::new(), Vec::new());
         let count = s.model().layout().components;
-        let vector = |name: &str, values: &[T]| Array {
+        let vector = |name: &str, values: &[f64]| Array {
             name: name.into(),
             components: 3,
             values: vectors(values, count, self.view.points.len()),
@@ -212,7 +212,7 @@ impl Painter {
     }
 
     /// Unweighted strain energy density `½ σ:ε` at a cell centre.
-    fn density<T: Real>(&self, cell: &Cell, q: &[T], count: usize) -> f64 {
+    fn density(&self, cell: &Cell, q: &[f64], count: usize) -> f64 {
         let h = cell.gradient(q, count);
         if count == 1 {
             return 0.5 * self.material.young * h[(0, 0)] * h[(0, 0)];
@@ -223,7 +223,7 @@ impl Painter {
     }
 }
 
-fn weights<T: Real>(s: &Subdomain<T>) -> Vec<Array> {
+fn weights(s: &Subdomain<f64>) -> Vec<Array> {
     let w = s.weights();
     let all = [
         ("alpha", &w.internal),
@@ -233,18 +233,18 @@ fn weights<T: Real>(s: &Subdomain<T>) -> Vec<Array> {
     all.map(|(name, w)| Array {
         name: name.into(),
         components: 1,
-        values: s.model().nodes().iter().map(|x| w.at(x).as_f64()).collect(),
+        values: s.model().nodes().iter().map(|x| w.at(x)).collect(),
     })
     .into()
 }
 
 /// Three components per point, whatever the model has.
-fn vectors<T: Real>(values: &[T], components: usize, points: usize) -> Vec<f64> {
+fn vectors(values: &[f64], components: usize, points: usize) -> Vec<f64> {
     (0..points)
         .flat_map(|k| (0..3).map(move |c| (k, c)))
         .map(|(k, c)| {
             if c < components {
-                values[k * components + c].as_f64()
+                values[k * components + c]
             } else {
                 0.0
             }
@@ -252,21 +252,21 @@ fn vectors<T: Real>(values: &[T], components: usize, points: usize) -> Vec<f64> 
         .collect()
 }
 
-fn entry<T: Real>(run: &Coupled<T>, part: usize, name: &str, file: String) -> Entry {
+fn entry(run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
     Entry {
-        time: run.time().as_f64(),
+        time: run.time(),
         part,
         name: name.to_owned(),
         file: format!("vtu/{file}"),
     }
 }
 
-fn check_finite<T: Real>(run: &Coupled<T>, name: &str, values: &[T]) -> Result<()> {
+fn check_finite(run: &Coupled<f64>, name: &str, values: &[f64]) -> Result<()> {
     if values.iter().all(|v| v.is_finite()) {
         return Ok(());
     }
     Err(Error::NotFinite {
         what: format!("a value of '{name}'"),
-        time: run.time().as_f64(),
+        time: run.time(),
     })
 }

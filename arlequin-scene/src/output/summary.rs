@@ -4,10 +4,9 @@ use super::packing::PackingLine;
 use crate::recorder::{PhaseClock, Recorder};
 use crate::setup::{Reader, Strangers};
 use crate::spectrum;
+use arlequin::core::Coupled;
 use arlequin::core::effect::EffectLine;
 use arlequin::core::momentum::{Arms, BodyMomentum, Claim};
-use arlequin::core::nalgebra::Vector3;
-use arlequin::core::{Coupled, Real};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -40,8 +39,6 @@ pub struct Summary {
     pub threads: usize,
     /// Models.
     pub models: Vec<ModelLine>,
-    /// Width of the numbers that stepped.
-    pub precision: &'static str,
     /// Step \[s\].
     pub dt: f64,
     /// Largest stable step \[s\].
@@ -269,15 +266,15 @@ pub struct EffectReport {
 }
 
 /// What the effects of a run did, and how long it took.
-pub fn effects<T: Real>(run: &Coupled<T>, clock: &PhaseClock) -> Vec<EffectReport> {
+pub fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
     let [stepping, _] = clock.split();
-    let line = |e: EffectLine<T>| {
+    let line = |e: EffectLine<f64>| {
         let seconds = e.phase.map(|p| clock.seconds(p));
         EffectReport {
-            dissipated: e.dissipated().map(Real::as_f64),
+            dissipated: e.dissipated(),
             name: e.name,
-            work: e.work.map(Real::as_f64),
-            stored: e.stored.as_f64(),
+            work: e.work,
+            stored: e.stored,
             seconds,
             share: seconds.map(|s| s / stepping.max(f64::MIN_POSITIVE)),
             facts: e.facts.into_iter().collect(),
@@ -287,7 +284,7 @@ pub fn effects<T: Real>(run: &Coupled<T>, clock: &PhaseClock) -> Vec<EffectRepor
 }
 
 /// What the last state would need effects for that are not on.
-pub fn findings<T: Real>(run: &Coupled<T>, strangers: &Strangers) -> Vec<String> {
+pub fn findings(run: &Coupled<f64>, strangers: &Strangers) -> Vec<String> {
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
     let all = run.watch().into_iter().chain(strangers.watch(run));
@@ -295,20 +292,19 @@ pub fn findings<T: Real>(run: &Coupled<T>, strangers: &Strangers) -> Vec<String>
 }
 
 /// Momentum of the bodies of a run.
-pub fn momentum<T: Real>(run: &Coupled<T>) -> Vec<MomentumLine> {
-    let line = |b: BodyMomentum<T>| {
+pub fn momentum(run: &Coupled<f64>) -> Vec<MomentumLine> {
+    let line = |b: BodyMomentum<f64>| {
         let (keeps, because) = match b.claim {
             Claim::Both => ("both", None),
             Claim::Linear(why) => ("linear", Some(why)),
             Claim::Neither(why) => ("neither", Some(why)),
         };
-        let three = |v: Vector3<T>| <[T; 3]>::from(v).map(Real::as_f64);
-        let [linear_drift, angular_drift] = b.drift.map(|d| (keeps != "neither").then(|| d.as_f64()));
+        let [linear_drift, angular_drift] = b.drift.map(|d| (keeps != "neither").then_some(d));
         MomentumLine {
             models: b.models,
-            linear: three(b.linear),
-            angular: three(b.angular),
-            about: three(b.centre),
+            linear: b.linear.into(),
+            angular: b.angular.into(),
+            about: b.centre.into(),
             arms: match b.arms {
                 Arms::Reference => "rest",
                 Arms::Current => "present",
@@ -331,7 +327,7 @@ pub fn process_bytes(name: &str) -> Option<usize> {
 }
 
 /// Models of a run.
-pub fn models<T: Real>(run: &Coupled<T>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
+pub fn models(run: &Coupled<f64>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
     let plan = run.plan();
     let line = |(k, (name, kind, nodes, unknowns, critical_dt))| ModelLine {
         name,
@@ -345,8 +341,8 @@ pub fn models<T: Real>(run: &Coupled<T>, packings: &[Option<PackingLine>]) -> Ve
 }
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
-pub fn interfaces<T: Real>(run: &Coupled<T>, residuals: &[f64]) -> Vec<InterfaceLine> {
-    let line = |(k, i): (usize, &arlequin::core::interface::Interface<T>)| {
+pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
+    let line = |(k, i): (usize, &arlequin::core::interface::Interface<f64>)| {
         let r = i.report();
         let model = run.subdomains()[i.sides()[0]].model().name();
         let group = run

@@ -5,7 +5,7 @@ use super::plots::{self, Curve, Plot};
 use crate::error::Result;
 use crate::recorder::{self, ENERGY_COLUMNS, MOMENTUM_COLUMNS, Recorder};
 use crate::scene::Quantity;
-use arlequin::core::{Coupled, Real};
+use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::path::Path;
 
@@ -34,7 +34,7 @@ pub fn write(folder: &Path, r: &Recorder) -> Result<()> {
 }
 
 /// One table of broken bonds per model whose bonds can break.
-pub fn breaks<T: Real>(folder: &Path, run: &Coupled<T>, breaks: &[Option<SharedLog>]) -> Result<()> {
+pub fn breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<()> {
     let names = [
         "time [s]",
         "bond [-]",

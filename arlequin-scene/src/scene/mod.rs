@@ -15,8 +15,7 @@ pub use drive::{
 };
 pub use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
 pub use interface::{
-    Absorber, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind, ProfileTable, RegionShape,
-    SamplingKind, WeightTable, WeightingKind,
+    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
 };
 pub use model::{
     CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelTable, NotchBox,
@@ -74,30 +73,6 @@ pub struct Time {
     /// The step.
     #[serde(default)]
     pub step: StepChoice,
-    /// Width of the numbers that step.
-    #[serde(default)]
-    pub precision: Precision,
-}
-
-impl Precision {
-    /// Its name in scenes and reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Double => "double",
-            Self::Single => "single",
-        }
-    }
-}
-
-/// Width of the numbers that step; the set-up is always in 64 bits.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Precision {
-    /// 64 bits.
-    #[default]
-    Double,
-    /// 32 bits.
-    Single,
 }
 
 /// How the time step is chosen.

@@ -5,8 +5,8 @@ use super::kinds::Body;
 use super::{Kind, model_index};
 use crate::error::{Result, dem, key};
 use crate::scene::{Effect, Scene};
+use arlequin::core::Coupled;
 use arlequin::core::effect::{Finding, PairSpec};
-use arlequin::core::{Coupled, Real};
 use arlequin::dem_beam::{ContactBetween, ContactBody};
 use std::collections::BTreeSet;
 
@@ -119,15 +119,11 @@ impl Strangers {
     }
 
     /// Those whose particles overlap now, by the name of the first model.
-    pub fn watch<T: Real>(&self, run: &Coupled<T>) -> Vec<(String, Finding)> {
+    pub fn watch(&self, run: &Coupled<f64>) -> Vec<(String, Finding)> {
         let mut out = Vec::new();
         for (sides, [a, b]) in &self.0 {
-            let wide = |m: usize| -> Vec<f64> {
-                let q = &run.subdomains()[m].state().q;
-                q.iter().map(|x| x.as_f64()).collect()
-            };
-            let [q, r] = sides.map(wide);
-            if let Some((count, worst)) = a.overlaps(b, [&q, &r], TOLERATED_OVERLAP) {
+            let displaced = sides.map(|m| &run.subdomains()[m].state().q[..]);
+            if let Some((count, worst)) = a.overlaps(b, displaced, TOLERATED_OVERLAP) {
                 let [one, other] = [a.name(), b.name()];
                 let message = format!(
                     "{count} of its particles and those of '{other}' overlap, by up to {:.1} % of their radii; switch on \

@@ -24,12 +24,12 @@ pub use probe::Reader;
 
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
-use crate::scene::{Effect, Interface, Material, Precision, RoleKind, Scene, StepChoice};
+use crate::scene::{Effect, Interface, Material, RoleKind, Scene, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
 use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::Role;
-use arlequin::core::{Coupled, Guard, Partition, Real, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{Coupled, Guard, Partition, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
 use joint::Joint;
@@ -78,9 +78,9 @@ pub struct Start {
 }
 
 /// A run that is ready to step.
-pub struct Built<T: Real = f64> {
+pub struct Built {
     /// The run.
-    pub run: Coupled<T>,
+    pub run: Coupled<f64>,
     /// Pictures of the models.
     pub drawn: Vec<Drawn>,
     /// Pictures of the mediators.
@@ -99,24 +99,7 @@ pub struct Built<T: Real = f64> {
     pub bounds: Bounds,
 }
 
-impl Built {
-    /// The same with states and forces in 32-bit numbers.
-    pub fn narrowed(self) -> Result<Built<f32>> {
-        Ok(Built {
-            run: self.run.narrowed().map_err(located)?,
-            drawn: self.drawn,
-            mediators: self.mediators,
-            probes: self.probes,
-            steps: self.steps,
-            frame_every: self.frame_every,
-            strangers: self.strangers,
-            warnings: self.warnings,
-            bounds: self.bounds,
-        })
-    }
-}
-
-/// Builds everything a scene asks for, in double precision; see [`Built::narrowed`].
+/// Builds everything a scene asks for.
 pub fn build(scene: &Scene, folder: &Path) -> Result<Built> {
     build_from(scene, folder, None)
 }
@@ -143,9 +126,6 @@ pub fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result
     let pairs = between::pairs(scene, &bodies)?;
     let strangers = Strangers::of(scene, &bodies)?;
     for j in &mut joints {
-        if scene.time.precision == Precision::Single {
-            j.spec.options = j.spec.options.single();
-        }
         if let Some(a) = j.absorber.take() {
             attachments.add(j.spec.fine, Box::new(a));
         }
@@ -274,7 +254,7 @@ fn guard(scene: &Scene) -> Guard<f64> {
     let nodal = scene
         .interface
         .values()
-        .any(|i| i.weight.weighting == crate::scene::WeightingKind::Nodal);
+        .any(|i| i.weight.weighting == Weighting::Nodal);
     let weighting = if nodal {
         Weighting::Nodal
     } else {
@@ -412,7 +392,6 @@ fn located(source: arlequin::core::Error) -> Error {
     let interface = |name: &str, key: &str| format!("interface.{name}.{key}");
     let key = match &source {
         Core::UnstableStep { .. } => "time.step.seconds".to_owned(),
-        Core::DoubleOnly { .. } => "time.precision".to_owned(),
         Core::EmptyOverlap { interface: i, .. } | Core::OverhangingMediator { interface: i, .. } => {
             interface(i, "mediator")
         }

@@ -6,7 +6,7 @@ use crate::scene::{
 };
 use arlequin::core::field::ShapeRow;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Coupled, Real, Subdomain};
+use arlequin::core::{Coupled, Subdomain};
 
 /// Steps above which a run is hardly meant: months at a microsecond each.
 const MANY_STEPS: f64 = 1e9;
@@ -345,18 +345,18 @@ impl Bounds {
     }
 
     /// Displacements beyond the body and speeds beyond the wave speed of the present state, one line per model and kind.
-    pub fn watch<T: Real>(&self, run: &Coupled<T>) -> Vec<String> {
+    pub fn watch(&self, run: &Coupled<f64>) -> Vec<String> {
         let mut out = Vec::new();
         for (s, b) in run.subdomains().iter().zip(&self.0) {
             let (name, layout) = (s.model().name(), s.model().layout());
             let moving = 0..layout.translations();
-            let top = |m: f64, x: &T| m.max(x.as_f64().abs());
+            let top = |m: f64, x: &f64| m.max(x.abs());
             let speed = s.state().v[moving.clone()].iter().fold(0.0, top);
             if speed > b.wave {
                 out.push(format!(
                     "model '{name}': moves at {speed:.3e} m/s at t = {:.3e} s, above its wave speed of {:.3e} m/s; check \
                      loads, velocities and their units",
-                    run.time().as_f64(),
+                    run.time(),
                     b.wave
                 ));
             }
@@ -365,7 +365,7 @@ impl Bounds {
                 out.push(format!(
                     "model '{name}': its displacements differ by {stretch:.3e} m at t = {:.3e} s, more than its size of \
                      {:.3e} m, where strains are no longer small; check loads, displacements and their units",
-                    run.time().as_f64(),
+                    run.time(),
                     b.extent
                 ));
             }
@@ -375,9 +375,9 @@ impl Bounds {
 }
 
 /// Largest difference of one component of displacement between two nodes.
-fn stretch<T: Real>(q: &[T], components: usize) -> f64 {
+fn stretch(q: &[f64], components: usize) -> f64 {
     let span = |c: usize| {
-        let values = q.iter().skip(c).step_by(components).map(|x| x.as_f64());
+        let values = q.iter().skip(c).step_by(components).copied();
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
             (a.min(x), b.max(x))
         });

@@ -6,10 +6,10 @@ use super::plausible::corners;
 use super::select;
 use crate::error::{Error, Result, core, key, value};
 use crate::scene::{Probe, Quantity, Scene};
+use arlequin::core::Subdomain;
 use arlequin::core::field::ShapeRow;
 use arlequin::core::momentum::Arms;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Real, Subdomain};
 
 /// A probe, ready to be read.
 #[derive(Debug, Clone)]
@@ -73,13 +73,13 @@ impl Reader {
     }
 
     /// Current value.
-    pub fn read<T: Real>(&self, subdomains: &[Subdomain<T>]) -> f64 {
+    pub fn read(&self, subdomains: &[Subdomain<f64>]) -> f64 {
         let state = subdomains[self.model].state();
         let values = match self.quantity {
             Quantity::Displacement | Quantity::Rotation => &state.q,
             Quantity::Velocity => &state.v,
         };
-        let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d].as_f64()).sum::<f64>();
+        let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d]).sum::<f64>();
         match &self.along {
             Some(along) => sum(&self.row).atan2(1.0 + sum(along)),
             None => sum(&self.row),

@@ -1,7 +1,6 @@
 //! A proposal as changes of the scene file, comments kept.
 
 use super::choose::Prospect;
-use super::predict::weight_name;
 use super::scenario::Scenario;
 use crate::error::{Error, Result, key, value, write as write_error};
 use crate::scene::{JunctionKind, OverlapShape, Scene, Shape, Source};
@@ -10,7 +9,7 @@ use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
 
 /// One change of a scene.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Change {
+pub(super) struct Change {
     /// Path of the key.
     pub path: String,
     /// Its new value as TOML; none if the key goes.
@@ -26,13 +25,13 @@ impl Change {
     }
 
     /// As `--set` takes it, which can remove nothing.
-    pub fn assignment(&self) -> Option<String> {
+    pub(super) fn assignment(&self) -> Option<String> {
         Some(format!("{}={}", self.path, self.text.as_ref()?))
     }
 }
 
 /// Whether enough energy lies above the coarse cutoff to be worth an absorber: a tenth of the predicted error's square.
-pub fn needs_absorber(p: &Prospect) -> bool {
+pub(super) fn needs_absorber(p: &Prospect) -> bool {
     p.errors.above_cutoff > 0.1 * p.errors.worst().powi(2)
 }
 
@@ -51,7 +50,7 @@ fn counts(lengths: &[f64], spacing: f64) -> String {
 }
 
 /// What a proposal changes.
-pub fn changes(scene: &Scene, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
+pub(super) fn changes(scene: &Scene, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
     let c = &p.candidate;
     let [interface, coarse, fine] = &s.names;
     let table = format!("interface.{interface}");
@@ -70,7 +69,7 @@ pub fn changes(scene: &Scene, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<
     } else {
         Change::new(format!("{table}.mediator.spacing"), number(c.h_b))
     });
-    let profile = format!("\"{}\"", weight_name(c.profile));
+    let profile = format!("\"{}\"", c.profile);
     out.push(Change::new(format!("{table}.weight.profile"), profile));
     if joint.is_some_and(|j| j.weight.value.is_some()) {
         // The constant profile's value means nothing to another one.
@@ -144,7 +143,7 @@ fn moved(scene: &Scene, s: &Scenario, overlap: f64, table: &str, fine: &str) -> 
 }
 
 /// Writes the scene with earlier `--set` values and the changes; what is not changed stays as it is, comments too.
-pub fn write(source: &Source, set: &[String], changes: &[Change], out: &Path) -> Result<()> {
+pub(super) fn write(source: &Source, set: &[String], changes: &[Change], out: &Path) -> Result<()> {
     if out.exists() {
         let rule = "exists; choose another name, nothing is overwritten";
         return Err(value("--apply", out.display(), rule));

@@ -18,7 +18,7 @@ const SPACING_STEP: f64 = 1.12;
 
 /// What trial steps of a built scene told.
 #[derive(Debug, Clone, Copy)]
-pub struct Measured {
+pub(super) struct Measured {
     /// Nodes of the coarse and the fine model.
     pub nodes: [f64; 2],
     /// Coupled nodes of both, and multipliers.
@@ -35,7 +35,7 @@ pub struct Measured {
 
 /// Seconds per unit of work, and the scene they were measured with.
 #[derive(Debug, Clone)]
-pub struct CostModel {
+pub(super) struct CostModel {
     base: Candidate,
     measured: Measured,
     dimension: i32,
@@ -44,7 +44,7 @@ pub struct CostModel {
 
 impl CostModel {
     /// Takes a measurement of the scene at `base`; steps will be `fraction` of the critical one.
-    pub fn new(base: Candidate, measured: Measured, s: &Scenario, fraction: f64) -> Self {
+    pub(super) fn new(base: Candidate, measured: Measured, s: &Scenario, fraction: f64) -> Self {
         Self {
             base,
             measured,
@@ -54,13 +54,13 @@ impl CostModel {
     }
 
     /// Step of a candidate \[s\].
-    pub fn dt(&self, c: &Candidate) -> f64 {
+    pub(super) fn dt(&self, c: &Candidate) -> f64 {
         let [coarse, fine] = self.measured.critical;
         self.fraction * fine.min(coarse * c.h / self.base.h)
     }
 
     /// Seconds of all steps and of the set-up.
-    pub fn seconds(&self, c: &Candidate, s: &Scenario, end: f64) -> f64 {
+    pub(super) fn seconds(&self, c: &Candidate, s: &Scenario, end: f64) -> f64 {
         let (m, b) = (&self.measured, &self.base);
         let d = self.dimension;
         let shrink = (b.h / c.h).powi(d);
@@ -85,7 +85,7 @@ impl CostModel {
 
 /// A candidate with what is predicted of it.
 #[derive(Debug, Clone, Copy)]
-pub struct Prospect {
+pub(super) struct Prospect {
     /// Settings.
     pub candidate: Candidate,
     /// Errors.
@@ -105,7 +105,7 @@ pub enum Goal {
 
 /// All candidates of a scene with the tables of their overlaps.
 #[derive(Debug)]
-pub struct Search<'a> {
+pub(super) struct Search<'a> {
     /// Scene.
     pub scenario: &'a Scenario,
     /// Signal.
@@ -121,7 +121,7 @@ pub struct Search<'a> {
 
 impl<'a> Search<'a> {
     /// Draws up candidates and analyses the overlaps.
-    pub fn new(scenario: &'a Scenario, spectrum: &'a Spectrum, end: f64) -> Result<Self> {
+    pub(super) fn new(scenario: &'a Scenario, spectrum: &'a Spectrum, end: f64) -> Result<Self> {
         let s = scenario;
         let r = s.spacings[1];
         let (given, form) = as_given(s);
@@ -151,7 +151,7 @@ impl<'a> Search<'a> {
     }
 
     /// What is predicted of a candidate.
-    pub fn predict(&self, c: &Candidate, costs: &CostModel, dt: f64) -> Prospect {
+    pub(super) fn predict(&self, c: &Candidate, costs: &CostModel, dt: f64) -> Prospect {
         let errors = predict::errors(c, &self.tables, self.scenario, self.spectrum, self.end, dt);
         Prospect {
             candidate: *c,
@@ -161,7 +161,11 @@ impl<'a> Search<'a> {
     }
 
     /// The best candidate; if none reaches the goal, the one that comes closest, as `Err`.
-    pub fn best(&self, goal: Goal, costs: &CostModel) -> std::result::Result<Prospect, Option<Prospect>> {
+    pub(super) fn best(
+        &self,
+        goal: Goal,
+        costs: &CostModel,
+    ) -> std::result::Result<Prospect, Option<Prospect>> {
         let predict = |c| self.predict(c, costs, costs.dt(c));
         let all: Vec<Prospect> = self.candidates.iter().map(predict).collect();
         let least = |f: &dyn Fn(&Prospect) -> f64, keep: &dyn Fn(&Prospect) -> bool| {
@@ -178,7 +182,7 @@ impl<'a> Search<'a> {
 }
 
 /// The scene as it is, its overlap the first of the tables.
-pub fn as_given(s: &Scenario) -> (Candidate, Form) {
+pub(super) fn as_given(s: &Scenario) -> (Candidate, Form) {
     let [h, r, h_b] = s.spacings;
     let form = Form {
         ratio: (h / r).max(1.0),

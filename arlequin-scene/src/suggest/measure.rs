@@ -6,9 +6,8 @@ use super::scenario::{self, Scenario};
 use crate::Input;
 use crate::error::{Result, core};
 use crate::recorder::PhaseClock;
-use crate::scene::Precision;
-use crate::setup::{self, Built};
-use arlequin::core::{Coupled, Real};
+use crate::setup;
+use arlequin::core::Coupled;
 use std::time::Instant;
 
 /// Seconds of trial steps per scene.
@@ -17,24 +16,16 @@ const TRIAL: f64 = 0.3;
 const STRETCH: usize = 10;
 
 /// Builds the scene with changes and makes trial steps; also the end of its run \[s\].
-pub fn measure(input: &Input<'_>, changes: &[Change]) -> Result<(Measured, f64)> {
+pub(super) fn measure(input: &Input<'_>, changes: &[Change]) -> Result<(Measured, f64)> {
     let begin = Instant::now();
     let mut set = input.set.to_vec();
     set.extend(changes.iter().filter_map(Change::assignment));
     let scene = input.source.scene(&set)?;
     let s = scenario::scenario(&scene)?;
     let built = setup::build(&scene, input.source.folder())?;
-    match scene.time.precision {
-        Precision::Double => timed(built, &s, begin),
-        Precision::Single => timed(built.narrowed()?, &s, begin),
-    }
-}
-
-/// Trial steps of a run whose set-up began then.
-fn timed<T: Real>(built: Built<T>, s: &Scenario, begin: Instant) -> Result<(Measured, f64)> {
     let setup = begin.elapsed().as_secs_f64();
     let mut run = built.run;
-    let end = s.end.unwrap_or(built.steps as f64 * run.dt().as_f64());
+    let end = s.end.unwrap_or(built.steps as f64 * run.dt());
     let mut seconds = [0.0; 4];
     let mut least = f64::INFINITY;
     let begin = Instant::now();
@@ -49,7 +40,7 @@ fn timed<T: Real>(built: Built<T>, s: &Scenario, begin: Instant) -> Result<(Meas
         // The first stretch warms the caches.
         if !first && total < least {
             least = total;
-            seconds = share(&clock, &run, s).map(|x| x / STRETCH as f64);
+            seconds = share(&clock, &run, &s).map(|x| x / STRETCH as f64);
         }
         first = false;
     }
@@ -61,14 +52,14 @@ fn timed<T: Real>(built: Built<T>, s: &Scenario, begin: Instant) -> Result<(Meas
         coupled: [r.coupled_nodes[0], r.coupled_nodes[1], r.multipliers].map(|n| n as f64),
         seconds,
         setup,
-        dt: run.dt().as_f64(),
-        critical: sides.map(|k| run.critical_steps()[k].as_f64()),
+        dt: run.dt(),
+        critical: sides.map(|k| run.critical_steps()[k]),
     };
     Ok((measured, end))
 }
 
 /// Seconds by coarse, fine, interface and rest.
-fn share<T: Real>(clock: &PhaseClock, run: &Coupled<T>, s: &Scenario) -> [f64; 4] {
+fn share(clock: &PhaseClock, run: &Coupled<f64>, s: &Scenario) -> [f64; 4] {
     let mut out = [0.0; 4];
     for (name, seconds) in clock.phases(run) {
         // predict/MODEL or effect/MODEL/NAME.

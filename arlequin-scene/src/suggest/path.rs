@@ -8,7 +8,7 @@ const MOST: usize = 64;
 
 /// Where a signal starts, along the overlap's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Origin {
+pub(super) struct Origin {
     /// Distance from the fine border, positive into the coarse model \[m\].
     pub at: f64,
     /// Towards the coarse model, away from it.
@@ -19,7 +19,7 @@ pub struct Origin {
 
 /// One arrival of the signal at a probe.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Arrival {
+pub(super) struct Arrival {
     /// Whole way of the front \[m\].
     pub way: f64,
     /// Share of it in the coarse model \[m\].
@@ -62,7 +62,7 @@ impl Line {
 
 /// Arrivals until `way` \[m\] at displacement and at velocity probes; none if the scene has no probes along the axis or
 /// too many arrivals.
-pub fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) -> Option<[Vec<Arrival>; 2]> {
+pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) -> Option<[Vec<Arrival>; 2]> {
     let line = Line {
         length: s.lengths[0] + s.lengths[1],
         border: s.lengths[1] + 0.5 * overlap,
@@ -103,7 +103,7 @@ pub fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) -> Option
 }
 
 /// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes of motion along the axis \[m\].
-pub fn probes(scene: &Scene, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
+pub(super) fn probes(scene: &Scene, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
     let place = |p: &crate::scene::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),
         (_, Some(Selection::Box(low, high))) => Some(0.5 * (low[axis] + high[axis])),
@@ -123,7 +123,7 @@ pub fn probes(scene: &Scene, axis: usize, border: f64, inward: f64) -> Vec<(usiz
 }
 
 /// Where a selection of a load lies along the axis \[m\]; none if it is not at one place.
-pub fn place(scene: &Scene, model: &str, at: &Selection, axis: usize) -> Option<f64> {
+pub(super) fn place(scene: &Scene, model: &str, at: &Selection, axis: usize) -> Option<f64> {
     match at {
         Selection::Group(name) => end(scene, model, name, axis),
         Selection::Box(low, high) => {

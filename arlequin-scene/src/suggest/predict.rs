@@ -18,7 +18,7 @@ const POINTS: usize = 20;
 
 /// One choice of the settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Candidate {
+pub(super) struct Candidate {
     /// Coarse spacing \[m\].
     pub h: f64,
     /// Mediator spacing \[m\].
@@ -35,7 +35,7 @@ pub struct Candidate {
 
 /// Shape of an overlap in units of the coarse spacing.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Form {
+pub(super) struct Form {
     /// Coarse over fine spacing.
     pub ratio: f64,
     /// Mediator spacing.
@@ -52,7 +52,7 @@ pub struct Form {
 
 /// Loss of an overlap over frequency: `|r|² + (1 − |t|)²`, frequencies in units of the coarse cutoff.
 #[derive(Debug, Clone)]
-pub struct Table {
+pub(super) struct Table {
     frequencies: Vec<f64>,
     losses: Vec<f64>,
     /// Largest reflected amplitude for wavelengths above 4.2 coarse spacings.
@@ -60,33 +60,8 @@ pub struct Table {
 }
 
 /// Tables of several forms, in parallel.
-pub fn tables(forms: &[Form]) -> Result<Vec<Table>> {
+pub(super) fn tables(forms: &[Form]) -> Result<Vec<Table>> {
     forms.par_iter().map(table).collect()
-}
-
-fn profile_name(p: ProfileKind) -> &'static str {
-    match p {
-        ProfileKind::Constant => "constant",
-        ProfileKind::Linear => "linear",
-        ProfileKind::Cubic => "cubic",
-        ProfileKind::Quintic => "quintic",
-        ProfileKind::MediatorCompatible => "mediator-compatible",
-    }
-}
-
-/// Name of a weight in a scene.
-pub fn weight_name(p: ProfileKind) -> &'static str {
-    profile_name(p)
-}
-
-/// Name of a junction in a scene.
-pub fn junction_name(j: JunctionKind) -> &'static str {
-    match j {
-        JunctionKind::L2 => "l2",
-        JunctionKind::H1Strain => "h1-strain",
-        JunctionKind::H1Gradient => "h1-gradient",
-        JunctionKind::H1Seminorm => "h1-seminorm",
-    }
 }
 
 /// A chain and a bar of unit modulus, density and element length, with the overlap of the form.
@@ -113,9 +88,9 @@ fn miniature(f: &Form) -> String {
          junction = {{ kind = \"{junction}\"{length} }}\n[time]\nsteps = 1\n",
         from = f.overlap - bonds * (f.overlap + 4.0 * r) / bonds,
         to = f.overlap,
-        profile = profile_name(f.profile),
+        profile = f.profile,
         h_b = f.h_b,
-        junction = junction_name(f.junction),
+        junction = f.junction,
     )
 }
 
@@ -234,7 +209,7 @@ fn shift(phase: f64, growing: bool) -> f64 {
 }
 
 /// Error of a candidate over a run that ends at `end` with steps `dt`.
-pub fn errors(
+pub(super) fn errors(
     c: &Candidate,
     tables: &[Table],
     s: &Scenario,

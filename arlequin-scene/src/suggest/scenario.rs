@@ -57,7 +57,7 @@ pub struct Scenario {
 }
 
 /// Reads a scene.
-pub fn scenario(scene: &Scene) -> Result<Scenario> {
+pub(super) fn scenario(scene: &Scene) -> Result<Scenario> {
     let mut all = scene.interface.iter();
     let (Some((name, table)), None) = (all.next(), all.next()) else {
         let rule = format!(
@@ -128,7 +128,7 @@ fn elementwise(m: &ModelTable) -> f64 {
 }
 
 /// Where a body begins and ends along an axis.
-pub fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
+pub(super) fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
     match &model.shape {
         Shape::Box { low, high } => Ok([low[axis], high[axis]]),
         Shape::Cylinder { from, length, .. } if axis == 0 => Ok([from[0], from[0] + length]),
@@ -193,7 +193,7 @@ fn spacings(
 
 /// Amplitudes of the velocity signal at equidistant frequencies.
 #[derive(Debug, Clone)]
-pub struct Spectrum {
+pub(super) struct Spectrum {
     /// Angular frequencies \[rad/s\].
     pub omega: Vec<f64>,
     /// Amplitudes of the velocity, any unit.
@@ -212,7 +212,7 @@ pub struct Spectrum {
 
 impl Spectrum {
     /// `∫u² dt` and `∫v² dt` over the first `time` of the signal at a place.
-    pub fn energies(&self, time: f64) -> [f64; 2] {
+    pub(super) fn energies(&self, time: f64) -> [f64; 2] {
         let share = (time / self.duration).max(0.0);
         let last = self.energies.len() - 1;
         let k = ((share * last as f64) as usize).min(last);
@@ -223,7 +223,7 @@ impl Spectrum {
 
 /// The spectrum of what the scene sends out: of `frequency` \[Hz\] as a pulse that long, else of the shortest pulse, ramp
 /// or wave.
-pub fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<f64>) -> Result<Spectrum> {
+pub(super) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<f64>) -> Result<Spectrum> {
     let pulse = |t: f64| (PI * t).sin().powi(2);
     let mut found: Option<(f64, String, Signal, Option<Origin>)> = None;
     let mut offer = |duration: f64, source: String, signal: Signal, origin: Option<Origin>| {

@@ -22,10 +22,10 @@ pub struct Series {
 }
 
 /// Probes of a run by name.
-pub type Probes = BTreeMap<String, Series>;
+pub(super) type Probes = BTreeMap<String, Series>;
 
 /// Reads `probes.csv`.
-pub fn probes(path: &Path) -> Result<Probes> {
+pub(super) fn probes(path: &Path) -> Result<Probes> {
     let (names, columns) = table(path)?;
     let times = columns.first().cloned().unwrap_or_default();
     let series = names.iter().zip(columns).skip(1).filter_map(|(name, values)| {
@@ -270,7 +270,7 @@ fn squares(a: &Series, b: &Curve, window: [Option<f64>; 2]) -> Option<[f64; 2]> 
 }
 
 /// Relative L2 errors over time: `√(∫(u − u_ref)² dt / ∫u_ref² dt)`, per probe and over all of a kind.
-pub fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: &Window) -> Errors {
+pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: &Window) -> Errors {
     let mut out = Errors::default();
     let mut sums = [[0.0; 2]; 2];
     for (name, series) in run {
@@ -296,7 +296,7 @@ pub fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: &Window
 
 /// Energy that comes back through a probe over energy that went in: `∫v² dt` after a time over that before it, since a
 /// travelling wave carries `ρ c S v²`. Displacement probes are differentiated. None without the probe or the time.
-pub fn reflected(run: &Probes, reference: &BTreeMap<String, Curve>, table: &Reflected) -> Option<f64> {
+pub(super) fn reflected(run: &Probes, reference: &BTreeMap<String, Curve>, table: &Reflected) -> Option<f64> {
     let series = run.get(&table.probe)?;
     let curve = reference.get(&table.probe);
     let until = table.until.unwrap_or(f64::INFINITY);

@@ -38,7 +38,7 @@ struct Choice {
 type Picked<'a> = (&'a String, &'a Choice, bool);
 
 /// All runs of a sweep, the reference first, then named runs, then the varied ones.
-pub fn members(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
+pub(super) fn members(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
     check(file)?;
     let axes: Vec<(&String, Vec<Choice>, usize)> = file
         .axis

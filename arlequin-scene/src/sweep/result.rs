@@ -202,7 +202,7 @@ fn phase(name: &str, m: &Member) -> String {
 }
 
 /// Holds the scalars of all runs against those of the reference run, which is the first.
-pub fn compare_measures(runs: &mut [Run]) {
+pub(super) fn compare_measures(runs: &mut [Run]) {
     let reference = runs.first().map(|r| r.measures.clone()).unwrap_or_default();
     for (name, m) in runs.iter_mut().flat_map(|r| &mut r.measures) {
         let base = reference
@@ -214,7 +214,7 @@ pub fn compare_measures(runs: &mut [Run]) {
 }
 
 /// Marks the runs that no other beats in both time and error.
-pub fn mark_pareto(runs: &mut [Run]) {
+pub(super) fn mark_pareto(runs: &mut [Run]) {
     let points: Vec<Option<[f64; 2]>> = runs.iter().map(Run::point).collect();
     for (k, r) in runs.iter_mut().enumerate() {
         r.pareto = points[k].is_some_and(|p| {
@@ -225,7 +225,7 @@ pub fn mark_pareto(runs: &mut [Run]) {
 }
 
 /// Least time the fine model alone takes in a coupled run \[s\]: what no choice of the coarse side goes below.
-pub fn floor(runs: &[Run]) -> Option<f64> {
+pub(super) fn floor(runs: &[Run]) -> Option<f64> {
     let coupled = runs.iter().filter(|r| r.mark.is_none());
     let fine = coupled.filter_map(|r| r.phase_seconds("forces fine"));
     fine.reduce(f64::min)

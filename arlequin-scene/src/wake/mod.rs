@@ -195,7 +195,7 @@ impl Way<'_> {
     }
 
     /// Makes the steps that are left after the model woke.
-    fn finish(self, mut session: Session<'_, f64>, start: Start, report: WakeReport) -> Result<Finished> {
+    fn finish(self, mut session: Session<'_>, start: Start, report: WakeReport) -> Result<Finished> {
         session.stage = Some(Stage::Awake {
             start,
             report: Box::new(report.clone()),

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result, key, unknown, value};
 use crate::run::Input;
-use crate::scene::{Effect, Near, Precision, Scene, Wake};
+use crate::scene::{Effect, Near, Scene, Wake};
 use crate::setup::{Kind, effect_models};
 
 /// Applies the assignments of `[wake]` and leaves out the sleeping model with everything that is its own.
@@ -53,10 +53,6 @@ fn located(e: Error, wake: &Wake) -> Error {
 }
 
 fn check(scene: &Scene, wake: &Wake) -> Result<()> {
-    if scene.time.precision == Precision::Single {
-        let rule = "a model that wakes is handed over in double precision; choose that, or remove [wake]";
-        return Err(value("time.precision", "single", rule));
-    }
     for (what, name) in [("model", &wake.model), ("by", &wake.by)] {
         if !scene.model.contains_key(name) {
             return Err(unknown(format!("wake.{what}"), name, "model", scene.model.keys()));

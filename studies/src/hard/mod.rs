@@ -11,7 +11,6 @@ pub mod naive;
 mod natural;
 mod particles;
 mod place;
-mod precision;
 mod resume;
 mod strike;
 mod time;
@@ -112,7 +111,6 @@ pub fn cases() -> Vec<HardCase> {
         natural::CASES,
         particles::CASES,
         time::CASES,
-        precision::CASES,
         resume::CASES,
         breakage::CASES,
         strike::CASES,

@@ -42,7 +42,7 @@ const PACKET: [&str; 3] = [
 const ABSORBER: &str = "interface.middle.absorber={ rate_factor = 0.2 }";
 
 /// The runs.
-pub fn runs(quick: bool) -> Vec<RunSpec> {
+pub(super) fn runs(quick: bool) -> Vec<RunSpec> {
     let fem = ["model.whole.kind=fem", "model.whole.spacing=0.47e-3"];
     let cnem = ["model.whole.kind=cnem", "model.whole.spacing=0.47e-3"];
     let mut out = vec![
@@ -144,7 +144,7 @@ fn packet_rows(done: &Done) -> Vec<Row> {
 }
 
 /// Rows and figures.
-pub fn evaluate(done: &Done) -> Result<Report> {
+pub(super) fn evaluate(done: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     // The mean of a packing's modulus lies 2.5 % above the printed one, with nothing fitted; coarse meshes err in the
     // third frequency.

@@ -127,7 +127,7 @@ fn kinds(quick: bool) -> Vec<(&'static str, Deck, Vec<String>, u32)> {
 }
 
 /// The runs.
-pub fn runs(quick: bool) -> Vec<RunSpec> {
+pub(super) fn runs(quick: bool) -> Vec<RunSpec> {
     let mut out = Vec::new();
     for (kind, deck, set, cost) in kinds(quick) {
         let model = if matches!(deck, Deck::B) { "right" } else { "whole" };
@@ -270,7 +270,7 @@ fn matched(done: &Done) -> Vec<Row> {
 }
 
 /// Rows and figures.
-pub fn evaluate(done: &Done) -> Result<Report> {
+pub(super) fn evaluate(done: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     for l in &LOADS {
         for kind in ["fem", "cnem", "dem"] {

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// The scenes, as they ship.
 #[derive(Debug, Clone, Copy)]
-pub enum Deck {
+pub(super) enum Deck {
     /// Beam A, two models.
     A,
     /// Beam A, one model.
@@ -51,7 +51,7 @@ impl Deck {
 
 /// A run of a scene with changed values.
 #[derive(Debug, Clone)]
-pub struct RunSpec {
+pub(super) struct RunSpec {
     /// Name of the record.
     pub key: String,
     /// Scene.
@@ -64,7 +64,7 @@ pub struct RunSpec {
 
 impl RunSpec {
     /// A run.
-    pub fn new(key: &str, deck: Deck, cost: u32, set: &[&str]) -> Self {
+    pub(super) fn new(key: &str, deck: Deck, cost: u32, set: &[&str]) -> Self {
         Self {
             key: key.to_owned(),
             deck,
@@ -75,14 +75,14 @@ impl RunSpec {
 
     /// The same with further assignments.
     #[must_use]
-    pub fn with(mut self, set: &[String]) -> Self {
+    pub(super) fn with(mut self, set: &[String]) -> Self {
         self.set.extend_from_slice(set);
         self
     }
 
     /// Builds and runs the scene, or takes what the folder keeps of an earlier run of the same version, scene and
     /// assignments.
-    pub fn run_or_recall(&self, kept: Option<&Path>) -> Result<Record> {
+    pub(super) fn run_or_recall(&self, kept: Option<&Path>) -> Result<Record> {
         let Some(folder) = kept else {
             return self.run();
         };
@@ -242,7 +242,7 @@ impl Record {
 
 /// A round silica bar, clamped at one end.
 #[derive(Debug, Clone, Copy)]
-pub struct Theory {
+pub(super) struct Theory {
     /// Length \[m\].
     pub length: f64,
     /// Radius \[m\].
@@ -272,33 +272,33 @@ impl Theory {
     }
 
     /// Elongation under the axial force \[m\].
-    pub fn elongation(self) -> f64 {
+    pub(super) fn elongation(self) -> f64 {
         FORCE * self.length / (YOUNG * self.section())
     }
 
     /// Axial frequency \[Hz\].
-    pub fn axial(self, k: u32) -> f64 {
+    pub(super) fn axial(self, k: u32) -> f64 {
         f64::from(2 * k + 1) * (YOUNG / DENSITY).sqrt() / (4.0 * self.length)
     }
 
     /// Deflection under the transverse force, shear included \[m\].
-    pub fn deflection(self) -> f64 {
+    pub(super) fn deflection(self) -> f64 {
         FORCE * self.length.powi(3) / (3.0 * YOUNG * self.inertia()) + FORCE * self.length / self.shear()
     }
 
     /// The same by Euler and Bernoulli, as the papers print it.
-    pub fn thin_deflection(self) -> f64 {
+    pub(super) fn thin_deflection(self) -> f64 {
         FORCE * self.length.powi(3) / (3.0 * YOUNG * self.inertia())
     }
 
     /// First bending frequency by Euler and Bernoulli \[Hz\].
-    pub fn thin_bending(self) -> f64 {
+    pub(super) fn thin_bending(self) -> f64 {
         let stiffness = (YOUNG * self.inertia() / (DENSITY * self.section())).sqrt();
         1.875_104_1f64.powi(2) / (2.0 * PI * self.length.powi(2)) * stiffness
     }
 
     /// First bending frequency by Timoshenko \[Hz\]: the root of the clamped-free determinant.
-    pub fn bending(self) -> f64 {
+    pub(super) fn bending(self) -> f64 {
         let l2 = self.length.powi(2);
         let r2 = self.inertia() / (self.section() * l2);
         let s2 = YOUNG * self.inertia() / (self.shear() * l2);
@@ -324,12 +324,12 @@ impl Theory {
     }
 
     /// Twist under the moment \[rad\].
-    pub fn twist(self) -> f64 {
+    pub(super) fn twist(self) -> f64 {
         MOMENT * self.length * 2.0 * (1.0 + POISSON) / (YOUNG * 2.0 * self.inertia())
     }
 
     /// First torsional frequency \[Hz\].
-    pub fn torsion(self) -> f64 {
+    pub(super) fn torsion(self) -> f64 {
         (YOUNG / (2.0 * (1.0 + POISSON)) / DENSITY).sqrt() / (4.0 * self.length)
     }
 }

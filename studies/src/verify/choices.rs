@@ -12,7 +12,7 @@ const J13: &str = "Jebahi et al. 2013";
 const J14: &str = "Jebahi et al. 2014";
 
 /// Constant weights in the overlap: energy weighting is transparent, the nodal law is not conservative.
-pub fn weighting(_: &Done) -> Result<Report> {
+pub(super) fn weighting(_: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     for alpha in [0.3, 0.5, 0.8] {
         let (t, r) = (2.0 * (1.0 - alpha), 2.0 * alpha - 1.0);
@@ -110,7 +110,7 @@ fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
 }
 
 /// cond(A) against l, the best l by width and mediator, cond(A) against the smallest weight.
-pub fn conditioning(_: &Done) -> Result<Report> {
+pub(super) fn conditioning(_: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     let mut curves = Vec::new();
     // Beam A has h_C = 0.47 mm and h_D = 0.1 mm: overlaps of 2, 4, 6 mm are 20, 40, 60 particles.
@@ -248,7 +248,7 @@ fn epsilon_rows(rows: &mut Vec<Row>) -> Result<()> {
 }
 
 /// Largest reflection below the cutoff against `h_B`, for the papers' three settings.
-pub fn mediator(_: &Done) -> Result<Report> {
+pub(super) fn mediator(_: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     let mut curves = Vec::new();
     let settings: [(f64, f64, f64, &[f64]); 3] = [
@@ -339,7 +339,7 @@ fn mediator_figure(curves: Vec<Series>) -> Figure {
 }
 
 /// A steep pulse crosses the overlap: how far apart the two velocity fields are.
-pub fn locking(_: &Done) -> Result<Report> {
+pub(super) fn locking(_: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     let mut curves = Vec::new();
     for (name, mediator, accept) in [

@@ -14,7 +14,7 @@ const DIRECTION: &str =
 const DAMPING: &str = "the papers: a wide overlap with a fine mediator damps the global wave";
 
 /// Both claims.
-pub fn claims(_: &Done) -> Result<Report> {
+pub(super) fn claims(_: &Done) -> Result<Report> {
     let mut rows = direction()?;
     rows.extend(damping()?);
     Ok(Report {

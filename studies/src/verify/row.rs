@@ -137,18 +137,4 @@ mod tests {
         let d = row(Accept::AtMost(2.0)).relative_difference;
         assert!(d.is_some_and(|d| (d - 0.02).abs() < 1e-12));
     }
-
-    #[test]
-    fn tables_count_failures() {
-        let rows = [
-            Row::new("good", 1.0, Accept::AtMost(1.0)),
-            Row::new("bad", 2.0, Accept::AtMost(1.0)).note("because"),
-        ];
-        let text = table(&rows);
-        assert!(text.ends_with("2 rows, 1 failed\n") && text.contains("FAIL") && text.contains("(because)"));
-        assert_eq!(
-            (short(0.00012345), short(1606.04)),
-            ("1.234e-4".into(), "1606".into())
-        );
-    }
 }

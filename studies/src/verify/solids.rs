@@ -8,7 +8,7 @@ use arlequin::fem_ref::ElementKind;
 use arlequin_scene::Result;
 
 /// All fifteen cells.
-pub fn bauman(_: &Done) -> Result<Report> {
+pub(super) fn bauman(_: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     for case in deck::table() {
         let junctions = deck::junctions().map_err(at("bauman"))?;
@@ -26,7 +26,7 @@ pub fn bauman(_: &Done) -> Result<Report> {
 }
 
 /// Check 9: linear and angular momentum, and a mediator that overhangs.
-pub fn momenta(_: &Done) -> Result<Report> {
+pub(super) fn momenta(_: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     for kind in [ElementKind::Hex8, ElementKind::Tet4] {
         for junction in solid::junctions::<f64>().map_err(at("momenta"))? {
@@ -70,7 +70,7 @@ pub fn momenta(_: &Done) -> Result<Report> {
 }
 
 /// The cantilever's table: total energy at 1 ms and 10 ms beside the published drift of Schwarz coupling.
-pub fn cantilever(done: &Done) -> Result<Report> {
+pub(super) fn cantilever(done: &Done) -> Result<Report> {
     let mut rows = Vec::new();
     for (ratio, published) in bar::PUBLISHED {
         for (width, schwarz) in bar::WIDTHS.into_iter().zip(published) {

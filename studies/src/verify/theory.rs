@@ -21,7 +21,7 @@ fn rows(rows: Vec<Row>) -> Result<Report> {
 }
 
 /// Checks 1 and 2.
-pub fn transmission(_: &Done) -> Result<Report> {
+pub(super) fn transmission(_: &Done) -> Result<Report> {
     let mut out = Vec::new();
     for alpha in [0.3, 0.5, 0.8] {
         let line = Line {
@@ -62,7 +62,7 @@ pub fn transmission(_: &Done) -> Result<Report> {
 }
 
 /// Check 3.
-pub fn invariants(_: &Done) -> Result<Report> {
+pub(super) fn invariants(_: &Done) -> Result<Report> {
     let line = Line {
         coarse_elements: 20,
         fine_bonds: 120,
@@ -88,7 +88,7 @@ pub fn invariants(_: &Done) -> Result<Report> {
 }
 
 /// Check 4.
-pub fn critical_step(_: &Done) -> Result<Report> {
+pub(super) fn critical_step(_: &Done) -> Result<Report> {
     let mut out = Vec::new();
     for epsilon in [0.05, 0.005, 0.0005] {
         let line = Line {
@@ -128,7 +128,7 @@ pub fn critical_step(_: &Done) -> Result<Report> {
 }
 
 /// Check 5, and the absorber over wavelengths.
-pub fn absorber(done: &Done) -> Result<Report> {
+pub(super) fn absorber(done: &Done) -> Result<Report> {
     let line = waves::packet_line();
     let send = |wavelength: f64, width: f64, damping: Option<Damping>| {
         waves::packet(&line, wavelength, width, damping).map_err(at("absorber"))
@@ -198,7 +198,7 @@ fn absorber_figure(curves: Vec<Series>) -> Figure {
 }
 
 /// Check 6.
-pub fn patch(_: &Done) -> Result<Report> {
+pub(super) fn patch(_: &Done) -> Result<Report> {
     let stations: Vec<f64> = (0..=4).map(|k| f64::from(k) / 4.0).collect();
     let compatible = Profile::mediator_compatible(&stations).map_err(at("patch"))?;
     let mut out = Vec::new();
@@ -234,7 +234,7 @@ pub fn patch(_: &Done) -> Result<Report> {
 }
 
 /// Check 7, and reflection and transmission against frequency.
-pub fn reflection(_: &Done) -> Result<Report> {
+pub(super) fn reflection(_: &Done) -> Result<Report> {
     let mut out = Vec::new();
     let mut curves = Vec::new();
     let dense = waves::wavelengths(3.2, 40.0, 200);
@@ -316,7 +316,7 @@ pub fn reflection(_: &Done) -> Result<Report> {
 }
 
 /// Check 8.
-pub fn rank(_: &Done) -> Result<Report> {
+pub(super) fn rank(_: &Done) -> Result<Report> {
     let line = Line {
         mediator: 0.5,
         fine_bonds: 600,
