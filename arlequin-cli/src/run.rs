@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Exit code of a run that the user ended (128 + SIGINT).
-const INTERRUPTED: u8 = 130;
+pub(crate) const INTERRUPTED: u8 = 130;
 
 /// Runs a scene and writes its results.
 pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool, json: bool) -> Result<ExitCode> {
@@ -28,7 +28,7 @@ pub(crate) fn resume(target: &Path, json: bool) -> Result<ExitCode> {
 /// Reports what a run left.
 fn said(done: &Finished, json: bool) -> ExitCode {
     if json {
-        report::json(&done.json);
+        report::line(&done.json);
     } else {
         report::finished(&done.summary, &done.folder, done.planned);
     }
@@ -42,7 +42,7 @@ fn said(done: &Finished, json: bool) -> ExitCode {
 /// A user at a terminal, who sees warnings and a bar and may press Ctrl-C.
 struct Terminal {
     json: bool,
-    bar: Option<Progress>,
+    bar: Progress,
     stop: Arc<AtomicBool>,
 }
 
@@ -50,7 +50,7 @@ impl Terminal {
     fn new(json: bool) -> Self {
         Self {
             json,
-            bar: None,
+            bar: Progress::default(),
             stop: Arc::default(),
         }
     }
@@ -68,10 +68,10 @@ impl Listener for Terminal {
         }
     }
     fn step(&mut self, made: usize, of: usize) {
-        self.bar.get_or_insert_with(|| Progress::new(of)).set(made);
+        self.bar.show("steps", made, of);
     }
     fn stepped(&mut self) {
-        self.bar = None;
+        self.bar.clear();
     }
     fn stops(&self) -> bool {
         self.stop.load(Ordering::Relaxed)

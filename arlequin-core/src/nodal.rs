@@ -1,8 +1,7 @@
 //! Weights at the nodes: the choice of the literature, kept for comparison, for any linear model.
 
-use crate::effect::Finding;
 use crate::geometry::Sample;
-use crate::model::{DofLayout, Model, State};
+use crate::model::{DofLayout, Model, Watching};
 use crate::momentum::Arms;
 use crate::parallel;
 use crate::scalar::check_finite;
@@ -103,15 +102,15 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> Result<()> {
         self.model.set_internal_weight(&Uniform(T::one()))?;
         self.factors = self.at_nodes(alpha)?;
-        match self.model.as_linear() {
-            Some(linear) if !self.model.evolves() => self.stiffness = linear.stiffness().to_csr(),
-            _ => {
-                return Err(Error::Unsupported {
-                    model: self.model.name().to_owned(),
-                    what: "be weighted at its nodes: it is not linear, or its bonds can break; take energy weighting".into(),
-                });
-            }
-        }
+        let changes = self.model.evolving().is_some();
+        let Some(linear) = self.model.as_linear().filter(|_| !changes) else {
+            return Err(Error::Unsupported {
+                model: self.model.name().to_owned(),
+                what: "be weighted at its nodes: it is not linear, or its bonds can break; take energy weighting"
+                    .into(),
+            });
+        };
+        self.stiffness = linear.stiffness().to_csr();
         Ok(())
     }
 
@@ -147,11 +146,8 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     fn facts(&self) -> Vec<(String, f64)> {
         self.model.facts()
     }
-    fn watches(&self) -> bool {
-        self.model.watches()
-    }
-    fn watch(&self, state: &State<T>) -> Vec<Finding> {
-        self.model.watch(state)
+    fn watching(&self) -> Option<&dyn Watching<T>> {
+        self.model.watching()
     }
     fn save(&self) -> Record<T> {
         self.model.save()

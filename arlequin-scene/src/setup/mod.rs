@@ -253,7 +253,7 @@ fn guard(scene: &Scene) -> Guard<f64> {
     let nodal = scene
         .interface
         .values()
-        .any(|i| i.weight.weighting == crate::scene::WeightingKind::Nodal);
+        .any(|i| i.weight.weighting == Weighting::Nodal);
     let weighting = if nodal {
         Weighting::Nodal
     } else {

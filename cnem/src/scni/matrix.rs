@@ -1,15 +1,15 @@
-//! The assembled stiffness in rows of 3 × 3 blocks, and the internal forces from it.
+//! The assembled stiffness in rows of 3 × 3 blocks.
 //!
 //! With `P_jk = Σ_I α_I [(V_I + W_I) b_Ij ⊗ b_Ik − b_Ij ⊗ c_Ik − c_Ij ⊗ b_Ik] + Σ_T (Σ_I∋T α_I w_T) g_Tj ⊗ g_Tk` (see
 //! [`super::stabilise`]) the block is `K_jk = λ P + μ Pᵀ + μ tr(P) 1`. Every row is gathered by itself and in a fixed
 //! order: results have the same bits for any number of threads.
 
 use super::{Smoothing, SubCells};
+use arlequin_core::adjacency::Adjacency;
+use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::material::Elastic;
-use arlequin_core::sprs::CsMat;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Nodes per parallel task.
 pub(super) const CHUNK: usize = 64;
@@ -17,53 +17,14 @@ pub(super) const CHUNK: usize = 64;
 pub(super) const SERIAL: usize = 512;
 const NONE: u32 = u32::MAX;
 
-/// Lists per node: `items[starts[i]..starts[i + 1]]`.
-#[derive(Debug, Clone)]
-pub(super) struct Incidence {
-    pub(super) starts: Vec<usize>,
-    pub(super) items: Vec<u32>,
-}
-
-impl Incidence {
-    /// Positions at which every node occurs in `lists`, ascending.
-    pub(super) fn new(nodes: usize, lists: &[u32]) -> Self {
-        let mut starts = vec![0; nodes + 1];
-        for &k in lists {
-            starts[k as usize + 1] += 1;
-        }
-        for i in 0..nodes {
-            starts[i + 1] += starts[i];
-        }
-        let mut next = starts.clone();
-        let mut items = vec![0; lists.len()];
-        for (at, &k) in lists.iter().enumerate() {
-            items[next[k as usize]] = at as u32;
-            next[k as usize] += 1;
-        }
-        Self { starts, items }
-    }
-
-    pub(super) fn of(&self, node: usize) -> &[u32] {
-        &self.items[self.starts[node]..self.starts[node + 1]]
-    }
-}
-
-/// Weighted stiffness \[N/m\]; both triangles are stored and are bitwise transposes of each other.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct BlockMatrix {
-    starts: Vec<usize>,
-    columns: Vec<u32>,
-    values: Vec<[f64; 9]>,
-}
-
 /// What the rows are gathered from.
 struct Parts<'a> {
     smoothing: &'a Smoothing,
     sub: &'a SubCells,
     /// Cell of every entry of the smoothing.
     owner: Vec<u32>,
-    entries: Incidence,
-    corners: Incidence,
+    entries: Adjacency,
+    corners: Adjacency,
     alpha: &'a [f64],
     tet_weights: Vec<f64>,
 }
@@ -80,8 +41,8 @@ impl<'a> Parts<'a> {
             smoothing,
             sub,
             owner,
-            entries: Incidence::new(n, &smoothing.nodes),
-            corners: Incidence::new(n, sub.tets.as_flattened()),
+            entries: Adjacency::of_slots(n, &smoothing.nodes),
+            corners: Adjacency::of_slots(n, sub.tets.as_flattened()),
             alpha,
             tet_weights: sub
                 .tets
@@ -95,7 +56,7 @@ impl<'a> Parts<'a> {
     /// Columns of a row, ascending, and their positions in `slot`.
     fn columns(&self, node: usize, slot: &mut [u32]) -> Vec<u32> {
         let mut out = Vec::new();
-        let cells = self.entries.of(node).iter().map(|&at| self.owner[at as usize]);
+        let cells = self.entries.row(node).iter().map(|&at| self.owner[at as usize]);
         let in_cells = cells.flat_map(|c| self.smoothing.row(c as usize).0);
         for &k in in_cells {
             if slot[k as usize] == NONE {
@@ -114,7 +75,7 @@ impl<'a> Parts<'a> {
     fn row(&self, node: usize, slot: &mut [u32]) -> (Vec<u32>, Vec<Matrix3<f64>>) {
         let columns = self.columns(node, slot);
         let mut p = vec![Matrix3::zeros(); columns.len()];
-        for &at in self.entries.of(node) {
+        for &at in self.entries.row(node) {
             let cell = self.owner[at as usize] as usize;
             let range = self.smoothing.starts[cell]..self.smoothing.starts[cell + 1];
             let (bj, cj) = (self.smoothing.gradients[at as usize], self.sub.mixed[at as usize]);
@@ -130,7 +91,7 @@ impl<'a> Parts<'a> {
                 }
             }
         }
-        for &at in self.corners.of(node) {
+        for &at in self.corners.row(node) {
             let (t, corner) = (at as usize / 4, at as usize % 4);
             let (g, w) = (&self.sub.gradients[t], self.tet_weights[t]);
             for (k, gk) in self.sub.tets[t].iter().zip(g) {
@@ -159,114 +120,35 @@ fn block(p: &Matrix3<f64>, [lambda, mu]: [f64; 2]) -> [f64; 9] {
     out
 }
 
-impl BlockMatrix {
-    /// The matrix with the weight `α_I` \[–\] of every cell.
-    pub(crate) fn new(smoothing: &Smoothing, sub: &SubCells, material: &Elastic<f64>, alpha: &[f64]) -> Self {
-        let parts = Parts::new(smoothing, sub, alpha);
-        let n = smoothing.volumes.len();
-        let lame = material.lame();
-        let mut out = Self {
-            starts: vec![0],
-            ..Self::default()
-        };
-        // In batches, so that the rows in flight stay small beside the matrix.
-        for first in (0..n).step_by(64 * CHUNK) {
-            let rows: Vec<(Vec<u32>, Vec<[f64; 9]>)> = (first..(first + 64 * CHUNK).min(n))
-                .into_par_iter()
-                .map_init(
-                    || vec![NONE; n],
-                    |slot, i| {
-                        let (columns, p) = parts.row(i, slot);
-                        (columns, p.iter().map(|p| block(p, lame)).collect())
-                    },
-                )
-                .collect();
-            for (columns, values) in rows {
-                out.columns.extend(columns);
-                out.values.extend(values);
-                out.starts.push(out.columns.len());
-            }
-        }
-        out
-    }
-
-    /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
-    pub(crate) fn subtract_product(&self, q: &[f64], f: &mut [f64]) {
-        let q = q.as_chunks::<3>().0;
-        let work = |chunk: usize, f: &mut [f64]| {
-            for (k, out) in f.as_chunks_mut::<3>().0.iter_mut().enumerate() {
-                let i = chunk * CHUNK + k;
-                let y = self.row(i, q);
-                (0..3).for_each(|a| out[a] -= y[a]);
-            }
-        };
-        if q.len() < SERIAL {
-            f.chunks_mut(CHUNK * 3).enumerate().for_each(|(k, f)| work(k, f));
-        } else {
-            f.par_chunks_mut(CHUNK * 3)
-                .enumerate()
-                .for_each(|(k, f)| work(k, f));
+/// Weighted stiffness \[N/m\] with the weight `α_I` \[–\] of every cell; both triangles are stored and are bitwise
+/// transposes of each other.
+pub(crate) fn stiffness(
+    smoothing: &Smoothing,
+    sub: &SubCells,
+    material: &Elastic<f64>,
+    alpha: &[f64],
+) -> BlockMatrix<f64> {
+    let parts = Parts::new(smoothing, sub, alpha);
+    let n = smoothing.volumes.len();
+    let lame = material.lame();
+    let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+    // In batches, so that the rows in flight stay small beside the matrix.
+    for first in (0..n).step_by(64 * CHUNK) {
+        let rows: Vec<(Vec<u32>, Vec<[f64; 9]>)> = (first..(first + 64 * CHUNK).min(n))
+            .into_par_iter()
+            .map_init(
+                || vec![NONE; n],
+                |slot, i| {
+                    let (columns, p) = parts.row(i, slot);
+                    (columns, p.iter().map(|p| block(p, lame)).collect())
+                },
+            )
+            .collect();
+        for (row, blocks) in rows {
+            columns.extend(row);
+            values.extend_from_slice(blocks.as_flattened());
+            starts.push(columns.len());
         }
     }
-
-    /// Block row `i` of `K q`.
-    #[inline]
-    fn row(&self, i: usize, q: &[[f64; 3]]) -> Vector3<f64> {
-        let range = self.starts[i]..self.starts[i + 1];
-        let mut y = [0.0; 9];
-        for (j, block) in self.columns[range.clone()].iter().zip(&self.values[range]) {
-            let x = &q[*j as usize];
-            for a in 0..3 {
-                for b in 0..3 {
-                    y[3 * a + b] += block[3 * a + b] * x[b];
-                }
-            }
-        }
-        Vector3::new(y[0] + y[1] + y[2], y[3] + y[4] + y[5], y[6] + y[7] + y[8])
-    }
-
-    /// `½ qᵀ K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
-    pub(crate) fn energy(&self, q: &[f64]) -> f64 {
-        0.5 * self.energy_of(0..q.len() / 3, q.as_chunks::<3>().0)
-    }
-
-    fn energy_of(&self, rows: Range<usize>, q: &[[f64; 3]]) -> f64 {
-        if rows.len() <= CHUNK {
-            return rows.fold(0.0, |sum, i| sum + self.row(i, q).dot(&Vector3::from(q[i])));
-        }
-        let middle = rows.start + rows.len() / 2;
-        let (low, high) = (rows.start..middle, middle..rows.end);
-        let (a, b) = if rows.len() < SERIAL {
-            (self.energy_of(low, q), self.energy_of(high, q))
-        } else {
-            rayon::join(|| self.energy_of(low, q), || self.energy_of(high, q))
-        };
-        a + b
-    }
-
-    /// The same matrix in scalar compressed rows.
-    pub(crate) fn to_csr(&self) -> CsMat<f64> {
-        let rows = self.starts.len() - 1;
-        let mut starts = Vec::with_capacity(rows * 3 + 1);
-        let mut columns = Vec::with_capacity(self.values.len() * 9);
-        let mut values = Vec::with_capacity(self.values.len() * 9);
-        starts.push(0);
-        for i in 0..rows {
-            for a in 0..3 {
-                for at in self.starts[i]..self.starts[i + 1] {
-                    for b in 0..3 {
-                        columns.push(self.columns[at] as usize * 3 + b);
-                        values.push(self.values[at][3 * a + b]);
-                    }
-                }
-                starts.push(columns.len());
-            }
-        }
-        CsMat::new((rows * 3, rows * 3), starts, columns, values)
-    }
-
-    /// Number of stored blocks.
-    pub(crate) fn blocks(&self) -> usize {
-        self.columns.len()
-    }
+    BlockMatrix::new(3, starts, columns, values)
 }
