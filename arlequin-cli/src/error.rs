@@ -3,7 +3,7 @@
 pub(crate) use arlequin_scene::error::*;
 
 /// Shows an error with the place in the scene it comes from.
-pub(crate) fn render(error: &Error, source: Option<&arlequin_scene::scene::Source>) -> String {
+pub(crate) fn render(error: &Error, source: Option<&arlequin_scene::Source>) -> String {
     if let Error::Sweep { text, .. } = error {
         return text.clone();
     }

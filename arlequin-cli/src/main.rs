@@ -11,8 +11,7 @@ mod sweep;
 mod threads;
 mod verify;
 
-use arlequin_scene::Input;
-use arlequin_scene::scene::Source;
+use arlequin_scene::{Scene, Source};
 use clap::{Args, Parser, Subcommand};
 use error::{Error, Result};
 use std::path::PathBuf;
@@ -99,18 +98,18 @@ struct Common {
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Run { common, out, force } => {
-            return with_scene(&common, |input| {
-                run::run(input, out.as_deref(), force, common.json)
+            return with_scene(&common, |scene| {
+                run::run(scene, out.as_deref(), force, common.json)
             });
         }
         Command::Check { common } => {
-            return with_scene(&common, |input| {
-                check::check(input, common.json).map(|()| ExitCode::SUCCESS)
+            return with_scene(&common, |scene| {
+                check::check(scene, common.json).map(|()| ExitCode::SUCCESS)
             });
         }
         Command::Effects { common, repeat } => {
-            return with_scene(&common, |input| {
-                effects::effects(input, repeat, common.json).map(|()| ExitCode::SUCCESS)
+            return with_scene(&common, |scene| {
+                effects::effects(scene, repeat, common.json).map(|()| ExitCode::SUCCESS)
             });
         }
         Command::Calibrate(wanted) => return measured(&wanted),
@@ -118,8 +117,8 @@ fn main() -> ExitCode {
         Command::Sweep(a) => threads::start(None).and_then(|_| sweep::sweep(&a)),
         Command::SweepDocs(a) => sweep::document(&a),
         Command::Suggest { common, wish } => {
-            return with_scene(&common, |input| {
-                suggest::suggest(input, &wish, common.json).map(|()| ExitCode::SUCCESS)
+            return with_scene(&common, |scene| {
+                suggest::suggest(scene, &wish, common.json).map(|()| ExitCode::SUCCESS)
             });
         }
         Command::Resume {
@@ -132,20 +131,13 @@ fn main() -> ExitCode {
 }
 
 /// Runs a command on a scene; errors point into its text.
-fn with_scene(common: &Common, command: impl FnOnce(&Input<'_>) -> Result<ExitCode>) -> ExitCode {
+fn with_scene(common: &Common, command: impl FnOnce(&Scene) -> Result<ExitCode>) -> ExitCode {
     let source = match Source::read(&common.scene) {
         Ok(s) => s,
         Err(e) => return fail(&e, None),
     };
-    let input = || -> Result<Input<'_>> {
-        threads::start(common.threads)?;
-        Ok(Input {
-            source: &source,
-            scene: source.scene(&common.set)?,
-            set: &common.set,
-        })
-    };
-    let done = input().and_then(|input| command(&input));
+    let scene = threads::start(common.threads).and_then(|_| Scene::of(source.clone())?.assign(&common.set));
+    let done = scene.and_then(|scene| command(&scene));
     done.unwrap_or_else(|e| fail(&e, Some(&source)))
 }
 

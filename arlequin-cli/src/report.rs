@@ -5,8 +5,8 @@
     reason = "a command line talks to its user, and does so here only"
 )]
 
-use crate::check::Plan;
 use crate::effects::Comparison;
+use arlequin_scene::Preview;
 use arlequin_scene::output::packing::PackingLine;
 use arlequin_scene::output::summary::{
     EffectReport, InterfaceLine, ModelLine, MomentumLine, Summary, WakeReport,
@@ -182,7 +182,7 @@ fn wake(w: &WakeReport) {
 }
 
 /// Prints the plan of a run.
-pub(crate) fn plan(p: &Plan) {
+pub(crate) fn plan(p: &Preview) {
     println!("scene      {}", p.scene);
     if let Some(title) = &p.title {
         println!("title      {title}");
@@ -195,7 +195,7 @@ pub(crate) fn plan(p: &Plan) {
     sizes(p);
 }
 
-fn sizes(p: &Plan) {
+fn sizes(p: &Preview) {
     models(&p.models);
     interfaces(&p.interface);
     if p.effects.is_empty() {

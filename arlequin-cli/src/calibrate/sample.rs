@@ -5,9 +5,10 @@ use crate::error::{Result, key, unknown, value};
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::{BeamMaterial, Packing};
-use arlequin_scene::scene::{DemTable, LooseKind, Material, ModelTable, NotchBox, Shape, Source};
+use arlequin_scene::setup::cut;
 use arlequin_scene::setup::filling::{Filling, Recipe, beam, dem, mean_sphere, spec};
-use arlequin_scene::setup::{Kind, cut};
+use arlequin_scene::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, NotchBox, Shape};
+use arlequin_scene::{Scene, Source};
 use std::path::{Path, PathBuf};
 
 /// Spheres of a periodic sample: isotropic to a per cent.
@@ -111,11 +112,12 @@ fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
 
 /// The table of the model that is meant.
 fn of_scene(wanted: &Calibrate, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
-    let scene = source.scene(&wanted.set)?;
+    let scene = Scene::of(source.clone())?.assign(&wanted.set)?;
+    let scene = scene.spec();
     let name = match &wanted.model {
         Some(name) => name.clone(),
         None => {
-            let mut particles = scene.model.iter().filter(|(_, t)| t.kind == Kind::Dem);
+            let mut particles = scene.model.iter().filter(|(_, t)| t.kind == ModelKind::Dem);
             match (particles.next(), particles.next()) {
                 (Some((name, _)), None) => name.clone(),
                 (None, _) => {
@@ -136,11 +138,11 @@ fn of_scene(wanted: &Calibrate, source: &Source) -> Result<(String, ModelTable, 
         return Err(unknown("--model", &name, "model", scene.model.keys()));
     };
     let at = format!("model.{name}");
-    if table.kind != Kind::Dem {
+    if table.kind != ModelKind::Dem {
         let rule = "only models of kind \"dem\" have beams to calibrate; choose another by --model";
         return Err(key(format!("{at}.kind"), rule));
     }
-    Ok((at, table.clone(), source.folder().to_owned()))
+    Ok((at, table.clone(), source.folder.clone()))
 }
 
 /// A table as a scene would have it.
@@ -159,7 +161,7 @@ fn of_flags(wanted: &Calibrate) -> ModelTable {
         },
     };
     ModelTable {
-        kind: Kind::Dem,
+        kind: ModelKind::Dem,
         role: None,
         shape,
         spacing: None,

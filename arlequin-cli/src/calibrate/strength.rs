@@ -8,8 +8,9 @@ use arlequin::dem_beam::calibrate::Spread;
 use arlequin::dem_beam::packing::Packing;
 use arlequin::dem_beam::strength::{Strength, strength_test};
 use arlequin::dem_beam::{Criterion, Fracture, Scatter};
-use arlequin_scene::scene::{CriterionKind, Source};
+use arlequin_scene::Source;
 use arlequin_scene::setup::filling::dem;
+use arlequin_scene::spec::CriterionKind;
 use serde::Serialize;
 
 /// Strength of the beams \[Pa\] unless one is given; ratios do not depend on it.

@@ -5,9 +5,8 @@ use super::choose::Measured;
 use super::scenario::{self, Scenario};
 use crate::error::{Result, core};
 use arlequin::core::Coupled;
-use arlequin_scene::Input;
-use arlequin_scene::recorder::PhaseClock;
 use arlequin_scene::setup;
+use arlequin_scene::{PhaseClock, Scene};
 use std::time::Instant;
 
 /// Seconds of trial steps per scene.
@@ -16,13 +15,12 @@ const TRIAL: f64 = 0.3;
 const STRETCH: usize = 10;
 
 /// Builds the scene with changes and makes trial steps; also the end of its run \[s\].
-pub(crate) fn measure(input: &Input<'_>, changes: &[Change]) -> Result<(Measured, f64)> {
+pub(crate) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64)> {
     let begin = Instant::now();
-    let mut set = input.set.to_vec();
-    set.extend(changes.iter().filter_map(Change::assignment));
-    let scene = input.source.scene(&set)?;
-    let s = scenario::scenario(&scene)?;
-    let built = setup::build(&scene, input.source.folder())?;
+    let changes: Vec<String> = changes.iter().filter_map(Change::assignment).collect();
+    let scene = scene.clone().assign(&changes)?;
+    let s = scenario::scenario(scene.spec())?;
+    let built = setup::build(scene.spec(), scene.folder())?;
     let setup = begin.elapsed().as_secs_f64();
     let mut run = built.run;
     let end = s.end.unwrap_or(built.steps as f64 * run.dt());

@@ -12,8 +12,7 @@ mod scenario;
 
 use crate::error::{Error, Result, key, value};
 use apply::Change;
-use arlequin_scene::Input;
-use arlequin_scene::scene::{Scene, Source};
+use arlequin_scene::{Scene, SceneSpec};
 use choose::{CostModel, Goal, Proposal, Search};
 use measure::measure;
 use scenario::Scenario;
@@ -88,8 +87,8 @@ pub(crate) struct Foretold {
 }
 
 /// Refuses a scene of which nothing can be foretold.
-pub(crate) fn readable(scene: &Scene) -> Result<Scenario> {
-    arlequin_scene::wake::refuse(scene, "suggest")?;
+pub(crate) fn readable(scene: &SceneSpec) -> Result<Scenario> {
+    scene.refuse_wake("suggest")?;
     let s = scenario::scenario(scene)?;
     if scene.interface.values().any(|i| i.lumped) {
         let rule = "suggest cannot analyse a lumped interface; remove it";
@@ -99,12 +98,10 @@ pub(crate) fn readable(scene: &Scene) -> Result<Scenario> {
 }
 
 /// Error and time of a scene as it is, from trial steps on this machine and the analysis of its overlap.
-pub(crate) fn foretell(source: &Source, set: &[String]) -> Result<Foretold> {
-    let scene = source.scene(set)?;
-    let s = readable(&scene)?;
-    let input = Input { source, scene, set };
-    let (m, end) = measure(&input, &[])?;
-    let spectrum = scenario::spectrum(&input.scene, &s, end, None)?;
+pub(crate) fn foretell(scene: &Scene) -> Result<Foretold> {
+    let s = readable(scene.spec())?;
+    let (m, end) = measure(scene, &[])?;
+    let spectrum = scenario::spectrum(scene.spec(), &s, end, None)?;
     let (candidate, form) = choose::as_given(&s);
     let tables = predict::tables(&[form])?;
     let errors = predict::errors(&candidate, &tables, &s, &spectrum, end, m.dt);
@@ -147,11 +144,11 @@ fn goal(wish: &Wish) -> Result<Goal> {
 }
 
 /// Proposes settings.
-pub(crate) fn suggest(input: &Input<'_>, wish: &Wish, json: bool) -> Result<()> {
+pub(crate) fn suggest(scene: &Scene, wish: &Wish, json: bool) -> Result<()> {
     let goal = goal(wish)?;
-    let s = readable(&input.scene)?;
-    let (first, end) = measure(input, &[])?;
-    let spectrum = scenario::spectrum(&input.scene, &s, end, wish.frequency)?;
+    let s = readable(scene.spec())?;
+    let (first, end) = measure(scene, &[])?;
+    let spectrum = scenario::spectrum(scene.spec(), &s, end, wish.frequency)?;
     let search = Search::new(&s, &spectrum, end)?;
     let fraction = s
         .fraction
@@ -159,12 +156,12 @@ pub(crate) fn suggest(input: &Input<'_>, wish: &Wish, json: bool) -> Result<()> 
     let as_given = CostModel::new(search.given, first, &s, fraction);
     let given = search.predict(&search.given, &as_given, first.dt);
     let costs = CostModel::new(search.given, first, &s, FRACTION);
-    let (proposal, changes) = settle(input, &search, goal, costs)?;
+    let (proposal, changes) = settle(scene, &search, goal, costs)?;
     if let Some(out) = &wish.apply {
-        apply::write(input.source, input.set, &changes, out)?;
+        apply::write(scene, &changes, out)?;
     }
     let report = Report {
-        scene: input.source.path.display().to_string(),
+        scene: scene.source().path.display().to_string(),
         goal: match goal {
             Goal::Error(e) => format!("least time within an error of {e}"),
             Goal::Time(t) => format!("least error within {t} s"),
@@ -195,7 +192,7 @@ pub(crate) fn suggest(input: &Input<'_>, wish: &Wish, json: bool) -> Result<()> 
 
 /// Picks, measures what was picked, and picks again with better costs until both agree.
 fn settle(
-    input: &Input<'_>,
+    scene: &Scene,
     search: &Search<'_>,
     goal: Goal,
     mut costs: CostModel,
@@ -203,8 +200,8 @@ fn settle(
     let s = search.scenario;
     let mut proposal = pick(search, goal, &costs)?;
     for round in 1..=ROUNDS {
-        let changes = apply::changes(&input.scene, s, &proposal, FRACTION);
-        let (m, _) = measure(input, &changes)?;
+        let changes = apply::changes(scene.spec(), s, &proposal, FRACTION);
+        let (m, _) = measure(scene, &changes)?;
         costs = CostModel::new(proposal.candidate, m, s, FRACTION);
         let measured = costs.seconds(&proposal.candidate, s, search.end);
         let agreed = (proposal.seconds / measured - 1.0).abs() < AGREED;

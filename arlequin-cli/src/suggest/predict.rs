@@ -5,8 +5,8 @@ use super::path::{self, Arrival};
 use super::scenario::{Scenario, Spectrum};
 use crate::error::{Error, Result, core};
 use arlequin::core::harmonic::{HarmonicOverlap, Port};
-use arlequin_scene::scene::{JunctionKind, ProfileKind, Scene};
 use arlequin_scene::setup;
+use arlequin_scene::spec::{JunctionKind, ProfileKind, SceneSpec};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -121,7 +121,7 @@ fn miniature(f: &Form) -> String {
 
 fn table(f: &Form) -> Result<Table> {
     let text = miniature(f);
-    let scene: Scene = toml::from_str(&text).map_err(|e| Error::System {
+    let scene: SceneSpec = toml::from_str(&text).map_err(|e| Error::System {
         what: "writing the miniature of an overlap",
         message: e.message().to_owned(),
     })?;
@@ -386,7 +386,7 @@ mod tests {
                  [probe.p]\nmodel = \"bar\"\nat = [{x}, 0, 0]\nquantity = \"velocity\"\ncomponent = \"x\"\n"
             )
         });
-        let scene: Scene = toml::from_str(&(miniature(&form) + &more)).expect("a scene");
+        let scene: SceneSpec = toml::from_str(&(miniature(&form) + &more)).expect("a scene");
         let mut s = super::super::scenario::scenario(&scene).expect("a scenario");
         let (h, dt, frequency) = match probe {
             None => (1.0, 0.5, Some(0.01)),

@@ -16,7 +16,7 @@ pub(crate) use document::{Arguments as DocumentArguments, document};
 use crate::error::{Error, Result, key, write};
 use crate::suggest::Foretold;
 use arlequin_scene::output::mark;
-use arlequin_scene::scene::Source;
+use arlequin_scene::{Scene, Source};
 use curve::Curve;
 use plan::Member;
 use result::{Run, Sweep};
@@ -91,16 +91,16 @@ pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode> {
 
 /// Members and reference curves that are known before any run; all mistakes of the input show here.
 fn prepare(source: &Source, file: &SweepFile) -> Result<(Vec<Member>, BTreeMap<String, Curve>)> {
-    let members = plan::members(file, source.folder())?;
+    let members = plan::members(file, &source.folder)?;
     for m in members.iter().filter(|m| file.suggest && m.swept) {
-        crate::suggest::readable(&Source::read(&m.scene)?.scene(&m.set)?)
+        crate::suggest::readable(Scene::read(&m.scene)?.assign(&m.set)?.spec())
             .map_err(|e| key("suggest", format!("cannot speak of run '{}': {e}", m.label)))?;
     }
     let mut curves = BTreeMap::new();
     if let Some(Reference::Curves(tables)) = &file.reference {
         for (name, table) in tables {
             let place = format!("reference.curves.{name}");
-            curves.insert(name.clone(), Curve::new(&place, table, source.folder())?);
+            curves.insert(name.clone(), Curve::new(&place, table, &source.folder)?);
         }
     }
     Ok((members, curves))
@@ -177,7 +177,7 @@ fn foretold(folder: &Path, m: &Member, reused: bool) -> Result<Foretold> {
     if let Some(known) = kept {
         return Ok(known);
     }
-    let foretold = crate::suggest::foretell(&Source::read(&m.scene)?, &m.set)?;
+    let foretold = crate::suggest::foretell(&Scene::read(&m.scene)?.assign(&m.set)?)?;
     let text = serde_json::to_string_pretty(&foretold).map_err(|e| Error::System {
         what: "writing predicted.json",
         message: e.to_string(),
