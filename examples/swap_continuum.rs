@@ -19,7 +19,7 @@ use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{CoarseModel, Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{self, ElementKind, FemMediator, FemModel, Mesh, generate};
+use arlequin::fem_ref::{self, ElementKind, FemField, FemModel, Mesh, generate};
 use std::sync::Arc;
 
 const LENGTH: f64 = 20e-3;
@@ -68,7 +68,7 @@ fn beam(coarse: impl CoarseModel<f64> + 'static) -> Result<Coupled<f64>> {
         name: "overlap".into(),
         coarse: 0,
         fine: 1,
-        mediator: Arc::new(FemMediator::new(block(OVERLAP, 0.5e-3)?)),
+        mediator: Arc::new(FemField::new(block(OVERLAP, 0.5e-3)?)),
         junction: Box::new(L2),
         options: InterfaceOptions::default(),
     };

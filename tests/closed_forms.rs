@@ -7,22 +7,22 @@ mod support;
 
 use arlequin::core::effect::{Absorber, BodyForce, BulkViscosity};
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Strain, Junction, L2, Shape};
+use arlequin::core::junction::{H1Strain, Junction, L2, ShapeFunction};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::observer::Silent;
 use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{Coupled, Error, Model, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, generate};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::{COARSE, Line, rest};
 use arlequin_studies::solid::momentum_scale;
 use std::sync::Arc;
 use support::solid::{self, bodies, couple, material, mediator};
 
 /// Four functions of a tetrahedron of unit edges along the axes: their gradients, values left out.
-fn tetrahedron() -> [Shape<f64>; 4] {
+fn tetrahedron() -> [ShapeFunction<f64>; 4] {
     let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
-    [-(x + y + z), x, y, z].map(|gradient| Shape { value: 0.0, gradient })
+    [-(x + y + z), x, y, z].map(|gradient| ShapeFunction { value: 0.0, gradient })
 }
 
 /// `⟨v, v⟩` of a velocity `v = G x` in the strain junction of length `l`, per volume and without the values.
@@ -32,7 +32,7 @@ fn strain_norm(l: f64, g: &Matrix3<f64>) -> f64 {
     let mut sum = 0.0;
     for (a, p) in shapes.iter().zip(&corners) {
         for (b, q) in shapes.iter().zip(&corners) {
-            sum += (g * p).dot(&(junction.block(a, b) * (g * q)));
+            sum += (g * p).dot(&(junction.block(&Point3::origin(), a, b) * (g * q)));
         }
     }
     sum
@@ -159,7 +159,7 @@ fn shared_element(stiffer: f64) -> Coupled<f64> {
         name: "joint".into(),
         coarse: 0,
         fine: 1,
-        mediator: Arc::new(FemMediator::new(generate::bar(0.0, 1.0, 1, 1.0).unwrap())),
+        mediator: Arc::new(FemField::new(generate::bar(0.0, 1.0, 1, 1.0).unwrap())),
         junction: Box::new(L2),
         options: InterfaceOptions::default(),
     };

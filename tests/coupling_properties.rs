@@ -7,7 +7,7 @@
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Kind as Neighbours;
-use arlequin::cnem::{self, CnemMediator, CnemModel, NaturalField, Options};
+use arlequin::cnem::{self, CnemModel, NaturalField, Options};
 use arlequin::core::conformance;
 use arlequin::core::field::Interpolation;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
@@ -20,7 +20,7 @@ use arlequin::core::subdomain::Role;
 use arlequin::core::weight::{Profile, Ramp, Weight};
 use arlequin::core::{Coupled, Error, Model, Sampling, Subdomain, TimeStep, Weights};
 use arlequin::dem_beam::{BeamMaterial, DemModel, Matter};
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh, generate};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh, generate};
 use arlequin_studies::noise;
 use proptest::prelude::*;
 use std::sync::Arc;
@@ -189,9 +189,9 @@ impl Case {
         match self.mediator {
             2 => {
                 let points = self.points(x, self.counts(), seed);
-                Arc::new(CnemMediator::from_points(&points, Neighbours::Sibson).unwrap())
+                Arc::new(NaturalField::from_points(&points, Neighbours::Sibson).unwrap())
             }
-            tets => Arc::new(FemMediator::new(self.mesh(tets == 1, x, self.counts(), seed))),
+            tets => Arc::new(FemField::new(self.mesh(tets == 1, x, self.counts(), seed))),
         }
     }
 

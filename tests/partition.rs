@@ -19,7 +19,7 @@ use arlequin::core::weight::{Profile, Ramp, Uniform, Weight};
 use arlequin::core::{Coupled, Error, Model, Partition, Result, Sampling, Subdomain, TimeStep, Weights};
 use arlequin::dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::line::{Line, rest};
 use std::sync::Arc;
 use support::solid;
@@ -59,7 +59,7 @@ fn bars(
         name: "overlap".into(),
         coarse: 0,
         fine: 1,
-        mediator: Arc::new(FemMediator::new(space)),
+        mediator: Arc::new(FemField::new(space)),
         junction: Box::new(L2),
         options: InterfaceOptions::default(),
     };
@@ -235,7 +235,7 @@ fn structured_tetrahedra_have_an_overlap_of_the_exact_measure() {
             Subdomain::coarse(model("left", mesh([0.0, 3.0], [9, 3, 3])), w),
             Subdomain::fine(model("right", mesh([2.0, 4.0], [12, 2, 6])), rest),
         ];
-        let space = Arc::new(FemMediator::new(mesh([2.0, 3.0], [3, 3, 2])));
+        let space = Arc::new(FemField::new(mesh([2.0, 3.0], [3, 3, 2])));
         let run = solid::couple(bodies, space, Box::new(L2)).unwrap();
         let found = run.interfaces()[0].report().measure - 1.0;
         assert!(found.abs() < 1e-12, "turned {turned}: {found:e}");
@@ -316,7 +316,7 @@ fn cylinders(coarse: usize, fine: usize, from: f64) -> Result<Coupled<f64>> {
     let left = model("left", cylinder([0.0, 3.0], coarse, 6, Rim::EqualArea));
     let right = model("right", cylinder([from, 5.0], fine, 12, Rim::EqualArea));
     let bodies = vec![Subdomain::coarse(left, w), Subdomain::fine(right, rest)];
-    let space = FemMediator::new(cylinder([2.0, 3.0], coarse, 2, Rim::Inscribed));
+    let space = FemField::new(cylinder([2.0, 3.0], coarse, 2, Rim::Inscribed));
     solid::couple(bodies, Arc::new(space), Box::new(L2))
 }
 
@@ -427,7 +427,7 @@ fn grains(coarse: Subdomain<f64>, fine: DemModel, core: usize) -> Coupled<f64> {
         layers: 2,
         rim: Rim::Inscribed,
     };
-    let space = FemMediator::new(generate::cylinder(ElementKind::Hex8, &shape).unwrap());
+    let space = FemField::new(generate::cylinder(ElementKind::Hex8, &shape).unwrap());
     let interface = InterfaceSpec {
         options: InterfaceOptions {
             sampling: Sampling::Particles,
@@ -521,7 +521,7 @@ fn cells_that_overlap_each_other_are_refused() {
         Subdomain::coarse(coarse, w),
         Subdomain::fine(fine, v).with_partition(Partition::Unchecked),
     ];
-    let space = FemMediator::new(generate::bar(2.0, 3.0, 5, 2.0).unwrap());
+    let space = FemField::new(generate::bar(2.0, 3.0, 5, 2.0).unwrap());
     let error = solid::couple(bodies, Arc::new(space), Box::new(L2)).unwrap_err();
     let Error::CoveredTwice {
         model,

@@ -12,7 +12,7 @@ use arlequin::core::observer::Silent;
 use arlequin::core::overlap::{Overlap, Primitive, Shell, Slab};
 use arlequin::core::weight::{Complement, Profile, Ramp, Weight};
 use arlequin::core::{Model, Subdomain, Weighting, Weights};
-use arlequin::fem_ref::{ElementKind, FemMediator, FemModel, Mesh};
+use arlequin::fem_ref::{ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::noise;
 use proptest::prelude::*;
 use std::sync::Arc;
@@ -115,7 +115,7 @@ proptest! {
         let w = Ramp::new(overlap, profile, epsilon).unwrap();
         let mesh = jittered(solid::block(ElementKind::Tet4, [-2.0, 2.0], [7, 2, 2]), 0.1, seed);
         // Whatever the mesh, the weighted volume is the integral of the weight over the box.
-        let cells = FemMediator::new(mesh);
+        let cells = FemField::new(mesh);
         let total: f64 = arlequin::core::field::Interpolation::cells(&cells).iter().map(|c| w.mean(c) * c.measure()).sum();
         let n = 200_000;
         let sum: f64 = (0..n).map(|k| w.at(&Point3::new(-2.0 + 4.0 * (f64::from(k) + 0.5) / f64::from(n), 0.0, 0.0))).sum();

@@ -10,8 +10,8 @@ use arlequin::core::conformance;
 use arlequin::core::effect::{Absorber, BodyForce, Load, MassDamping};
 use arlequin::core::field::ShapeRow;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, H1Strain, Junction, L2};
-use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::junction::{H1Gradient, H1Strain, Junction, L2, Needs, ShapeFunction};
+use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::observer::Silent;
 use arlequin::core::overlap::Slab;
 use arlequin::core::subdomain::PrescribedMotion;
@@ -41,6 +41,47 @@ fn check_9_momenta_are_conserved_on_non_coincident_meshes() {
             assert!(kept.drift < 1e-11 && kept.residual < 1e-11, "{name}: {kept:?}");
         }
     }
+}
+
+/// `∫ κ(x) (λ·v + l² ε(λ):ε(v))`, `κ` growing twentyfold across the overlap and with the height.
+struct Graded;
+
+impl Junction<f64> for Graded {
+    fn name(&self) -> &'static str {
+        "graded"
+    }
+    fn needs(&self) -> Needs {
+        Needs::ValuesAndGradients
+    }
+    fn block(&self, x: &Point3<f64>, row: &ShapeFunction<f64>, col: &ShapeFunction<f64>) -> Matrix3<f64> {
+        let strain = H1Strain::new(0.15).unwrap();
+        strain.block(x, row, col) * (1.0 + 19.0 * (x.x - solid::OVERLAP[0]) + x.z * x.z)
+    }
+}
+
+#[test]
+fn a_junction_that_varies_in_space_sees_no_jump_in_rigid_motion_and_action_is_reaction() {
+    let space = || mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2]);
+    let fly = |s: Subdomain<f64>| {
+        let (t, r) = (Vector3::new(0.3, -0.2, 0.5), Vector3::new(0.1, 0.4, -0.3));
+        let v: Vec<f64> = conformance::rigid_motion(s.model(), t, r);
+        s.with_initial(vec![0.0; v.len()], v).unwrap()
+    };
+    let mut c = couple(
+        bodies(Profile::Cubic, 0.05).map(fly).into(),
+        space(),
+        Box::new(Graded),
+    )
+    .unwrap();
+    c.advance(&mut Silent).unwrap();
+    let [jump, _] = c.jumps(0);
+    assert!(jump < 1e-13, "jump {jump:e} m/s");
+    let mut c = couple(shaken(bodies(Profile::Cubic, 0.05), 7), space(), Box::new(Graded)).unwrap();
+    let [force, moment] = conformance::interface_momentum(&c);
+    assert!(force < 1e-13 && moment < 1e-13, "{force:e} {moment:e}");
+    let kept = kept(&mut c).unwrap();
+    assert!(kept.momentum[0] <= 1e-12 && kept.momentum[1] <= 1e-12, "{kept:?}");
+    assert!(kept.drift < 1e-11 && kept.residual < 1e-11, "{kept:?}");
 }
 
 #[test]

@@ -3,41 +3,63 @@
 //! `⟨λ, v⟩ = ∫ η₁ λ·v + η₂ l² ε(λ):ε(v) dΩ`, or with full gradients `∇λ:∇v` in place of strains.
 
 use crate::error::invalid;
+use crate::named::named;
 use crate::{Real, Result};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Value and gradient of one shape function at a point.
 #[derive(Debug, Clone, Copy)]
-pub struct Shape<T: Real> {
+pub struct ShapeFunction<T: Real> {
     /// Value \[–\].
     pub value: T,
     /// Gradient \[1/m\]; zero where the junction does not ask for it.
     pub gradient: Vector3<T>,
 }
 
-/// A scalar product between two vector fields.
+/// What a junction takes from the fields.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Needs {
+    /// Values only. Such a product may be lumped to its diagonal.
+    Values,
+    /// Values and gradients. Lumping such a product diverges.
+    ValuesAndGradients,
+    /// Gradients only: constant fields have zero norm, so one point per component is pinned.
+    Gradients,
+}
+
+impl Needs {
+    /// Whether gradients are evaluated.
+    #[must_use]
+    pub fn gradients(self) -> bool {
+        self != Self::Values
+    }
+}
+
+/// How the components of the two vector fields meet in a junction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Components {
+    /// Each with its own kind: every block is a multiple of the identity, and a third of the unknowns is solved for at a
+    /// time.
+    Separate,
+    /// Each with all; right for any junction.
+    Mixed,
+}
+
+/// A scalar product between two vector fields: symmetric and positive, and the same wherever it is evaluated twice.
 pub trait Junction<T: Real>: Send + Sync {
-    /// Density of `⟨N_row e_a, N_col e_b⟩` as a matrix over the components `a`, `b`.
-    fn block(&self, row: &Shape<T>, col: &Shape<T>) -> Matrix3<T>;
-
-    /// Whether gradients are used.
-    fn needs_gradient(&self) -> bool;
-
-    /// Whether every block is a multiple of the identity: the components then decouple, with a third of the unknowns.
-    fn splits(&self) -> bool;
-
-    /// Whether constant fields have zero norm: one point per component must then be pinned.
-    fn is_seminorm(&self) -> bool {
-        false
-    }
-
-    /// Whether the multiplier operator may be lumped to its diagonal. Lumping an H1 junction diverges.
-    fn may_lump(&self) -> bool {
-        false
-    }
-
     /// Name for messages and reports.
     fn name(&self) -> &'static str;
+
+    /// What it takes from the fields.
+    fn needs(&self) -> Needs;
+
+    /// How components meet.
+    fn components(&self) -> Components {
+        Components::Mixed
+    }
+
+    /// Density of `⟨N_row e_a, N_col e_b⟩` at the point `x` \[m\], as a matrix over the components `a`, `b`.
+    fn block(&self, x: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T>;
 }
 
 /// `∫ λ·v`.
@@ -45,20 +67,17 @@ pub trait Junction<T: Real>: Send + Sync {
 pub struct L2;
 
 impl<T: Real> Junction<T> for L2 {
-    fn block(&self, row: &Shape<T>, col: &Shape<T>) -> Matrix3<T> {
-        Matrix3::from_diagonal_element(row.value * col.value)
-    }
-    fn needs_gradient(&self) -> bool {
-        false
-    }
-    fn splits(&self) -> bool {
-        true
-    }
-    fn may_lump(&self) -> bool {
-        true
-    }
     fn name(&self) -> &'static str {
         "L2"
+    }
+    fn needs(&self) -> Needs {
+        Needs::Values
+    }
+    fn components(&self) -> Components {
+        Components::Separate
+    }
+    fn block(&self, _: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T> {
+        Matrix3::from_diagonal_element(row.value * col.value)
     }
 }
 
@@ -89,20 +108,17 @@ impl<T: Real> H1Strain<T> {
 }
 
 impl<T: Real> Junction<T> for H1Strain<T> {
-    fn block(&self, row: &Shape<T>, col: &Shape<T>) -> Matrix3<T> {
+    fn name(&self) -> &'static str {
+        "H1 (strain)"
+    }
+    fn needs(&self) -> Needs {
+        Needs::ValuesAndGradients
+    }
+    fn block(&self, _: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T> {
         // ε(N_i e_a) : ε(N_j e_b) = ½ (δ_ab ∇N_i·∇N_j + ∂_b N_i ∂_a N_j)
         let (gi, gj) = (&row.gradient, &col.gradient);
         let strain = (Matrix3::from_diagonal_element(gi.dot(gj)) + gj * gi.transpose()) * T::of(0.5);
         Matrix3::from_diagonal_element(row.value * col.value) + strain * (self.0 * self.0)
-    }
-    fn needs_gradient(&self) -> bool {
-        true
-    }
-    fn splits(&self) -> bool {
-        false
-    }
-    fn name(&self) -> &'static str {
-        "H1 (strain)"
     }
 }
 
@@ -121,18 +137,18 @@ impl<T: Real> H1Gradient<T> {
 }
 
 impl<T: Real> Junction<T> for H1Gradient<T> {
-    fn block(&self, row: &Shape<T>, col: &Shape<T>) -> Matrix3<T> {
-        let gradient = row.gradient.dot(&col.gradient) * self.0 * self.0;
-        Matrix3::from_diagonal_element(row.value * col.value + gradient)
-    }
-    fn needs_gradient(&self) -> bool {
-        true
-    }
-    fn splits(&self) -> bool {
-        true
-    }
     fn name(&self) -> &'static str {
         "H1 (gradient)"
+    }
+    fn needs(&self) -> Needs {
+        Needs::ValuesAndGradients
+    }
+    fn components(&self) -> Components {
+        Components::Separate
+    }
+    fn block(&self, _: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T> {
+        let gradient = row.gradient.dot(&col.gradient) * self.0 * self.0;
+        Matrix3::from_diagonal_element(row.value * col.value + gradient)
     }
 }
 
@@ -159,19 +175,58 @@ impl<T: Real> H1Seminorm<T> {
 }
 
 impl<T: Real> Junction<T> for H1Seminorm<T> {
-    fn block(&self, row: &Shape<T>, col: &Shape<T>) -> Matrix3<T> {
-        Matrix3::from_diagonal_element(row.gradient.dot(&col.gradient) * self.0 * self.0)
-    }
-    fn needs_gradient(&self) -> bool {
-        true
-    }
-    fn splits(&self) -> bool {
-        true
-    }
-    fn is_seminorm(&self) -> bool {
-        true
-    }
     fn name(&self) -> &'static str {
         "H1 seminorm"
+    }
+    fn needs(&self) -> Needs {
+        Needs::Gradients
+    }
+    fn components(&self) -> Components {
+        Components::Separate
+    }
+    fn block(&self, _: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T> {
+        Matrix3::from_diagonal_element(row.gradient.dot(&col.gradient) * self.0 * self.0)
+    }
+}
+
+/// The junctions that have a name, in scenes and reports.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum JunctionKind {
+    /// [`L2`]: no length to choose, components decouple; hence the default.
+    #[default]
+    L2,
+    /// [`H1Strain`].
+    H1Strain,
+    /// [`H1Gradient`].
+    H1Gradient,
+    /// [`H1Seminorm`].
+    H1Seminorm,
+}
+
+named!(JunctionKind, "junction":
+    L2 = "l2",
+    H1Strain = "h1-strain",
+    H1Gradient = "h1-gradient",
+    H1Seminorm = "h1-seminorm",
+);
+
+impl JunctionKind {
+    /// Whether it has a length to choose.
+    #[must_use]
+    pub fn has_length(self) -> bool {
+        self != Self::L2
+    }
+
+    /// The junction of this kind with the length `l` \[m\], if it has one.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] for a length that the junction refuses.
+    pub fn junction<T: Real>(self, length: T) -> Result<Box<dyn Junction<T>>> {
+        Ok(match self {
+            Self::L2 => Box::new(L2),
+            Self::H1Strain => Box::new(H1Strain::new(length)?),
+            Self::H1Gradient => Box::new(H1Gradient::new(length)?),
+            Self::H1Seminorm => Box::new(H1Seminorm::new(length)?),
+        })
     }
 }

@@ -11,8 +11,15 @@ use crate::{Real, Result};
 use nalgebra::Point3;
 use std::sync::Arc;
 
+pub use crate::profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
+
 /// How weights enter a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum Weighting {
     /// Every element or bond carries the mean of the weight over itself, in stiffness **and** mass. Conserves the
     /// weighted energy and leaves the critical step as it is for any weight.
@@ -63,93 +70,6 @@ impl<T: Real> Weight<T> for Complement<T> {
     }
     fn mean(&self, cell: &Cell<T>) -> T {
         T::one() - self.0.iter().map(|w| w.mean(cell)).sum()
-    }
-}
-
-/// Shape of the transition.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Profile<T> {
-    /// A constant in the whole overlap.
-    Constant(T),
-    /// `p = s` (C0).
-    Linear,
-    /// `p = 3s² − 2s³` (C1).
-    Cubic,
-    /// `p = 10s³ − 15s⁴ + 6s⁵` (C2).
-    Quintic,
-    /// A C1 profile whose derivative is piecewise linear between stations of `s`, those of the mediator nodes: then
-    /// `grad f` lies in the mediator space and the patch test is exact. Built by [`Profile::mediator_compatible`].
-    Compatible(CompatibleProfile<T>),
-}
-
-/// Piecewise quadratic profile, see [`Profile::Compatible`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct CompatibleProfile<T> {
-    stations: Vec<T>,
-    slope: Vec<T>,
-    value: Vec<T>,
-}
-
-impl<T: Real> Profile<T> {
-    /// The C1 profile whose slope interpolates that of the cubic linearly between the given stations.
-    ///
-    /// # Errors
-    /// [`crate::Error::InvalidParameter`] unless the stations rise from 0 to 1 with at least one in between.
-    pub fn mediator_compatible(stations: &[T]) -> Result<Self> {
-        let n = stations.len();
-        let tolerance = T::epsilon().sqrt();
-        let rising = stations.windows(2).all(|w| w[1] - w[0] > tolerance);
-        let spans = n >= 3 && stations[0].abs() < tolerance && (stations[n - 1] - T::one()).abs() < tolerance;
-        if !rising || !spans {
-            return Err(invalid(
-                "stations of the mediator-compatible weight",
-                format_args!("{n} values"),
-                "must rise from 0 to 1 with at least one in between; use two or more mediator layers across the overlap",
-            ));
-        }
-        let mut slope: Vec<T> = stations.iter().map(|&s| s * (T::one() - s)).collect();
-        slope[0] = T::zero();
-        slope[n - 1] = T::zero();
-        let mut value = vec![T::zero(); n];
-        for k in 1..n {
-            value[k] =
-                value[k - 1] + (slope[k] + slope[k - 1]) * (stations[k] - stations[k - 1]) * T::of(0.5);
-        }
-        let total = value[n - 1];
-        slope.iter_mut().chain(&mut value).for_each(|v| *v /= total);
-        Ok(Self::Compatible(CompatibleProfile {
-            stations: stations.to_vec(),
-            slope,
-            value,
-        }))
-    }
-
-    /// `p(s)` for `s` in `[0, 1]`.
-    pub fn at(&self, s: T) -> T {
-        let k = T::of;
-        match self {
-            Self::Constant(c) => *c,
-            Self::Linear => s,
-            Self::Cubic => s * s * (k(3.0) - k(2.0) * s),
-            Self::Quintic => s * s * s * (k(10.0) + s * (k(6.0) * s - k(15.0))),
-            Self::Compatible(c) => {
-                let j = c
-                    .stations
-                    .partition_point(|&x| x <= s)
-                    .clamp(1, c.stations.len() - 1)
-                    - 1;
-                let (h, t) = (c.stations[j + 1] - c.stations[j], s - c.stations[j]);
-                c.value[j] + t * (c.slope[j] + (c.slope[j + 1] - c.slope[j]) * t / (h + h))
-            }
-        }
-    }
-
-    /// Values of `s` between which the profile is one polynomial.
-    fn breaks(&self) -> Vec<T> {
-        match self {
-            Self::Compatible(c) => c.stations.clone(),
-            _ => vec![T::zero(), T::one()],
-        }
     }
 }
 

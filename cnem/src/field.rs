@@ -23,8 +23,10 @@ const NEAR: f64 = 1e-9;
 pub struct NaturalField {
     domain: Domain,
     kind: Kind,
-    /// Tetrahedron of every cell.
+    /// Tetrahedron of every cell; none with Voronoi cells.
     elements: Vec<u32>,
+    /// Voronoi cells of the nodes where they are asked for.
+    bodies: Option<Vec<Cell<f64>>>,
     /// Working memory that is not in use.
     pool: Mutex<Vec<Scratch>>,
 }
@@ -35,6 +37,7 @@ impl Clone for NaturalField {
             domain: self.domain.clone(),
             kind: self.kind,
             elements: self.elements.clone(),
+            bodies: self.bodies.clone(),
             pool: Mutex::default(),
         }
     }
@@ -45,6 +48,7 @@ impl NaturalField {
     pub fn new(domain: Domain, kind: Kind) -> Self {
         Self {
             elements: domain.element_ids(),
+            bodies: None,
             domain,
             kind,
             pool: Mutex::default(),
@@ -98,17 +102,17 @@ impl NaturalField {
         self.kind
     }
 
-    /// Mean edge length of the tetrahedra \[m\].
-    pub fn mean_edge(&self) -> f64 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for t in self.domain.elements() {
-            let p = t.map(|v| self.domain.nodes()[v]);
-            for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
-                sum += (p[i] - p[j]).norm();
-                count += 1.0;
-            }
-        }
-        sum / count
+    /// The same field with the Voronoi cells of its nodes for integration instead of the tetrahedra.
+    ///
+    /// # Errors
+    /// Those of [`Domain::voronoi`].
+    pub fn with_voronoi_cells(mut self) -> Result<Self> {
+        let cells = self.domain.voronoi()?;
+        let mut work = crate::voronoi::CellBodies::default();
+        let bodies = (0..cells.len()).flat_map(|i| self.domain.cell_bodies(&cells, i, &mut work));
+        self.bodies = Some(bodies.collect());
+        self.elements.clear();
+        Ok(self)
     }
 
     fn evaluate(
@@ -190,8 +194,11 @@ impl Interpolation<f64> for NaturalField {
         self.evaluate(self.elements.get(cell).copied(), x, gradient, row)
     }
 
-    /// The tetrahedra of the domain.
+    /// The tetrahedra of the domain, or the cells of [`NaturalField::with_voronoi_cells`].
     fn cells(&self) -> Vec<Cell<f64>> {
+        if let Some(bodies) = &self.bodies {
+            return bodies.clone();
+        }
         let corners = |t: [usize; 4]| t.map(|v| self.domain.nodes()[v]);
         self.domain
             .elements()
@@ -209,104 +216,17 @@ impl Interpolation<f64> for NaturalField {
     }
 }
 
-/// A multiplier space of natural-neighbour functions on nodes of its own, which need no mesh.
-#[derive(Debug, Clone)]
-pub struct CnemMediator {
-    field: NaturalField,
-    spacing: f64,
-    voronoi: Option<Vec<Cell<f64>>>,
-}
-
-impl CnemMediator {
-    /// Mediator on the nodes of a domain that fills the overlap; its spacing `h_B` is the mean edge length.
-    pub fn new(domain: Domain, kind: Kind) -> Self {
-        let field = NaturalField::new(domain, kind);
-        Self {
-            spacing: field.mean_edge(),
-            field,
-            voronoi: None,
-        }
-    }
-
-    /// Mediator on free nodes whose convex hull is the overlap.
-    ///
-    /// # Errors
-    /// Those of [`Domain::new`].
-    pub fn from_points(points: &[Point3<f64>], kind: Kind) -> Result<Self> {
-        Ok(Self::new(Domain::new(points, &Surface::convex_hull())?, kind))
-    }
-
-    /// The same mediator with a given spacing `h_B` \[m\].
-    ///
-    /// # Errors
-    /// [`crate::Error::Parameter`] unless it is positive and finite.
-    pub fn with_spacing(mut self, spacing: f64) -> Result<Self> {
-        if !(spacing.is_finite() && spacing > 0.0) {
-            return Err(parameter(
-                "mediator spacing",
-                spacing,
-                "must be positive and finite [m]",
-            ));
-        }
-        self.spacing = spacing;
-        Ok(self)
-    }
-
-    /// The same mediator with the Voronoi cells of its nodes as integration background instead of the tetrahedra.
-    ///
-    /// # Errors
-    /// Those of [`Domain::voronoi`].
-    pub fn with_voronoi_cells(mut self) -> Result<Self> {
-        let cells = self.field.domain.voronoi()?;
-        let mut work = crate::voronoi::CellBodies::default();
-        let bodies = (0..cells.len()).flat_map(|i| self.field.domain.cell_bodies(&cells, i, &mut work));
-        self.voronoi = Some(bodies.collect());
-        Ok(self)
-    }
-
-    /// The natural-neighbour field.
-    pub fn field(&self) -> &NaturalField {
-        &self.field
-    }
-}
-
-impl Interpolation<f64> for CnemMediator {
-    fn nodes(&self) -> &[Point3<f64>] {
-        self.field.nodes()
-    }
-    fn shape_at(
-        &self,
-        x: &Point3<f64>,
-        gradient: bool,
-        row: &mut ShapeRow<f64>,
-    ) -> arlequin_core::Result<()> {
-        self.field.shape_at(x, gradient, row)
-    }
-    fn shape_in(
-        &self,
-        cell: usize,
-        x: &Point3<f64>,
-        gradient: bool,
-        row: &mut ShapeRow<f64>,
-    ) -> arlequin_core::Result<()> {
-        match self.voronoi {
-            None => self.field.shape_in(cell, x, gradient, row),
-            Some(_) => self.field.shape_at(x, gradient, row),
-        }
-    }
-    fn cells(&self) -> Vec<Cell<f64>> {
-        self.voronoi.clone().unwrap_or_else(|| self.field.cells())
-    }
-    fn degree(&self) -> usize {
-        self.field.degree()
-    }
-    fn kind(&self) -> &'static str {
-        "mediator"
-    }
-}
-
-impl Mediator<f64> for CnemMediator {
+/// A multiplier space on nodes of its own, which need no mesh: `h_B` is the mean edge length of the tetrahedra.
+impl Mediator<f64> for NaturalField {
     fn spacing(&self) -> f64 {
-        self.spacing
+        let (mut sum, mut count) = (0.0, 0.0);
+        for t in self.domain.elements() {
+            let p = t.map(|v| self.domain.nodes()[v]);
+            for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+                sum += (p[i] - p[j]).norm();
+                count += 1.0;
+            }
+        }
+        sum / count
     }
 }

@@ -10,7 +10,7 @@
 //! - [`voronoi`]: the cells of the nodes, cut off at the constrained faces;
 //! - [`scni`]: stabilised conforming nodal integration on these cells;
 //! - [`CnemModel`]: linear elastodynamics, for both roles of a coupling;
-//! - [`NaturalField`], [`CnemMediator`]: fields and multiplier spaces on any points, also those of particles.
+//! - [`NaturalField`]: fields and multiplier spaces on any points, also those of particles.
 //!
 //! ```
 //! use cnem::constraint::Surface;
@@ -85,7 +85,7 @@ pub mod voronoi;
 
 pub use arlequin_core::material::Elastic;
 pub use error::{Error, Result};
-pub use field::{CnemMediator, NaturalField};
+pub use field::NaturalField;
 pub use hilbert::spatial_order;
 pub use inertia::Inertia;
 pub use model::{CnemModel, Forces, Options};

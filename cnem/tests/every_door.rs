@@ -6,8 +6,8 @@ mod common;
 
 use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::geometry::Cell;
+use cnem::NaturalField;
 use cnem::natural::Kind;
-use cnem::{CnemMediator, NaturalField};
 use common::{block, noise};
 use nalgebra::{Point3, Vector3};
 
@@ -50,11 +50,10 @@ fn places(field: &dyn Interpolation<f64>) -> Vec<(Option<usize>, Point3<f64>)> {
 fn values_sum_to_one_and_place_the_point_through_every_door() {
     for kind in [Kind::Sibson, Kind::Laplace] {
         let domain = block([4, 4, 4], 0.25, 0.3, 3, |_, _, _| true);
-        let mediator = CnemMediator::new(domain.clone(), kind);
-        let fields: [Box<dyn Interpolation<f64>>; 3] = [
-            Box::new(NaturalField::new(domain, kind)),
-            Box::new(mediator.clone()),
-            Box::new(mediator.with_voronoi_cells().unwrap()),
+        let field = NaturalField::new(domain, kind);
+        let fields: [Box<dyn Interpolation<f64>>; 2] = [
+            Box::new(field.clone()),
+            Box::new(field.with_voronoi_cells().unwrap()),
         ];
         let mut row = ShapeRow::default();
         for (door, field) in fields.iter().enumerate() {

@@ -8,7 +8,7 @@ use arlequin_core::observer::Silent;
 use arlequin_core::subdomain::PrescribedMotion;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
-use dem_beam::{BeamDynamics, BeamMaterial, DemModel, Twist, critical};
+use dem_beam::{BeamMaterial, DemModel};
 use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::PI;
 
@@ -274,36 +274,4 @@ fn a_momentum_that_changes_though_it_should_stay_is_told() {
     let share = 1e-6 * run.time() / run.bodies()[0].angular.norm();
     let told = run.bodies()[0].drift[1] / share;
     assert!((0.5..=1.0 + 1e-6).contains(&told), "{told}");
-}
-
-/// The bare kernel turns its quaternions itself, by the same spins.
-#[test]
-fn the_bare_kernel_keeps_angular_momentum_too() {
-    let packing = lattice(Lattice::Cubic, [4, 5, 6], 1e-3).unwrap();
-    let body = packing.bonded(BeamMaterial::SILICA, 2200.0).unwrap();
-    let spin = Vector3::new(2e4, 5e4, -3e4);
-    let step = 0.8 * critical::lanczos(&body, 60).unwrap();
-    let mut run = BeamDynamics::<f64>::finite(&body, step).unwrap();
-    let start: Vec<Twist> = body
-        .positions()
-        .iter()
-        .map(|x| Twist {
-            linear: spin.cross(x),
-            angular: spin,
-        })
-        .collect();
-    run.set_velocities(&start).unwrap();
-    let angular = |run: &BeamDynamics<f64>| -> Vector3<f64> {
-        let (v, u) = (run.velocities(), run.displacements());
-        let of = |i: usize| {
-            let place = body.positions()[i] + u[i].linear;
-            place.cross(&v[i].linear) * body.mass()[i] + v[i].angular * body.inertia()[i]
-        };
-        (0..body.len()).map(of).sum()
-    };
-    let before = angular(&run);
-    let steps = (6.0 * PI / (spin.norm() * step)) as usize;
-    run.run(steps);
-    let slip = (angular(&run) - before).norm() / before.norm();
-    assert!(slip < 1e-11, "dL/L {slip:e} in {steps} steps");
 }

@@ -12,7 +12,7 @@ use arlequin::core::observer::Silent;
 use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, FemMediator, FemModel, generate};
+use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use std::sync::Arc;
 
 #[allow(clippy::print_stdout, reason = "an example shows its results")]
@@ -44,7 +44,7 @@ fn main() -> Result<()> {
         name: "overlap".into(),
         coarse: 0,
         fine: 1,
-        mediator: Arc::new(FemMediator::new(generate::bar(-40.0, 0.0, 4, 1.0)?)),
+        mediator: Arc::new(FemField::new(generate::bar(-40.0, 0.0, 4, 1.0)?)),
         junction: Box::new(L2),
         options: InterfaceOptions::default(),
     };

@@ -1,4 +1,4 @@
-//! The displacement field of a mesh: point location, shape functions, integration cells; and the mediator made of it.
+//! The displacement field of a mesh: point location, shape functions, integration cells. A mediator is such a field.
 //!
 //! A point is located through a box tree in `O(log n)`. It belongs to the element of lowest number whose local
 //! coordinates it violates by no more than 1e-9 of the element's size (more in single precision), so the choice on a
@@ -6,7 +6,7 @@
 //! of unity and linear completeness exact.
 
 use crate::element::{self, ElementKind};
-use crate::error::{Result, parameter};
+use crate::error::Result;
 use crate::mesh::Mesh;
 use arlequin_core::Real;
 use arlequin_core::field::{Interpolation, ShapeRow, outside};
@@ -314,84 +314,9 @@ impl<T: Real> Interpolation<T> for FemField<T> {
     }
 }
 
-/// A multiplier space on a finite element mesh of its own.
-#[derive(Debug, Clone)]
-pub struct FemMediator<T: Real> {
-    field: FemField<T>,
-    spacing: T,
-}
-
-impl<T: Real> FemMediator<T> {
-    /// Mediator on a mesh that fills the overlap; its spacing `h_B` is the mean edge length.
-    ///
-    /// ```
-    /// use arlequin_core::mediator::Mediator;
-    /// use fem_ref::{FemMediator, generate};
-    /// let mediator = FemMediator::new(generate::bar(-20.0f64, 0.0, 2, 1.0)?);
-    /// assert!((mediator.spacing() - 10.0).abs() < 1e-14);
-    /// # Ok::<(), fem_ref::Error>(())
-    /// ```
-    pub fn new(mesh: Mesh<T>) -> Self {
-        Self {
-            spacing: mesh.spacing(),
-            field: FemField::new(mesh),
-        }
-    }
-
-    /// The same mediator with a given spacing `h_B` \[m\].
-    ///
-    /// # Errors
-    /// [`crate::Error::Parameter`] unless it is positive and finite.
-    pub fn with_spacing(mut self, spacing: T) -> Result<Self> {
-        if !(spacing.is_finite() && spacing > T::zero()) {
-            return Err(parameter(
-                "mediator spacing",
-                spacing,
-                "must be positive and finite [m]",
-            ));
-        }
-        self.spacing = spacing;
-        Ok(self)
-    }
-
-    /// The mediator's mesh.
-    pub fn mesh(&self) -> &Mesh<T> {
-        self.field.mesh()
-    }
-}
-
-impl<T: Real> Interpolation<T> for FemMediator<T> {
-    fn nodes(&self) -> &[Point3<T>] {
-        self.field.nodes()
-    }
-    fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> arlequin_core::Result<()> {
-        self.field.shape_at(x, gradient, row)
-    }
-    fn shape_in(
-        &self,
-        cell: usize,
-        x: &Point3<T>,
-        gradient: bool,
-        row: &mut ShapeRow<T>,
-    ) -> arlequin_core::Result<()> {
-        self.field.shape_in(cell, x, gradient, row)
-    }
-    fn cells(&self) -> Vec<Cell<T>> {
-        self.field.cells()
-    }
-    fn degree(&self) -> usize {
-        self.field.degree()
-    }
-    fn warp(&self) -> T {
-        self.field.warp()
-    }
-    fn kind(&self) -> &'static str {
-        "mediator"
-    }
-}
-
-impl<T: Real> Mediator<T> for FemMediator<T> {
+/// A multiplier space on a mesh that fills the overlap: `h_B` is the mean edge length.
+impl<T: Real> Mediator<T> for FemField<T> {
     fn spacing(&self) -> T {
-        self.spacing
+        self.mesh.spacing()
     }
 }

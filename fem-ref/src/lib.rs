@@ -47,6 +47,6 @@ mod order;
 pub use arlequin_core::material::Elastic;
 pub use element::ElementKind;
 pub use error::{Error, Result};
-pub use field::{FemField, FemMediator};
+pub use field::FemField;
 pub use mesh::{Facet, Group, Mesh};
 pub use model::FemModel;

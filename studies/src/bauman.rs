@@ -15,7 +15,7 @@ use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, FemMediator, FemModel, generate};
+use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use std::sync::Arc;
 
 /// One row of the table.
@@ -134,7 +134,7 @@ pub fn end_displacement(case: &Case, junction: Box<dyn Junction<f64>>) -> Result
         name: "overlap".into(),
         coarse: 0,
         fine: 1,
-        mediator: Arc::new(FemMediator::new(generate::bar(
+        mediator: Arc::new(FemField::new(generate::bar(
             1.0,
             2.0,
             case.mediator_elements,

@@ -9,7 +9,7 @@ use arlequin::core::overlap::Slab;
 use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh, generate};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh, generate};
 use std::sync::Arc;
 
 const LENGTH: f64 = 0.254;
@@ -76,7 +76,7 @@ pub fn build(ratio: f64, overlap: f64) -> Result<Coupled<f64>> {
         name: "overlap".into(),
         coarse: 0,
         fine: 1,
-        mediator: Arc::new(FemMediator::new(block([left, right], FINE / ratio)?)),
+        mediator: Arc::new(FemField::new(block([left, right], FINE / ratio)?)),
         junction: Box::new(L2),
         options: InterfaceOptions::default(),
     };

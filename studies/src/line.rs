@@ -9,7 +9,7 @@ use arlequin::core::nalgebra::Point3;
 use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp, Weight};
 use arlequin::core::{Coupled, Partition, Result, Subdomain, TimeStep, Weighting, Weights};
-use arlequin::fem_ref::{Elastic, FemMediator, FemModel, generate};
+use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use std::sync::Arc;
 
 /// Left subdomain: the coarse bar. Right subdomain: the fine chain.
@@ -102,9 +102,9 @@ impl Line {
     ///
     /// # Errors
     /// Those of the core and the models.
-    pub fn mediator_space(&self) -> Result<Arc<FemMediator<f64>>> {
+    pub fn mediator_space(&self) -> Result<Arc<FemField<f64>>> {
         let n = (self.overlap / self.mediator).round() as usize;
-        Ok(Arc::new(FemMediator::new(generate::bar(
+        Ok(Arc::new(FemField::new(generate::bar(
             -self.overlap,
             0.0,
             n,

@@ -7,7 +7,7 @@ use arlequin::core::observer::Silent;
 use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{Coupled, Real, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh, generate};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh, generate};
 use std::sync::Arc;
 
 /// Overlap along x.
@@ -48,8 +48,8 @@ pub fn material<T: Real>() -> Result<Elastic<T>> {
 ///
 /// # Errors
 /// Those of the mesh generator.
-pub fn mediator<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Result<Arc<FemMediator<T>>> {
-    Ok(Arc::new(FemMediator::new(block(kind, x, counts)?)))
+pub fn mediator<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Result<Arc<FemField<T>>> {
+    Ok(Arc::new(FemField::new(block(kind, x, counts)?)))
 }
 
 /// L2, H1 with strains, H1 with gradients.
@@ -66,7 +66,7 @@ pub fn junctions<T: Real>() -> Result<Vec<Box<dyn Junction<T>>>> {
 }
 
 /// The interface between subdomains 0 and 1 with default options.
-pub fn spec<T: Real>(mediator: Arc<FemMediator<T>>, junction: Box<dyn Junction<T>>) -> InterfaceSpec<T> {
+pub fn spec<T: Real>(mediator: Arc<FemField<T>>, junction: Box<dyn Junction<T>>) -> InterfaceSpec<T> {
     InterfaceSpec {
         name: "overlap".into(),
         coarse: 0,
@@ -111,7 +111,7 @@ pub fn shaken<T: Real>(bodies: [Subdomain<T>; 2], seed: u64) -> Result<Vec<Subdo
 /// Those of the set-up.
 pub fn couple<T: Real>(
     bodies: Vec<Subdomain<T>>,
-    mediator: Arc<FemMediator<T>>,
+    mediator: Arc<FemField<T>>,
     junction: Box<dyn Junction<T>>,
 ) -> Result<Coupled<T>> {
     let step = TimeStep::Fraction(T::of(0.8));

@@ -16,7 +16,7 @@ use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
 use arlequin::dem_beam::{
     BeamMaterial, BondedParticles, Container, Criterion, DemModel, LoadShare, Matter, Packing, PackingSpec,
 };
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, generate};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -206,7 +206,7 @@ impl Bar {
             Weights::complement_of(std::slice::from_ref(&weights)),
             time,
         )?;
-        let mediator = Arc::new(FemMediator::new(self.box_of(
+        let mediator = Arc::new(FemField::new(self.box_of(
             self.zone,
             self.zone + self.overlap,
             self.mediator,

@@ -5,7 +5,7 @@ use arlequin::core::junction::Junction;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::weight::Profile;
 use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, ElementKind, FemMediator, FemModel, Mesh};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::solid as deck;
 #[allow(unused_imports, reason = "each test binary uses its part")]
 pub(crate) use deck::{OVERLAP, couple, spec};
@@ -23,7 +23,7 @@ pub(crate) fn material<T: Real>() -> Elastic<T> {
     deck::material().unwrap()
 }
 
-pub(crate) fn mediator<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Arc<FemMediator<T>> {
+pub(crate) fn mediator<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Arc<FemField<T>> {
     deck::mediator(kind, x, counts).unwrap()
 }
 

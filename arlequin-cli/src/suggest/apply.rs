@@ -1,7 +1,6 @@
 //! A proposal as changes of the scene file, comments kept.
 
 use super::choose::Proposal;
-use super::predict::weight_name;
 use super::scenario::Scenario;
 use crate::error::{Error, Result, key, value, write as write_error};
 use arlequin_scene::spec::{JunctionKind, OverlapShape, SceneSpec, Shape};
@@ -71,7 +70,7 @@ pub(crate) fn changes(scene: &SceneSpec, s: &Scenario, p: &Proposal, fraction: f
     } else {
         Change::new(format!("{table}.mediator.spacing"), number(c.h_b))
     });
-    let profile = format!("\"{}\"", weight_name(c.profile));
+    let profile = format!("\"{}\"", c.profile);
     out.push(Change::new(format!("{table}.weight.profile"), profile));
     if joint.is_some_and(|j| j.weight.value.is_some()) {
         // The constant profile's value means nothing to another one.

@@ -252,11 +252,8 @@ fn forecast(search: &Search<'_>, s: &Scenario, p: &Proposal, fraction: f64, abso
         ("h_C [m]".to_owned(), format!("{:.4e}", c.h)),
         ("h_B [m]".to_owned(), format!("{:.4e}", c.h_b)),
         ("L_O [m]".to_owned(), format!("{:.4e}", c.overlap)),
-        ("weight".to_owned(), predict::weight_name(c.profile).to_owned()),
-        (
-            "junction".to_owned(),
-            predict::junction_name(s.junction).to_owned(),
-        ),
+        ("weight".to_owned(), c.profile.to_string()),
+        ("junction".to_owned(), s.junction.to_string()),
         ("step / critical".to_owned(), format!("{fraction:.3}")),
     ];
     if let Some(l) = c.length_ratio {

@@ -64,31 +64,6 @@ pub(crate) fn tables(forms: &[Form]) -> Result<Vec<Table>> {
     forms.par_iter().map(table).collect()
 }
 
-fn profile_name(p: ProfileKind) -> &'static str {
-    match p {
-        ProfileKind::Constant => "constant",
-        ProfileKind::Linear => "linear",
-        ProfileKind::Cubic => "cubic",
-        ProfileKind::Quintic => "quintic",
-        ProfileKind::MediatorCompatible => "mediator-compatible",
-    }
-}
-
-/// Name of a weight in a scene.
-pub(crate) fn weight_name(p: ProfileKind) -> &'static str {
-    profile_name(p)
-}
-
-/// Name of a junction in a scene.
-pub(crate) fn junction_name(j: JunctionKind) -> &'static str {
-    match j {
-        JunctionKind::L2 => "l2",
-        JunctionKind::H1Strain => "h1-strain",
-        JunctionKind::H1Gradient => "h1-gradient",
-        JunctionKind::H1Seminorm => "h1-seminorm",
-    }
-}
-
 /// A chain and a bar of unit modulus, density and element length, with the overlap of the form.
 fn miniature(f: &Form) -> String {
     let r = 1.0 / f.ratio.min(FINEST);
@@ -113,9 +88,9 @@ fn miniature(f: &Form) -> String {
          junction = {{ kind = \"{junction}\"{length} }}\n[time]\nsteps = 1\n",
         from = f.overlap - bonds * (f.overlap + 4.0 * r) / bonds,
         to = f.overlap,
-        profile = profile_name(f.profile),
+        profile = f.profile,
         h_b = f.h_b,
-        junction = junction_name(f.junction),
+        junction = f.junction,
     )
 }
 

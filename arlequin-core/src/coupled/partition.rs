@@ -18,6 +18,11 @@ use nalgebra::{Point3, Vector3};
 
 /// Whether the weights of a model must sum to one with those of the models it is tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum Partition {
     /// They must, wherever one of these models is; refused otherwise.
     #[default]

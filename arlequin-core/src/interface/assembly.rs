@@ -4,6 +4,7 @@ use super::sums::{Accumulator, NO_CELL, Sums, UNKNOWN, add_products};
 use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{Body, BoxTree, Cell, HalfSpace};
+use crate::junction::Needs;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use sprs::{CsMat, TriMat};
@@ -11,6 +12,11 @@ use sprs::{CsMat, TriMat};
 /// How the junction integrals are sampled. Every choice uses the same points for both sides, so that action equals
 /// reaction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
 pub enum Sampling {
     /// Quadrature on the common refinement of mediator, coarse and fine cells: exact for polynomial shapes.
     #[default]
@@ -100,7 +106,7 @@ pub(super) fn assemble<T: Real>(
         degree: degree(spec, sides),
         warnings,
     };
-    if !spec.junction.is_seminorm() {
+    if spec.junction.needs() != Needs::Gradients {
         built.momentum_defect = momentum_defect(&built.coupling, sides, components);
         let limit = T::epsilon().sqrt();
         if built.momentum_defect > limit {
@@ -245,8 +251,8 @@ fn projection<T: Real>(
     cells: &[Cell<T>],
     components: usize,
 ) -> Result<[Coupling<T>; 2]> {
-    let gradient = spec.junction.needs_gradient();
-    let shared = if spec.junction.splits() { components } else { 1 };
+    let gradient = spec.junction.needs().gradients();
+    let shared = spec.shared(components);
     let per_node = components / shared;
     let nodes = spec.mediator.nodes();
     let degree = degree(spec, sides).unwrap_or(HIGHEST);
@@ -256,7 +262,7 @@ fn projection<T: Real>(
     for s in &samples {
         spec.mediator.shape_at(&s.point, gradient, &mut row)?;
         let cols = row.clone();
-        add_products(spec, &row, &cols, s.measure, components, &mut gram);
+        add_products(spec, s, &row, &cols, components, &mut gram);
     }
     let size = nodes.len() * per_node;
     let gram = gram.into_matrix(size, size, per_node);

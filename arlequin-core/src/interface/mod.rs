@@ -19,7 +19,7 @@ pub use assembly::Sampling;
 pub use operator::NullMode;
 
 use crate::field::Interpolation;
-use crate::junction::Junction;
+use crate::junction::{Components, Junction, Needs};
 use crate::mediator::Mediator;
 use crate::model::DofLayout;
 use crate::weight::Weight;
@@ -46,6 +46,16 @@ pub struct InterfaceSpec<T: Real> {
     pub junction: Box<dyn Junction<T>>,
     /// Choices with good defaults.
     pub options: InterfaceOptions<T>,
+}
+
+impl<T: Real> InterfaceSpec<T> {
+    /// Of so many displacement components: how many share one scalar coupling matrix.
+    fn shared(&self, components: usize) -> usize {
+        match self.junction.components() {
+            Components::Separate => components,
+            Components::Mixed => 1,
+        }
+    }
 }
 
 impl<T: Real> std::fmt::Debug for InterfaceSpec<T> {
@@ -227,11 +237,11 @@ impl<T: Real> Interface<T> {
                 found: sides[1].layout.components,
             });
         }
-        if spec.options.lumped && !spec.junction.may_lump() {
+        if spec.options.lumped && spec.junction.needs() != Needs::Values {
             return Err(crate::error::invalid(
                 &format!("interface '{}': lumped", spec.name),
                 spec.junction.name(),
-                "only the L2 junction may be lumped; lumping an H1 junction diverges",
+                "only a junction of values (L2) may be lumped; lumping an H1 junction diverges",
             ));
         }
         let built = assembly::assemble(spec, &sides, components)?;

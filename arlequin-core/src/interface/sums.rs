@@ -4,7 +4,7 @@ use super::assembly::{OVERHANG_LIMIT, PARTICLE_COVERAGE, Sampling};
 use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::Sample;
-use crate::junction::Shape;
+use crate::junction::ShapeFunction;
 use crate::mediator::Mediator;
 use crate::reach::Reach;
 use crate::{Error, Real, Result};
@@ -151,7 +151,7 @@ impl<'a, T: Real> Sums<'a, T> {
 
     /// Adds samples that lie in one cell each of mediator, coarse and fine field, where known.
     pub(super) fn add(&mut self, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
-        let gradient = self.spec.junction.needs_gradient();
+        let gradient = self.spec.junction.needs().gradients();
         for s in samples {
             let shared = self.is_shared(&s.point);
             let mut reached = false;
@@ -208,9 +208,9 @@ impl<'a, T: Real> Sums<'a, T> {
             for m in 0..2 {
                 add_products(
                     self.spec,
+                    s,
                     &self.rows,
                     &self.cols[m],
-                    s.measure,
                     self.components,
                     &mut self.sums[m],
                 );
@@ -252,7 +252,7 @@ impl<'a, T: Real> Sums<'a, T> {
                 (lost / (measure + reached + lost)).as_f64()
             ));
         }
-        let shared = if spec.junction.splits() { components } else { 1 };
+        let shared = spec.shared(components);
         let per_node = components / shared;
         let nodes = spec.mediator.nodes().len();
         let [coarse, fine] = sums;
@@ -287,9 +287,9 @@ fn evaluate<T: Real, F: Interpolation<T> + ?Sized>(
     }
 }
 
-fn shape<T: Real>(row: &ShapeRow<T>, k: usize) -> Shape<T> {
+fn shape<T: Real>(row: &ShapeRow<T>, k: usize) -> ShapeFunction<T> {
     let gradient = row.gradients.get(k).copied().unwrap_or_else(Vector3::zeros);
-    Shape {
+    ShapeFunction {
         value: row.values[k],
         gradient,
     }
@@ -297,19 +297,19 @@ fn shape<T: Real>(row: &ShapeRow<T>, k: usize) -> Shape<T> {
 
 pub(super) fn add_products<T: Real>(
     spec: &InterfaceSpec<T>,
+    at: &Sample<T>,
     rows: &ShapeRow<T>,
     cols: &ShapeRow<T>,
-    measure: T,
     components: usize,
     sum: &mut Accumulator<T>,
 ) {
-    let size = if spec.junction.splits() { 1 } else { components };
+    let size = components / spec.shared(components);
     let width = cols.nodes.len() * size;
     let block = sum.block(&rows.nodes, &cols.nodes, size);
     for i in 0..rows.nodes.len() {
         let si = shape(rows, i);
         for j in 0..cols.nodes.len() {
-            let product = spec.junction.block(&si, &shape(cols, j)) * measure;
+            let product = spec.junction.block(&at.point, &si, &shape(cols, j)) * at.measure;
             for a in 0..size {
                 for b in 0..size {
                     block[(i * size + a) * width + j * size + b] += product[(a, b)];

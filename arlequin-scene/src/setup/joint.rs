@@ -4,20 +4,19 @@ use super::kinds::Body;
 use super::mesh::{Grid, Request};
 use crate::error::{Result, core, key, value};
 use crate::spec::{
-    Absorber as AbsorberTable, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind,
-    RegionShape, SamplingKind, Shape, WeightTable, WeightingKind,
+    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, Shape, WeightTable,
 };
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::field::{Interpolation, ShapeRow};
-use arlequin::core::junction::{H1Gradient, H1Seminorm, H1Strain, Junction, L2};
+use arlequin::core::junction::Junction;
 use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
-use arlequin::core::weight::{Profile, Ramp, Weight, Weighting};
+use arlequin::core::weight::{Ramp, Weight, Weighting};
 use arlequin::core::{InterfaceOptions, InterfaceSpec, Partition, Sampling, Weights};
+use arlequin::fem_ref::FemField;
 use arlequin::fem_ref::generate::Rim;
-use arlequin::fem_ref::{FemField, FemMediator};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -92,7 +91,7 @@ pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     let request = Request { shape, ..request };
     let mesh = request.mesh()?;
     let grid = Grid::of_mesh(&mesh);
-    let mediator = Arc::new(FemMediator::new(mesh));
+    let mediator = Arc::new(FemField::new(mesh));
     let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
     let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
     let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
@@ -126,10 +125,7 @@ pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
             options,
         },
         weights,
-        partition: match table.partition {
-            PartitionKind::Checked => Partition::Checked,
-            PartitionKind::Unchecked => Partition::Unchecked,
-        },
+        partition: table.partition,
         grid,
         absorber,
         advice,
@@ -175,9 +171,7 @@ pub(super) fn check_sense(
 fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
     InterfaceOptions {
         sampling: match table.sampling {
-            Some(SamplingKind::Intersection) => Sampling::Intersection,
-            Some(SamplingKind::Projection) => Sampling::Projection,
-            Some(SamplingKind::Particles) => Sampling::Particles,
+            Some(chosen) => chosen,
             None if sides.iter().any(|s| s.1.field.samples().is_some()) => Sampling::Particles,
             None => Sampling::Intersection,
         },
@@ -232,32 +226,24 @@ pub(super) fn weights(
     mediator: &[Point3<f64>],
     brittle: [bool; 2],
 ) -> Result<Weights<f64>> {
-    let weighting = match table.weighting {
-        WeightingKind::Energy => Weighting::Energy,
-        WeightingKind::Nodal => Weighting::Nodal,
-    };
     let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
-        let profile = match (kind, constant) {
-            (ProfileKind::Constant, Some(v)) => Profile::Constant(v),
-            (ProfileKind::Constant, None) => {
+        match (kind == ProfileKind::Constant, constant) {
+            (true, None) => {
                 return Err(crate::error::key(
                     path,
                     "the constant profile needs value [-], such as value = 0.5",
                 ));
             }
-            (_, Some(v)) => {
+            (false, Some(v)) => {
                 let rule = "belongs to the constant profile; remove it or choose profile = \"constant\"";
                 return Err(value(format!("{path}.value"), v, rule));
             }
-            (ProfileKind::Linear, None) => Profile::Linear,
-            (ProfileKind::Cubic, None) => Profile::Cubic,
-            (ProfileKind::Quintic, None) => Profile::Quintic,
-            (ProfileKind::MediatorCompatible, None) => {
-                Profile::mediator_compatible(&stations(&**overlap, mediator))
-                    .map_err(core(format!("{path}.profile")))?
-            }
-        };
+            _ => {}
+        }
+        let profile = kind
+            .profile(constant, &stations(&**overlap, mediator))
+            .map_err(core(format!("{path}.profile")))?;
         let [coarse, fine] = match epsilon {
             None => floors(table, brittle),
             Some(e) => [e, table.fine_epsilon.unwrap_or(e)],
@@ -277,7 +263,7 @@ pub(super) fn weights(
         internal: own(".alpha", &table.alpha)?,
         kinetic: own(".beta", &table.beta)?,
         external: own(".gamma", &table.gamma)?,
-        weighting,
+        weighting: table.weighting,
     })
 }
 
@@ -286,8 +272,8 @@ fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
     // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal law loses
     // its critical step with a small floor; 0.05 is the literature's.
     let floor = match table.weighting {
-        WeightingKind::Energy => 1e-6,
-        WeightingKind::Nodal => 0.05,
+        Weighting::Energy => 1e-6,
+        Weighting::Nodal => 0.05,
     };
     let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
     let [coarse, fine] = brittle.map(|b| table.epsilon.unwrap_or(least(b)));
@@ -311,28 +297,21 @@ pub(super) fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Bo
     let at = format!("{path}.junction.length");
     // Measured best in one and three dimensions: 0.1 to 0.4 of h_B; at h_B the condition is twenty times worse.
     let length = table.junction.length.unwrap_or(0.25 * spacing);
-    Ok(match table.junction.kind {
-        JunctionKind::L2 => match table.junction.length {
-            None => Box::new(L2),
-            Some(l) => {
-                return Err(value(
-                    at,
-                    l,
-                    "the l2 junction has no length; remove it or choose an h1 kind",
-                ));
-            }
-        },
-        JunctionKind::H1Strain => Box::new(H1Strain::new(length).map_err(core(at))?),
-        JunctionKind::H1Gradient => Box::new(H1Gradient::new(length).map_err(core(at))?),
-        JunctionKind::H1Seminorm => Box::new(H1Seminorm::new(length).map_err(core(at))?),
-    })
+    if let (false, Some(l)) = (table.junction.kind.has_length(), table.junction.length) {
+        let rule = format!(
+            "the {} junction has no length; remove it or choose an h1 kind",
+            table.junction.kind
+        );
+        return Err(value(at, l, &rule));
+    }
+    table.junction.kind.junction(length).map_err(core(at))
 }
 
 fn absorber(
     path: &str,
     table: &AbsorberTable,
     mediator_request: Request<'_>,
-    mediator: &Arc<FemMediator<f64>>,
+    mediator: &Arc<FemField<f64>>,
     overlap: &Arc<dyn Overlap<f64>>,
     fine: &Body,
 ) -> Result<Absorber<f64>> {

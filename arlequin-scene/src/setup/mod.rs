@@ -266,7 +266,7 @@ fn guard(scene: &SceneSpec) -> Guard<f64> {
     let nodal = scene
         .interface
         .values()
-        .any(|i| i.weight.weighting == crate::spec::WeightingKind::Nodal);
+        .any(|i| i.weight.weighting == Weighting::Nodal);
     let weighting = if nodal {
         Weighting::Nodal
     } else {

@@ -3,6 +3,10 @@
 use super::model::{Element, Shape};
 use serde::Deserialize;
 
+pub use arlequin::core::junction::JunctionKind;
+pub use arlequin::core::weight::ProfileKind;
+use arlequin::core::{Partition, Sampling, Weighting};
+
 /// `[interface.NAME]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -23,13 +27,13 @@ pub struct Interface {
     #[serde(default)]
     pub junction: JunctionTable,
     /// How its integrals are sampled; at the particles for a particle field, on the intersection otherwise.
-    pub sampling: Option<SamplingKind>,
+    pub sampling: Option<Sampling>,
     /// Lumped multiplier operator.
     #[serde(default)]
     pub lumped: bool,
     /// Whether the weights must sum to one.
     #[serde(default)]
-    pub partition: PartitionKind,
+    pub partition: Partition,
     /// Point at which a seminorm pins the models together \[m\].
     pub pin: Option<[f64; 3]>,
     /// Damping of what the coarse model cannot carry.
@@ -98,7 +102,7 @@ pub struct WeightTable {
     /// Smallest weight of the fine model there, if it differs \[–\].
     pub fine_epsilon: Option<f64>,
     /// How the weights enter the models.
-    pub weighting: WeightingKind,
+    pub weighting: Weighting,
     /// Internal energy, if it differs.
     pub alpha: Option<ProfileTable>,
     /// Kinetic energy, if it differs.
@@ -117,34 +121,6 @@ pub struct ProfileTable {
     pub value: Option<f64>,
     /// Smallest weight in the overlap \[–\].
     pub epsilon: Option<f64>,
-}
-
-/// Shapes of the transition.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ProfileKind {
-    /// The same value in the whole overlap.
-    Constant,
-    /// C0.
-    Linear,
-    /// C1; reflects least for its width, hence the default.
-    #[default]
-    Cubic,
-    /// C2.
-    Quintic,
-    /// C1 with a gradient in the mediator space: exact patch test.
-    MediatorCompatible,
-}
-
-/// How weights enter a model.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum WeightingKind {
-    /// Element and bond means in stiffness and mass; conserves energy.
-    #[default]
-    Energy,
-    /// Nodal forces and masses; not conservative.
-    Nodal,
 }
 
 /// The multiplier space.
@@ -170,44 +146,6 @@ pub struct JunctionTable {
     pub kind: JunctionKind,
     /// Length `l` \[m\]; a quarter of the mediator's spacing by default.
     pub length: Option<f64>,
-}
-
-/// Scalar products.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum JunctionKind {
-    /// `∫ λ·v`: no length to choose, components decouple; hence the default.
-    #[default]
-    L2,
-    /// `∫ λ·v + l² ε(λ):ε(v)`.
-    H1Strain,
-    /// `∫ λ·v + l² ∇λ:∇v`.
-    H1Gradient,
-    /// `∫ l² ∇λ:∇v`.
-    H1Seminorm,
-}
-
-/// Sampling of the junction integrals.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SamplingKind {
-    /// On the common refinement of all cells: exact.
-    Intersection,
-    /// At the mediator nodes.
-    Projection,
-    /// At the particles of the fine model.
-    Particles,
-}
-
-/// Whether weights must sum to one.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PartitionKind {
-    /// Refused if they do not.
-    #[default]
-    Checked,
-    /// A deliberate study.
-    Unchecked,
 }
 
 /// The overlap absorber.

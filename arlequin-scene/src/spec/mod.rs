@@ -14,8 +14,7 @@ pub use drive::{
 };
 pub use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
 pub use interface::{
-    Absorber, Interface, JunctionKind, OverlapShape, PartitionKind, ProfileKind, ProfileTable, RegionShape,
-    SamplingKind, WeightTable, WeightingKind,
+    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
 };
 pub use model::{
     CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelKind, ModelTable, NotchBox,

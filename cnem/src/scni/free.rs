@@ -6,8 +6,9 @@
 //! a fixed order: stresses of the tetrahedra, of the cells, their differences, and the gathering at the nodes through
 //! the transposed rows of `b`. Results have the same bits for any number of threads.
 
-use super::matrix::{CHUNK, Incidence, SERIAL};
+use super::matrix::{CHUNK, SERIAL};
 use super::{BlockMatrix, Smoothing, SubCells};
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::material::Elastic;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -15,45 +16,22 @@ use std::ops::Range;
 /// A symmetric tensor: xx, yy, zz, yz, xz, xy.
 type Sym = [f64; 6];
 
-/// Sparse rows of vectors: `items[starts[i]..starts[i + 1]]`.
-#[derive(Debug, Clone)]
-struct Rows {
-    starts: Vec<usize>,
-    items: Vec<(u32, [f64; 3])>,
+/// Sparse rows of vectors.
+type Rows = Adjacency<(u32, [f64; 3])>;
+
+/// The smoothed gradients by cell, without the zeros that the stabilisation added to the pattern.
+fn by_cell(smoothing: &Smoothing) -> Rows {
+    Rows::from_rows((0..smoothing.volumes.len()).map(|cell| {
+        let (nodes, gradients) = smoothing.row(cell);
+        let row = nodes.iter().zip(gradients).map(|(&k, g)| (k, [g.x, g.y, g.z]));
+        row.filter(|e| e.1.iter().any(|g| g.abs() > 0.0))
+    }))
 }
 
-impl Rows {
-    /// The smoothed gradients by cell, without the zeros that the stabilisation added to the pattern.
-    fn cells(smoothing: &Smoothing) -> Self {
-        let mut out = Self {
-            starts: vec![0],
-            items: Vec::new(),
-        };
-        for cell in 0..smoothing.volumes.len() {
-            let (nodes, gradients) = smoothing.row(cell);
-            let row = nodes.iter().zip(gradients).map(|(&k, g)| (k, [g.x, g.y, g.z]));
-            out.items
-                .extend(row.filter(|e| e.1.iter().any(|g| g.abs() > 0.0)));
-            out.starts.push(out.items.len());
-        }
-        out
-    }
-
-    /// The same entries by node, cells ascending.
-    fn transposed(&self) -> Self {
-        let columns: Vec<u32> = self.items.iter().map(|e| e.0).collect();
-        let by_node = Incidence::new(self.starts.len() - 1, &columns);
-        let owner = |at: u32| self.starts.partition_point(|&s| s <= at as usize) - 1;
-        let entry = |&at: &u32| (owner(at) as u32, self.items[at as usize].1);
-        Self {
-            items: by_node.items.iter().map(entry).collect(),
-            starts: by_node.starts,
-        }
-    }
-
-    fn of(&self, row: usize) -> &[(u32, [f64; 3])] {
-        &self.items[self.starts[row]..self.starts[row + 1]]
-    }
+/// The same entries by node, cells ascending.
+fn by_node(cells: &Rows) -> Rows {
+    let entry = |cell: usize| cells.row(cell).iter().map(move |&(k, g)| (k, (cell as u32, g)));
+    Rows::new(cells.len(), (0..cells.len()).flat_map(entry))
 }
 
 /// Values computed by every call.
@@ -70,7 +48,7 @@ struct Buffers {
 pub(crate) struct MatrixFree {
     rows: Rows,
     columns: Rows,
-    corners: Incidence,
+    corners: Adjacency,
     lame: [f64; 2],
     alpha: Vec<f64>,
     buffers: Buffers,
@@ -148,11 +126,11 @@ impl MatrixFree {
         material: &Elastic<f64>,
         alpha: Vec<f64>,
     ) -> Self {
-        let rows = Rows::cells(smoothing);
+        let rows = by_cell(smoothing);
         Self {
-            columns: rows.transposed(),
+            columns: by_node(&rows),
             rows,
-            corners: Incidence::new(alpha.len(), sub.tets.as_flattened()),
+            corners: Adjacency::of_slots(alpha.len(), sub.tets.as_flattened()),
             lame: material.lame(),
             buffers: Buffers {
                 tets: vec![Sym::default(); sub.tets.len()],
@@ -195,7 +173,7 @@ impl MatrixFree {
         each(cells, n, |i, out| {
             let s = stress(&gradient(&self.rows, i, q, |_| 1.0), lame);
             let mut sum = s.map(|v| v * (smoothing.volumes[i] + sub.sums[i]));
-            for &at in self.corners.of(i) {
+            for &at in self.corners.row(i) {
                 let t = &tets[at as usize / 4];
                 (0..6).for_each(|c| sum[c] -= t[c]);
             }
@@ -211,10 +189,10 @@ impl MatrixFree {
         });
         each(f.as_chunks_mut::<3>().0, n, |j, f| {
             let mut y = [0.0; 3];
-            for &(i, b) in self.columns.of(j) {
+            for &(i, b) in self.columns.row(j) {
                 add_traction(&mut y, &cells[i as usize][0], b);
             }
-            for &at in self.corners.of(j) {
+            for &at in self.corners.row(j) {
                 let (t, corner) = (at as usize / 4, at as usize % 4);
                 let g = &sub.gradients[t][corner];
                 add_traction(&mut y, &tets[t], [g.x, g.y, g.z]);
@@ -252,7 +230,7 @@ impl MatrixFree {
         let g = gradient(&self.rows, i, q, |_| 1.0);
         let gd = gradient(&self.rows, i, q, d);
         let mut sum = smoothing.volumes[i] * product(&g, &gd, self.lame);
-        for &at in self.corners.of(i) {
+        for &at in self.corners.row(i) {
             let t = at as usize / 4;
             let (mut h, mut hd) = (linear(sub, t, q, |_| 1.0), linear(sub, t, q, d));
             (0..9).for_each(|c| (h[c], hd[c]) = (g[c] - h[c], gd[c] - hd[c]));
@@ -266,7 +244,7 @@ impl MatrixFree {
 #[inline]
 fn gradient(rows: &Rows, cell: usize, q: &[[f64; 3]], factor: impl Fn(usize) -> f64) -> [f64; 9] {
     let mut out = [0.0; 9];
-    for &(k, b) in rows.of(cell) {
+    for &(k, b) in rows.row(cell) {
         let k = k as usize;
         add_outer(&mut out, &q[k].map(|u| u * factor(k)), b);
     }

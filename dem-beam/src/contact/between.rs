@@ -30,7 +30,7 @@ impl ContactBetween {
     /// Contact between the particles of two models; its name is `contact A-B`.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for parameters of the law.
+    /// [`crate::Error::OutOfRange`] for parameters of the law.
     pub fn new(first: ContactBody, second: ContactBody, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let radii = || first.spheres.iter().chain(&second.spheres).map(|s| s[3]);

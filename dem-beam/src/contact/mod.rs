@@ -54,7 +54,7 @@ impl Contact {
     /// Contact between the particles of a model. Make it after the choice of fracture.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for parameters of the law.
+    /// [`crate::Error::OutOfRange`] for parameters of the law.
     pub fn new(model: &DemModel, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let body = model.body();

@@ -20,7 +20,7 @@ impl DemModel {
     /// The same body with bonds that break.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for a strength, scatter or interval that makes no sense.
+    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense.
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
         self.fracture = Some(FractureState::new(spec, &self.body, self.log.clone()));
@@ -102,8 +102,8 @@ impl DemModel {
         let log = locked(&self.log);
         let (body, whole) = (&self.body, |b: usize| !log.is_broken(b));
         match &mut self.kernel {
-            Kernel::Linear(k) => k.refresh(&blocks, body, &fracture.incidence, &whole),
-            Kernel::Finite(k) => k.refresh(&blocks, body, &fracture.incidence, &whole),
+            Kernel::Linear(k) => k.refresh(&blocks, body, &fracture.adjacency, &whole),
+            Kernel::Finite(k) => k.refresh(&blocks, body, &fracture.adjacency, &whole),
         }
         fracture.follow(&blocks, &whole);
         blocks

@@ -32,7 +32,7 @@ pub use report::DemReport;
 pub use select::LoadShare;
 
 use crate::bond::BeamMaterial;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use crate::fracture::SharedLog;
 use crate::fracture::state::FractureState;
 use crate::kernel::law::{Finite, Linear};
@@ -94,14 +94,14 @@ impl DemModel {
     /// let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3)?, 500, 1).build()?;
     /// let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0)?;
     /// assert_eq!(model.layout().dofs(), 6 * model.nodes().len());
-    /// # Ok::<(), dem_beam::DemError>(())
+    /// # Ok::<(), dem_beam::Error>(())
     /// ```
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with the packing's particle numbers; [`DemError::Periodic`].
+    /// As [`BondedParticles::new`], with the packing's particle numbers; [`Error::Periodic`].
     pub fn new(name: &str, packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
         if packing.period.is_some() {
-            return Err(DemError::Periodic { what: "a model" });
+            return Err(Error::Periodic { what: "a model" });
         }
         // In the packing's numbers first, so that errors name what the caller knows.
         let body = BondedParticles::of_packing(packing, beam, density)?;
@@ -200,7 +200,7 @@ impl DemModel {
     /// the low modes little. 1 is exact, and the default.
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`] if `factor` is not finite and positive.
+    /// [`Error::OutOfRange`] if `factor` is not finite and positive.
     pub fn with_scaled_inertia(mut self, factor: f64) -> Result<Self> {
         crate::error::positive("inertia factor", factor)?;
         self.inertia.iter_mut().for_each(|i| *i *= factor);
@@ -256,9 +256,9 @@ impl DemModel {
         }
     }
 
-    fn named(&self, error: &DemError) -> arlequin_core::Error {
+    fn named(&self, error: &Error) -> arlequin_core::Error {
         match error {
-            DemError::Core(e) => e.clone(),
+            Error::Core(e) => e.clone(),
             e => arlequin_core::Error::Model {
                 model: self.name.clone(),
                 message: e.to_string(),
@@ -279,10 +279,10 @@ impl DemModel {
     }
 }
 
-impl From<DemError> for arlequin_core::Error {
-    fn from(error: DemError) -> Self {
+impl From<Error> for arlequin_core::Error {
+    fn from(error: Error) -> Self {
         match error {
-            DemError::Core(e) => e,
+            Error::Core(e) => e,
             e => Self::Model {
                 model: "dem".into(),
                 message: e.to_string(),

@@ -81,7 +81,7 @@ impl Obstacle {
     /// An obstacle for the particles of a model, with a name for reports.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for parameters that make no sense.
+    /// [`crate::Error::OutOfRange`] for parameters that make no sense.
     pub fn new(name: &str, model: &DemModel, shape: Shape, motion: Motion, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let shape = shape.checked()?;

@@ -1,9 +1,10 @@
 //! Internal forces element by element, without a matrix.
 
-use super::{CHUNK, Incidence, SERIAL};
+use super::{CHUNK, SERIAL};
 use crate::element::{self, ElementKind};
 use crate::mesh::Mesh;
 use arlequin_core::Real;
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::material::Elastic;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -14,7 +15,7 @@ pub struct ElementLoop<T: Real> {
     kind: ElementKind,
     material: Elastic<T>,
     connectivity: Vec<u32>,
-    incidence: Incidence,
+    incidence: Adjacency,
     /// `α_e` times weight times Jacobian \[m³\], per Gauss point.
     weights: Vec<T>,
     /// Gradients \[1/m\], per Gauss point and corner.
@@ -31,7 +32,7 @@ impl<T: Real> ElementLoop<T> {
             kind: mesh.kind(),
             material: *material,
             connectivity: mesh.connectivity().to_vec(),
-            incidence: Incidence::new(mesh.nodes().len(), mesh.connectivity()),
+            incidence: Adjacency::of_slots(mesh.nodes().len(), mesh.connectivity()),
             weights: Vec::new(),
             gradients: Vec::new(),
             forces: vec![Vector3::zeros(); mesh.connectivity().len()],
@@ -65,7 +66,7 @@ impl<T: Real> ElementLoop<T> {
         };
         let nodes = |forces: &[Vector3<T>], chunk: usize, f: &mut [T]| {
             for (k, f) in f.as_chunks_mut::<C>().0.iter_mut().enumerate() {
-                for &slot in this.incidence.of(chunk * CHUNK + k) {
+                for &slot in this.incidence.row(chunk * CHUNK + k) {
                     for (f, g) in f.iter_mut().zip(forces[slot as usize].as_slice()) {
                         *f -= *g;
                     }

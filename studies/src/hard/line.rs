@@ -8,7 +8,7 @@ use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
 use arlequin::core::junction::L2;
 use arlequin::core::weight::Profile;
 use arlequin::core::{Coupled, Error, Partition, Result, Weighting};
-use arlequin::fem_ref::{FemMediator, generate};
+use arlequin::fem_ref::{FemField, generate};
 use std::sync::Arc;
 
 pub(super) const CASES: &[HardCase] = &[
@@ -239,7 +239,7 @@ fn two(gap_elements: usize) -> Result<Coupled<f64>> {
             name: name.into(),
             coarse: COARSE,
             fine: FINE,
-            mediator: Arc::new(FemMediator::new(generate::bar(ends[0], ends[1], 2, 1.0)?)),
+            mediator: Arc::new(FemField::new(generate::bar(ends[0], ends[1], 2, 1.0)?)),
             junction: Box::new(L2),
             options: InterfaceOptions::default(),
         })
@@ -276,7 +276,7 @@ fn neighbours() -> Result<Outcome> {
     let line = small();
     let c = random_state(&line, [2, 1])?;
     let half = |ends: [f64; 2]| -> Result<Naive> {
-        let mediator = FemMediator::new(generate::bar(ends[0], ends[1], 2, 1.0)?);
+        let mediator = FemField::new(generate::bar(ends[0], ends[1], 2, 1.0)?);
         let mut side = Naive::new(&c, &mediator, 0.0, Rule::Refined)?;
         // A jump of one between bar and chain.
         side.v

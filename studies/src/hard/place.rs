@@ -14,7 +14,7 @@ use arlequin::core::subdomain::PrescribedMotion;
 use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::{Profile, Ramp, Uniform, Weight};
 use arlequin::core::{Coupled, Error, Partition, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{ElementKind, FemMediator, FemModel, Mesh};
+use arlequin::fem_ref::{ElementKind, FemField, FemModel, Mesh};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -90,7 +90,7 @@ fn couple(bodies: Vec<Subdomain<f64>>, mediator: Mesh<f64>, length: f64) -> Resu
         name: "overlap".into(),
         coarse: 0,
         fine: 1,
-        mediator: Arc::new(FemMediator::new(mediator)),
+        mediator: Arc::new(FemField::new(mediator)),
         junction: if length > 0.0 {
             Box::new(H1Gradient::new(length)?)
         } else {
