@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Exit code of a run that the user ended (128 + SIGINT).
-const INTERRUPTED: u8 = 130;
+pub(crate) const INTERRUPTED: u8 = 130;
 
 /// Runs a scene and writes its results.
 pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool) -> Result<ExitCode> {
@@ -31,7 +31,7 @@ pub(crate) fn resume(target: &Path, as_json: bool) -> Result<ExitCode> {
 fn finished(done: &Results, as_json: bool) -> Result<ExitCode> {
     let summary = done.summary();
     if as_json {
-        report::json(&json("writing summary.json", summary)?);
+        report::line(&json("writing summary.json", summary)?);
     } else if let Some(folder) = &done.folder {
         report::finished(summary, folder, done.planned);
     }
@@ -45,7 +45,7 @@ fn finished(done: &Results, as_json: bool) -> Result<ExitCode> {
 /// A user at a terminal, who sees warnings and a bar and may press Ctrl-C.
 struct Terminal {
     json: bool,
-    bar: Option<Progress>,
+    bar: Progress,
     stop: Arc<AtomicBool>,
 }
 
@@ -54,7 +54,7 @@ impl Terminal {
     fn new(json: bool) -> Result<Self> {
         Ok(Self {
             json,
-            bar: None,
+            bar: Progress::default(),
             stop: watch_interrupt()?,
         })
     }
@@ -67,15 +67,14 @@ impl Observer for Terminal {
         }
     }
     fn step(&mut self, run: &Coupled<f64>, planned: usize) -> ControlFlow<()> {
-        let bar = self.bar.get_or_insert_with(|| Progress::new(planned));
-        bar.set(run.steps());
+        self.bar.show("steps", run.steps(), planned);
         if self.stop.load(Ordering::Relaxed) {
             return ControlFlow::Break(());
         }
         ControlFlow::Continue(())
     }
     fn stepped(&mut self) {
-        self.bar = None;
+        self.bar.clear();
     }
 }
 
