@@ -30,11 +30,19 @@ impl<T: Real> BlockMatrix<T> {
     /// columns `columns[starts[i]..starts[i + 1]]`.
     #[must_use]
     pub fn zeros(size: usize, starts: Vec<usize>, columns: Vec<u32>) -> Self {
+        let values = vec![T::zero(); columns.len() * size * size];
+        Self::new(size, starts, columns, values)
+    }
+
+    /// The matrix of a pattern (see [`BlockMatrix::zeros`]) with its `values`, block after block, each by rows.
+    #[must_use]
+    pub fn new(size: usize, starts: Vec<usize>, columns: Vec<u32>, values: Vec<T>) -> Self {
+        debug_assert_eq!(values.len(), columns.len() * size * size);
         Self {
             size,
-            values: vec![T::zero(); columns.len() * size * size],
             starts,
             columns,
+            values,
         }
     }
 

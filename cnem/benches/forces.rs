@@ -1,9 +1,9 @@
-//! Internal forces with and without an assembled matrix; the argument is whether the model is stabilised.
+//! Internal forces; the argument is whether the model is stabilised.
 //! Run with `cargo bench -p cnem --bench forces`; set `RAYON_NUM_THREADS` for the number of threads.
 
 use arlequin_core::model::Model;
 use cnem::generate::Cylinder;
-use cnem::{CnemModel, Elastic, Forces, Options, Stabilisation};
+use cnem::{CnemModel, Elastic, Options, Stabilisation};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 
@@ -12,7 +12,7 @@ fn main() {
 }
 
 /// A cylinder of 9027 nodes, moved off the regular pattern.
-fn model(forces: Forces, stabilised: bool) -> cnem::Result<CnemModel> {
+fn model(stabilised: bool) -> cnem::Result<CnemModel> {
     let shape = Cylinder {
         x: [0.0, 18e-3],
         radius: 1e-3,
@@ -27,7 +27,6 @@ fn model(forces: Forces, stabilised: bool) -> cnem::Result<CnemModel> {
         } else {
             Stabilisation::None
         },
-        forces,
         ..Options::default()
     };
     CnemModel::new(
@@ -38,8 +37,9 @@ fn model(forces: Forces, stabilised: bool) -> cnem::Result<CnemModel> {
     )
 }
 
-fn run(bencher: Bencher, forces: Forces, stabilised: bool) {
-    let Ok(mut model) = model(forces, stabilised) else {
+#[divan::bench(args = [false, true], sample_count = 200, sample_size = 5)]
+fn forces(bencher: Bencher, stabilised: bool) {
+    let Ok(mut model) = model(stabilised) else {
         return;
     };
     let q: Vec<f64> = (0..model.layout().dofs())
@@ -49,14 +49,4 @@ fn run(bencher: Bencher, forces: Forces, stabilised: bool) {
     bencher
         .counter(ItemsCount::new(q.len() / 3))
         .bench_local(|| model.add_internal_forces(&q, &mut f));
-}
-
-#[divan::bench(args = [false, true], sample_count = 200, sample_size = 5)]
-fn assembled(bencher: Bencher, stabilised: bool) {
-    run(bencher, Forces::Assembled, stabilised);
-}
-
-#[divan::bench(args = [false, true], sample_count = 200, sample_size = 5)]
-fn matrix_free(bencher: Bencher, stabilised: bool) {
-    run(bencher, Forces::MatrixFree, stabilised);
 }

@@ -16,16 +16,12 @@ mod common;
 
 use beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 use cnem::natural::Kind;
-use cnem::{Forces, Inertia, Options, Stabilisation};
+use cnem::{Inertia, Options, Stabilisation};
 
 fn row(options: Options, sizes: [f64; 4]) {
     let shape = cylinder(sizes[0] == 0.0, sizes[1] as usize, sizes[2] as usize, sizes[3]);
     let b = study(options, &shape);
-    let row = b.blocks as f64 / b.nodes as f64;
-    print!(
-        "{:5} nodes, {row:.0} blocks a row, critical step {:.2e} s: ",
-        b.nodes, b.step
-    );
+    print!("{:5} nodes, critical step {:.2e} s: ", b.nodes, b.step);
     if sizes[0] == 0.0 {
         let f = axial_frequencies(options, &shape, &SLENDER.0);
         println!(
@@ -73,7 +69,6 @@ fn main() {
                 let options = Options {
                     kind,
                     stabilisation,
-                    forces: Forces::Assembled,
                     inertia: Inertia::default(),
                 };
                 row(options, sizes);

@@ -15,7 +15,7 @@ use arlequin_core::weight::{Weight, Weighting};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Kind;
-use cnem::{CnemModel, Forces, Options, Stabilisation, generate};
+use cnem::{CnemModel, Options, Stabilisation, generate};
 use common::{mms, silica};
 use nalgebra::Point3;
 use std::time::Instant;
@@ -56,7 +56,6 @@ fn costs(kind: Kind) {
     let meshed = start.elapsed();
     let options = Options {
         kind,
-        forces: Forces::Assembled,
         ..Options::default()
     };
     let mut model = CnemModel::new("cube", domain, silica(), options).unwrap();
@@ -65,10 +64,9 @@ fn costs(kind: Kind) {
     let weighted = start.elapsed();
     let n = model.nodes().len();
     println!(
-        "{kind:?} {n} nodes: domain {meshed:.2?}, model {:.2?}, weighting {:.2?}, {} blocks a row",
+        "{kind:?} {n} nodes: domain {meshed:.2?}, model {:.2?}, weighting {:.2?}",
         made - meshed,
-        weighted - made,
-        model.stored_blocks() / n
+        weighted - made
     );
     let q: Vec<f64> = model.nodes().iter().flat_map(|p| [p.x * p.y, p.z, p.x]).collect();
     let mut f = vec![0.0; q.len()];

@@ -88,5 +88,5 @@ pub use error::{Error, Result};
 pub use field::NaturalField;
 pub use hilbert::spatial_order;
 pub use inertia::Inertia;
-pub use model::{CnemModel, Forces, Options};
+pub use model::{CnemModel, Options};
 pub use scni::Stabilisation;

@@ -17,7 +17,7 @@ use crate::error::{Error, Result, parameter};
 use crate::field::NaturalField;
 use crate::inertia::{Inertia, Spread};
 use crate::natural::Kind;
-use crate::scni::{BlockMatrix, BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells};
+use crate::scni::{BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells, stiffness};
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::field::Interpolation;
@@ -42,27 +42,6 @@ const STRAINS: [(&str, [usize; 2]); 6] = [
     ("zx", [2, 0]),
 ];
 
-/// How internal forces are computed. The results agree to round-off, and each has the same bits for any number of threads.
-///
-/// Measured on 9027 nodes with Laplace functions, one call on one thread of a busy machine (`benches/forces.rs`): 12.9 ms
-/// assembled, with or without stabilisation; 4.9 ms without a matrix, 1.8 ms without stabilisation either. With two threads
-/// of an idle one: 6.8, 2.5 and 0.9 ms. The matrix is read from memory once per call, the gradients are a fraction of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Forces {
-    /// Product with an assembled matrix of 3 × 3 blocks.
-    Assembled,
-    /// Stresses of the cells and tetrahedra, gathered at the nodes: no matrix is stored, nor built when weights are set.
-    #[default]
-    MatrixFree,
-}
-
-/// What the forces are computed from.
-#[derive(Debug, Clone)]
-enum Operator {
-    Assembled(BlockMatrix),
-    MatrixFree(MatrixFree),
-}
-
 /// Choices of the method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
@@ -70,8 +49,6 @@ pub struct Options {
     pub kind: Kind,
     /// Cure of the spurious modes.
     pub stabilisation: Stabilisation,
-    /// Computation of the internal forces.
-    pub forces: Forces,
     /// Nodes that carry the mass of a cell.
     pub inertia: Inertia,
 }
@@ -81,7 +58,6 @@ impl Default for Options {
         Self {
             kind: Kind::Laplace,
             stabilisation: Stabilisation::default(),
-            forces: Forces::default(),
             inertia: Inertia::default(),
         }
     }
@@ -97,7 +73,7 @@ pub struct CnemModel {
     options: Options,
     smoothing: Smoothing,
     sub: SubCells,
-    operator: Operator,
+    forces: MatrixFree,
     /// `α(x_I)` with nodal weighting.
     factors: Option<Vec<f64>>,
     /// Where cells do not keep their mass.
@@ -144,14 +120,7 @@ impl CnemModel {
         };
         let model = Self {
             name: name.to_owned(),
-            operator: match options.forces {
-                Forces::Assembled => {
-                    Operator::Assembled(BlockMatrix::new(&smoothing, &sub, &material, &ones))
-                }
-                Forces::MatrixFree => {
-                    Operator::MatrixFree(MatrixFree::new(&smoothing, &sub, &material, ones))
-                }
-            },
+            forces: MatrixFree::new(&smoothing, &sub, &material, ones),
             field: Arc::new(NaturalField::new(domain, options.kind)),
             cells,
             material,
@@ -221,14 +190,6 @@ impl CnemModel {
     /// The displacement field.
     pub fn field(&self) -> Arc<NaturalField> {
         self.field.clone()
-    }
-
-    /// Number of 3 × 3 blocks stored for the internal forces, none without a matrix.
-    pub fn stored_blocks(&self) -> usize {
-        match &self.operator {
-            Operator::Assembled(k) => k.blocks(),
-            Operator::MatrixFree(_) => 0,
-        }
     }
 
     /// Facets of cells whose centroid lies outside the domain, next to a re-entrant edge; the linear functions of a
@@ -382,12 +343,7 @@ impl Model<f64> for CnemModel {
         };
         arlequin_core::scalar::check_finite("cell weights", &means)?;
         arlequin_core::scalar::check_finite("nodal weights", factors.as_deref().unwrap_or_default())?;
-        match &mut self.operator {
-            Operator::Assembled(k) => {
-                *k = BlockMatrix::new(&self.smoothing, &self.sub, &self.material, &means);
-            }
-            Operator::MatrixFree(k) => k.set_weights(means),
-        }
+        self.forces.set_weights(means);
         self.factors = factors;
         Ok(())
     }
@@ -396,21 +352,16 @@ impl Model<f64> for CnemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let factors = self.factors.as_deref();
-        match &mut self.operator {
-            Operator::Assembled(k) => k.subtract_product(q, factors, f),
-            Operator::MatrixFree(k) => k.subtract_product(&self.smoothing, &self.sub, q, factors, f),
-        }
+        self.forces
+            .subtract_product(&self.smoothing, &self.sub, q, factors, f);
         Ok(())
     }
 
     /// `½ qᵀ K_α q` \[J\]; with nodal weighting `½ Σ_i α(x_i) q_i · (K q)_i`, which no force derives from. `q` must
     /// have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        let factors = self.factors.as_deref();
-        match &self.operator {
-            Operator::Assembled(k) => k.energy(q, factors),
-            Operator::MatrixFree(k) => k.energy(&self.smoothing, &self.sub, q, factors),
-        }
+        self.forces
+            .energy(&self.smoothing, &self.sub, q, self.factors.as_deref())
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
@@ -422,12 +373,10 @@ impl Model<f64> for CnemModel {
 }
 
 impl LinearModel<f64> for CnemModel {
-    /// `K_α` with energy weighting; with nodal weighting the unweighted `K`. Assembled here if it is not stored.
+    /// `K_α` with energy weighting; with nodal weighting the unweighted `K`. Assembled here.
     fn stiffness(&self) -> CsMat<f64> {
-        match &self.operator {
-            Operator::Assembled(k) => k.to_csr(),
-            Operator::MatrixFree(k) => k.assemble(&self.smoothing, &self.sub, &self.material).to_csr(),
-        }
+        let weights = self.forces.weights();
+        stiffness(&self.smoothing, &self.sub, &self.material, weights).to_csr()
     }
 }
 
@@ -462,8 +411,7 @@ mod tests {
             let mut model = cube();
             change(&mut model.smoothing);
             let ones = vec![1.0; model.cells.len()];
-            let operator = MatrixFree::new(&model.smoothing, &model.sub, &model.material, ones);
-            model.operator = Operator::MatrixFree(operator);
+            model.forces = MatrixFree::new(&model.smoothing, &model.sub, &model.material, ones);
             model.check_linear_fields().err()
         };
         let error = broken(&|s| s.gradients[7].y = f64::NAN);

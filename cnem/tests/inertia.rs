@@ -21,7 +21,6 @@ use nalgebra::{Point3, Vector3};
 const CENTROIDS: Options = Options {
     kind: cnem::natural::Kind::Laplace,
     stabilisation: cnem::Stabilisation::SubCells(0.1),
-    forces: cnem::Forces::MatrixFree,
     inertia: Inertia::Centroids,
 };
 

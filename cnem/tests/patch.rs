@@ -15,7 +15,7 @@ use arlequin_core::weight::{Uniform, Weight, Weighting};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Kind;
-use cnem::{CnemModel, Forces, Options, Stabilisation, generate};
+use cnem::{CnemModel, Options, Stabilisation, generate};
 use common::{block, largest, noise, silica, solve};
 use nalgebra::{Matrix3, Point3, Vector3, center};
 
@@ -72,14 +72,11 @@ fn all_options() -> Vec<Options> {
     let mut out = Vec::new();
     for kind in [Kind::Sibson, Kind::Laplace] {
         for stabilisation in [Stabilisation::None, Stabilisation::default()] {
-            for forces in [Forces::Assembled, Forces::MatrixFree] {
-                out.push(Options {
-                    kind,
-                    stabilisation,
-                    forces,
-                    ..Options::default()
-                });
-            }
+            out.push(Options {
+                kind,
+                stabilisation,
+                ..Options::default()
+            });
         }
     }
     out

@@ -398,6 +398,12 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
+    /// What a run remembered of another body.
+    #[error("{what} is of another body; restore into the run that was saved")]
+    ForeignRecord {
+        /// Which record.
+        what: &'static str,
+    },
     /// A file without the values needed.
     #[error("no point array named {wanted}; the file has: {found}")]
     MissingArray {

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::coupled::Guard;
-use arlequin_core::effect::{Effect, Instant, MassDamping, Site, StiffnessDamping};
+use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, MassDamping, StiffnessDamping};
 use arlequin_core::momentum::{Arms, Claim};
 use arlequin_core::observer::Silent;
 use arlequin_core::subdomain::PrescribedMotion;
@@ -184,11 +184,20 @@ fn a_tumble_goes_on_from_a_snapshot_with_the_same_bits() {
     assert_eq!(whole.bodies(), rest.bodies());
     let mut wrong = saved;
     wrong.subdomains[0].model.numbers[0] += 0.5;
-    let text = free(spin, 0.8).restore(&wrong).unwrap_err().to_string();
+    let error = free(spin, 0.8).restore(&wrong).unwrap_err();
+    let text = error.to_string();
     assert!(
         text.contains("model 'box'") && text.contains("orientations"),
         "{text}"
     );
+    // The model's own error keeps its type on the way through the core.
+    let arlequin_core::Error::Model { source, .. } = &error else {
+        panic!("{error:?}")
+    };
+    assert!(matches!(
+        source.downcast_ref(),
+        Some(dem_beam::Error::ForeignRecord { .. })
+    ));
 }
 
 /// The linear law balances about the positions at rest: what it keeps is the angular momentum about those.
@@ -237,13 +246,20 @@ fn the_linear_law_keeps_the_angular_momentum_about_positions_at_rest() {
 #[test]
 fn a_momentum_that_changes_though_it_should_stay_is_told() {
     struct Thief;
-    impl Effect<f64> for Thief {
+    impl EffectSpec<f64> for Thief {
+        fn attach(self: Box<Self>, _: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+            Ok(self)
+        }
+    }
+    impl AnyEffect<f64> for Thief {
         fn name(&self) -> &str {
             "thief"
         }
-        fn attach(&mut self, _: &Site<'_, f64>) -> arlequin_core::Result<()> {
-            Ok(())
+        fn arms(&self) -> Option<Arms> {
+            Some(Arms::Current)
         }
+    }
+    impl Effect<f64> for Thief {
         fn add_forces(&mut self, _: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
             let half = f.len() / 2;
             f[half] += 1e-6;
@@ -251,9 +267,6 @@ fn a_momentum_that_changes_though_it_should_stay_is_told() {
         }
         fn power(&self, v: &[f64]) -> f64 {
             1e-6 * v[v.len() / 2]
-        }
-        fn arms(&self) -> Option<Arms> {
-            Some(Arms::Current)
         }
     }
     let model = brick();

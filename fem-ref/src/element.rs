@@ -84,14 +84,6 @@ impl ElementKind {
             ],
         }
     }
-
-    /// Number of Gauss points of the stiffness.
-    pub(crate) const fn gauss_count(self) -> usize {
-        match self {
-            Self::Bar2 | Self::Tet4 => 1,
-            Self::Hex8 => 8,
-        }
-    }
 }
 
 /// Corner `k` of the reference cube `[−1, 1]³`.
@@ -149,15 +141,15 @@ pub(crate) fn hex_map<T: Real>(p: &[Point3<T>; 8], xi: &Vector3<T>) -> Point3<T>
     Point3::from(sum)
 }
 
-/// One integration point of an element.
+/// One integration point of an element; entries beyond its corners mean nothing.
 #[derive(Debug, Clone)]
-pub(crate) struct GaussPoint<T: Real> {
+pub struct GaussPoint<T: Real> {
     /// Weight times Jacobian \[m³\].
-    pub(crate) weight: T,
-    /// Shape function values.
-    pub(crate) values: [T; MAX_CORNERS],
+    pub weight: T,
+    /// Shape function values \[–\].
+    pub values: [T; MAX_CORNERS],
     /// Shape function gradients \[1/m\].
-    pub(crate) gradients: [Vector3<T>; MAX_CORNERS],
+    pub gradients: [Vector3<T>; MAX_CORNERS],
 }
 
 /// Gradients of the barycentric coordinates of a tetrahedron \[1/m\] and six times its volume.
@@ -173,7 +165,7 @@ pub(crate) fn for_each_gauss<T: Real>(
     kind: ElementKind,
     p: &[Point3<T>; 8],
     section: T,
-    visit: &mut dyn FnMut(&GaussPoint<T>),
+    mut visit: impl FnMut(&GaussPoint<T>),
 ) {
     let mut point = GaussPoint {
         weight: T::zero(),
@@ -217,7 +209,7 @@ pub(crate) fn for_each_gauss<T: Real>(
 /// `∫ N_i dV` of every corner \[m³\]: the row sums of the consistent mass over the density.
 pub(crate) fn nodal_volumes<T: Real>(kind: ElementKind, p: &[Point3<T>; 8], section: T) -> [T; 8] {
     let mut out = [T::zero(); 8];
-    for_each_gauss(kind, p, section, &mut |g| {
+    for_each_gauss(kind, p, section, |g| {
         for (o, n) in out.iter_mut().zip(&g.values) {
             *o += g.weight * *n;
         }

@@ -39,13 +39,13 @@ pub mod error;
 mod field;
 pub mod generate;
 pub mod gmsh;
-pub mod kernel;
+mod kernel;
 mod mesh;
 mod model;
 mod order;
 
 pub use arlequin_core::material::Elastic;
-pub use element::ElementKind;
+pub use element::{ElementKind, GaussPoint};
 pub use error::{Error, Result};
 pub use field::FemField;
 pub use mesh::{Facet, Group, Mesh};

@@ -1,7 +1,7 @@
 //! A mesh of one element kind with named groups of nodes and surface facets.
 
 use crate::check;
-use crate::element::{self, ElementKind};
+use crate::element::{self, ElementKind, GaussPoint};
 use crate::error::{Error, Result, parameter};
 use arlequin_core::Real;
 use arlequin_core::effect::SurfaceFacet;
@@ -145,6 +145,11 @@ impl<T: Real> Mesh<T> {
             }
         }
         sum / T::of(count as f64)
+    }
+
+    /// Visits the integration points of the stiffness of element `e`.
+    pub fn for_each_gauss_point(&self, e: usize, visit: impl FnMut(&GaussPoint<T>)) {
+        element::for_each_gauss(self.kind, &self.corners(e), self.section, visit);
     }
 
     /// Volume \[m³\]; for bars length times section.

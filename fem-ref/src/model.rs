@@ -8,9 +8,10 @@
 use crate::element::{self, ElementKind};
 use crate::error::{Error, Result};
 use crate::field::FemField;
-use crate::kernel::{self, BlockMatrix};
+use crate::kernel;
 use crate::mesh::Mesh;
 use arlequin_core::Real;
+use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::field::Interpolation;
 use arlequin_core::material::Elastic;
 use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};

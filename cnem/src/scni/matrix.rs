@@ -1,4 +1,4 @@
-//! The assembled stiffness in rows of 3 × 3 blocks, and the internal forces from it.
+//! The assembled stiffness in rows of 3 × 3 blocks.
 //!
 //! With `P_jk = Σ_I α_I [(V_I + W_I) b_Ij ⊗ b_Ik − b_Ij ⊗ c_Ik − c_Ij ⊗ b_Ik] + Σ_T (Σ_I∋T α_I w_T) g_Tj ⊗ g_Tk` (see
 //! [`super::stabilise`]) the block is `K_jk = λ P + μ Pᵀ + μ tr(P) 1`. Every row is gathered by itself and in a fixed
@@ -6,25 +6,16 @@
 
 use super::{Smoothing, SubCells};
 use arlequin_core::adjacency::Adjacency;
+use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::material::Elastic;
-use arlequin_core::sprs::CsMat;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Nodes per parallel task.
 pub(super) const CHUNK: usize = 64;
 /// Models with fewer nodes run on the calling thread: waking others costs more than it saves.
 pub(super) const SERIAL: usize = 512;
 const NONE: u32 = u32::MAX;
-
-/// Weighted stiffness \[N/m\]; both triangles are stored and are bitwise transposes of each other.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct BlockMatrix {
-    starts: Vec<usize>,
-    columns: Vec<u32>,
-    values: Vec<[f64; 9]>,
-}
 
 /// What the rows are gathered from.
 struct Parts<'a> {
@@ -129,120 +120,35 @@ fn block(p: &Matrix3<f64>, [lambda, mu]: [f64; 2]) -> [f64; 9] {
     out
 }
 
-impl BlockMatrix {
-    /// The matrix with the weight `α_I` \[–\] of every cell.
-    pub(crate) fn new(smoothing: &Smoothing, sub: &SubCells, material: &Elastic<f64>, alpha: &[f64]) -> Self {
-        let parts = Parts::new(smoothing, sub, alpha);
-        let n = smoothing.volumes.len();
-        let lame = material.lame();
-        let mut out = Self {
-            starts: vec![0],
-            ..Self::default()
-        };
-        // In batches, so that the rows in flight stay small beside the matrix.
-        for first in (0..n).step_by(64 * CHUNK) {
-            let rows: Vec<(Vec<u32>, Vec<[f64; 9]>)> = (first..(first + 64 * CHUNK).min(n))
-                .into_par_iter()
-                .map_init(
-                    || vec![NONE; n],
-                    |slot, i| {
-                        let (columns, p) = parts.row(i, slot);
-                        (columns, p.iter().map(|p| block(p, lame)).collect())
-                    },
-                )
-                .collect();
-            for (columns, values) in rows {
-                out.columns.extend(columns);
-                out.values.extend(values);
-                out.starts.push(out.columns.len());
-            }
-        }
-        out
-    }
-
-    /// Subtracts `D K q` from `f` \[N\], with an optional factor `D` per node. Allocates nothing.
-    pub(crate) fn subtract_product(&self, q: &[f64], factors: Option<&[f64]>, f: &mut [f64]) {
-        let q = q.as_chunks::<3>().0;
-        let work = |chunk: usize, f: &mut [f64]| {
-            for (k, out) in f.as_chunks_mut::<3>().0.iter_mut().enumerate() {
-                let i = chunk * CHUNK + k;
-                let y = self.row(i, q);
-                let d = factors.map_or(1.0, |d| d[i]);
-                (0..3).for_each(|a| out[a] -= y[a] * d);
-            }
-        };
-        if q.len() < SERIAL {
-            f.chunks_mut(CHUNK * 3).enumerate().for_each(|(k, f)| work(k, f));
-        } else {
-            f.par_chunks_mut(CHUNK * 3)
-                .enumerate()
-                .for_each(|(k, f)| work(k, f));
-        }
-    }
-
-    /// Block row `i` of `K q`.
-    #[inline]
-    fn row(&self, i: usize, q: &[[f64; 3]]) -> Vector3<f64> {
-        let range = self.starts[i]..self.starts[i + 1];
-        let mut y = [0.0; 9];
-        for (j, block) in self.columns[range.clone()].iter().zip(&self.values[range]) {
-            let x = &q[*j as usize];
-            for a in 0..3 {
-                for b in 0..3 {
-                    y[3 * a + b] += block[3 * a + b] * x[b];
-                }
-            }
-        }
-        Vector3::new(y[0] + y[1] + y[2], y[3] + y[4] + y[5], y[6] + y[7] + y[8])
-    }
-
-    /// `½ qᵀ D K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
-    pub(crate) fn energy(&self, q: &[f64], factors: Option<&[f64]>) -> f64 {
-        0.5 * self.energy_of(0..q.len() / 3, q.as_chunks::<3>().0, factors)
-    }
-
-    fn energy_of(&self, rows: Range<usize>, q: &[[f64; 3]], factors: Option<&[f64]>) -> f64 {
-        if rows.len() <= CHUNK {
-            return rows.fold(0.0, |sum, i| {
-                sum + self.row(i, q).dot(&Vector3::from(q[i])) * factors.map_or(1.0, |d| d[i])
-            });
-        }
-        let middle = rows.start + rows.len() / 2;
-        let (low, high) = (rows.start..middle, middle..rows.end);
-        let (a, b) = if rows.len() < SERIAL {
-            (self.energy_of(low, q, factors), self.energy_of(high, q, factors))
-        } else {
-            rayon::join(
-                || self.energy_of(low, q, factors),
-                || self.energy_of(high, q, factors),
+/// Weighted stiffness \[N/m\] with the weight `α_I` \[–\] of every cell; both triangles are stored and are bitwise
+/// transposes of each other.
+pub(crate) fn stiffness(
+    smoothing: &Smoothing,
+    sub: &SubCells,
+    material: &Elastic<f64>,
+    alpha: &[f64],
+) -> BlockMatrix<f64> {
+    let parts = Parts::new(smoothing, sub, alpha);
+    let n = smoothing.volumes.len();
+    let lame = material.lame();
+    let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+    // In batches, so that the rows in flight stay small beside the matrix.
+    for first in (0..n).step_by(64 * CHUNK) {
+        let rows: Vec<(Vec<u32>, Vec<[f64; 9]>)> = (first..(first + 64 * CHUNK).min(n))
+            .into_par_iter()
+            .map_init(
+                || vec![NONE; n],
+                |slot, i| {
+                    let (columns, p) = parts.row(i, slot);
+                    (columns, p.iter().map(|p| block(p, lame)).collect())
+                },
             )
-        };
-        a + b
-    }
-
-    /// The same matrix in scalar compressed rows.
-    pub(crate) fn to_csr(&self) -> CsMat<f64> {
-        let rows = self.starts.len() - 1;
-        let mut starts = Vec::with_capacity(rows * 3 + 1);
-        let mut columns = Vec::with_capacity(self.values.len() * 9);
-        let mut values = Vec::with_capacity(self.values.len() * 9);
-        starts.push(0);
-        for i in 0..rows {
-            for a in 0..3 {
-                for at in self.starts[i]..self.starts[i + 1] {
-                    for b in 0..3 {
-                        columns.push(self.columns[at] as usize * 3 + b);
-                        values.push(self.values[at][3 * a + b]);
-                    }
-                }
-                starts.push(columns.len());
-            }
+            .collect();
+        for (row, blocks) in rows {
+            columns.extend(row);
+            values.extend_from_slice(blocks.as_flattened());
+            starts.push(columns.len());
         }
-        CsMat::new((rows * 3, rows * 3), starts, columns, values)
     }
-
-    /// Number of stored blocks.
-    pub(crate) fn blocks(&self) -> usize {
-        self.columns.len()
-    }
+    BlockMatrix::new(3, starts, columns, values)
 }

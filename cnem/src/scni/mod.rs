@@ -10,7 +10,7 @@ mod matrix;
 mod stabilise;
 
 pub(crate) use free::MatrixFree;
-pub(crate) use matrix::BlockMatrix;
+pub(crate) use matrix::stiffness;
 pub use stabilise::Stabilisation;
 pub(crate) use stabilise::SubCells;
 

@@ -14,7 +14,6 @@ use std::f64::consts::PI;
 /// Relative differences from the three-dimensional solution \[%\]; the true values are converged to 0.02 %.
 pub(crate) struct Beam {
     pub(crate) nodes: usize,
-    pub(crate) blocks: usize,
     pub(crate) step: f64,
     /// First axial, bending and torsional frequency \[Hz\].
     pub(crate) frequencies: [f64; 3],
@@ -124,7 +123,6 @@ pub(crate) fn study(options: Options, shape: &Cylinder) -> Beam {
     let turn = statics(&model, length, &|p| Vector3::new(0.0, -p.z, p.y) * (10.0 / polar));
     Beam {
         nodes: model.nodes().len(),
-        blocks: model.stored_blocks(),
         step,
         frequencies,
         deflections: [

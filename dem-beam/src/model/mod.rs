@@ -43,7 +43,7 @@ use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Sample;
 use arlequin_core::model::{
-    CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
+    CoarseModel, DofLayout, Evolution, Evolving, FineModel, LinearModel, Model, State, Watching, check_size,
 };
 use arlequin_core::momentum::Arms;
 use arlequin_core::parallel;
@@ -259,10 +259,7 @@ impl DemModel {
     fn named(&self, error: &Error) -> arlequin_core::Error {
         match error {
             Error::Core(e) => e.clone(),
-            e => arlequin_core::Error::Model {
-                model: self.name.clone(),
-                message: e.to_string(),
-            },
+            e => arlequin_core::Error::of_model(&self.name, e.clone()),
         }
     }
 
@@ -283,10 +280,7 @@ impl From<Error> for arlequin_core::Error {
     fn from(error: Error) -> Self {
         match error {
             Error::Core(e) => e,
-            e => Self::Model {
-                model: "dem".into(),
-                message: e.to_string(),
-            },
+            e => Self::of_model("dem", e),
         }
     }
 }
@@ -426,12 +420,12 @@ impl Model<f64> for DemModel {
         }
     }
 
-    fn evolves(&self) -> bool {
-        self.fracture.is_some()
+    fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {
+        self.fracture.is_some().then_some(self as _)
     }
 
-    fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
-        Ok(self.break_bonds(step))
+    fn watching(&self) -> Option<&dyn Watching<f64>> {
+        Some(self)
     }
 
     fn save(&self) -> Record<f64> {
@@ -455,19 +449,27 @@ impl Model<f64> for DemModel {
         self.fracture_facts()
     }
 
-    fn watches(&self) -> bool {
-        true
-    }
-
-    fn watch(&self, state: &State<f64>) -> Vec<Finding> {
-        self.findings(&state.q)
-    }
-
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
         match (&self.kernel, &self.factors) {
             (Kernel::Linear(_), None) => Some(self),
             _ => None,
         }
+    }
+}
+
+impl Evolving<f64> for DemModel {
+    fn effect(&self) -> &'static str {
+        "fracture"
+    }
+
+    fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
+        Ok(self.break_bonds(step))
+    }
+}
+
+impl Watching<f64> for DemModel {
+    fn watch(&self, state: &State<f64>) -> Vec<Finding> {
+        self.findings(&state.q)
     }
 }
 

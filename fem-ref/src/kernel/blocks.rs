@@ -1,6 +1,6 @@
 //! Assembly of the stiffness in block compressed rows.
 
-use super::{CHUNK, element_stiffness};
+use super::element_stiffness;
 use crate::mesh::Mesh;
 use arlequin_core::Real;
 use arlequin_core::adjacency::Adjacency;
@@ -8,9 +8,12 @@ use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::material::Elastic;
 use rayon::prelude::*;
 
+/// Elements whose matrices are in flight at once.
+const BATCH: usize = 512;
+
 /// Weighted stiffness `Σ_e α_e K_e` \[N/m\] of a mesh, with the weight `α_e` \[–\] of every element: blocks of 3 × 3 for
 /// solids, 1 × 1 for bars. Both triangles are stored and are bitwise transposes of each other.
-pub fn stiffness<T: Real>(mesh: &Mesh<T>, material: &Elastic<T>, weights: &[T]) -> BlockMatrix<T> {
+pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, material: &Elastic<T>, weights: &[T]) -> BlockMatrix<T> {
     let nodes = mesh.nodes().len();
     let incidence = Adjacency::of_slots(nodes, mesh.connectivity());
     let n = mesh.kind().corners();
@@ -32,11 +35,16 @@ pub fn stiffness<T: Real>(mesh: &Mesh<T>, material: &Elastic<T>, weights: &[T]) 
 }
 
 /// Replaces the values of a stiffness by those of other weights `α_e`.
-pub fn assemble<T: Real>(matrix: &mut BlockMatrix<T>, mesh: &Mesh<T>, material: &Elastic<T>, weights: &[T]) {
+pub(crate) fn assemble<T: Real>(
+    matrix: &mut BlockMatrix<T>,
+    mesh: &Mesh<T>,
+    material: &Elastic<T>,
+    weights: &[T],
+) {
     matrix.clear();
-    let mut batch = Vec::with_capacity(CHUNK);
-    for first in (0..mesh.element_count()).step_by(CHUNK) {
-        let range = first..(first + CHUNK).min(mesh.element_count());
+    let mut batch = Vec::with_capacity(BATCH);
+    for first in (0..mesh.element_count()).step_by(BATCH) {
+        let range = first..(first + BATCH).min(mesh.element_count());
         range
             .clone()
             .into_par_iter()
