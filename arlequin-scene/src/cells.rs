@@ -1,7 +1,6 @@
 //! Displacement gradients at the centres of a model's cells.
 
 use crate::error::{Result, core};
-use crate::scene::Material;
 use crate::setup::Drawn;
 use arlequin::core::field::ShapeRow;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
@@ -50,11 +49,4 @@ pub fn cells(key: &str, d: &Drawn) -> Result<Vec<Cell>> {
         .chunks_exact(d.view.corners)
         .map(one)
         .collect()
-}
-
-/// `λ = E ν/((1 + ν)(1 − 2ν))` and `μ = E/(2(1 + ν))` \[Pa\].
-pub fn lame(material: &Material) -> [f64; 2] {
-    let nu = material.poisson.unwrap_or(0.0);
-    let mu = material.young / (2.0 * (1.0 + nu));
-    [material.young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), mu]
 }

@@ -1,10 +1,9 @@
 //! Warnings of what is possible and yet hardly meant. Each names the number that is odd; nothing here refuses.
 
 use super::{Built, Drawn, Kind, effect_models};
-use crate::scene::{
-    CriterionKind, Effect, Material, ModelTable, OverlapShape, RegionShape, Scene, Shape, TimeShape,
-};
+use crate::scene::{CriterionKind, Effect, ModelTable, OverlapShape, RegionShape, Scene, Shape, TimeShape};
 use arlequin::core::field::ShapeRow;
+use arlequin::core::material::Elastic;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 
@@ -123,7 +122,7 @@ fn loads(scene: &Scene, built: &Built, out: &mut Vec<String>) {
     let size = |v: [f64; 3]| Vector3::from(v).norm();
     let names: Vec<&String> = scene.model.keys().collect();
     let mut judge = |what: String, model: usize, stress: f64| {
-        let young = built.drawn[model].material.young;
+        let young = built.drawn[model].material.young();
         if stress > STRAIN * young {
             out.push(format!(
                 "{what}: gives model '{}' a stress of about {stress:.1e} Pa, a strain of {:.1e}, which no linear elasticity \
@@ -160,7 +159,7 @@ fn loads(scene: &Scene, built: &Built, out: &mut Vec<String>) {
         let Some(b) = &e.body_force else { continue };
         let a = size(b.acceleration);
         for m in effect_models(k, e, scene).unwrap_or_default() {
-            let stress = built.drawn[m].material.density * a * built.bounds.0[m].extent;
+            let stress = built.drawn[m].material.density() * a * built.bounds.0[m].extent;
             judge(format!("effect[{k}]: an acceleration of {a:.3e} m/s²"), m, stress);
         }
     }
@@ -211,7 +210,7 @@ fn overlaps(scene: &Scene, built: &Built, out: &mut Vec<String>) {
         let (Some(coarse), Some(fine)) = (at(&i.coarse), at(&i.fine)) else {
             continue;
         };
-        let ratio = coarse.material.young / fine.material.young;
+        let ratio = coarse.material.young() / fine.material.young();
         let ratio = ratio.max(1.0 / ratio);
         if ratio > STIFFNESS {
             out.push(format!(
@@ -330,11 +329,11 @@ struct Bound {
 
 impl Bounds {
     /// Adds a model: its nodes, what it is made of, whether its displacements are taken as small.
-    pub(super) fn add(&mut self, nodes: &[Point3<f64>], shape: &Shape, material: &Material, small: bool) {
+    pub(super) fn add(&mut self, nodes: &[Point3<f64>], shape: &Shape, material: &Elastic<f64>, small: bool) {
         let [low, high] = corners(nodes);
         let size = high - low;
         self.0.push(Bound {
-            wave: wave_speed(material),
+            wave: material.p_wave_speed(),
             extent: size.max(),
             section: match shape {
                 Shape::Bar { section, .. } => *section,
@@ -392,10 +391,4 @@ pub(super) fn corners(nodes: &[Point3<f64>]) -> [Vector3<f64>; 2] {
     nodes
         .iter()
         .fold(ends, |[a, b], x| [a.inf(&x.coords), b.sup(&x.coords)])
-}
-
-/// `√((λ + 2 μ)/ρ)` \[m/s\].
-fn wave_speed(m: &Material) -> f64 {
-    let nu = m.poisson.unwrap_or(0.0);
-    (m.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu)) / m.density).sqrt()
 }
