@@ -4,7 +4,9 @@
 
 use arlequin::core::conformance;
 use arlequin::core::coupled::Parts;
-use arlequin::core::effect::{Demand, Instant, PairEffect, PairSite, PairSpec};
+use arlequin::core::effect::{
+    AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec, StepDemand,
+};
 use arlequin::core::observer::{Phase, Silent};
 use arlequin::core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{Elastic, FemModel, generate};
@@ -36,17 +38,38 @@ impl Link {
     }
 }
 
-impl PairEffect<f64> for Link {
+impl PairEffectSpec<f64> for Link {
     fn name(&self) -> &str {
         "link left-right"
     }
-    fn attach(&mut self, site: &PairSite<'_, f64>) -> arlequin::core::Result<()> {
-        assert!(site.tied.iter().all(Vec::is_empty), "no interface");
-        let [a, b] = &site.sites;
+    fn attach(
+        mut self: Box<Self>,
+        to: &HostPair<'_, f64>,
+    ) -> arlequin::core::Result<Box<dyn PairEffect<f64>>> {
+        assert!(to.tied.iter().all(Vec::is_empty), "no interface");
+        let [a, b] = &to.sides;
         self.last = a.model.layout().nodes - 1;
         self.top = self.stiffness * a.inverse_inertia[self.last].max(b.inverse_inertia[0]);
-        Ok(())
+        Ok(self)
     }
+}
+
+impl AnyEffect<f64> for Link {
+    fn name(&self) -> &str {
+        "link left-right"
+    }
+    fn stored(&self) -> f64 {
+        self.stored
+    }
+    fn supplied(&self) -> Option<f64> {
+        self.honest.then_some(0.0)
+    }
+    fn facts(&self) -> Vec<(String, f64)> {
+        vec![("force [N]".into(), self.force)]
+    }
+}
+
+impl PairEffect<f64> for Link {
     fn add_forces(&mut self, at: [&Instant<'_, f64>; 2], f: [&mut [f64]; 2]) -> arlequin::core::Result<()> {
         let stretch = at[1].q[0] - at[0].q[self.last];
         let rate = at[1].v_half[0] - at[0].v_half[self.last];
@@ -60,21 +83,12 @@ impl PairEffect<f64> for Link {
     fn power(&self, v: [&[f64]; 2]) -> f64 {
         self.force * (v[0][self.last] - v[1][0])
     }
-    fn demand(&self) -> [Demand<f64>; 2] {
-        let one = Demand {
+    fn step_demand(&self) -> [StepDemand<f64>; 2] {
+        let one = StepDemand {
             stiffness: 2.0 * self.top,
-            ..Demand::none()
+            ..StepDemand::none()
         };
         [one, one]
-    }
-    fn stored(&self) -> f64 {
-        self.stored
-    }
-    fn supplied(&self) -> Option<f64> {
-        self.honest.then_some(0.0)
-    }
-    fn facts(&self) -> Vec<(String, f64)> {
-        vec![("force [N]".into(), self.force)]
     }
 }
 
@@ -90,7 +104,7 @@ fn bar(name: &str, from: f64, speed: f64) -> Subdomain<f64> {
 fn linked(link: Option<Link>) -> Coupled<f64> {
     let pairs = link.into_iter().map(|l| PairSpec {
         sides: [0, 1],
-        effect: Box::new(l) as Box<dyn PairEffect<f64>>,
+        effect: Box::new(l) as Box<dyn PairEffectSpec<f64>>,
     });
     let parts = Parts {
         start: 0.0,
@@ -151,13 +165,12 @@ fn one_that_makes_energy_ends_the_run_by_name() {
 #[test]
 fn reactions_are_measured() {
     struct OneSided;
-    impl PairEffect<f64> for OneSided {
+    impl AnyEffect<f64> for OneSided {
         fn name(&self) -> &str {
             "one-sided"
         }
-        fn attach(&mut self, _: &PairSite<'_, f64>) -> arlequin::core::Result<()> {
-            Ok(())
-        }
+    }
+    impl PairEffect<f64> for OneSided {
         fn add_forces(
             &mut self,
             _: [&Instant<'_, f64>; 2],

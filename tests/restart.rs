@@ -6,7 +6,9 @@
 mod support;
 
 use arlequin::core::coupled::Parts;
-use arlequin::core::effect::{Demand, Instant, PairEffect, PairSite, PairSpec};
+use arlequin::core::effect::{
+    AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec, StepDemand,
+};
 use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Vector3;
 use arlequin::core::observer::Silent;
@@ -76,15 +78,27 @@ struct Spring {
     stiffness: f64,
 }
 
-impl PairEffect<f64> for Spring {
+impl PairEffectSpec<f64> for Spring {
     fn name(&self) -> &str {
         "spring"
     }
-    fn attach(&mut self, site: &PairSite<'_, f64>) -> arlequin::core::Result<()> {
-        self.last = site.sites[0].model.layout().nodes - 1;
+    fn attach(
+        mut self: Box<Self>,
+        to: &HostPair<'_, f64>,
+    ) -> arlequin::core::Result<Box<dyn PairEffect<f64>>> {
+        self.last = to.sides[0].model.layout().nodes - 1;
         self.stiffness = 0.05;
-        Ok(())
+        Ok(self)
     }
+}
+
+impl AnyEffect<f64> for Spring {
+    fn name(&self) -> &str {
+        "spring"
+    }
+}
+
+impl PairEffect<f64> for Spring {
     fn add_forces(&mut self, at: [&Instant<'_, f64>; 2], f: [&mut [f64]; 2]) -> arlequin::core::Result<()> {
         self.force = self.stiffness * (at[1].q[0] - at[0].q[self.last]);
         f[0][self.last] += self.force;
@@ -94,10 +108,10 @@ impl PairEffect<f64> for Spring {
     fn power(&self, v: [&[f64]; 2]) -> f64 {
         self.force * (v[0][self.last] - v[1][0])
     }
-    fn demand(&self) -> [Demand<f64>; 2] {
-        let one = Demand {
+    fn step_demand(&self) -> [StepDemand<f64>; 2] {
+        let one = StepDemand {
             stiffness: 0.4,
-            ..Demand::none()
+            ..StepDemand::none()
         };
         [one, one]
     }

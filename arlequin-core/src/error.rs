@@ -1,5 +1,7 @@
 //! Errors of the core: each names the object, the value, the limit and a way out.
 
+use std::sync::Arc;
+
 /// What a weight is a share of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Share {
@@ -346,13 +348,54 @@ pub enum Error {
         found: usize,
     },
     /// An error of a model implemented outside the core.
-    #[error("model '{model}': {message}")]
+    #[error("model '{model}': {source}")]
     Model {
         /// Name of the model.
         model: String,
-        /// Its own message.
-        message: String,
+        /// The model's own error.
+        source: ModelError,
     },
+}
+
+impl Error {
+    /// Shorthand for [`Self::Model`].
+    pub fn of_model(name: &str, error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Model {
+            model: name.to_owned(),
+            source: ModelError(Arc::new(error)),
+        }
+    }
+}
+
+/// An error of a model implemented outside the core, of a type that only that model knows.
+#[derive(Debug, Clone)]
+pub struct ModelError(Arc<dyn std::error::Error + Send + Sync>);
+
+impl ModelError {
+    /// The error itself, if it is of this type.
+    #[must_use]
+    pub fn downcast_ref<E: std::error::Error + 'static>(&self) -> Option<&E> {
+        self.0.downcast_ref()
+    }
+}
+
+impl std::fmt::Display for ModelError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl std::error::Error for ModelError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        self.0.source()
+    }
+}
+
+/// Equal where they say the same.
+impl PartialEq for ModelError {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_string() == other.to_string()
+    }
 }
 
 /// Result of the core's operations.
@@ -365,4 +408,15 @@ pub fn invalid(name: &str, value: impl std::fmt::Display, rule: &str) -> Error {
         value: value.to_string(),
         rule: rule.to_owned(),
     }
+}
+
+/// The value, if it is finite and not below zero.
+///
+/// # Errors
+/// [`Error::InvalidParameter`] otherwise.
+pub fn not_negative<T: crate::Real>(name: &str, value: T) -> Result<T> {
+    if value.is_finite() && value >= T::zero() {
+        return Ok(value);
+    }
+    Err(invalid(name, value, "must be finite and not negative"))
 }

@@ -1,5 +1,6 @@
 //! Fields: how nodal values of a model or a mediator become a value at any point of its domain.
 
+use crate::adjacency::Adjacency;
 use crate::geometry::{Cell, Sample};
 use crate::{Error, Real, Result};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -98,41 +99,9 @@ pub struct ParticleField<T: Real> {
     centres: Vec<Point3<T>>,
     samples: Vec<Sample<T>>,
     index: HashMap<[u64; 3], usize>,
-    neighbours: Option<Neighbours>,
-}
-
-/// Neighbours of every particle, compressed rows. Gradients are computed from them when asked for, which happens once per
-/// particle of an overlap: storing them for all would take 250 bytes each.
-#[derive(Debug, Clone)]
-struct Neighbours {
-    start: Vec<u32>,
-    list: Vec<u32>,
-}
-
-impl Neighbours {
-    fn new(count: usize, pairs: &[[u32; 2]]) -> Self {
-        let mut start = vec![0_u32; count + 1];
-        for e in pairs.iter().flatten() {
-            start[*e as usize + 1] += 1;
-        }
-        for k in 0..count {
-            start[k + 1] += start[k];
-        }
-        let mut next = start.clone();
-        let mut list = vec![0; 2 * pairs.len()];
-        for &[i, j] in pairs {
-            for (a, o) in [(i, j), (j, i)] {
-                list[next[a as usize] as usize] = o;
-                next[a as usize] += 1;
-            }
-        }
-        Self { start, list }
-    }
-
-    fn of(&self, i: usize) -> impl Iterator<Item = usize> {
-        let range = self.start[i] as usize..self.start[i + 1] as usize;
-        self.list[range].iter().map(|j| *j as usize)
-    }
+    /// Gradients are computed from them when asked for, which happens once per particle of an overlap: storing them for
+    /// all would take 250 bytes each.
+    neighbours: Option<Adjacency>,
 }
 
 impl<T: Real> ParticleField<T> {
@@ -199,21 +168,22 @@ impl<T: Real> ParticleField<T> {
                 found: *beyond as usize + 1,
             });
         }
-        self.neighbours = Some(Neighbours::new(count, pairs));
+        let ends = pairs.iter().flat_map(|&[i, j]| [(i, j), (j, i)]);
+        self.neighbours = Some(Adjacency::new(count, ends));
         Ok(self)
     }
 
     /// Gradient at particle `i`, if there are neighbours and they span space.
     fn gradient(&self, i: usize) -> Option<Vec<(usize, Vector3<T>)>> {
         let around = self.neighbours.as_ref()?;
-        let mut wide: Vec<usize> = around.of(i).collect();
+        let mut wide: Vec<usize> = around.row(i).iter().map(|j| *j as usize).collect();
         // Chains of loosely bonded particles on a surface need more than the second ring.
         for _ in 0..RINGS {
             if let Some(row) = self.least_squares(i, &wide) {
                 return Some(row);
             }
-            let next: Vec<usize> = wide.iter().flat_map(|&j| around.of(j)).collect();
-            wide.extend(next);
+            let next: Vec<u32> = wide.iter().flat_map(|&j| around.row(j)).copied().collect();
+            wide.extend(next.iter().map(|j| *j as usize));
             wide.sort_unstable();
             wide.dedup();
             wide.retain(|&j| j != i);

@@ -2,7 +2,7 @@
 //!
 //! `⟨λ, v⟩ = ∫ η₁ λ·v + η₂ l² ε(λ):ε(v) dΩ`, or with full gradients `∇λ:∇v` in place of strains.
 
-use crate::error::invalid;
+use crate::error::{invalid, not_negative};
 use crate::named::named;
 use crate::{Real, Result};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -81,18 +81,6 @@ impl<T: Real> Junction<T> for L2 {
     }
 }
 
-fn check_length<T: Real>(length: T) -> Result<T> {
-    if length.is_finite() && length >= T::zero() {
-        Ok(length)
-    } else {
-        Err(invalid(
-            "junction length",
-            length,
-            "must be finite and not negative",
-        ))
-    }
-}
-
 /// `∫ λ·v + l² ε(λ):ε(v)`, the junction of the literature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct H1Strain<T>(T);
@@ -103,7 +91,7 @@ impl<T: Real> H1Strain<T> {
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a negative or non-finite length.
     pub fn new(length: T) -> Result<Self> {
-        check_length(length).map(Self)
+        not_negative("junction length", length).map(Self)
     }
 }
 
@@ -132,7 +120,7 @@ impl<T: Real> H1Gradient<T> {
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a negative or non-finite length.
     pub fn new(length: T) -> Result<Self> {
-        check_length(length).map(Self)
+        not_negative("junction length", length).map(Self)
     }
 }
 
@@ -163,7 +151,7 @@ impl<T: Real> H1Seminorm<T> {
     /// [`crate::Error::InvalidParameter`] for a length that is not positive and finite.
     pub fn new(length: T) -> Result<Self> {
         if length > T::zero() {
-            check_length(length).map(Self)
+            not_negative("junction length", length).map(Self)
         } else {
             Err(invalid(
                 "junction length",

@@ -3,6 +3,7 @@
 //! The core does not know what a particle, an element or a Voronoi cell is; it has no input or output, no clock and no
 //! random numbers. Its loops over unknowns run on the caller's rayon pool, see [`parallel`].
 
+pub mod adjacency;
 pub mod advice;
 pub mod blocks;
 pub mod conformance;

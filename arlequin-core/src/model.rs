@@ -153,20 +153,15 @@ pub trait Model<T: Real>: Send {
         })
     }
 
-    /// Whether the model changes itself as it moves (bonds that break). Only then [`Model::evolve`] is called, and only
-    /// then the state before the step is kept.
-    fn evolves(&self) -> bool {
-        false
+    /// The model as one that changes itself as it moves (bonds that break), if it does. Only then the state before the
+    /// step is kept.
+    fn evolving(&mut self) -> Option<&mut dyn Evolving<T>> {
+        None
     }
 
-    /// Lets the model change itself: called once per step, right after [`Model::advance`] to the new
-    /// positions, so that one pass can serve both. Returns the energy that left the model \[J\], by the rule of
-    /// [`Evolution`].
-    ///
-    /// # Errors
-    /// Whatever keeps the model from doing so.
-    fn evolve(&mut self, _: Evolution<'_, T>) -> Result<T> {
-        Ok(T::zero())
+    /// The model as one that can tell which effects a state would need, if it can.
+    fn watching(&self) -> Option<&dyn Watching<T>> {
+        None
     }
 
     /// Particles with the volumes they stand for \[m³\], for a model that consists of them: where it is, whatever field
@@ -176,7 +171,6 @@ pub trait Model<T: Real>: Send {
     }
 
     /// Effects that live in the model itself, by the names they have in reports: "fracture", "finite-rotations".
-    /// The first is the one whose energy [`Model::evolve`] returns, if the model evolves.
     fn effects(&self) -> &[&'static str] {
         &[]
     }
@@ -184,17 +178,6 @@ pub trait Model<T: Real>: Send {
     /// Figures of the effects in the model, for reports: names (with units) and values.
     fn facts(&self) -> Vec<(String, f64)> {
         Vec::new()
-    }
-
-    /// What this state would need effects for that may not be on. May take as long as a few steps; never called
-    /// during a step.
-    fn watch(&self, _: &State<T>) -> Vec<Finding> {
-        Vec::new()
-    }
-
-    /// Whether [`Model::watch`] looks at anything.
-    fn watches(&self) -> bool {
-        false
     }
 
     /// What the model must remember to go on with the same bits: bonds that broke, orientations. Nothing for most.
@@ -214,6 +197,27 @@ pub trait Model<T: Real>: Send {
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
         None
     }
+}
+
+/// A model that changes itself as it moves.
+pub trait Evolving<T: Real> {
+    /// Name of the effect that takes the energy, one of [`Model::effects`].
+    fn effect(&self) -> &'static str;
+
+    /// Lets the model change itself: called once per step, right after [`Model::advance`] to the new
+    /// positions, so that one pass can serve both. Returns the energy that left the model \[J\], by the rule of
+    /// [`Evolution`].
+    ///
+    /// # Errors
+    /// Whatever keeps the model from doing so.
+    fn evolve(&mut self, step: Evolution<'_, T>) -> Result<T>;
+}
+
+/// A model that can tell which effects a state would need.
+pub trait Watching<T: Real> {
+    /// What this state would need effects for that may not be on. May take as long as a few steps; never called
+    /// during a step.
+    fn watch(&self, state: &State<T>) -> Vec<Finding>;
 }
 
 /// A model whose internal forces are `−K q`.

@@ -159,7 +159,7 @@ impl<T: Real> Subdomain<T> {
             a: self.state.a.clone(),
             internal: self.internal.clone(),
             works: self.works.clone(),
-            evolved: self.evolved,
+            evolved: self.evolved.map(|e| e.work),
             model: self.model().save(),
             effects: self.effects.iter().map(|e| e.save()).collect(),
         }
@@ -193,7 +193,9 @@ impl<T: Real> Subdomain<T> {
         self.state.a.copy_from_slice(&from.a);
         self.internal.copy_from_slice(&from.internal);
         self.works.copy_from_slice(&from.works);
-        self.evolved = from.evolved;
+        if let (Some(line), Some(work)) = (&mut self.evolved, from.evolved) {
+            line.work = work;
+        }
         self.model_mut().restore(&from.model)?;
         for (e, record) in self.effects.iter_mut().zip(&from.effects) {
             e.restore(record)?;

@@ -1,7 +1,7 @@
 //! A subdomain: one model with its weights, supports, effects and state; velocity Verlet's half of the step.
 
 use crate::coupled::Partition;
-use crate::effect::{Demand, Effect, Finding, Instant, Site};
+use crate::effect::{Effect, EffectSpec, Finding, Host, Instant, StepDemand};
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::model::{CoarseModel, Evolution, FineModel, Model, State};
@@ -27,6 +27,15 @@ pub enum Role {
     Fine,
 }
 
+/// What left a model that evolves.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Evolved<T> {
+    /// The effect that took it.
+    pub(crate) effect: &'static str,
+    /// Its work \[J\], negative.
+    pub(crate) work: T,
+}
+
 /// One model with everything the coupled run knows of it.
 pub struct Subdomain<T: Real> {
     model: Box<dyn Model<T>>,
@@ -35,12 +44,14 @@ pub struct Subdomain<T: Real> {
     weights: Weights<T>,
     pub(crate) partition: Partition,
     supports: Vec<PrescribedMotion<T>>,
+    /// Effects before and after they are attached.
+    chosen: Vec<Box<dyn EffectSpec<T>>>,
     pub(crate) effects: Vec<Box<dyn Effect<T>>>,
     pub(crate) works: Vec<T>,
     /// What the last instant added to them.
     pub(crate) last_works: Vec<T>,
     /// Work line of a model that evolves; `None` for all others.
-    pub(crate) evolved: Option<T>,
+    pub(crate) evolved: Option<Evolved<T>>,
     pub(crate) state: State<T>,
     pub(crate) inertia: Vec<T>,
     pub(crate) inverse_inertia: Vec<T>,
@@ -81,12 +92,17 @@ impl<T: Real> Subdomain<T> {
 
     /// A model with an explicitly chosen field.
     pub fn new(
-        model: Box<dyn Model<T>>,
+        mut model: Box<dyn Model<T>>,
         role: Role,
         field: Arc<dyn Interpolation<T>>,
         weights: Weights<T>,
     ) -> Self {
         let n = model.layout().dofs();
+        let work = T::zero();
+        let evolved = model.evolving().map(|e| Evolved {
+            effect: e.effect(),
+            work,
+        });
         let zeros = || vec![T::zero(); n];
         Self {
             role,
@@ -94,10 +110,11 @@ impl<T: Real> Subdomain<T> {
             weights,
             partition: Partition::Checked,
             supports: Vec::new(),
+            chosen: Vec::new(),
             effects: Vec::new(),
             works: Vec::new(),
             last_works: Vec::new(),
-            evolved: model.evolves().then(T::zero),
+            evolved,
             state: State::zero(n),
             inertia: zeros(),
             inverse_inertia: zeros(),
@@ -114,8 +131,8 @@ impl<T: Real> Subdomain<T> {
 
     /// Adds an effect.
     #[must_use]
-    pub fn with_effect(mut self, effect: Box<dyn Effect<T>>) -> Self {
-        self.effects.push(effect);
+    pub fn with_effect(mut self, effect: Box<dyn EffectSpec<T>>) -> Self {
+        self.chosen.push(effect);
         self.works.push(T::zero());
         self.last_works.push(T::zero());
         self
@@ -167,11 +184,9 @@ impl<T: Real> Subdomain<T> {
 
     /// What the present state would need effects for, whether they are on or not.
     pub(crate) fn watch(&self) -> Vec<Finding> {
-        if self.model.watches() {
-            self.model.watch(&self.state)
-        } else {
-            Vec::new()
-        }
+        self.model
+            .watching()
+            .map_or_else(Vec::new, |m| m.watch(&self.state))
     }
 
     /// The model.
@@ -205,7 +220,7 @@ impl<T: Real> Subdomain<T> {
     pub fn inverse_inertia(&self) -> &[T] {
         &self.inverse_inertia
     }
-    /// Effects in the order they were added.
+    /// Effects in the order they were added; none before the run has attached them.
     pub fn effects(&self) -> impl Iterator<Item = &dyn Effect<T>> {
         self.effects.iter().map(|e| &**e)
     }
@@ -283,19 +298,21 @@ impl<T: Real> Subdomain<T> {
             self.inverse_inertia[i] = if prescribed[i] { T::zero() } else { T::one() / *m };
         }
         // Loads, and coupling forces on moving supports, must stay out of the invariant's internal forces.
-        if !self.effects.is_empty() || self.paired || self.has_moving_support() {
+        if !self.chosen.is_empty() || self.paired || self.has_moving_support() {
             self.total.resize(layout.dofs(), T::zero());
         }
-        let mut effects = std::mem::take(&mut self.effects);
-        let site = self.site();
-        let attached = effects.iter_mut().try_for_each(|e| e.attach(&site));
-        self.effects = effects;
-        attached
+        let chosen = std::mem::take(&mut self.chosen);
+        let host = self.host();
+        self.effects = chosen
+            .into_iter()
+            .map(|e| e.attach(&host))
+            .collect::<Result<_>>()?;
+        Ok(())
     }
 
     /// What effects may see of the prepared subdomain.
-    pub(crate) fn site(&self) -> Site<'_, T> {
-        Site {
+    pub(crate) fn host(&self) -> Host<'_, T> {
+        Host {
             model: &*self.model,
             weights: &self.weights,
             inertia: &self.inertia,
@@ -306,13 +323,13 @@ impl<T: Real> Subdomain<T> {
     /// Critical step of the weighted model with its effects and those `between` it and others \[s\].
     ///
     /// Damping forces use the velocity half a step earlier, which shortens the stable step to
-    /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::Demand`] for what adds to `ω` and `c`.
-    pub(crate) fn critical_step(&mut self, between: &[Demand<T>]) -> Result<T> {
+    /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::StepDemand`] for what adds to `ω` and `c`.
+    pub(crate) fn critical_step(&mut self, between: &[StepDemand<T>]) -> Result<T> {
         let free = self.model.critical_step(&self.inverse_inertia)?;
         if self.effects.is_empty() && between.is_empty() {
             return Ok(free);
         }
-        let own = self.effects.iter().map(|e| e.demand());
+        let own = self.effects.iter().map(|e| e.step_demand());
         Ok(crate::effect::shortened(free, own.chain(between.iter().copied())))
     }
 
@@ -448,15 +465,14 @@ impl<T: Real> Subdomain<T> {
 
     /// Lets the model change itself; what leaves it is a negative work.
     fn evolve(&mut self, time: T) -> Result<()> {
-        let released = self.model.evolve(Evolution {
-            time,
-            q_before: &self.q_before,
-            q: &self.state.q,
-            f_before: &mut self.internal_before,
-            f: &mut self.internal,
-        })?;
-        if let Some(work) = &mut self.evolved {
-            *work -= released;
+        if let (Some(model), Some(line)) = (self.model.evolving(), &mut self.evolved) {
+            line.work -= model.evolve(Evolution {
+                time,
+                q_before: &self.q_before,
+                q: &self.state.q,
+                f_before: &mut self.internal_before,
+                f: &mut self.internal,
+            })?;
         }
         Ok(())
     }

@@ -89,7 +89,7 @@ pub enum Error {
         /// Path of the key it comes from.
         key: String,
         /// Their error.
-        source: arlequin::dem_beam::DemError,
+        source: arlequin::dem_beam::Error,
     },
     /// The natural elements refuse.
     #[error("{key}: {source}")]
@@ -270,10 +270,10 @@ pub fn fem(key: impl Into<String>) -> impl FnOnce(arlequin::fem_ref::Error) -> E
 }
 
 /// Puts the key in front of an error of the particles.
-pub fn dem(key: impl Into<String>) -> impl FnOnce(arlequin::dem_beam::DemError) -> Error {
+pub fn dem(key: impl Into<String>) -> impl FnOnce(arlequin::dem_beam::Error) -> Error {
     let key = key.into();
     move |source| match source {
-        arlequin::dem_beam::DemError::Core(source) => Error::Core { key, source },
+        arlequin::dem_beam::Error::Core(source) => Error::Core { key, source },
         source => Error::Dem { key, source },
     }
 }

@@ -272,10 +272,7 @@ impl From<Error> for arlequin_core::Error {
                 point,
                 role: "natural-neighbour".into(),
             },
-            other => Self::Model {
-                model: "cnem".into(),
-                message: other.to_string(),
-            },
+            other => Self::of_model("cnem", other),
         }
     }
 }

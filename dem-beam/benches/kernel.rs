@@ -1,17 +1,14 @@
-//! The kernel's whole velocity-Verlet step: ns per bond, bytes per bond, share of the measured memory bandwidth; peak
-//! memory at a million particles.
+//! The forces of the model: ns per bond, bytes per bond, share of the measured memory bandwidth; peak memory at a million
+//! particles.
 //!
 //! `cargo bench -p dem-beam --bench kernel` prints a table of minima over many short runs (the number that repeats on
 //! a shared machine), then divan's statistics of the same runs at 20 000 particles.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
 use arlequin_core::observer::Silent;
-use arlequin_core::{Coupled, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
-use dem_beam::{
-    BeamDynamics, BeamMaterial, BondedParticles, Container, DemModel, Packing, PackingSpec, Twist,
-};
-use nalgebra::Vector3;
+use dem_beam::{BeamMaterial, Container, DemModel, Packing, PackingSpec};
 use rayon::prelude::*;
 use std::error::Error;
 use std::time::Instant;
@@ -32,49 +29,37 @@ fn packing(count: usize) -> Outcome<Packing> {
     Ok(PackingSpec::quench(Container::cylinder(20e-3, 1e-3)?, count, 1).build_cached(&cache)?)
 }
 
-fn body(count: usize) -> Outcome<BondedParticles> {
-    Ok(packing(count)?.bonded(BeamMaterial::SILICA, 2200.0)?)
+/// A model in a deformed state.
+struct Deformed {
+    model: DemModel,
+    q: Vec<f64>,
+    f: Vec<f64>,
 }
 
-fn kick(n: usize) -> Vec<Twist> {
-    (0..n)
-        .map(|i| Twist {
-            linear: Vector3::new((i as f64).sin(), (i as f64).cos(), 0.3) * 1e-3,
-            angular: Vector3::zeros(),
-        })
-        .collect()
-}
-
-/// Something that makes steps, with its bytes per bond (bond data; all) and the share of lanes in use.
-struct Engine {
-    run: Box<dyn FnMut(usize) + Send>,
-    bytes: [f64; 2],
-    fill: f64,
-    isa: &'static str,
-}
-
-macro_rules! engine {
-    ($t:ty, $law:ident, $body:expr) => {{
-        let mut d = BeamDynamics::<$t>::$law($body, 1e-9)?;
-        d.set_velocities(&kick($body.len()))?;
-        Ok(Engine {
-            bytes: [d.bytes_per_bond(), d.traffic_per_bond()],
-            fill: d.lane_fill(),
-            isa: d.instruction_set(),
-            run: Box::new(move |n| d.run(n)),
-        })
-    }};
-}
-
-const CASES: [&str; 4] = ["linear f64", "linear f32", "finite f64", "finite f32"];
-
-fn engine(case: &str, body: &BondedParticles) -> Outcome<Engine> {
-    match case {
-        "linear f64" => engine!(f64, linear, body),
-        "linear f32" => engine!(f32, linear, body),
-        "finite f64" => engine!(f64, finite, body),
-        _ => engine!(f32, finite, body),
+impl Deformed {
+    fn forces(&mut self, times: usize) {
+        for _ in 0..times {
+            let _ = std::hint::black_box(self.model.advance(&self.q, &mut self.f));
+        }
     }
+}
+
+const LAWS: [&str; 2] = ["linear", "finite"];
+
+fn deformed(law: &str, packing: &Packing) -> Outcome<Deformed> {
+    let model = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
+    let model = if law == "finite" {
+        model.with_finite_rotations()
+    } else {
+        model
+    };
+    let n = model.layout().dofs();
+    let q = (0..n).map(|i| (i as f64).sin() * if i < n / 2 { 1e-9 } else { 1e-4 });
+    Ok(Deformed {
+        model,
+        q: q.collect(),
+        f: vec![0.0; n],
+    })
 }
 
 fn pool(threads: usize) -> Outcome<rayon::ThreadPool> {
@@ -120,38 +105,32 @@ fn triad(pool: &rayon::ThreadPool, bytes: usize) -> f64 {
 
 fn table() -> Outcome<()> {
     for count in [20_000, 1_000_000] {
-        let body = body(count)?;
-        let bonds = body.pairs().len();
-        println!("{} particles, {bonds} bonds", body.len());
-        let mut first = [f64::INFINITY; CASES.len()];
-        for threads in [1, 2] {
-            let pool = pool(threads)?;
-            // About the size of what a step touches at 20 000 particles, and far beyond any cache.
-            let bandwidth = triad(
-                &pool,
-                if count == 20_000 {
-                    12_000_000
-                } else {
-                    1_200_000_000
-                },
-            );
-            println!("threads {threads}: triad {:.1} GB/s", bandwidth * 1e-9);
-            for (case, first) in CASES.iter().zip(&mut first) {
-                let mut e = engine(case, &body)?;
-                // `run(n)` evaluates forces n + 1 times.
-                let steps = if count == 20_000 { 4 } else { 2 };
-                let repeats = if count == 20_000 { 300 } else { 8 };
-                let t = pool.install(|| least(repeats, || (e.run)(steps - 1)));
-                let ns = t * 1e9 / (steps * bonds) as f64;
-                *first = first.min(ns);
+        let packing = packing(count)?;
+        let bonds = packing.pairs.len();
+        println!("{} particles, {bonds} bonds", packing.radii.len());
+        // About the size of what a step touches at 20 000 particles, and far beyond any cache.
+        let (bytes, times, repeats) = if count == 20_000 {
+            (12_000_000, 4, 300)
+        } else {
+            (1_200_000_000, 2, 8)
+        };
+        for law in LAWS {
+            let mut state = deformed(law, &packing)?;
+            let report = state.model.report();
+            let mut first = f64::INFINITY;
+            for threads in [1, 2] {
+                let pool = pool(threads)?;
+                let bandwidth = triad(&pool, bytes);
+                let t = pool.install(|| least(repeats, || state.forces(times)));
+                let ns = t * 1e9 / (times * bonds) as f64;
+                first = first.min(ns);
                 println!(
-                    "  {case}  {ns:6.2} ns/bond/step  x{:4.2}  {:5.1} B/bond of bonds, {:5.1} in all  {:3.0} % of the triad  lanes {:.3}  {}",
-                    *first / ns,
-                    e.bytes[0],
-                    e.bytes[1],
-                    100.0 * e.bytes[1] / (ns * 1e-9) / bandwidth,
-                    e.fill,
-                    e.isa
+                    "  {law} threads {threads}  {ns:6.2} ns/bond  x{:4.2}  {:5.1} B/bond  {:3.0} % of the triad, {:.1} GB/s  {}",
+                    first / ns,
+                    report.bytes_per_bond,
+                    100.0 * report.bytes_per_bond / (ns * 1e-9) / bandwidth,
+                    bandwidth * 1e-9,
+                    report.instruction_set
                 );
             }
         }
@@ -189,18 +168,16 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// Two steps of 20 000 particles on one thread.
-#[divan::bench(args = CASES, sample_count = 200, sample_size = 1)]
-fn two_steps(bencher: divan::Bencher<'_, '_>, case: &str) {
-    let (Ok(body), Ok(pool)) = (body(20_000), pool(1)) else {
+/// Forces on 20 000 particles, twice on one thread.
+#[divan::bench(args = LAWS, sample_count = 200, sample_size = 1)]
+fn forces_twice(bencher: divan::Bencher<'_, '_>, law: &str) {
+    let (Ok(packing), Ok(pool)) = (packing(20_000), pool(1)) else {
         return;
     };
-    let Ok(mut e) = engine(case, &body) else { return };
-    let bonds = 2 * body.pairs().len();
+    let Ok(mut state) = deformed(law, &packing) else {
+        return;
+    };
     bencher
-        .counter(divan::counter::ItemsCount::new(bonds))
-        .counter(divan::counter::BytesCount::new(
-            (e.bytes[1] * bonds as f64) as usize,
-        ))
-        .bench_local(|| pool.install(|| (e.run)(1)));
+        .counter(divan::counter::ItemsCount::new(2 * packing.pairs.len()))
+        .bench_local(|| pool.install(|| state.forces(2)));
 }

@@ -1,5 +1,4 @@
-//! The model behind its trait, with weights, against the bare kernel, and what watching strengths adds to its step,
-//! measured alternately.
+//! The weighted forces of the model, the core's whole step, and what watching strengths adds to it, measured alternately.
 //!
 //! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
@@ -7,12 +6,8 @@
 use arlequin_core::observer::Silent;
 use arlequin_core::weight::Weight;
 use arlequin_core::{Coupled, Guard, Model, Partition, Subdomain, TimeStep, Weighting, Weights};
-use dem_beam::{
-    BeamDynamics, BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter,
-    Twist,
-};
-use nalgebra::{Point3, Vector3};
-use std::error::Error;
+use dem_beam::{BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter};
+use nalgebra::Point3;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -43,24 +38,11 @@ fn best(jobs: &mut [NamedJob<'_>], calls: usize, bonds: usize) -> Vec<f64> {
     out
 }
 
-fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn Error>> {
-    let body = packing.bonded(BeamMaterial::SILICA, 2200.0)?;
-    let kick: Vec<Twist> = (0..body.len())
-        .map(|i| Twist {
-            linear: Vector3::new((i as f64).sin(), (i as f64).cos(), 0.3) * 1e-3,
-            angular: Vector3::zeros(),
-        })
-        .collect();
-    let make = || -> Result<DemModel, dem_beam::DemError> {
+fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
+    let make = || -> Result<DemModel, dem_beam::Error> {
         let m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
         Ok(if finite { m.with_finite_rotations() } else { m })
     };
-    let mut bare = if finite {
-        BeamDynamics::<f64>::finite(&body, 1e-9)?
-    } else {
-        BeamDynamics::<f64>::linear(&body, 1e-9)?
-    };
-    bare.set_velocities(&kick)?;
     let mut model = make()?;
     model.set_internal_weight(&Along, Weighting::Energy)?;
     let n = model.layout().dofs();
@@ -74,9 +56,8 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
         growth: 0.05,
     };
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard))?;
-    let calls = (400_000 / body.len()).clamp(2, 100);
+    let calls = (400_000 / packing.radii.len()).clamp(2, 100);
     let mut jobs: Vec<NamedJob<'_>> = vec![
-        ("bare kernel, whole step", Box::new(|k| bare.run(k - 1))),
         (
             "model, weighted forces",
             Box::new(|k| {
@@ -93,25 +74,22 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
         ),
     ];
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let times = pool.install(|| best(&mut jobs, calls, body.pairs().len()));
+    let times = pool.install(|| best(&mut jobs, calls, packing.pairs.len()));
     let law = if finite { "finite" } else { "linear" };
     for ((name, _), t) in jobs.iter().zip(&times) {
-        println!(
-            "{law} threads {threads}  {name:<26} {t:6.2} ns/bond  {:.3} of bare",
-            t / times[0]
-        );
+        println!("{law} threads {threads}  {name:<26} {t:6.2} ns/bond");
     }
     Ok(())
 }
 
 /// What watching strengths adds to the step: without, with each criterion, with strengths that scatter, and with bonds
 /// compared one by one. Every bond is loaded far below its strength.
-fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn Error>> {
+fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
     let guard = Guard {
         interval: 1_000_000,
         growth: 0.05,
     };
-    let make = |spec: Option<Fracture>, plain: bool| -> Result<Coupled<f64>, Box<dyn Error>> {
+    let make = |spec: Option<Fracture>, plain: bool| -> Result<Coupled<f64>, Box<dyn std::error::Error>> {
         let mut m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
         if finite {
             m = m.with_finite_rotations();
@@ -176,7 +154,7 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
     Ok(())
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn std::error::Error>> {
     let counts: Vec<usize> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let counts = if counts.is_empty() { vec![20_000] } else { counts };
     for count in counts {

@@ -2,9 +2,9 @@
 #![allow(clippy::print_stdout, reason = "an example talks to a person")]
 
 use dem_beam::homogenise::{BulkStatistics, bulk};
-use dem_beam::{BeamMaterial, Container, DemError, PackingSpec};
+use dem_beam::{BeamMaterial, Container, Error, PackingSpec};
 
-fn main() -> Result<(), DemError> {
+fn main() -> Result<(), Error> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let number = |k: usize, d: f64| args.get(k).and_then(|a| a.parse().ok()).unwrap_or(d);
     let (count, seeds, z) = (number(0, 8000.0) as usize, number(1, 5.0) as u64, number(2, 6.2));

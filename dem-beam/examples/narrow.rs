@@ -3,13 +3,13 @@
 
 use dem_beam::calibrate::{Bar, Spread, tension_test};
 use dem_beam::statics::{Equilibrium, StaticProblem};
-use dem_beam::{BeamMaterial, BondedParticles, Container, DemError, Held, PackingSpec};
+use dem_beam::{BeamMaterial, BondedParticles, Container, Error, Held, PackingSpec};
 use nalgebra::Vector3;
 
 /// Half width of the bars (m).
 const HALF: f64 = 1e-3;
 
-fn main() -> Result<(), DemError> {
+fn main() -> Result<(), Error> {
     let square = std::env::args().any(|a| a == "square");
     println!("across   spheres  E [GPa]        nu              bending         torsion");
     for across in [3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0] {
@@ -54,7 +54,7 @@ fn main() -> Result<(), DemError> {
     Ok(())
 }
 
-fn section(square: bool, length: f64) -> Result<(Container, f64), DemError> {
+fn section(square: bool, length: f64) -> Result<(Container, f64), Error> {
     Ok(if square {
         let low = Vector3::new(0.0, -HALF, -HALF);
         let high = Vector3::new(length, HALF, HALF);
@@ -77,7 +77,7 @@ fn moments(square: bool) -> (f64, f64) {
 }
 
 /// Moments at the free end of a clamped bar over the turn per length they cause in its middle half (N m^2).
-fn stiffness(body: &BondedParticles, length: f64, axes: [Vector3<f64>; 2]) -> Result<[f64; 2], DemError> {
+fn stiffness(body: &BondedParticles, length: f64, axes: [Vector3<f64>; 2]) -> Result<[f64; 2], Error> {
     let mut out = [0.0; 2];
     let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
     for (axis, out) in axes.into_iter().zip(&mut out) {

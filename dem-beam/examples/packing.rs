@@ -1,10 +1,10 @@
 //! Times the packing protocol and prints its report: `packing <count> [quench]`.
 #![allow(clippy::print_stdout, reason = "an example talks to a person")]
 
-use dem_beam::{Container, DemError, PackingSpec};
+use dem_beam::{Container, Error, PackingSpec};
 use std::time::Instant;
 
-fn main() -> Result<(), DemError> {
+fn main() -> Result<(), Error> {
     let mut args = std::env::args().skip(1);
     let count = args.next().and_then(|a| a.parse().ok()).unwrap_or(5000);
     let quench = args.next().is_some_and(|a| a == "quench");

@@ -19,7 +19,7 @@
 //!
 //! Forces are those *on* the particle. Units: N, m, rad.
 
-use crate::error::{DemError, Result, positive};
+use crate::error::{Error, Result, positive};
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
 /// Elastic constants of the beams and the ratio of beam to mean particle radius.
@@ -44,20 +44,20 @@ impl BeamMaterial {
     /// Rigidities of all beams of a packing with mean particle radius `mean_radius` (m).
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`] for a modulus, ratio or radius that is not positive, or a
+    /// [`Error::OutOfRange`] for a modulus, ratio or radius that is not positive, or a
     /// Poisson ratio outside (-1, 0.5].
     ///
     /// ```
     /// let r = dem_beam::BeamMaterial::SILICA.rigidity(0.05e-3)?;
     /// assert!((r.axial - 1.0492e3).abs() < 0.1); // E pi (0.71 * 0.05 mm)^2, N
-    /// # Ok::<(), dem_beam::DemError>(())
+    /// # Ok::<(), dem_beam::Error>(())
     /// ```
     pub fn rigidity(&self, mean_radius: f64) -> Result<BeamRigidity> {
         positive("beam Young's modulus", self.young)?;
         positive("beam radius ratio", self.radius_ratio)?;
         positive("mean particle radius", mean_radius)?;
         if !(self.poisson > -1.0 && self.poisson <= 0.5) {
-            return Err(DemError::OutOfRange {
+            return Err(Error::OutOfRange {
                 name: "beam Poisson's ratio",
                 value: self.poisson,
                 range: "(-1, 0.5]",
@@ -86,7 +86,7 @@ pub struct BeamRigidity {
 }
 
 /// One bond, ready for use: `axis = n/l` (1/m) and `scale = w l` (m), `w` the weight.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LinearBond {
     /// `n/l`, from the first particle to the second.
     pub axis: Vector3<f64>,
@@ -118,12 +118,12 @@ impl LinearBond {
     /// The bond between two centres (m) with weight `weight` (1 for a bond on its own).
     ///
     /// # Errors
-    /// [`DemError::ZeroLengthBond`] (as bond 0) if the centres coincide or are not finite.
+    /// [`Error::ZeroLengthBond`] (as bond 0) if the centres coincide or are not finite.
     pub fn new(first: Vector3<f64>, second: Vector3<f64>, weight: f64) -> Result<Self> {
         let d = second - first;
         let length = d.norm();
         if !(length > f64::MIN_POSITIVE.sqrt() && length.is_finite()) {
-            return Err(DemError::ZeroLengthBond {
+            return Err(Error::ZeroLengthBond {
                 bond: 0,
                 first: 0,
                 second: 1,

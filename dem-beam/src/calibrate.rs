@@ -7,10 +7,10 @@
 //! agree within 3 %.
 
 use crate::bond::BeamMaterial;
-use crate::error::{DemError, Result, finite, positive};
-use crate::kernel::Held;
+use crate::error::{Error, Result, finite, positive};
 use crate::packing::Packing;
 use crate::particles::BondedParticles;
+use crate::statics::Held;
 use crate::statics::StaticProblem;
 use nalgebra::{Matrix3, Vector3};
 
@@ -46,7 +46,7 @@ impl Elasticity {
     /// Refuses a bar whose gauge section differs from the whole.
     ///
     /// # Errors
-    /// [`DemError::AxialWave`] if the moduli differ by more than [`UNIFORM`].
+    /// [`Error::AxialWave`] if the moduli differ by more than [`UNIFORM`].
     pub fn check_uniform(&self) -> Result<()> {
         check_uniform(self.young, self.young_gauge)
     }
@@ -57,7 +57,7 @@ fn check_uniform(whole: f64, gauge: f64) -> Result<()> {
     if difference.abs() <= UNIFORM {
         Ok(())
     } else {
-        Err(DemError::AxialWave {
+        Err(Error::AxialWave {
             whole,
             gauge,
             difference,
@@ -78,8 +78,8 @@ const ITERATIONS: usize = 50_000;
 /// Measures E and nu of a bar.
 ///
 /// # Errors
-/// [`DemError::OutOfRange`] for the bar, or if no particle touches an end;
-/// [`DemError::NoConvergence`] of the solve.
+/// [`Error::OutOfRange`] for the bar, or if no particle touches an end;
+/// [`Error::NoConvergence`] of the solve.
 pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
     positive("bar length", bar.length)?;
     positive("bar section", bar.area)?;
@@ -104,7 +104,7 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
         ("particles at the second end", 1.0),
     ] {
         if !side.iter().any(|x| x.total_cmp(&s).is_eq()) {
-            return Err(DemError::OutOfRange {
+            return Err(Error::OutOfRange {
                 name,
                 value: 0.0,
                 range: "values >= 1",
@@ -149,7 +149,7 @@ fn gradient(points: impl Iterator<Item = (Vector3<f64>, f64)> + Clone) -> Result
         a += d * d.transpose();
         b += d * (u - mean);
     }
-    a.try_inverse().map(|a| a * b).ok_or(DemError::OutOfRange {
+    a.try_inverse().map(|a| a * b).ok_or(Error::OutOfRange {
         name: "particles in the gauge section",
         value: count,
         range: "at least four that are not coplanar",
@@ -205,7 +205,7 @@ impl Statistics {
     /// As [`Elasticity::check_uniform`], for the means: the ends of one small sample may differ by chance.
     ///
     /// # Errors
-    /// [`DemError::AxialWave`].
+    /// [`Error::AxialWave`].
     pub fn check_uniform(&self) -> Result<()> {
         check_uniform(self.young.mean, self.young_gauge.mean)
     }
@@ -214,7 +214,7 @@ impl Statistics {
 /// Tension tests on packings that differ by their seed.
 ///
 /// # Errors
-/// [`DemError::SeveralParts`]; those of [`Packing::bonded`] and [`tension_test`].
+/// [`Error::SeveralParts`]; those of [`Packing::bonded`] and [`tension_test`].
 pub fn measure(packings: &[Packing], beam: BeamMaterial, bar: &Bar) -> Result<Statistics> {
     let mut all = Vec::with_capacity(packings.len());
     for p in packings {
@@ -270,8 +270,8 @@ const NEAR: f64 = 1e-4;
 /// lead to. nu depends on the radius ratio alone and falls with it; E is proportional to that of the beams.
 ///
 /// # Errors
-/// [`DemError::OutOfRange`] if E is not positive; [`DemError::PoissonOutOfReach`] if nu is not between what the ends
-/// of [`RATIOS`] give; [`DemError::NoConvergence`]; those of `test`.
+/// [`Error::OutOfRange`] if E is not positive; [`Error::PoissonOutOfReach`] if nu is not between what the ends
+/// of [`RATIOS`] give; [`Error::NoConvergence`]; those of `test`.
 pub fn beam_for(
     young: f64,
     poisson: f64,
@@ -290,7 +290,7 @@ pub fn beam_for(
     let (mut f_low, mut f_high) = (test(low)?.1, test(high)?.1);
     let bracketed = f_low * f_high <= 0.0;
     if !bracketed {
-        return Err(DemError::PoissonOutOfReach {
+        return Err(Error::PoissonOutOfReach {
             wanted: poisson,
             thick: f_high + poisson,
             thin: f_low + poisson,
@@ -319,7 +319,7 @@ pub fn beam_for(
             last_side = -1;
         }
     }
-    Err(DemError::NoConvergence {
+    Err(Error::NoConvergence {
         what: "inverse calibration",
         iterations: 42,
         residual: f_low.abs().min(f_high.abs()),

@@ -13,7 +13,7 @@
 //! because it is a nonnegative quadratic form; summed over bonds, `K <= 2 diag(K_ii)`.
 
 use crate::bond::Twist;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use crate::particles::BondedParticles;
 use nalgebra::{Matrix6, Vector3};
 
@@ -30,7 +30,7 @@ pub(crate) fn diagonal_blocks(body: &BondedParticles) -> Vec<Matrix6<f64>> {
 /// A step (s) that is safe for velocity Verlet, whatever the packing.
 ///
 /// # Errors
-/// [`DemError::OutOfRange`] if no particle has both mass and stiffness.
+/// [`Error::OutOfRange`] if no particle has both mass and stiffness.
 pub fn block_bound(body: &BondedParticles) -> Result<f64> {
     let mut top = 0.0_f64;
     for (p, mut k) in diagonal_blocks(body).into_iter().enumerate() {
@@ -53,10 +53,10 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
 /// The critical step (s) by `steps` Lanczos steps from a fixed start; 60 are enough.
 ///
 /// # Errors
-/// [`DemError::OutOfRange`] for zero steps, or if no particle has both mass and stiffness.
+/// [`Error::OutOfRange`] for zero steps, or if no particle has both mass and stiffness.
 pub fn lanczos(body: &BondedParticles, steps: usize) -> Result<f64> {
     if steps == 0 {
-        return Err(DemError::OutOfRange {
+        return Err(Error::OutOfRange {
             name: "Lanczos steps",
             value: 0.0,
             range: "values >= 1",
@@ -150,7 +150,7 @@ fn step_of(lambda: f64) -> Result<f64> {
     if lambda.is_finite() && lambda > 0.0 {
         Ok(2.0 / lambda.sqrt())
     } else {
-        Err(DemError::OutOfRange {
+        Err(Error::OutOfRange {
             name: "largest squared frequency",
             value: lambda,
             range: "finite values > 0: the body needs mass and stiffness",
@@ -161,11 +161,11 @@ fn step_of(lambda: f64) -> Result<f64> {
 /// Refuses a step above the critical one.
 ///
 /// # Errors
-/// [`DemError::StepTooLarge`].
+/// [`Error::StepTooLarge`].
 pub fn check_step(step: f64, critical: f64) -> Result<()> {
     if step <= critical {
         Ok(())
     } else {
-        Err(DemError::StepTooLarge { step, critical })
+        Err(Error::StepTooLarge { step, critical })
     }
 }

@@ -1,11 +1,9 @@
 //! What can go wrong, with the object, its value, the limit and the way out.
 
-use thiserror::Error;
-
 /// Every failure of this crate.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum DemError {
+pub enum Error {
     /// Two particles sit on the same point: the bond between them has no direction.
     #[error(
         "particles {first} and {second} are {distance:e} m apart, below {limit:e} m: \
@@ -400,6 +398,12 @@ pub enum DemError {
         /// What is wrong.
         reason: String,
     },
+    /// What a run remembered of another body.
+    #[error("{what} is of another body; restore into the run that was saved")]
+    ForeignRecord {
+        /// Which record.
+        what: &'static str,
+    },
     /// A file without the values needed.
     #[error("no point array named {wanted}; the file has: {found}")]
     MissingArray {
@@ -427,9 +431,9 @@ pub enum DemError {
 }
 
 /// Shorthand of this crate.
-pub type Result<T> = std::result::Result<T, DemError>;
+pub type Result<T> = std::result::Result<T, Error>;
 
-impl DemError {
+impl Error {
     /// A triangle that names a vertex that does not exist.
     pub(crate) fn no_vertex(vertex: u32) -> Self {
         Self::OutOfRange {
@@ -445,7 +449,7 @@ pub(crate) fn finite(what: &'static str, object: &'static str, index: usize, val
     if value.is_finite() {
         Ok(())
     } else {
-        Err(DemError::NotFinite {
+        Err(Error::NotFinite {
             what,
             object,
             index,
@@ -459,7 +463,7 @@ pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
     if value.is_finite() && value > 0.0 {
         Ok(())
     } else {
-        Err(DemError::OutOfRange {
+        Err(Error::OutOfRange {
             name,
             value,
             range: "finite values > 0",

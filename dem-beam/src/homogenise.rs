@@ -9,7 +9,7 @@
 
 use crate::bond::{BeamMaterial, Twist};
 use crate::calibrate::Spread;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use crate::packing::Packing;
 use crate::particles::BondedParticles;
 use crate::statics::StaticProblem;
@@ -60,14 +60,14 @@ fn voigt(s: &Matrix3<f64>) -> Vector6<f64> {
 /// let packing = PackingSpec::quench(Container::periodic(1e-3)?, 500, 1).build()?;
 /// let found = bulk(&packing, BeamMaterial::SILICA)?;
 /// assert!(found.young > 60e9 && found.young < 85e9);
-/// # Ok::<(), dem_beam::DemError>(())
+/// # Ok::<(), dem_beam::Error>(())
 /// ```
 ///
 /// # Errors
-/// [`DemError::NotPeriodic`], [`DemError::SeveralParts`], those of [`BondedParticles::new`], [`DemError::NoConvergence`].
+/// [`Error::NotPeriodic`], [`Error::SeveralParts`], those of [`BondedParticles::new`], [`Error::NoConvergence`].
 pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
     if packing.period.is_none() {
-        return Err(DemError::NotPeriodic);
+        return Err(Error::NotPeriodic);
     }
     packing.connected("bulk elasticity")?;
     // Statics does not ask for a density.

@@ -6,19 +6,20 @@
 //! particle give E = 75e9 Pa and nu = 0.17, with nothing fitted.
 //!
 //! ```
-//! use dem_beam::{BeamDynamics, BeamMaterial, Container, PackingSpec, critical};
+//! use arlequin_core::{Coupled, Subdomain, TimeStep, Weights, observer::Silent};
+//! use dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
 //!
 //! // 1. Pack a bar (the quench variant: fast, for examples and tests).
 //! let bar = Container::cylinder(4e-3, 1e-3)?;
 //! let packing = PackingSpec::quench(bar, 500, 1).build()?;
 //! // 2. Join the spheres by beams and give them mass.
-//! let body = packing.bonded(BeamMaterial::SILICA, 2200.0)?;
-//! // 3. Let it move at a safe step.
-//! let step = critical::block_bound(&body)?;
-//! let mut motion = BeamDynamics::<f64>::linear(&body, step)?;
-//! motion.run(10);
-//! assert!(motion.kinetic_energy() == 0.0);
-//! # Ok::<(), dem_beam::DemError>(())
+//! let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0)?;
+//! // 3. Let it move, here on its own.
+//! let bar = Subdomain::fine(model, Weights::uncoupled());
+//! let mut run = Coupled::new(vec![bar], Vec::new(), TimeStep::Fraction(0.8), None)?;
+//! run.run(10, &mut Silent)?;
+//! assert!(run.energy() == 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
 //! | module | what |
@@ -26,7 +27,7 @@
 //! | [`packing`] | random jammed packings in bodies and periodic boxes, lattices, files, disk cache |
 //! | [`bond`], [`finite`] | the two laws of one bond, in plain form |
 //! | [`particles`] | flat arrays: bonds, stiffness, masses, weights |
-//! | [`kernel`] | the whole velocity-Verlet step, SIMD chosen at run time, any number of threads |
+//! | [`kernel`] | the forces of the bonds, SIMD chosen at run time, any number of threads |
 //! | [`model`] | the body behind the coupling traits: weights, supports, loads |
 //! | [`fracture`] | bonds that break |
 //! | [`contact`], [`obstacle`] | contact between unbonded particles, and with rigid bodies |
@@ -58,10 +59,10 @@ pub mod strength;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 pub use contact::{Contact, ContactBetween, ContactBody, ContactLaw};
-pub use error::{DemError, Result};
+pub use error::{Error, Result};
 pub use fracture::{Criterion, Fracture, Scatter};
-pub use kernel::{BeamDynamics, Held};
 pub use model::{DemModel, DemReport, LoadShare};
 pub use obstacle::{Motion, Obstacle, Shape};
 pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};
+pub use statics::Held;

@@ -8,10 +8,12 @@
 //! critical step is never below the smallest one of the single weighted bonds.
 
 use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
-use crate::error::{DemError, Result, finite, positive};
+use crate::error::{Error, Result, finite, positive};
 use crate::packing::Packing;
 use crate::packing::cells::image;
+use arlequin_core::adjacency::Adjacency;
 use nalgebra::Vector3;
+use std::sync::{Arc, OnceLock};
 
 /// Largest ratio of radii accepted (the neighbour search and the beam law lose their meaning).
 pub const MAX_RADIUS_RATIO: f64 = 20.0;
@@ -31,6 +33,7 @@ pub struct BondedParticles {
     mass: Vec<f64>,
     inertia: Vec<f64>,
     rigidity: BeamRigidity,
+    adjacency: OnceLock<Arc<Adjacency<[u32; 2]>>>,
 }
 
 /// What has to be known besides geometry.
@@ -59,10 +62,10 @@ impl BondedParticles {
     /// Joins spheres at `positions` (m) with radii `radii` (m) by beams between `pairs`.
     ///
     /// # Errors
-    /// [`DemError::LengthMismatch`], [`DemError::NotFinite`], [`DemError::BadRadius`],
-    /// [`DemError::RadiusRatio`], [`DemError::NoSuchParticle`], [`DemError::ZeroLengthBond`],
-    /// [`DemError::CoincidentParticles`], [`DemError::IsolatedParticle`] and
-    /// [`DemError::OutOfRange`] for the matter.
+    /// [`Error::LengthMismatch`], [`Error::NotFinite`], [`Error::BadRadius`],
+    /// [`Error::RadiusRatio`], [`Error::NoSuchParticle`], [`Error::ZeroLengthBond`],
+    /// [`Error::CoincidentParticles`], [`Error::IsolatedParticle`] and
+    /// [`Error::OutOfRange`] for the matter.
     pub fn new(
         positions: Vec<Vector3<f64>>,
         radii: Vec<f64>,
@@ -130,7 +133,7 @@ impl BondedParticles {
         }
         if let Some(particle) = degree.iter().position(|&d| d == 0 && !grains.loose) {
             let isolated = degree.iter().filter(|&&d| d == 0).count();
-            return Err(DemError::IsolatedParticle { particle, isolated });
+            return Err(Error::IsolatedParticle { particle, isolated });
         }
         let full_mass: Vec<f64> = grains.volumes.iter().map(|v| density * v).collect();
         let inertia = sphere_inertia(&full_mass, &radii);
@@ -144,20 +147,21 @@ impl BondedParticles {
             full_mass,
             inertia,
             rigidity,
+            adjacency: OnceLock::new(),
         })
     }
 
     /// Replaces all bond weights (1 everywhere at the start); masses and inertias follow.
     ///
     /// # Errors
-    /// [`DemError::LengthMismatch`] and [`DemError::NotFinite`]; [`DemError::OutOfRange`] for a
+    /// [`Error::LengthMismatch`] and [`Error::NotFinite`]; [`Error::OutOfRange`] for a
     /// negative weight.
     pub fn set_weights(&mut self, weights: &[f64]) -> Result<()> {
         expect_len("bond weights", weights.len(), self.pairs.len())?;
         for (b, &w) in weights.iter().enumerate() {
             finite("weight", "bond", b, w)?;
             if w < 0.0 {
-                return Err(DemError::OutOfRange {
+                return Err(Error::OutOfRange {
                     name: "bond weight",
                     value: w,
                     range: "values >= 0",
@@ -193,7 +197,7 @@ impl BondedParticles {
     /// bonds: for weighting rules that set masses by themselves.
     ///
     /// # Errors
-    /// [`DemError::LengthMismatch`], [`DemError::NotFinite`].
+    /// [`Error::LengthMismatch`], [`Error::NotFinite`].
     pub fn set_mass_factors(&mut self, factor: &[f64]) -> Result<()> {
         expect_len("mass factors", factor.len(), self.positions.len())?;
         for (i, &f) in factor.iter().enumerate() {
@@ -214,7 +218,7 @@ impl BondedParticles {
     /// slowing them lengthens it and moves the low modes little. 1 is exact, and the default.
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`] if `factor` is not finite and positive.
+    /// [`Error::OutOfRange`] if `factor` is not finite and positive.
     pub fn scale_inertia(&mut self, factor: f64) -> Result<()> {
         positive("inertia factor", factor)?;
         self.inertia.iter_mut().for_each(|i| *i *= factor);
@@ -280,6 +284,12 @@ impl BondedParticles {
         &self.inertia
     }
 
+    /// Other end and bond of each bond of a particle, sorted.
+    pub(crate) fn adjacency(&self) -> Arc<Adjacency<[u32; 2]>> {
+        let new = || Arc::new(Adjacency::of_pairs(self.len(), &self.pairs).sorted());
+        self.adjacency.get_or_init(new).clone()
+    }
+
     /// Section rigidities, the same for all bonds.
     #[must_use]
     pub fn rigidity(&self) -> &BeamRigidity {
@@ -290,7 +300,7 @@ impl BondedParticles {
     /// plain reference the fast kernel is tested against.
     ///
     /// # Errors
-    /// [`DemError::LengthMismatch`].
+    /// [`Error::LengthMismatch`].
     pub fn add_forces(&self, state: &[Twist], out: &mut [Twist]) -> Result<()> {
         expect_len("particle states", state.len(), self.len())?;
         expect_len("particle forces", out.len(), self.len())?;
@@ -308,7 +318,7 @@ impl BondedParticles {
     /// Elastic energy of all bonds (J).
     ///
     /// # Errors
-    /// [`DemError::LengthMismatch`].
+    /// [`Error::LengthMismatch`].
     pub fn energy(&self, state: &[Twist]) -> Result<f64> {
         expect_len("particle states", state.len(), self.len())?;
         Ok(self
@@ -329,7 +339,7 @@ pub(crate) fn expect_len(what: &'static str, found: usize, expected: usize) -> R
     if found == expected {
         Ok(())
     } else {
-        Err(DemError::LengthMismatch {
+        Err(Error::LengthMismatch {
             what,
             found,
             expected,
@@ -341,7 +351,7 @@ pub(crate) fn expect_len(what: &'static str, found: usize, expected: usize) -> R
 pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result<()> {
     expect_len("radii", radii.len(), positions.len())?;
     if positions.is_empty() {
-        return Err(DemError::OutOfRange {
+        return Err(Error::OutOfRange {
             name: "number of particles",
             value: 0.0,
             range: "values >= 1",
@@ -355,14 +365,14 @@ pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result
     let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
     for (particle, &radius) in radii.iter().enumerate() {
         if !(radius.is_finite() && radius > 0.0) {
-            return Err(DemError::BadRadius { particle, radius });
+            return Err(Error::BadRadius { particle, radius });
         }
         low = low.min(radius);
         high = high.max(radius);
     }
     // One part in 1e9 above, so that a ratio of exactly the limit passes after rounding.
     if high > low * MAX_RADIUS_RATIO * (1.0 + 1e-9) {
-        return Err(DemError::RadiusRatio {
+        return Err(Error::RadiusRatio {
             smallest: low,
             largest: high,
             ratio: high / low,
@@ -382,7 +392,7 @@ fn make_bond(
     let (first, second) = (i as usize, j as usize);
     let particle = first.max(second);
     if particle >= positions.len() {
-        return Err(DemError::NoSuchParticle {
+        return Err(Error::NoSuchParticle {
             bond,
             particle,
             count: positions.len(),
@@ -393,7 +403,7 @@ fn make_bond(
     let length = d.norm();
     let limit = COINCIDENT * (radii[first] + radii[second]);
     if first == second {
-        return Err(DemError::ZeroLengthBond {
+        return Err(Error::ZeroLengthBond {
             bond,
             first,
             second,
@@ -402,7 +412,7 @@ fn make_bond(
         });
     }
     if length <= limit {
-        return Err(DemError::CoincidentParticles {
+        return Err(Error::CoincidentParticles {
             first: first.min(second),
             second: particle,
             distance: length,

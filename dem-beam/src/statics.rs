@@ -7,9 +7,9 @@
 
 use crate::bond::{LinearBond, Twist};
 use crate::critical::diagonal_blocks;
-use crate::error::{DemError, Result};
-use crate::kernel::Held;
+use crate::error::{Error, Result};
 use crate::particles::{BondedParticles, expect_len};
+use arlequin_core::adjacency::Adjacency;
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
@@ -28,6 +28,23 @@ pub struct Equilibrium {
     pub iterations: usize,
     /// Residual over the first residual, in the energy of the preconditioner.
     pub residual: f64,
+}
+
+/// Which components of a particle's motion are held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Held {
+    /// Translations along x, y, z.
+    pub linear: [bool; 3],
+    /// Rotations about x, y, z.
+    pub angular: [bool; 3],
+}
+
+impl Held {
+    /// All six.
+    pub const ALL: Self = Self {
+        linear: [true; 3],
+        angular: [true; 3],
+    };
 }
 
 /// Supports and loads of a static problem, one entry per particle.
@@ -55,7 +72,7 @@ impl StaticProblem {
     /// Solves to a relative residual of `tolerance`, in at most `limit` iterations.
     ///
     /// # Errors
-    /// [`DemError::LengthMismatch`], [`DemError::NoConvergence`].
+    /// [`Error::LengthMismatch`], [`Error::NoConvergence`].
     pub fn solve(&self, body: &BondedParticles, tolerance: f64, limit: usize) -> Result<Equilibrium> {
         expect_len("supports", self.held.len(), body.len())?;
         expect_len("start", self.start.len(), body.len())?;
@@ -66,7 +83,7 @@ impl StaticProblem {
         let (iterations, residual) = system.conjugate_gradients(&loads, &mut x, tolerance, limit);
         let converged = residual <= tolerance;
         if !converged {
-            return Err(DemError::NoConvergence {
+            return Err(Error::NoConvergence {
                 what: "static solve",
                 iterations,
                 residual,
@@ -111,33 +128,17 @@ fn split(x: &Six) -> Twist {
 
 struct System<'a> {
     body: &'a BondedParticles,
-    start: Vec<u32>,
-    ends: Vec<(u32, LinearBond)>,
+    /// Other end and bond, seen from the particle.
+    bonds: Adjacency<(u32, LinearBond)>,
     free: Vec<Six>,
     inverse: Vec<Matrix6<f64>>,
 }
 
 impl<'a> System<'a> {
     fn new(body: &'a BondedParticles, held: &[Held]) -> Self {
-        let mut start = vec![0_u32; body.len() + 1];
-        for e in body.pairs().iter().flatten() {
-            start[*e as usize + 1] += 1;
-        }
-        for i in 0..body.len() {
-            start[i + 1] += start[i];
-        }
-        let mut next = start.clone();
-        let blank = LinearBond {
-            axis: Vector3::zeros(),
-            scale: 0.0,
-        };
-        let mut ends = vec![(0, blank); 2 * body.pairs().len()];
-        for (bond, &[i, j]) in body.bonds().iter().zip(body.pairs()) {
-            for (a, o, b) in [(i, j, *bond), (j, i, bond.reversed())] {
-                ends[next[a as usize] as usize] = (o, b);
-                next[a as usize] += 1;
-            }
-        }
+        let ends = |(bond, &[i, j]): (&LinearBond, &[u32; 2])| [(i, (j, *bond)), (j, (i, bond.reversed()))];
+        let bonds = body.bonds().iter().zip(body.pairs()).flat_map(ends);
+        let bonds = Adjacency::new(body.len(), bonds);
         let one = |h: bool| if h { 0.0 } else { 1.0 };
         let free: Vec<Six> = held
             .iter()
@@ -161,8 +162,7 @@ impl<'a> System<'a> {
             .collect();
         Self {
             body,
-            start,
-            ends,
+            bonds,
             free,
             inverse,
         }
@@ -176,7 +176,7 @@ impl<'a> System<'a> {
                 let p = c * CHUNK + r;
                 let own = split(&x[p]);
                 let mut f = Twist::zero();
-                for (other, bond) in &self.ends[self.start[p] as usize..self.start[p + 1] as usize] {
+                for (other, bond) in self.bonds.row(p) {
                     let (g, _) = bond.wrenches(k, &own, &split(&x[*other as usize]));
                     f.linear += g.linear;
                     f.angular += g.angular;

@@ -12,7 +12,7 @@
 
 use crate::bond::{BeamMaterial, Twist};
 use crate::calibrate::Bar;
-use crate::error::{DemError, Result, positive};
+use crate::error::{Error, Result, positive};
 use crate::fracture::{Criterion, Fracture, locked};
 use crate::model::DemModel;
 use crate::packing::Packing;
@@ -71,8 +71,8 @@ impl Strength {
 /// Pulls a bar until it breaks.
 ///
 /// # Errors
-/// [`DemError::SeveralParts`]; [`DemError::OutOfRange`] for the bar, the strength or no sphere at an end; those of
-/// [`DemModel::new`] and of the static solution; [`DemError::NotBroken`] if it stretches without end; those of the run.
+/// [`Error::SeveralParts`]; [`Error::OutOfRange`] for the bar, the strength or no sphere at an end; those of
+/// [`DemModel::new`] and of the static solution; [`Error::NotBroken`] if it stretches without end; those of the run.
 pub fn strength_test(
     packing: &Packing,
     beam: BeamMaterial,
@@ -86,7 +86,7 @@ pub fn strength_test(
     let rest = Rest::new(&model, bar)?;
     let load = rest.load(&model);
     if !(load.is_finite() && load > 0.0) {
-        return Err(DemError::OutOfRange {
+        return Err(Error::OutOfRange {
             name: "load of the bonds under tension",
             value: load,
             range: "finite values > 0: the bar must carry tension",
@@ -153,7 +153,7 @@ impl Rest {
             ("particles at the second end", 0.5),
         ]) {
             if end.is_empty() {
-                return Err(DemError::OutOfRange {
+                return Err(Error::OutOfRange {
                     name,
                     value: 0.0,
                     range: "values >= 1",
@@ -259,7 +259,7 @@ impl Pull {
                 return Ok(best);
             }
         }
-        Err(DemError::NotBroken {
+        Err(Error::NotBroken {
             strain: end / bar.length,
             stress: best.peak / bar.area,
         })

@@ -3,7 +3,7 @@
 
 use dem_beam::homogenise::{BulkStatistics, bulk};
 use dem_beam::packing::{Lattice, lattice};
-use dem_beam::{BeamMaterial, Container, DemError, DemModel, Packing, PackingSpec};
+use dem_beam::{BeamMaterial, Container, DemModel, Error, Packing, PackingSpec};
 use nalgebra::Vector3;
 
 fn sample(count: usize, seed: u64) -> Packing {
@@ -104,18 +104,15 @@ fn the_place_of_the_box_does_not_matter() {
 fn misuse_has_names() {
     let periodic = sample(600, 1);
     let refused = DemModel::new("bulk", &periodic, BeamMaterial::SILICA, 2200.0);
-    assert!(matches!(refused, Err(DemError::Periodic { .. })));
+    assert!(matches!(refused, Err(Error::Periodic { .. })));
     let refused = periodic.bonded(BeamMaterial::SILICA, 2200.0);
-    assert!(matches!(refused, Err(DemError::Periodic { .. })));
+    assert!(matches!(refused, Err(Error::Periodic { .. })));
     let walls = PackingSpec::quench(Container::cylinder(4e-3, 1e-3).unwrap(), 500, 1);
     let refused = bulk(&walls.build().unwrap(), BeamMaterial::SILICA);
-    assert!(matches!(refused, Err(DemError::NotPeriodic)));
+    assert!(matches!(refused, Err(Error::NotPeriodic)));
     let few = PackingSpec::new(Container::periodic(1e-3).unwrap(), 50, 1).build();
-    assert!(matches!(few, Err(DemError::PeriodTooShort { .. })), "{few:?}");
-    assert!(matches!(
-        Container::periodic(0.0),
-        Err(DemError::OutOfRange { .. })
-    ));
+    assert!(matches!(few, Err(Error::PeriodTooShort { .. })), "{few:?}");
+    assert!(matches!(Container::periodic(0.0), Err(Error::OutOfRange { .. })));
 }
 
 #[test]

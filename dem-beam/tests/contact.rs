@@ -1,6 +1,7 @@
 //! Contact and obstacles: collisions against theory, friction, searches only when needed, energy never created.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
+use arlequin_core::model::Watching;
 use arlequin_core::observer::Silent;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::fracture::locked;

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::coupled::Parts;
-use arlequin_core::effect::{Instant, PairEffect, PairSite, PairSpec};
+use arlequin_core::effect::{Host, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec};
 use arlequin_core::model::DofLayout;
 use arlequin_core::momentum::{Arms, Claim};
 use arlequin_core::observer::{Observer, Phase, Silent, StepReport};
@@ -235,39 +235,30 @@ fn the_same_bits_for_any_number_of_threads() {
 #[test]
 fn forces_are_equal_and_opposite() {
     let [a, b] = bodies();
-    let mut contact = ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), rough()).unwrap();
+    let contact = || ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), rough()).unwrap();
     let layouts = [a.layout(), b.layout()];
     let run = impact(rough(), 0.5);
-    // Sites as a run gives them.
+    // As a run gives them.
     let uncoupled = Weights::uncoupled();
-    let site = |k: usize| arlequin_core::effect::Site {
+    let side = |k: usize| Host {
         model: run.subdomains()[k].model(),
         weights: &uncoupled,
         inertia: run.subdomains()[k].inertia(),
         inverse_inertia: run.subdomains()[k].inverse_inertia(),
     };
-    let tied = || [Vec::new(), Vec::new()];
-    contact
-        .attach(&PairSite {
-            sites: [site(0), site(1)],
-            tied: tied(),
-        })
-        .unwrap();
-    let pressed = defect(&mut contact, layouts);
+    let attached = |tied: [Vec<bool>; 2]| {
+        let sides = [side(0), side(1)];
+        Box::new(contact()).attach(&HostPair { sides, tied }).unwrap()
+    };
+    let pressed = defect(&mut *attached([Vec::new(), Vec::new()]), layouts);
     assert!(pressed.0 < 1e-14 && pressed.1 > 3.0, "{pressed:?}");
     // Particles tied by an interface to the other model do not touch.
     let all = layouts.map(|l: DofLayout| vec![true; l.nodes]);
-    let mut tied = ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), rough()).unwrap();
-    tied.attach(&PairSite {
-        sites: [site(0), site(1)],
-        tied: all,
-    })
-    .unwrap();
-    assert_eq!(defect(&mut tied, layouts), (0.0, 0.0));
+    assert_eq!(defect(&mut *attached(all), layouts), (0.0, 0.0));
 }
 
 /// Momentum made, and contacts, with the upper body pushed into the lower one.
-fn defect(contact: &mut ContactBetween, layouts: [DofLayout; 2]) -> (f64, f64) {
+fn defect(contact: &mut dyn PairEffect<f64>, layouts: [DofLayout; 2]) -> (f64, f64) {
     let q = layouts.map(|l| vec![0.0; l.dofs()]);
     let mut v = q.clone();
     let mut q = q;

@@ -2,7 +2,7 @@
 //! bonds behind; random pairs; clouds between walls.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
-use arlequin_core::effect::Effect;
+use arlequin_core::effect::EffectSpec;
 use arlequin_core::observer::Silent;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
@@ -241,7 +241,7 @@ fn cloud(
     for (k, x) in model.nodes().iter().enumerate() {
         v[3 * k..3 * k + 3].copy_from_slice(velocity(&(x - middle)).as_slice());
     }
-    let mut effects: Vec<Box<dyn Effect<f64>>> = vec![Box::new(Contact::new(&model, law).unwrap())];
+    let mut effects: Vec<Box<dyn EffectSpec<f64>>> = vec![Box::new(Contact::new(&model, law).unwrap())];
     for c in 0..if walls { 3 } else { 0 } {
         for (point, sign) in [(low, 1.0), (high, -1.0)] {
             let mut normal = Vector3::zeros();

@@ -1,6 +1,7 @@
 //! Bonds that break: the energy balance closes to round-off, and each hard case has its named outcome.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
+use arlequin_core::model::Watching;
 use arlequin_core::observer::{Observer, Phase, Silent, StepReport};
 use arlequin_core::subdomain::PrescribedMotion;
 use arlequin_core::time::TimeFunction;

@@ -7,7 +7,7 @@ use arlequin_core::subdomain::PrescribedMotion;
 use arlequin_core::weight::Weight;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
-use dem_beam::{BeamMaterial, Container, DemError, DemModel, Matter, Packing, PackingSpec};
+use dem_beam::{BeamMaterial, Container, DemModel, Error, Matter, Packing, PackingSpec};
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 
@@ -18,12 +18,12 @@ const MATTER: Matter = Matter {
 };
 
 /// A chain of three spheres with one thing wrong.
-fn chain(x: [f64; 3], r: [f64; 3], pairs: &[[u32; 2]]) -> Result<DemModel, DemError> {
+fn chain(x: [f64; 3], r: [f64; 3], pairs: &[[u32; 2]]) -> Result<DemModel, Error> {
     let positions = x.map(|x| Vector3::new(x, 0.0, 0.0));
     DemModel::from_spheres("chain", &positions, &r, pairs, &MATTER)
 }
 
-fn text(result: Result<DemModel, DemError>) -> String {
+fn text(result: Result<DemModel, Error>) -> String {
     result.unwrap_err().to_string()
 }
 
@@ -38,7 +38,7 @@ fn coincident_particles() {
     );
     // Without a bond between them the field refuses them, in the model's numbers.
     let apart = chain([0.0, 2.0, 0.0], GOOD, &LINE).unwrap_err();
-    assert!(matches!(apart, DemError::Core(_)));
+    assert!(matches!(apart, Error::Core(_)));
     assert!(apart.to_string().contains("coincides with particle"), "{apart}");
 }
 

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use dem_beam::packing::read_vtu;
-use dem_beam::{Container, DemError, Packing, PackingSpec, Surface};
+use dem_beam::{Container, Error, Packing, PackingSpec, Surface};
 use nalgebra::Vector3;
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -176,7 +176,7 @@ fn bad_surfaces_have_names() {
     open.pop();
     assert!(matches!(
         Surface::from_stl(&text(&open)),
-        Err(DemError::OpenSurface { count: 1, .. })
+        Err(Error::OpenSurface { count: 1, .. })
     ));
     let message = Surface::from_stl(b"what is this").unwrap_err().to_string();
     assert!(
@@ -192,7 +192,7 @@ fn bad_surfaces_have_names() {
         .for_each(|v| v.x = f64::NAN);
     assert!(matches!(
         Surface::from_stl(&binary(&nan)),
-        Err(DemError::NotFinite { object: "vertex", .. })
+        Err(Error::NotFinite { object: "vertex", .. })
     ));
     // A Klein bottle as a grid: closed, every edge twice, yet with one side only.
     let n = 4_u32;
@@ -209,10 +209,7 @@ fn bad_surfaces_have_names() {
     }
     let points = (0..n * n).map(|k| Vector3::new(f64::from(k), f64::from(k * k), 1.0));
     let found = Surface::oriented(points.collect(), klein);
-    assert!(
-        matches!(found, Err(DemError::OneSidedSurface { .. })),
-        "{found:?}"
-    );
+    assert!(matches!(found, Err(Error::OneSidedSurface { .. })), "{found:?}");
 }
 
 fn vtu(radius: &str, last: &str) -> Vec<u8> {
@@ -254,7 +251,7 @@ fn bad_vtu_files_have_names() {
     assert!(message(b"x,y,z,r").starts_with("this is no VTU file that can be read"));
     assert!(matches!(
         read_vtu(&vtu("r", "NaN"), None),
-        Err(DemError::NotFinite { index: 2, .. })
+        Err(Error::NotFinite { index: 2, .. })
     ));
     // The third centre lies inside the second sphere.
     let (x, r) = read_vtu(&vtu("r", "3.5e-3"), None).unwrap();

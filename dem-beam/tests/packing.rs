@@ -3,7 +3,7 @@
 
 use dem_beam::calibrate::{Bar, inverse, measure, tension_test};
 use dem_beam::packing::{Lattice, lattice, read_csv, write_csv};
-use dem_beam::{BeamMaterial, BondedParticles, Container, DemError, Matter, Packing, PackingSpec, Surface};
+use dem_beam::{BeamMaterial, BondedParticles, Container, Error, Matter, Packing, PackingSpec, Surface};
 use nalgebra::Vector3;
 
 fn bar_of(length: f64) -> (Container, Bar) {
@@ -106,9 +106,9 @@ fn closed_surface_is_filled() {
     );
     assert!((n / m - 1.0).abs() < 0.02, "{n} {m}");
     let open = Surface::new(v.clone(), t[1..].to_vec());
-    assert!(matches!(open, Err(DemError::OpenSurface { count: 1, .. })));
+    assert!(matches!(open, Err(Error::OpenSurface { count: 1, .. })));
     let inward: Vec<[u32; 3]> = t.iter().map(|t| [t[0], t[2], t[1]]).collect();
-    assert!(matches!(Surface::new(v, inward), Err(DemError::NoVolume { .. })));
+    assert!(matches!(Surface::new(v, inward), Err(Error::NoVolume { .. })));
 }
 
 #[test]
@@ -139,9 +139,9 @@ fn reproducible_cached_and_through_csv() {
     let again = Packing::from_spheres(&spec.container, &x, &r, one.report.coordination_retained).unwrap();
     assert!(again.pairs == one.pairs);
     let bad = read_csv(&mut "x,y,z,r\n1,2,3\n".as_bytes());
-    assert!(matches!(bad, Err(DemError::Parse { line: 2, .. })));
+    assert!(matches!(bad, Err(Error::Parse { line: 2, .. })));
     let nan = read_csv(&mut "0,0,0,1\n1,NaN,3,1\n".as_bytes());
-    assert!(matches!(nan, Err(DemError::NotFinite { index: 1, .. })));
+    assert!(matches!(nan, Err(Error::NotFinite { index: 1, .. })));
 }
 
 /// Simple cubic in tension: `E = E_mu pi r_b^2/(2r)^2` away from the ends, nu = 0.
@@ -175,7 +175,7 @@ fn matter() -> Matter {
     }
 }
 
-fn two(x: f64, r: f64) -> Result<BondedParticles, DemError> {
+fn two(x: f64, r: f64) -> Result<BondedParticles, Error> {
     let p = vec![Vector3::zeros(), Vector3::new(x, 0.0, 0.0)];
     BondedParticles::new(p, vec![1e-3, r], vec![[0, 1]], &matter())
 }
@@ -186,18 +186,18 @@ fn bad_spheres_have_names() {
     let same = two(0.0, 1e-3);
     assert!(matches!(
         same,
-        Err(DemError::CoincidentParticles {
+        Err(Error::CoincidentParticles {
             first: 0,
             second: 1,
             ..
         })
     ));
     let flat = two(2e-3, 0.0);
-    assert!(matches!(flat, Err(DemError::BadRadius { particle: 1, .. })));
+    assert!(matches!(flat, Err(Error::BadRadius { particle: 1, .. })));
     let nowhere = two(f64::NAN, 1e-3);
-    assert!(matches!(nowhere, Err(DemError::NotFinite { index: 1, .. })));
+    assert!(matches!(nowhere, Err(Error::NotFinite { index: 1, .. })));
     assert!(two(1.05e-3, 0.05e-3).is_ok());
-    assert!(matches!(two(1.04e-3, 0.04e-3), Err(DemError::RadiusRatio { .. })));
+    assert!(matches!(two(1.04e-3, 0.04e-3), Err(Error::RadiusRatio { .. })));
 }
 
 fn line() -> Vec<Vector3<f64>> {
@@ -210,35 +210,32 @@ fn bad_bonds_have_names() {
     let alone = with(vec![[0, 1]]);
     assert!(matches!(
         alone,
-        Err(DemError::IsolatedParticle {
+        Err(Error::IsolatedParticle {
             particle: 2,
             isolated: 1
         })
     ));
     let short = with(vec![[0, 1], [1, 1]]);
-    assert!(matches!(short, Err(DemError::ZeroLengthBond { bond: 1, .. })));
+    assert!(matches!(short, Err(Error::ZeroLengthBond { bond: 1, .. })));
     let unknown = with(vec![[0, 1], [1, 9]]);
-    assert!(matches!(
-        unknown,
-        Err(DemError::NoSuchParticle { particle: 9, .. })
-    ));
+    assert!(matches!(unknown, Err(Error::NoSuchParticle { particle: 9, .. })));
 }
 
 #[test]
 fn spheres_that_do_not_fit_have_names() {
     let wide = Container::cuboid(Vector3::zeros(), Vector3::new(1.0, 1.0, 1e-2)).unwrap();
     let few = PackingSpec::quench(wide.clone(), 20, 1).build();
-    assert!(matches!(few, Err(DemError::ContainerTooSmall { count: 20, .. })));
+    assert!(matches!(few, Err(Error::ContainerTooSmall { count: 20, .. })));
     let moved: Vec<_> = line().iter().map(|p| p + Vector3::x()).collect();
     let out = Packing::from_spheres(&wide, &moved, &[1e-3; 3], 1.0);
-    assert!(matches!(out, Err(DemError::OutsideContainer { .. })), "{out:?}");
+    assert!(matches!(out, Err(Error::OutsideContainer { .. })), "{out:?}");
     let twice = Packing::from_spheres(&wide, &[Vector3::repeat(5e-3); 2], &[1e-3; 2], 1.0);
-    assert!(matches!(twice, Err(DemError::CoincidentParticles { .. })));
+    assert!(matches!(twice, Err(Error::CoincidentParticles { .. })));
     let nested = [Vector3::repeat(5e-3), Vector3::new(5.9e-3, 5e-3, 5e-3)];
     let nested = Packing::from_spheres(&wide, &nested, &[1e-3; 2], 1.0);
     assert!(matches!(
         nested,
-        Err(DemError::Overlapping {
+        Err(Error::Overlapping {
             first: 0,
             second: 1,
             ..
@@ -256,14 +253,14 @@ fn bad_packing_parameters_have_names() {
         }
         .build()
     };
-    assert!(matches!(with_z(30.0), Err(DemError::TooFewPairs { .. })));
-    assert!(matches!(with_z(f64::NAN), Err(DemError::OutOfRange { .. })));
+    assert!(matches!(with_z(30.0), Err(Error::TooFewPairs { .. })));
+    assert!(matches!(with_z(f64::NAN), Err(Error::OutOfRange { .. })));
     let wide = PackingSpec {
         spread: 0.95,
         ..good()
     }
     .build();
-    assert!(matches!(wide, Err(DemError::RadiusRatio { .. })));
+    assert!(matches!(wide, Err(Error::RadiusRatio { .. })));
 }
 
 /// A ratio of 1:20 packs.
@@ -286,12 +283,12 @@ fn density_waves_and_targets_out_of_reach_have_names() {
     let found = tension_test(&short.bonded(BeamMaterial::SILICA, 1.0).unwrap(), &bar).unwrap();
     let refused = found.check_uniform();
     assert!(
-        matches!(refused, Err(DemError::AxialWave { difference, .. }) if difference > 0.03),
+        matches!(refused, Err(Error::AxialWave { difference, .. }) if difference > 0.03),
         "{found:?}"
     );
     let refused = inverse(&[short], &bar, 72.5e9, 0.45, 0.3);
     assert!(
-        matches!(refused, Err(DemError::PoissonOutOfReach { .. })),
+        matches!(refused, Err(Error::PoissonOutOfReach { .. })),
         "{refused:?}"
     );
 }

@@ -6,7 +6,7 @@ use arlequin_core::weight::{Uniform, Weighting};
 use dem_beam::calibrate::{Bar, measure};
 use dem_beam::homogenise::bulk;
 use dem_beam::packing::{Cut, Loose, Part, narrow};
-use dem_beam::{BeamMaterial, Container, DemError, DemModel, Packing, PackingSpec, Surface};
+use dem_beam::{BeamMaterial, Container, DemModel, Error, Packing, PackingSpec, Surface};
 use nalgebra::Vector3;
 
 const DENSITY: f64 = 2200.0;
@@ -176,7 +176,7 @@ fn islands_of_a_file_stay_with_the_mass_of_their_own_spheres() {
 fn loose_spheres_are_refused_with_their_number_or_kept_as_grains() {
     let mut spec = PackingSpec::quench(boxed([2e-3; 3]), 400, 1);
     spec.coordination = 1.5;
-    let Err(DemError::LooseSpheres {
+    let Err(Error::LooseSpheres {
         loose,
         spheres: 400,
         share,
@@ -249,7 +249,7 @@ fn dropped_spheres_are_told_with_the_mass_they_move() {
     spec.loose = Loose::Drop {
         limit: 0.5 * r.dropped_share,
     };
-    assert!(matches!(spec.build(), Err(DemError::LooseSpheres { .. })));
+    assert!(matches!(spec.build(), Err(Error::LooseSpheres { .. })));
 }
 
 /// A cut from `low` up over the whole width at `x`.
@@ -330,7 +330,7 @@ fn tests_of_stiffness_refuse_several_parts() {
     packing.cut(notch(2e-3, -1.0));
     let refused = measure(&[packing], BeamMaterial::SILICA, &bar);
     assert!(
-        matches!(refused, Err(DemError::SeveralParts { ref parts, .. }) if parts.len() == 2),
+        matches!(refused, Err(Error::SeveralParts { ref parts, .. }) if parts.len() == 2),
         "{refused:?}"
     );
     let mut cube = PackingSpec::quench(Container::periodic(1e-3).unwrap(), 500, 1)
@@ -340,14 +340,14 @@ fn tests_of_stiffness_refuse_several_parts() {
     (spec.coordination, spec.loose) = (5.0, Loose::Keep);
     let refused = measure(&[spec.build().unwrap()], BeamMaterial::SILICA, &bar);
     assert!(
-        matches!(refused, Err(DemError::SeveralParts { loose, .. }) if loose > 1),
+        matches!(refused, Err(Error::SeveralParts { loose, .. }) if loose > 1),
         "{refused:?}"
     );
     let half = |a: &Vector3<f64>, b: &Vector3<f64>| (a.x < 0.5e-3) != (b.x < 0.5e-3);
     cube.cut(half);
     assert!(matches!(
         bulk(&cube, BeamMaterial::SILICA),
-        Err(DemError::SeveralParts { .. })
+        Err(Error::SeveralParts { .. })
     ));
 }
 
@@ -359,7 +359,7 @@ fn bodies_that_cross_or_get_no_sphere_have_names() {
     ]);
     let found = PackingSpec::quench(Container::Surface(crossing), 600, 1).build();
     assert!(
-        matches!(found, Err(DemError::CrossingBodies { first: 1, second: 2, point }) if point.iter().all(|x| *x > 1e-3 && *x < 2e-3)),
+        matches!(found, Err(Error::CrossingBodies { first: 1, second: 2, point }) if point.iter().all(|x| *x > 1e-3 && *x < 2e-3)),
         "{found:?}"
     );
     let tiny = surface(&[
@@ -393,10 +393,10 @@ fn bodies_of_one_or_two_spheres_across_name_their_width() {
                     p.report
                 );
             }
-            Err(DemError::TooFewAcross { across: found, .. }) => {
+            Err(Error::TooFewAcross { across: found, .. }) => {
                 assert!(!fits && (found - across).abs() < 0.4, "{found} {across}");
             }
-            Err(DemError::ContainerTooSmall { .. }) => assert!(across < 1.1),
+            Err(Error::ContainerTooSmall { .. }) => assert!(across < 1.1),
             Err(other) => panic!("{across}: {other}"),
         }
     }

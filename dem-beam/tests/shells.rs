@@ -1,10 +1,10 @@
 //! Several shells in one surface, as files bring them: bodies that touch, cavities that touch the wall, crossings.
 
-use dem_beam::{DemError, Surface};
+use dem_beam::{Error, Surface};
 use nalgebra::Vector3;
 
 /// A surface of boxes, given by their lowest corner and edges (mm), each with triangles turned at will.
-fn boxes(all: &[([f64; 3], [f64; 3])]) -> Result<Surface, DemError> {
+fn boxes(all: &[([f64; 3], [f64; 3])]) -> Result<Surface, Error> {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for (low, edges) in all {
         let first = vertices.len() as u32;
@@ -69,7 +69,7 @@ fn shells_that_cross_are_refused_with_a_point() {
         assert!(
             matches!(
                 made,
-                Err(DemError::CrossingBodies {
+                Err(Error::CrossingBodies {
                     first: 1,
                     second: 2,
                     ..

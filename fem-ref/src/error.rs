@@ -192,10 +192,7 @@ impl From<Error> for arlequin_core::Error {
         match e {
             Error::Core(e) => e,
             Error::Parameter { name, value, rule } => arlequin_core::error::invalid(name, value, rule),
-            other => Self::Model {
-                model: "fem".into(),
-                message: other.to_string(),
-            },
+            other => Self::of_model("fem", other),
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Numbering for locality: reverse Cuthill-McKee, so that neighbours in the mesh are neighbours in memory.
 
-use crate::kernel::Incidence;
 use crate::mesh::{Facet, Mesh};
 use arlequin_core::Real;
+use arlequin_core::adjacency::Adjacency;
 
 impl<T: Real> Mesh<T> {
     /// The same mesh with nodes in reverse Cuthill-McKee order and elements in the order of their lowest node; groups
@@ -44,9 +44,9 @@ impl<T: Real> Mesh<T> {
 /// Old node numbers in their new order.
 fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
     let nodes = mesh.nodes().len();
-    let incidence = Incidence::new(nodes, mesh.connectivity());
+    let incidence = Adjacency::of_slots(nodes, mesh.connectivity());
     let corners = mesh.kind().corners();
-    let degree = |k: &u32| (incidence.of(*k as usize).len(), *k);
+    let degree = |k: &u32| (incidence.row(*k as usize).len(), *k);
     let mut seen = vec![false; nodes];
     let mut order: Vec<u32> = Vec::with_capacity(nodes);
     let mut by_degree: Vec<u32> = (0..nodes as u32).collect();
@@ -65,7 +65,7 @@ fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
             let mut head = first;
             while head < order.len() {
                 let tail = order.len();
-                for &slot in incidence.of(order[head] as usize) {
+                for &slot in incidence.row(order[head] as usize) {
                     for &k in mesh.element(slot as usize / corners) {
                         if !std::mem::replace(&mut seen[k as usize], true) {
                             order.push(k);

@@ -297,7 +297,7 @@ impl<T: Real> Coupled<T> {
         let works = self
             .subdomains
             .iter()
-            .flat_map(|s| s.works.iter().copied().chain(s.evolved))
+            .flat_map(|s| s.works.iter().copied().chain(s.evolved.map(|e| e.work)))
             .chain(self.pairs.iter().map(|p| p.work));
         let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
         all.by_ref()

@@ -1,7 +1,7 @@
 //! Building a coupled run: checks, operators, consistent start.
 
 use super::{Coupled, motions, partition, tie};
-use crate::effect::{Demand, Pair, PairSite, PairSpec};
+use crate::effect::{HostPair, Pair, PairSpec, StepDemand};
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
 use crate::ledger::Ledger;
@@ -127,7 +127,6 @@ impl<T: Real> Coupled<T> {
         if subdomains.is_empty() {
             return Err(invalid("subdomains", 0, "a run needs at least one model"));
         }
-        let mut pairs: Vec<Pair<T>> = pairs.into_iter().map(Pair::new).collect();
         for p in &pairs {
             p.check(subdomains.len())?;
             p.sides.iter().for_each(|&s| subdomains[s].paired = true);
@@ -149,7 +148,7 @@ impl<T: Real> Coupled<T> {
         }
         built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
         check_disjoint(&built, &subdomains)?;
-        attach(&mut pairs, &subdomains, &built)?;
+        let pairs = attach(pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
         for (k, s) in subdomains.iter_mut().enumerate() {
             critical.push(s.critical_step(&demands(&pairs, k))?);
@@ -201,10 +200,11 @@ impl<T: Real> Coupled<T> {
 
 /// Attaches effects between subdomains, telling them which nodes interfaces tie to the other side.
 fn attach<T: Real>(
-    pairs: &mut [Pair<T>],
+    pairs: Vec<PairSpec<T>>,
     subdomains: &[Subdomain<T>],
     interfaces: &[Interface<T>],
-) -> Result<()> {
+) -> Result<Vec<Pair<T>>> {
+    let mut out = Vec::with_capacity(pairs.len());
     for p in pairs {
         let mut tied = [Vec::new(), Vec::new()];
         for i in interfaces {
@@ -219,16 +219,16 @@ fn attach<T: Real>(
                 }
             }
         }
-        let sites = p.sides.map(|s| subdomains[s].site());
-        p.effect.attach(&PairSite { sites, tied })?;
+        let sides = p.sides.map(|s| subdomains[s].host());
+        out.push(p.attach(&HostPair { sides, tied })?);
     }
-    Ok(())
+    Ok(out)
 }
 
 /// What effects between subdomains demand of the step of one.
-fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<Demand<T>> {
+fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepDemand<T>> {
     let of = |p: &Pair<T>| {
-        let [a, b] = p.effect.demand();
+        let [a, b] = p.effect.step_demand();
         let [first, second] = p.sides.map(|s| s == subdomain);
         match (first, second) {
             (true, _) => Some(a),

@@ -5,7 +5,7 @@
 //! resolved space (the mediator's or a coarser one), in the symmetric form
 //! `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, energy only leaves.
 
-use super::{Demand, Effect, Instant, Site, dot};
+use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand, dot};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::linalg::SpdFactor;
@@ -21,11 +21,15 @@ pub type RateField<T> = Arc<dyn Fn(&nalgebra::Point3<T>) -> T + Send + Sync>;
 pub struct Absorber<T: Real> {
     resolved: Arc<dyn Interpolation<T>>,
     rate: RateField<T>,
+}
+
+/// The same on the nodes of a model.
+struct AttachedAbsorber<T: Real> {
     top_rate: T,
     components: usize,
     nodes: Vec<usize>,
-    shapes: Option<CsMat<T>>,
-    factor: Option<Box<dyn SpdFactor<T>>>,
+    shapes: CsMat<T>,
+    factor: Box<dyn SpdFactor<T>>,
     mass: Vec<T>,
     damping: Vec<T>,
     coarse: Vec<T>,
@@ -35,10 +39,7 @@ pub struct Absorber<T: Real> {
 
 impl<T: Real> std::fmt::Debug for Absorber<T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Absorber")
-            .field("nodes", &self.nodes.len())
-            .field("top_rate", &self.top_rate)
-            .finish_non_exhaustive()
+        write!(f, "Absorber with {} resolved nodes", self.resolved.nodes().len())
     }
 }
 
@@ -48,35 +49,21 @@ impl<T: Real> Absorber<T> {
     /// The rate should grow from 0 at the border to the fine model's own region; `0.2 c/r` at its largest is
     /// a good value (`c` wave speed, `r` particle spacing).
     pub fn new(resolved: Arc<dyn Interpolation<T>>, rate: RateField<T>) -> Self {
-        Self {
-            resolved,
-            rate,
-            top_rate: T::zero(),
-            components: 1,
-            nodes: Vec::new(),
-            shapes: None,
-            factor: None,
-            mass: Vec::new(),
-            damping: Vec::new(),
-            coarse: Vec::new(),
-            work: Vec::new(),
-            force: Vec::new(),
-        }
+        Self { resolved, rate }
     }
+}
 
+impl<T: Real> AttachedAbsorber<T> {
     /// `w ← w − N (NᵀMN)⁻¹ NᵀM w`, or its transpose `w ← w − M N (NᵀMN)⁻¹ Nᵀ w`.
     fn remove_resolved(&mut self, transposed: bool) {
-        let (Some(shapes), Some(factor)) = (&self.shapes, &mut self.factor) else {
-            return;
-        };
-        let k = shapes.cols();
+        let shapes = &self.shapes;
         let mass = |i: usize, on: bool| if on { self.mass[i] } else { T::one() };
         self.coarse.fill(T::zero());
         for (i, row) in shapes.outer_iterator().enumerate() {
             let w = self.work[i] * mass(i, !transposed);
             row.iter().for_each(|(j, n)| self.coarse[j] += *n * w);
         }
-        factor.solve(&mut self.coarse[..k]);
+        self.factor.solve(&mut self.coarse);
         for (i, row) in shapes.outer_iterator().enumerate() {
             let p: T = row.iter().map(|(j, n)| *n * self.coarse[j]).sum();
             self.work[i] -= p * mass(i, transposed);
@@ -84,17 +71,12 @@ impl<T: Real> Absorber<T> {
     }
 }
 
-impl<T: Real> Effect<T> for Absorber<T> {
-    fn name(&self) -> &str {
-        "absorber"
-    }
-
-    fn attach(&mut self, site: &Site<'_, T>) -> Result<()> {
-        let layout = site.model.layout();
-        self.components = layout.components;
+impl<T: Real> EffectSpec<T> for Absorber<T> {
+    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = to.model.layout();
         let mut row = ShapeRow::default();
         let mut shapes: Vec<(usize, Vec<(usize, T)>)> = Vec::new();
-        for (node, x) in site.model.nodes().iter().enumerate() {
+        for (node, x) in to.model.nodes().iter().enumerate() {
             match self.resolved.shape_at(x, false, &mut row) {
                 Ok(()) => shapes.push((
                     node,
@@ -111,11 +93,11 @@ impl<T: Real> Effect<T> for Absorber<T> {
         if shapes.is_empty() {
             return Err(invalid(
                 "absorber",
-                site.model.name(),
+                to.model.name(),
                 "has no node of this model in its resolved space",
             ));
         }
-        self.nodes = shapes.iter().map(|s| s.0).collect();
+        let nodes: Vec<usize> = shapes.iter().map(|s| s.0).collect();
         // Only shape functions that touch a node take part.
         let mut used: Vec<usize> = shapes
             .iter()
@@ -129,44 +111,58 @@ impl<T: Real> Effect<T> for Absorber<T> {
                 n.add_triplet(i, used.partition_point(|u| u < j), *v);
             }
         }
-        self.mass = self
-            .nodes
-            .iter()
-            .map(|k| site.inertia[k * layout.components])
-            .collect();
+        let mass: Vec<T> = nodes.iter().map(|k| to.inertia[k * layout.components]).collect();
         let mut gram = TriMat::new((used.len(), used.len()));
         let n: CsMat<T> = n.to_csr();
         for (i, r) in n.outer_iterator().enumerate() {
             for (a, x) in r.iter() {
                 r.iter()
-                    .for_each(|(b, y)| gram.add_triplet(a, b, *x * *y * self.mass[i]));
+                    .for_each(|(b, y)| gram.add_triplet(a, b, *x * *y * mass[i]));
             }
         }
-        self.factor = Some(T::cholesky(&gram.to_csc()).map_err(|_| {
-            let counts = format!("{} resolved unknowns for {} nodes", used.len(), self.nodes.len());
+        let factor = T::cholesky(&gram.to_csc()).map_err(|_| {
+            let counts = format!("{} resolved unknowns for {} nodes", used.len(), nodes.len());
             invalid(
                 "absorber",
                 counts,
                 "the resolved space must be coarser than the model",
             )
-        })?);
-        let rates: Vec<T> = self
-            .nodes
-            .iter()
-            .map(|&k| (self.rate)(&site.model.nodes()[k]))
-            .collect();
+        })?;
+        let rates: Vec<T> = nodes.iter().map(|&k| (self.rate)(&to.model.nodes()[k])).collect();
         if let Some(bad) = rates.iter().find(|r| !(**r >= T::zero() && r.is_finite())) {
             return Err(invalid("absorber rate", bad, "must be finite and not negative"));
         }
-        self.top_rate = rates.iter().fold(T::zero(), |a, b| a.max(*b));
-        self.damping = rates.iter().zip(&self.mass).map(|(r, m)| *r * *m).collect();
-        self.coarse = vec![T::zero(); used.len()];
-        self.work = vec![T::zero(); self.nodes.len()];
-        self.force = vec![T::zero(); self.nodes.len() * self.components];
-        self.shapes = Some(n);
-        Ok(())
+        Ok(Box::new(AttachedAbsorber {
+            top_rate: rates.iter().fold(T::zero(), |a, b| a.max(*b)),
+            components: layout.components,
+            damping: rates.iter().zip(&mass).map(|(r, m)| *r * *m).collect(),
+            coarse: vec![T::zero(); used.len()],
+            work: vec![T::zero(); nodes.len()],
+            force: vec![T::zero(); nodes.len() * layout.components],
+            nodes,
+            shapes: n,
+            factor,
+            mass,
+        }))
+    }
+}
+
+impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
+    fn name(&self) -> &str {
+        "absorber"
     }
 
+    /// It leaves rigid motion alone.
+    fn arms(&self) -> Option<Arms> {
+        Some(Arms::Reference)
+    }
+
+    fn supplied(&self) -> Option<T> {
+        Some(T::zero())
+    }
+}
+
+impl<T: Real> Effect<T> for AttachedAbsorber<T> {
     fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
         let d = self.components;
         for c in 0..d {
@@ -191,16 +187,7 @@ impl<T: Real> Effect<T> for Absorber<T> {
         self.nodes.iter().enumerate().map(node).sum()
     }
 
-    fn demand(&self) -> Demand<T> {
-        Demand::damping(self.top_rate)
-    }
-
-    /// It leaves rigid motion alone.
-    fn arms(&self) -> Option<Arms> {
-        Some(Arms::Reference)
-    }
-
-    fn supplied(&self) -> Option<T> {
-        Some(T::zero())
+    fn step_demand(&self) -> StepDemand<T> {
+        StepDemand::damping(self.top_rate)
     }
 }

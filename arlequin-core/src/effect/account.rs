@@ -1,6 +1,6 @@
 //! What effects did: one line each, for reports.
 
-use super::{Demand, Pair};
+use super::{Pair, StepDemand};
 use crate::coupled::Coupled;
 use crate::observer::Phase;
 use crate::{Real, Subdomain};
@@ -32,7 +32,7 @@ impl<T: Real> EffectLine<T> {
 }
 
 /// Critical step \[s\] under demands, from that without.
-pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = Demand<T>>) -> T {
+pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDemand<T>>) -> T {
     let (two, half) = (T::of(2.0), T::of(0.5));
     let omega = two / free;
     let bare = omega * omega;
@@ -110,16 +110,16 @@ impl<T: Real> Subdomain<T> {
     fn effect_lines(&self, own: usize) -> Vec<EffectLine<T>> {
         let name = |effect: &str| format!("{}/{effect}", self.model().name());
         let mut out = Vec::new();
-        for (k, effect) in self.model().effects().iter().enumerate() {
-            let evolves = k == 0 && self.evolved.is_some();
+        for effect in self.model().effects() {
+            let taken = self.evolved.filter(|e| e.effect == *effect);
             out.push(EffectLine {
                 name: name(effect),
-                phase: evolves.then_some(Phase::Evolve(own)),
-                work: if evolves { self.evolved } else { None },
+                phase: taken.map(|_| Phase::Evolve(own)),
+                work: taken.map(|e| e.work),
                 pending: T::zero(),
                 stored: T::zero(),
-                supplied: evolves.then(T::zero),
-                facts: if evolves { self.model().facts() } else { Vec::new() },
+                supplied: taken.map(|_| T::zero()),
+                facts: taken.map_or_else(Vec::new, |_| self.model().facts()),
             });
         }
         let works = self.works.iter().zip(&self.last_works);

@@ -1,6 +1,6 @@
 //! Forces on given unknowns: nodal loads and surface tractions with a time function.
 
-use super::{Effect, Instant, Site};
+use super::{AnyEffect, Effect, EffectSpec, Host, Instant};
 use crate::error::invalid;
 use crate::time::TimeFunction;
 use crate::{Error, Real, Result};
@@ -40,7 +40,13 @@ pub struct Load<T: Real> {
     name: String,
     spread: Spread<T>,
     time: TimeFunction<T>,
+}
+
+/// The same on the unknowns of a subdomain, weighted.
+struct WeightedLoad<T: Real> {
+    name: String,
     forces: Vec<(usize, T)>,
+    time: TimeFunction<T>,
     factor: T,
 }
 
@@ -93,24 +99,18 @@ impl<T: Real> Load<T> {
             name: name.to_owned(),
             spread,
             time,
-            forces: Vec::new(),
-            factor: T::zero(),
         })
     }
 }
 
-impl<T: Real> Effect<T> for Load<T> {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn attach(&mut self, site: &Site<'_, T>) -> Result<()> {
-        let layout = site.model.layout();
-        let gamma = &*site.weights.external;
+impl<T: Real> EffectSpec<T> for Load<T> {
+    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = to.model.layout();
+        let gamma = &*to.weights.external;
         let weigh = |dof: usize| match dof {
-            d if d < layout.translations() => gamma.at(&site.model.nodes()[d / layout.components]),
+            d if d < layout.translations() => gamma.at(&to.model.nodes()[d / layout.components]),
             d if layout.rotations == 3 * layout.nodes => {
-                gamma.at(&site.model.nodes()[(d - layout.translations()) / 3])
+                gamma.at(&to.model.nodes()[(d - layout.translations()) / 3])
             }
             _ => T::one(),
         };
@@ -119,7 +119,7 @@ impl<T: Real> Effect<T> for Load<T> {
             Spread::Dofs(forces) => {
                 for &(dof, f) in forces {
                     if dof >= layout.dofs() {
-                        let what = format!("unknowns of '{}' in load '{}'", site.model.name(), self.name);
+                        let what = format!("unknowns of '{}' in load '{}'", to.model.name(), self.name);
                         return Err(Error::SizeMismatch {
                             what,
                             expected: layout.dofs(),
@@ -140,10 +140,22 @@ impl<T: Real> Effect<T> for Load<T> {
                 }
             }
         }
-        self.forces = sum.into_iter().filter(|(_, f)| *f != T::zero()).collect();
-        Ok(())
+        Ok(Box::new(WeightedLoad {
+            name: self.name,
+            forces: sum.into_iter().filter(|(_, f)| *f != T::zero()).collect(),
+            time: self.time,
+            factor: T::zero(),
+        }))
     }
+}
 
+impl<T: Real> AnyEffect<T> for WeightedLoad<T> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+impl<T: Real> Effect<T> for WeightedLoad<T> {
     fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
         self.factor = self.time.at(at.time);
         if self.factor != T::zero() {

@@ -1,33 +1,36 @@
 //! Effects: body force, loads, damping, absorber. Only what a scene lists exists in the run.
 //!
-//! An effect adds forces to one subdomain and is one line of the energy ledger; a [`PairEffect`] acts between two.
+//! An effect adds forces to one subdomain and is one line of the energy ledger; a [`PairEffect`] acts between two. What a
+//! user makes is an [`EffectSpec`]; the run attaches it and gets the [`Effect`]. One of your own whose force is a formula
+//! needs a spec and a closure: [`ForceLaw`].
 
 mod absorber;
 mod account;
+mod bulk_viscosity;
+mod law;
 mod load;
 mod pair;
-mod prestress;
-mod viscous;
+mod simple;
 
 pub use absorber::{Absorber, RateField};
 pub use account::EffectLine;
 pub(crate) use account::shortened;
+pub use bulk_viscosity::BulkViscosity;
+pub use law::ForceLaw;
 pub use load::{Load, SurfaceFacet};
 pub(crate) use pair::Pair;
-pub use pair::{PairEffect, PairSite, PairSpec};
-pub use prestress::Prestress;
-pub use viscous::{BulkViscosity, LocalDamping, StiffnessDamping};
+pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
+pub use simple::{BodyForce, LocalDamping, MassDamping, Prestress, StiffnessDamping};
 
-use crate::model::{DofLayout, Model};
+use crate::model::Model;
 use crate::momentum::Arms;
 use crate::snapshot::Record;
 use crate::weight::Weights;
 use crate::{Real, Result};
-use nalgebra::Vector3;
 
-/// What an effect may see when it is attached to a subdomain.
+/// The subdomain that an effect acts on, as the effect sees it when it is attached.
 #[derive(Clone, Copy)]
-pub struct Site<'a, T: Real> {
+pub struct Host<'a, T: Real> {
     /// The model.
     pub model: &'a dyn Model<T>,
     /// The model's weights; loads take `external`.
@@ -38,9 +41,9 @@ pub struct Site<'a, T: Real> {
     pub inverse_inertia: &'a [T],
 }
 
-impl<T: Real> std::fmt::Debug for Site<'_, T> {
+impl<T: Real> std::fmt::Debug for Host<'_, T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Site of {}", self.model.name())
+        write!(f, "Host {}", self.model.name())
     }
 }
 
@@ -65,7 +68,7 @@ pub struct Instant<'a, T> {
 /// What an effect demands of the time step, in terms of the highest frequency `ω` of the model without it:
 /// `ω² → gain (ω² + stiffness)`, damped at the rate `damping + viscosity ω²`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Demand<T> {
+pub struct StepDemand<T> {
     /// Largest `ω²` the effect can add \[1/s²\]: contact springs.
     pub stiffness: T,
     /// Factor on all forces: dampings that scale with the force.
@@ -76,7 +79,7 @@ pub struct Demand<T> {
     pub viscosity: T,
 }
 
-impl<T: Real> Demand<T> {
+impl<T: Real> StepDemand<T> {
     /// Nothing.
     pub fn none() -> Self {
         Self {
@@ -105,38 +108,29 @@ pub struct Finding {
     pub message: String,
 }
 
-/// A load, a damping or any other force on one subdomain beside its internal ones.
-pub trait Effect<T: Real>: Send {
-    /// Name in the ledger.
+/// What a user chooses of an effect. A run attaches it to its subdomain before the first step; only then there is
+/// something that has forces.
+pub trait EffectSpec<T: Real>: Send {
+    /// Makes the effect ready for its subdomain.
+    ///
+    /// # Errors
+    /// Parameters that make no sense for this subdomain.
+    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>>;
+}
+
+/// What effects on one subdomain and between two have in common: a line of the energy ledger, and a memory.
+pub trait AnyEffect<T: Real>: Send {
+    /// Name in the ledger; between two subdomains it names both models, such as `contact ball-block`.
     fn name(&self) -> &str;
 
-    /// Prepares the effect for its subdomain; called once before the first step.
-    ///
-    /// # Errors
-    /// Invalid parameters for this subdomain.
-    fn attach(&mut self, site: &Site<'_, T>) -> Result<()>;
-
-    /// Adds the weighted forces \[N, N m\] and remembers them for [`Effect::power`]. Must not allocate.
-    ///
-    /// # Errors
-    /// Whatever keeps the effect from doing so.
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()>;
-
-    /// Power of the last added forces on the velocities `v` \[W\]: negative where energy is dissipated.
-    fn power(&self, v: &[T]) -> T;
-
-    /// What the effect demands of the time step.
-    fn demand(&self) -> Demand<T> {
-        Demand::none()
-    }
-
-    /// Positions about which its forces have no moment, if they add up to nothing; `None` where they come from outside.
+    /// Positions about which its forces have no moment, if they add up to nothing; `None` where they come from outside,
+    /// or where that is not known.
     fn arms(&self) -> Option<Arms> {
         None
     }
 
     /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs. With
-    /// [`Effect::supplied`] it counts in the sense of the ledger, in which the work of this instant is half done: a linear
+    /// [`Self::supplied`] it counts in the sense of the ledger, in which the work of this instant is half done: a linear
     /// spring holds `k/4 q_n (q_{n−1} + q_{n+1})`, which is `(ω Δt)²/2` less than `k/2 q_n²`.
     fn stored(&self) -> T {
         T::zero()
@@ -155,7 +149,7 @@ pub trait Effect<T: Real>: Send {
         Record::default()
     }
 
-    /// Goes back to what [`Effect::save`] returned; called after [`Effect::attach`].
+    /// Goes back to what [`Self::save`] returned.
     ///
     /// # Errors
     /// A record of another effect.
@@ -169,126 +163,20 @@ pub trait Effect<T: Real>: Send {
     }
 }
 
-/// Gravity or any constant acceleration field \[m/s²\]: `F_i = M_γ,i g`.
-#[derive(Debug, Clone)]
-pub struct BodyForce<T: Real> {
-    acceleration: Vector3<T>,
-    force: Vec<T>,
-}
-
-impl<T: Real> BodyForce<T> {
-    /// Body force with the given acceleration \[m/s²\]; bars and chains feel its x component.
+/// A load, a damping or any other force on one subdomain beside its internal ones, ready to act.
+pub trait Effect<T: Real>: AnyEffect<T> {
+    /// Adds the weighted forces \[N, N m\] and remembers them for [`Self::power`]. Must not allocate.
     ///
     /// # Errors
-    /// [`crate::Error::InvalidParameter`] if it is not finite.
-    pub fn new(acceleration: Vector3<T>) -> Result<Self> {
-        if acceleration.iter().all(|a| a.is_finite()) {
-            Ok(Self {
-                acceleration,
-                force: Vec::new(),
-            })
-        } else {
-            Err(crate::error::invalid(
-                "body acceleration",
-                format_args!("{acceleration:?}"),
-                "must be finite",
-            ))
-        }
-    }
-}
+    /// Whatever keeps the effect from doing so.
+    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()>;
 
-impl<T: Real> Effect<T> for BodyForce<T> {
-    fn name(&self) -> &str {
-        "body-force"
-    }
+    /// Power of the last added forces on the velocities `v` \[W\]: negative where energy is dissipated.
+    fn power(&self, v: &[T]) -> T;
 
-    fn attach(&mut self, site: &Site<'_, T>) -> Result<()> {
-        let DofLayout { components, .. } = site.model.layout();
-        let mut mass = vec![T::zero(); site.model.layout().dofs()];
-        site.model
-            .lumped_inertia(&*site.weights.external, site.weights.weighting, &mut mass)?;
-        mass.truncate(site.model.layout().translations());
-        for (i, m) in mass.iter_mut().enumerate() {
-            *m *= self.acceleration[i % components];
-        }
-        self.force = mass;
-        Ok(())
-    }
-
-    fn add_forces(&mut self, _: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        f.iter_mut().zip(&self.force).for_each(|(f, g)| *f += *g);
-        Ok(())
-    }
-
-    fn power(&self, v: &[T]) -> T {
-        dot(&self.force, v)
-    }
-}
-
-/// Mass-proportional damping `F = −c M_β v` with a rate `c` \[1/s\].
-#[derive(Debug, Clone)]
-pub struct MassDamping<T: Real> {
-    rate: T,
-    inertia: Vec<T>,
-    force: Vec<T>,
-}
-
-impl<T: Real> MassDamping<T> {
-    /// Damping with the given rate \[1/s\].
-    ///
-    /// # Errors
-    /// [`crate::Error::InvalidParameter`] if it is negative or not finite.
-    pub fn new(rate: T) -> Result<Self> {
-        if rate >= T::zero() && rate.is_finite() {
-            Ok(Self {
-                rate,
-                inertia: Vec::new(),
-                force: Vec::new(),
-            })
-        } else {
-            Err(crate::error::invalid(
-                "damping rate",
-                rate,
-                "must be finite and not negative",
-            ))
-        }
-    }
-}
-
-impl<T: Real> Effect<T> for MassDamping<T> {
-    fn name(&self) -> &str {
-        "mass-damping"
-    }
-
-    fn attach(&mut self, site: &Site<'_, T>) -> Result<()> {
-        self.inertia = site.inertia.to_vec();
-        self.force = vec![T::zero(); self.inertia.len()];
-        Ok(())
-    }
-
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        for (((f, g), m), v) in f
-            .iter_mut()
-            .zip(&mut self.force)
-            .zip(&self.inertia)
-            .zip(at.v_half)
-        {
-            *g = -self.rate * *m * *v;
-            *f += *g;
-        }
-        Ok(())
-    }
-
-    fn power(&self, v: &[T]) -> T {
-        dot(&self.force, v)
-    }
-
-    fn demand(&self) -> Demand<T> {
-        Demand::damping(self.rate)
-    }
-
-    fn supplied(&self) -> Option<T> {
-        Some(T::zero())
+    /// What the effect demands of the time step.
+    fn step_demand(&self) -> StepDemand<T> {
+        StepDemand::none()
     }
 }
 

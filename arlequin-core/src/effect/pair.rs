@@ -6,35 +6,36 @@
 //! stored` does not become negative. Effects
 //! of the subdomains do not see its forces, so a local damping leaves them alone.
 
-use super::{Demand, Instant, Site};
-use crate::momentum::Arms;
-use crate::snapshot::Record;
+use super::{AnyEffect, Host, Instant, StepDemand};
 use crate::subdomain::Subdomain;
 use crate::{Real, Result};
 
-/// What a pair effect may see when it is attached.
+/// The two subdomains that a pair effect acts on, as it sees them when it is attached.
 #[derive(Debug)]
-pub struct PairSite<'a, T: Real> {
+pub struct HostPair<'a, T: Real> {
     /// The two subdomains.
-    pub sites: [Site<'a, T>; 2],
+    pub sides: [Host<'a, T>; 2],
     /// Nodes of either side that an interface between these two subdomains holds; empty where there is none. What is
     /// tied to the other side moves with it and should not be pushed away from it.
     pub tied: [Vec<bool>; 2],
 }
 
-/// Forces between two subdomains. Arrays hold the first side, then the second.
-pub trait PairEffect<T: Real>: Send {
-    /// Name in the ledger; names both models, such as `contact ball-block`.
+/// What a user chooses of a pair effect, as [`super::EffectSpec`].
+pub trait PairEffectSpec<T: Real>: Send {
+    /// Name that the effect will have.
     fn name(&self) -> &str;
 
-    /// Prepares the effect; called once before the first step.
+    /// Makes the effect ready for its two subdomains.
     ///
     /// # Errors
     /// Models or parameters that the effect cannot work with.
-    fn attach(&mut self, site: &PairSite<'_, T>) -> Result<()>;
+    fn attach(self: Box<Self>, to: &HostPair<'_, T>) -> Result<Box<dyn PairEffect<T>>>;
+}
 
+/// Forces between two subdomains, ready to act. Arrays hold the first side, then the second.
+pub trait PairEffect<T: Real>: AnyEffect<T> {
     /// Adds the weighted forces \[N, N m\] to those of both sides, which hold all others but those of later pair effects
-    /// and of interfaces, and remembers them for [`PairEffect::power`]. Must not allocate. Forces must sum to zero, or
+    /// and of interfaces, and remembers them for [`Self::power`]. Must not allocate. Forces must sum to zero, or
     /// momentum is made: [`crate::conformance::reaction`].
     ///
     /// # Errors
@@ -45,41 +46,8 @@ pub trait PairEffect<T: Real>: Send {
     fn power(&self, v: [&[T]; 2]) -> T;
 
     /// What the effect demands of the step of either side.
-    fn demand(&self) -> [Demand<T>; 2] {
-        [Demand::none(), Demand::none()]
-    }
-
-    /// Positions about which its forces on both sides have no moment; `None` where that is not known.
-    fn arms(&self) -> Option<Arms> {
-        None
-    }
-
-    /// Energy the effect holds now and could give back \[J\], as [`super::Effect::stored`].
-    fn stored(&self) -> T {
-        T::zero()
-    }
-
-    /// As [`super::Effect::supplied`].
-    fn supplied(&self) -> Option<T> {
-        None
-    }
-
-    /// What the effect must remember to go on with the same bits.
-    fn save(&self) -> Record<T> {
-        Record::default()
-    }
-
-    /// Goes back to what [`PairEffect::save`] returned; called after [`PairEffect::attach`].
-    ///
-    /// # Errors
-    /// A record of another effect.
-    fn restore(&mut self, from: &Record<T>) -> Result<()> {
-        from.expect(self.name(), 0, 0)
-    }
-
-    /// Figures for reports: names (with units) and values.
-    fn facts(&self) -> Vec<(String, f64)> {
-        Vec::new()
+    fn step_demand(&self) -> [StepDemand<T>; 2] {
+        [StepDemand::none(), StepDemand::none()]
     }
 }
 
@@ -88,7 +56,7 @@ pub struct PairSpec<T: Real> {
     /// Numbers of the subdomains, two different ones.
     pub sides: [usize; 2],
     /// The effect.
-    pub effect: Box<dyn PairEffect<T>>,
+    pub effect: Box<dyn PairEffectSpec<T>>,
 }
 
 impl<T: Real> std::fmt::Debug for PairSpec<T> {
@@ -119,16 +87,7 @@ impl<T: Real> std::fmt::Debug for Pair<T> {
     }
 }
 
-impl<T: Real> Pair<T> {
-    pub(crate) fn new(spec: PairSpec<T>) -> Self {
-        Self {
-            sides: spec.sides,
-            effect: spec.effect,
-            work: T::zero(),
-            last_work: T::zero(),
-        }
-    }
-
+impl<T: Real> PairSpec<T> {
     /// Refuses sides that are not two different subdomains.
     pub(crate) fn check(&self, count: usize) -> Result<()> {
         let [a, b] = self.sides;
@@ -140,6 +99,17 @@ impl<T: Real> Pair<T> {
         Err(crate::error::invalid(&what, format_args!("{a} and {b}"), &rule))
     }
 
+    pub(crate) fn attach(self, to: &HostPair<'_, T>) -> Result<Pair<T>> {
+        Ok(Pair {
+            sides: self.sides,
+            effect: self.effect.attach(to)?,
+            work: T::zero(),
+            last_work: T::zero(),
+        })
+    }
+}
+
+impl<T: Real> Pair<T> {
     /// Energy \[J\] the effect has created, above zero only where its law is at fault.
     pub(crate) fn created(&self) -> T {
         let work = self.work - self.last_work * T::of(0.5);

@@ -46,9 +46,9 @@ pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunctio
 #[derive(Default)]
 pub(super) struct Attachments {
     supports: BTreeMap<usize, Vec<PrescribedMotion<f64>>>,
-    effects: BTreeMap<usize, Vec<Box<dyn effect::Effect<f64>>>>,
+    effects: BTreeMap<usize, Vec<Box<dyn effect::EffectSpec<f64>>>>,
     /// Effects that must come after all others.
-    last: BTreeMap<usize, Vec<Box<dyn effect::Effect<f64>>>>,
+    last: BTreeMap<usize, Vec<Box<dyn effect::EffectSpec<f64>>>>,
 }
 
 impl Attachments {
@@ -89,7 +89,7 @@ impl Attachments {
     }
 
     /// Adds an effect on model `m`.
-    pub(super) fn add(&mut self, m: usize, effect: Box<dyn effect::Effect<f64>>) {
+    pub(super) fn add(&mut self, m: usize, effect: Box<dyn effect::EffectSpec<f64>>) {
         self.effects.entry(m).or_default().push(effect);
     }
 
@@ -255,7 +255,7 @@ fn nodal_torque(
 }
 
 /// An effect that needs to know no body; none for the others.
-pub(super) fn plain_effect(path: &str, e: &Effect) -> Result<Option<Box<dyn effect::Effect<f64>>>> {
+pub(super) fn plain_effect(path: &str, e: &Effect) -> Result<Option<Box<dyn effect::EffectSpec<f64>>>> {
     let at = |name: &str| format!("{path}.{name}");
     if let Some(b) = &e.body_force {
         let made = BodyForce::new(Vector3::from(b.acceleration));
@@ -273,10 +273,10 @@ pub(super) fn plain_effect(path: &str, e: &Effect) -> Result<Option<Box<dyn effe
         let made = LocalDamping::new(d.share);
         return Ok(Some(Box::new(made.map_err(core(at("local_damping.share")))?)));
     }
-    Ok(e.prestress.is_some().then(|| Box::new(Prestress::new()) as _))
+    Ok(e.prestress.is_some().then(|| Box::new(Prestress) as _))
 }
 
-fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect::Effect<f64>>> {
+fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect::EffectSpec<f64>>> {
     let at = |name: &str| format!("{path}.{name}");
     if let Some(made) = plain_effect(path, e)? {
         return Ok(made);

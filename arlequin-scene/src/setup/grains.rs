@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 /// What a body of particles brings besides a model.
 pub struct Grains {
     /// Contact and obstacles, by the number of the effect in the scene.
-    pub effects: BTreeMap<usize, Box<dyn effect::Effect<f64>>>,
+    pub effects: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>>,
     /// What broke, if bonds can.
     pub breaks: Option<SharedLog>,
     /// Whether the scene gives its bonds a strength, fracture on or off.
@@ -53,7 +53,7 @@ impl Grains {
                 breaks = Some(model.break_log());
             }
         }
-        let mut made: BTreeMap<usize, Box<dyn effect::Effect<f64>>> = BTreeMap::new();
+        let mut made: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
         let mut touching = false;
         for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
             if let Some(c) = &e.contact {

@@ -3,7 +3,7 @@
 use super::mesh::{ON_FACE, in_circle, key};
 use super::{FaceMesh, InsertedPoint, Recovery, Surface};
 use crate::bins::{Bins, around};
-use crate::delaunay::{Delaunay, Neighbours};
+use crate::delaunay::{Delaunay, joined};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
 
@@ -213,7 +213,7 @@ impl Work<'_> {
         }
         if left.is_empty() {
             self.done.divided = missing.len();
-            self.delaunay.before = Some(Neighbours::new(&whole));
+            self.delaunay.before = Some(joined(&whole));
         } else {
             *self.delaunay = whole;
         }

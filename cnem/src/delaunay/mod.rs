@@ -16,10 +16,11 @@ mod tests;
 
 use crate::error::Result;
 use crate::tet::{EdgeTable, INF, Tet};
+use arlequin_core::adjacency::Adjacency;
 use nalgebra::{Point3, Vector3};
 
 pub use locate::Location;
-pub(crate) use replace::{Neighbours, face_key};
+pub(crate) use replace::{face_key, joined};
 
 /// Delaunay tetrahedralisation: fills the convex hull of the nodes.
 ///
@@ -45,7 +46,7 @@ pub struct Delaunay {
     work: insert::Work,
     /// Neighbours in the Delaunay complex, if tetrahedra were then divided along constrained faces: spheres are empty of
     /// visible nodes only.
-    pub(crate) before: Option<Neighbours>,
+    pub(crate) before: Option<Adjacency>,
 }
 
 impl Delaunay {

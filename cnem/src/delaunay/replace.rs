@@ -2,6 +2,7 @@
 
 use super::Delaunay;
 use crate::tet::{INF, NONE, Tet};
+use arlequin_core::adjacency::Adjacency;
 use std::collections::HashMap;
 
 /// Key of a face whatever the order of its vertices.
@@ -10,42 +11,18 @@ pub(crate) fn face_key(mut v: [u32; 3]) -> [u32; 3] {
     v
 }
 
-/// Nodes joined by edges: `items[starts[i]..starts[i + 1]]`, ascending.
-#[derive(Debug, Clone)]
-pub(crate) struct Neighbours {
-    starts: Vec<u32>,
-    items: Vec<u32>,
-}
-
-impl Neighbours {
-    pub(crate) fn new(delaunay: &Delaunay) -> Self {
-        let mut edges = Vec::new();
-        let nodes = delaunay.points.len() as u32;
-        // Slots that insertions have left unused are in no star.
-        let mut star = Vec::new();
-        for node in 0..nodes {
-            delaunay.star(node, &mut star);
-            let ends = star.iter().flat_map(|&t| delaunay.tets[t as usize].v);
-            let mut list: Vec<u32> = ends.filter(|&v| v != INF && v != node).collect();
-            list.sort_unstable();
-            list.dedup();
-            edges.push(list);
-        }
-        let mut out = Self {
-            starts: vec![0],
-            items: Vec::new(),
-        };
-        for list in edges {
-            out.items.extend(list);
-            out.starts.push(out.items.len() as u32);
-        }
-        out
-    }
-
-    pub(crate) fn of(&self, node: u32) -> &[u32] {
-        let [from, to] = [node, node + 1].map(|k| self.starts[k as usize] as usize);
-        &self.items[from..to]
-    }
+/// Nodes joined to each by edges, ascending.
+pub(crate) fn joined(delaunay: &Delaunay) -> Adjacency {
+    // Slots that insertions have left unused are in no star.
+    let mut star = Vec::new();
+    Adjacency::from_rows((0..delaunay.points.len() as u32).map(|node| {
+        delaunay.star(node, &mut star);
+        let ends = star.iter().flat_map(|&t| delaunay.tets[t as usize].v);
+        let mut list: Vec<u32> = ends.filter(|&v| v != INF && v != node).collect();
+        list.sort_unstable();
+        list.dedup();
+        list
+    }))
 }
 
 impl Delaunay {

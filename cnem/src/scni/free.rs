@@ -10,8 +10,9 @@
 //! Laplace functions, one call on one thread (`benches/forces.rs`): 4.9 ms, 1.8 ms without stabilisation, against 12.9 ms
 //! for the product with 3 × 3 blocks; with two threads 2.5, 0.9 and 6.8 ms.
 
-use super::matrix::{CHUNK, Incidence, SERIAL};
+use super::matrix::{CHUNK, SERIAL};
 use super::{Smoothing, SubCells};
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::material::Elastic;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -19,45 +20,22 @@ use std::ops::Range;
 /// A symmetric tensor: xx, yy, zz, yz, xz, xy.
 type Sym = [f64; 6];
 
-/// Sparse rows of vectors: `items[starts[i]..starts[i + 1]]`.
-#[derive(Debug, Clone)]
-struct Rows {
-    starts: Vec<usize>,
-    items: Vec<(u32, [f64; 3])>,
+/// Sparse rows of vectors.
+type Rows = Adjacency<(u32, [f64; 3])>;
+
+/// The smoothed gradients by cell, without the zeros that the stabilisation added to the pattern.
+fn by_cell(smoothing: &Smoothing) -> Rows {
+    Rows::from_rows((0..smoothing.volumes.len()).map(|cell| {
+        let (nodes, gradients) = smoothing.row(cell);
+        let row = nodes.iter().zip(gradients).map(|(&k, g)| (k, [g.x, g.y, g.z]));
+        row.filter(|e| e.1.iter().any(|g| g.abs() > 0.0))
+    }))
 }
 
-impl Rows {
-    /// The smoothed gradients by cell, without the zeros that the stabilisation added to the pattern.
-    fn cells(smoothing: &Smoothing) -> Self {
-        let mut out = Self {
-            starts: vec![0],
-            items: Vec::new(),
-        };
-        for cell in 0..smoothing.volumes.len() {
-            let (nodes, gradients) = smoothing.row(cell);
-            let row = nodes.iter().zip(gradients).map(|(&k, g)| (k, [g.x, g.y, g.z]));
-            out.items
-                .extend(row.filter(|e| e.1.iter().any(|g| g.abs() > 0.0)));
-            out.starts.push(out.items.len());
-        }
-        out
-    }
-
-    /// The same entries by node, cells ascending.
-    fn transposed(&self) -> Self {
-        let columns: Vec<u32> = self.items.iter().map(|e| e.0).collect();
-        let by_node = Incidence::new(self.starts.len() - 1, &columns);
-        let owner = |at: u32| self.starts.partition_point(|&s| s <= at as usize) - 1;
-        let entry = |&at: &u32| (owner(at) as u32, self.items[at as usize].1);
-        Self {
-            items: by_node.items.iter().map(entry).collect(),
-            starts: by_node.starts,
-        }
-    }
-
-    fn of(&self, row: usize) -> &[(u32, [f64; 3])] {
-        &self.items[self.starts[row]..self.starts[row + 1]]
-    }
+/// The same entries by node, cells ascending.
+fn by_node(cells: &Rows) -> Rows {
+    let entry = |cell: usize| cells.row(cell).iter().map(move |&(k, g)| (k, (cell as u32, g)));
+    Rows::new(cells.len(), (0..cells.len()).flat_map(entry))
 }
 
 /// Values computed by every call.
@@ -74,7 +52,7 @@ struct Buffers {
 pub(crate) struct MatrixFree {
     rows: Rows,
     columns: Rows,
-    corners: Incidence,
+    corners: Adjacency,
     lame: [f64; 2],
     alpha: Vec<f64>,
     buffers: Buffers,
@@ -152,11 +130,11 @@ impl MatrixFree {
         material: &Elastic<f64>,
         alpha: Vec<f64>,
     ) -> Self {
-        let rows = Rows::cells(smoothing);
+        let rows = by_cell(smoothing);
         Self {
-            columns: rows.transposed(),
+            columns: by_node(&rows),
             rows,
-            corners: Incidence::new(alpha.len(), sub.tets.as_flattened()),
+            corners: Adjacency::of_slots(alpha.len(), sub.tets.as_flattened()),
             lame: material.lame(),
             buffers: Buffers {
                 tets: vec![Sym::default(); sub.tets.len()],
@@ -194,7 +172,7 @@ impl MatrixFree {
         each(cells, n, |i, out| {
             let s = stress(&gradient(&self.rows, i, q, |_| 1.0), lame);
             let mut sum = s.map(|v| v * (smoothing.volumes[i] + sub.sums[i]));
-            for &at in self.corners.of(i) {
+            for &at in self.corners.row(i) {
                 let t = &tets[at as usize / 4];
                 (0..6).for_each(|c| sum[c] -= t[c]);
             }
@@ -210,10 +188,10 @@ impl MatrixFree {
         });
         each(f.as_chunks_mut::<3>().0, n, |j, f| {
             let mut y = [0.0; 3];
-            for &(i, b) in self.columns.of(j) {
+            for &(i, b) in self.columns.row(j) {
                 add_traction(&mut y, &cells[i as usize][0], b);
             }
-            for &at in self.corners.of(j) {
+            for &at in self.corners.row(j) {
                 let (t, corner) = (at as usize / 4, at as usize % 4);
                 let g = &sub.gradients[t][corner];
                 add_traction(&mut y, &tets[t], [g.x, g.y, g.z]);
@@ -251,7 +229,7 @@ impl MatrixFree {
         let g = gradient(&self.rows, i, q, |_| 1.0);
         let gd = gradient(&self.rows, i, q, d);
         let mut sum = smoothing.volumes[i] * product(&g, &gd, self.lame);
-        for &at in self.corners.of(i) {
+        for &at in self.corners.row(i) {
             let t = at as usize / 4;
             let (mut h, mut hd) = (linear(sub, t, q, |_| 1.0), linear(sub, t, q, d));
             (0..9).for_each(|c| (h[c], hd[c]) = (g[c] - h[c], gd[c] - hd[c]));
@@ -265,7 +243,7 @@ impl MatrixFree {
 #[inline]
 fn gradient(rows: &Rows, cell: usize, q: &[[f64; 3]], factor: impl Fn(usize) -> f64) -> [f64; 9] {
     let mut out = [0.0; 9];
-    for &(k, b) in rows.of(cell) {
+    for &(k, b) in rows.row(cell) {
         let k = k as usize;
         add_outer(&mut out, &q[k].map(|u| u * factor(k)), b);
     }

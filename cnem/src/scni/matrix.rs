@@ -5,6 +5,7 @@
 //! order: results have the same bits for any number of threads.
 
 use super::{Smoothing, SubCells};
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::material::Elastic;
 use nalgebra::Matrix3;
@@ -15,46 +16,14 @@ pub(super) const CHUNK: usize = 64;
 /// Models with fewer nodes run on the calling thread: waking others costs more than it saves.
 pub(super) const SERIAL: usize = 512;
 const NONE: u32 = u32::MAX;
-
-/// Lists per node: `items[starts[i]..starts[i + 1]]`.
-#[derive(Debug, Clone)]
-pub(super) struct Incidence {
-    pub(super) starts: Vec<usize>,
-    pub(super) items: Vec<u32>,
-}
-
-impl Incidence {
-    /// Positions at which every node occurs in `lists`, ascending.
-    pub(super) fn new(nodes: usize, lists: &[u32]) -> Self {
-        let mut starts = vec![0; nodes + 1];
-        for &k in lists {
-            starts[k as usize + 1] += 1;
-        }
-        for i in 0..nodes {
-            starts[i + 1] += starts[i];
-        }
-        let mut next = starts.clone();
-        let mut items = vec![0; lists.len()];
-        for (at, &k) in lists.iter().enumerate() {
-            items[next[k as usize]] = at as u32;
-            next[k as usize] += 1;
-        }
-        Self { starts, items }
-    }
-
-    pub(super) fn of(&self, node: usize) -> &[u32] {
-        &self.items[self.starts[node]..self.starts[node + 1]]
-    }
-}
-
 /// What the rows are gathered from.
 struct Parts<'a> {
     smoothing: &'a Smoothing,
     sub: &'a SubCells,
     /// Cell of every entry of the smoothing.
     owner: Vec<u32>,
-    entries: Incidence,
-    corners: Incidence,
+    entries: Adjacency,
+    corners: Adjacency,
     alpha: &'a [f64],
     tet_weights: Vec<f64>,
 }
@@ -71,8 +40,8 @@ impl<'a> Parts<'a> {
             smoothing,
             sub,
             owner,
-            entries: Incidence::new(n, &smoothing.nodes),
-            corners: Incidence::new(n, sub.tets.as_flattened()),
+            entries: Adjacency::of_slots(n, &smoothing.nodes),
+            corners: Adjacency::of_slots(n, sub.tets.as_flattened()),
             alpha,
             tet_weights: sub
                 .tets
@@ -86,7 +55,7 @@ impl<'a> Parts<'a> {
     /// Columns of a row, ascending, and their positions in `slot`.
     fn columns(&self, node: usize, slot: &mut [u32]) -> Vec<u32> {
         let mut out = Vec::new();
-        let cells = self.entries.of(node).iter().map(|&at| self.owner[at as usize]);
+        let cells = self.entries.row(node).iter().map(|&at| self.owner[at as usize]);
         let in_cells = cells.flat_map(|c| self.smoothing.row(c as usize).0);
         for &k in in_cells {
             if slot[k as usize] == NONE {
@@ -105,7 +74,7 @@ impl<'a> Parts<'a> {
     fn row(&self, node: usize, slot: &mut [u32]) -> (Vec<u32>, Vec<Matrix3<f64>>) {
         let columns = self.columns(node, slot);
         let mut p = vec![Matrix3::zeros(); columns.len()];
-        for &at in self.entries.of(node) {
+        for &at in self.entries.row(node) {
             let cell = self.owner[at as usize] as usize;
             let range = self.smoothing.starts[cell]..self.smoothing.starts[cell + 1];
             let (bj, cj) = (self.smoothing.gradients[at as usize], self.sub.mixed[at as usize]);
@@ -121,7 +90,7 @@ impl<'a> Parts<'a> {
                 }
             }
         }
-        for &at in self.corners.of(node) {
+        for &at in self.corners.row(node) {
             let (t, corner) = (at as usize / 4, at as usize % 4);
             let (g, w) = (&self.sub.gradients[t], self.tet_weights[t]);
             for (k, gk) in self.sub.tets[t].iter().zip(g) {

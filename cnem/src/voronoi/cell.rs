@@ -133,7 +133,7 @@ impl Work {
     fn list_near(&mut self, domain: &Domain, node: u32) {
         let original = domain.copies.original(node);
         if let Some(neighbours) = domain.delaunay.before.as_ref() {
-            for &v in neighbours.of(original) {
+            for &v in neighbours.row(original as usize) {
                 self.add_near(domain, node, v);
             }
             return;

@@ -13,13 +13,17 @@ use super::law::ContactLaw;
 use super::neighbours::CrossList;
 use super::touching::Touching;
 use crate::error::Result;
-use arlequin_core::effect::{Demand, Instant, PairEffect, PairSite};
+use arlequin_core::effect::{AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, StepDemand};
 use arlequin_core::momentum::Arms;
 use arlequin_core::snapshot::Record;
 
 /// Contact between two cohesive-beam bodies, an effect between their subdomains, in the order of the models.
 #[derive(Debug)]
-pub struct ContactBetween {
+pub struct ContactBetween(Contacts);
+
+/// The same at work.
+#[derive(Debug)]
+struct Contacts {
     name: String,
     grains: [Grains; 2],
     list: CrossList,
@@ -30,68 +34,54 @@ impl ContactBetween {
     /// Contact between the particles of two models; its name is `contact A-B`.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for parameters of the law.
+    /// [`crate::Error::OutOfRange`] for parameters of the law.
     pub fn new(first: ContactBody, second: ContactBody, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let radii = || first.spheres.iter().chain(&second.spheres).map(|s| s[3]);
         let mean = radii().sum::<f64>() / radii().count() as f64;
-        Ok(Self {
+        Ok(Self(Contacts {
             name: format!("contact {}-{}", first.name, second.name),
             grains: [Grains::new(first), Grains::new(second)],
             list: CrossList::new(law.skin * mean),
             touching: Touching::new(law),
-        })
+        }))
     }
+}
 
+impl Contacts {
     fn counts(&self) -> [usize; 2] {
         [self.grains[0].len(), self.grains[1].len()]
     }
 }
 
-impl PairEffect<f64> for ContactBetween {
+impl PairEffectSpec<f64> for ContactBetween {
+    fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    fn attach(
+        mut self: Box<Self>,
+        to: &HostPair<'_, f64>,
+    ) -> arlequin_core::Result<Box<dyn PairEffect<f64>>> {
+        let Contacts {
+            name, grains, list, ..
+        } = &mut self.0;
+        for (m, grains) in grains.iter_mut().enumerate() {
+            grains.attach(&to.sides[m], name)?;
+            list.tied[m].clone_from(&to.tied[m]);
+            list.tied[m].resize(grains.len(), false);
+        }
+        Ok(Box::new(self.0))
+    }
+}
+
+impl AnyEffect<f64> for Contacts {
     fn name(&self) -> &str {
         &self.name
     }
 
-    fn attach(&mut self, site: &PairSite<'_, f64>) -> arlequin_core::Result<()> {
-        for (m, grains) in self.grains.iter_mut().enumerate() {
-            grains.attach(&site.sites[m], &self.name)?;
-            self.list.tied[m].clone_from(&site.tied[m]);
-            self.list.tied[m].resize(grains.len(), false);
-        }
-        Ok(())
-    }
-
-    fn add_forces(
-        &mut self,
-        at: [&Instant<'_, f64>; 2],
-        mut f: [&mut [f64]; 2],
-    ) -> arlequin_core::Result<()> {
-        let at = at.map(|a| *a);
-        self.touching.settle(&mut self.list.listed, &at);
-        let [a, b] = &mut self.grains;
-        a.place(at[0].q);
-        b.place(at[1].q);
-        self.list.refresh([&a.now, &b.now], [&a.rest, &b.rest]);
-        self.touching
-            .respond(&mut self.list.listed, &mut self.grains, &at, &mut f);
-        Ok(())
-    }
-
     fn arms(&self) -> Option<Arms> {
         Some(Arms::Current)
-    }
-
-    fn power(&self, v: [&[f64]; 2]) -> f64 {
-        self.touching.power(v)
-    }
-
-    /// The same for both sides, that of the lighter particles: the stiffest mode of a contact is that of its two ends.
-    fn demand(&self) -> [Demand<f64>; 2] {
-        let [a, b] = &self.grains;
-        let top = |mine: &Grains, other: f64| mine.top(|r| self.touching.stiffness([r, other]));
-        let demand = self.touching.demand(top(a, b.largest()).max(top(b, a.largest())));
-        [demand, demand]
     }
 
     fn stored(&self) -> f64 {
@@ -129,5 +119,35 @@ impl PairEffect<f64> for ContactBetween {
 
     fn facts(&self) -> Vec<(String, f64)> {
         self.touching.facts(&self.list.listed)
+    }
+}
+
+impl PairEffect<f64> for Contacts {
+    fn add_forces(
+        &mut self,
+        at: [&Instant<'_, f64>; 2],
+        mut f: [&mut [f64]; 2],
+    ) -> arlequin_core::Result<()> {
+        let at = at.map(|a| *a);
+        self.touching.settle(&mut self.list.listed, &at);
+        let [a, b] = &mut self.grains;
+        a.place(at[0].q);
+        b.place(at[1].q);
+        self.list.refresh([&a.now, &b.now], [&a.rest, &b.rest]);
+        self.touching
+            .respond(&mut self.list.listed, &mut self.grains, &at, &mut f);
+        Ok(())
+    }
+
+    fn power(&self, v: [&[f64]; 2]) -> f64 {
+        self.touching.power(v)
+    }
+
+    /// The same for both sides, that of the lighter particles: the stiffest mode of a contact is that of its two ends.
+    fn step_demand(&self) -> [StepDemand<f64>; 2] {
+        let [a, b] = &self.grains;
+        let top = |mine: &Grains, other: f64| mine.top(|r| self.touching.stiffness([r, other]));
+        let demand = self.touching.demand(top(a, b.largest()).max(top(b, a.largest())));
+        [demand, demand]
     }
 }

@@ -4,7 +4,7 @@ use super::body::ContactBody;
 use super::purse::End;
 use crate::bond::Twist;
 use crate::packing::cells::Sphere;
-use arlequin_core::effect::{Instant, Site};
+use arlequin_core::effect::{Host, Instant};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -46,8 +46,8 @@ impl Grains {
     }
 
     /// Takes weighted masses from the subdomain; `of` names the effect in errors.
-    pub(crate) fn attach(&mut self, site: &Site<'_, f64>, of: &str) -> arlequin_core::Result<()> {
-        let found = site.model.layout().nodes;
+    pub(crate) fn attach(&mut self, to: &Host<'_, f64>, of: &str) -> arlequin_core::Result<()> {
+        let found = to.model.layout().nodes;
         if found != self.full.len() {
             return Err(arlequin_core::Error::SizeMismatch {
                 what: format!("particles of {of}"),
@@ -55,9 +55,9 @@ impl Grains {
                 found,
             });
         }
-        self.mass = (0..found).map(|i| site.inertia[3 * i]).collect();
+        self.mass = (0..found).map(|i| to.inertia[3 * i]).collect();
         self.share = self.mass.iter().zip(&self.full).map(|(m, f)| m / f).collect();
-        self.light = site.inverse_inertia.to_vec();
+        self.light = to.inverse_inertia.to_vec();
         self.own = vec![0.0; self.light.len()];
         Ok(())
     }

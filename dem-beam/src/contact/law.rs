@@ -9,7 +9,7 @@
 //! ```
 
 use crate::bond::Twist;
-use crate::error::{DemError, Result, positive};
+use crate::error::{Error, Result, positive};
 use nalgebra::Vector3;
 
 /// Restitution of a critically damped contact is exp(-2) = 0.135.
@@ -49,12 +49,12 @@ impl ContactLaw {
     /// Checks every parameter, as an effect that takes it does.
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`].
+    /// [`Error::OutOfRange`].
     pub fn check(&self) -> Result<()> {
         positive("contact modulus", self.modulus)?;
         positive("shear ratio of contact", self.shear_ratio)?;
         positive("skin of the neighbour list", self.skin)?;
-        let bad = |name, value, range| Err(DemError::OutOfRange { name, value, range });
+        let bad = |name, value, range| Err(Error::OutOfRange { name, value, range });
         if !(self.restitution >= LEAST_RESTITUTION && self.restitution <= 1.0) {
             return bad("coefficient of restitution", self.restitution, "[0.15, 1]");
         }

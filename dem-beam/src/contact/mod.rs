@@ -33,7 +33,7 @@ pub use touching::{DAMPED_CONTACTS, STIFF_CONTACTS};
 use crate::error::Result;
 use crate::fracture::{SharedLog, locked};
 use crate::model::DemModel;
-use arlequin_core::effect::{Demand, Effect, Instant, Site};
+use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use arlequin_core::momentum::Arms;
 use arlequin_core::snapshot::Record;
 use neighbours::PairList;
@@ -42,7 +42,11 @@ use touching::Touching;
 
 /// Contact within one cohesive-beam body, an effect on its subdomain.
 #[derive(Debug)]
-pub struct Contact {
+pub struct Contact(Contacts);
+
+/// The same at work.
+#[derive(Debug)]
+struct Contacts {
     grains: Grains,
     log: SharedLog,
     seen: usize,
@@ -54,57 +58,32 @@ impl Contact {
     /// Contact between the particles of a model. Make it after the choice of fracture.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for parameters of the law.
+    /// [`crate::Error::OutOfRange`] for parameters of the law.
     pub fn new(model: &DemModel, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let body = model.body();
         let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
-        Ok(Self {
+        Ok(Self(Contacts {
             grains: Grains::new(ContactBody::of(model)),
             log: model.break_log(),
             seen: 0,
             list: PairList::new(body, law.skin * mean),
             touching: Touching::new(law),
-        })
-    }
-
-    /// Searches made so far.
-    #[must_use]
-    pub fn searches(&self) -> usize {
-        self.list.listed.searches
-    }
-
-    /// Contacts that push now.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.touching.count()
+        }))
     }
 }
 
-impl Effect<f64> for Contact {
+impl EffectSpec<f64> for Contact {
+    fn attach(mut self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+        let of = format!("contact on '{}'", to.model.name());
+        self.0.grains.attach(to, &of)?;
+        Ok(Box::new(self.0))
+    }
+}
+
+impl AnyEffect<f64> for Contacts {
     fn name(&self) -> &str {
         "contact"
-    }
-
-    fn attach(&mut self, site: &Site<'_, f64>) -> arlequin_core::Result<()> {
-        self.grains
-            .attach(site, &format!("contact on '{}'", site.model.name()))
-    }
-
-    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.touching.settle(&mut self.list.listed, from_ref(at));
-        self.grains.place(at.q);
-        let log = locked(&self.log);
-        for event in &log.events()[self.seen..] {
-            self.list.add_broken(event, &self.grains.rest);
-        }
-        self.seen = log.events().len();
-        self.list.refresh(&self.grains.now, &self.grains.rest, &log);
-        drop(log);
-        let grains = std::slice::from_mut(&mut self.grains);
-        self.touching
-            .respond(&mut self.list.listed, grains, from_ref(at), &mut [f]);
-        Ok(())
     }
 
     fn arms(&self) -> Option<Arms> {
@@ -134,16 +113,6 @@ impl Effect<f64> for Contact {
         })
     }
 
-    fn power(&self, v: &[f64]) -> f64 {
-        self.touching.power([v, v])
-    }
-
-    fn demand(&self) -> Demand<f64> {
-        let largest = self.grains.largest();
-        let top = self.grains.top(|r| self.touching.stiffness([r, largest]));
-        self.touching.demand(top)
-    }
-
     fn stored(&self) -> f64 {
         self.touching.stored()
     }
@@ -154,5 +123,33 @@ impl Effect<f64> for Contact {
 
     fn facts(&self) -> Vec<(String, f64)> {
         self.touching.facts(&self.list.listed)
+    }
+}
+
+impl Effect<f64> for Contacts {
+    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.touching.settle(&mut self.list.listed, from_ref(at));
+        self.grains.place(at.q);
+        let log = locked(&self.log);
+        for event in &log.events()[self.seen..] {
+            self.list.add_broken(event, &self.grains.rest);
+        }
+        self.seen = log.events().len();
+        self.list.refresh(&self.grains.now, &self.grains.rest, &log);
+        drop(log);
+        let grains = std::slice::from_mut(&mut self.grains);
+        self.touching
+            .respond(&mut self.list.listed, grains, from_ref(at), &mut [f]);
+        Ok(())
+    }
+
+    fn power(&self, v: &[f64]) -> f64 {
+        self.touching.power([v, v])
+    }
+
+    fn step_demand(&self) -> StepDemand<f64> {
+        let largest = self.grains.largest();
+        let top = self.grains.top(|r| self.touching.stiffness([r, largest]));
+        self.touching.demand(top)
     }
 }

@@ -1,12 +1,13 @@
 //! Which particles are near each other without being bonded.
 
 use super::Spring;
-use crate::fracture::state::Incidence;
 use crate::fracture::{Break, BreakLog};
 use crate::packing::cells::{CellList, Sphere};
 use crate::particles::BondedParticles;
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::snapshot::Record;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Particles per unit of parallel work.
 const CHUNK: usize = 512;
@@ -30,8 +31,8 @@ fn rest_of(a: &Sphere, b: &Sphere) -> f64 {
 }
 
 /// Bond between two particles, if there ever was one.
-fn bond_between(incidence: &Incidence, i: u32, j: u32) -> Option<usize> {
-    let bonds = incidence.of(i as usize);
+fn bond_between(adjacency: &Adjacency<[u32; 2]>, i: u32, j: u32) -> Option<usize> {
+    let bonds = adjacency.row(i as usize);
     let k = bonds.partition_point(|e| e[0] < j);
     bonds.get(k).filter(|e| e[0] == j).map(|e| e[1] as usize)
 }
@@ -163,7 +164,7 @@ impl Listed {
 #[derive(Debug)]
 pub(crate) struct PairList {
     pub(crate) listed: Listed,
-    incidence: Incidence,
+    adjacency: Arc<Adjacency<[u32; 2]>>,
     /// Distance at which each broken bond broke.
     broken_at: Vec<f64>,
 }
@@ -173,7 +174,7 @@ impl PairList {
     pub(crate) fn new(body: &BondedParticles, skin: f64) -> Self {
         Self {
             listed: Listed::new(skin),
-            incidence: Incidence::new(body.len(), body.pairs()),
+            adjacency: body.adjacency(),
             broken_at: vec![f64::INFINITY; body.pairs().len()],
         }
     }
@@ -217,7 +218,7 @@ impl PairList {
         self.listed.built.clear();
         self.listed.built.extend_from_slice(now);
         let largest = now.iter().fold(0.0_f64, |m, s| m.max(s[3]));
-        let (incidence, broken_at, skin) = (&self.incidence, &self.broken_at, self.listed.skin);
+        let (adjacency, broken_at, skin) = (&self.adjacency, &self.broken_at, self.listed.skin);
         self.listed.search(now, largest, now.len(), |cells, i, part| {
             cells.around(&now[i], |j| {
                 let (a, b) = (&now[i], &now[j as usize]);
@@ -225,7 +226,7 @@ impl PairList {
                     return;
                 }
                 let mut limit = rest_of(&rest[i], &rest[j as usize]);
-                if let Some(b) = bond_between(incidence, i as u32, j) {
+                if let Some(b) = bond_between(adjacency, i as u32, j) {
                     if !log.is_broken(b) {
                         return;
                     }
@@ -342,12 +343,12 @@ pub(crate) fn overlaps(
     let largest = body.radii().iter().fold(0.0_f64, |m, r| m.max(*r));
     let mut cells = CellList::default();
     cells.build(&now, 2.0 * largest);
-    let incidence = Incidence::new(body.len(), body.pairs());
+    let adjacency = body.adjacency();
     let mut found = Found::default();
     for (i, a) in now.iter().enumerate() {
         cells.around(a, |j| {
             let k = j as usize;
-            let bonded = || bond_between(&incidence, i as u32, j).is_some_and(|b| !broken(b));
+            let bonded = || bond_between(&adjacency, i as u32, j).is_some_and(|b| !broken(b));
             if k > i && !bonded() {
                 found.see([&rest[i], &rest[k]], [a, &now[k]], tolerance);
             }

@@ -4,7 +4,7 @@ use super::grains::{self, Grains};
 use super::law::{ContactLaw, Pair, Spring};
 use super::neighbours::{Candidate, Listed};
 use super::purse;
-use arlequin_core::effect::{Demand, Instant};
+use arlequin_core::effect::{Instant, StepDemand};
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -65,10 +65,6 @@ impl Touching {
             calls: 0,
             top_contacts: 0,
         }
-    }
-
-    pub(crate) fn count(&self) -> usize {
-        self.active.len()
     }
 
     /// Corrects the purses by what forces that were not known did in the step just made: multipliers, prescribed motion,
@@ -203,12 +199,12 @@ impl Touching {
     }
 
     /// What contacts demand of particles with the largest `k/m` of `top`.
-    pub(crate) fn demand(&self, top: f64) -> Demand<f64> {
+    pub(crate) fn demand(&self, top: f64) -> StepDemand<f64> {
         let [stiffness, damping] = self.law.demand(top);
-        Demand {
+        StepDemand {
             stiffness: STIFF_CONTACTS * stiffness,
             damping: DAMPED_CONTACTS * damping,
-            ..Demand::none()
+            ..StepDemand::none()
         }
     }
 

@@ -95,7 +95,7 @@ impl Criterion {
     /// law: `3 n` displacements (m), then `3 n` rotations (rad). Unweighted, broken bonds included.
     ///
     /// # Errors
-    /// [`crate::DemError::LengthMismatch`] unless `q` has six numbers per particle.
+    /// [`crate::Error::LengthMismatch`] unless `q` has six numbers per particle.
     pub fn loads(self, body: &BondedParticles, q: &[f64]) -> Result<Vec<f64>> {
         expect_len("unknowns", q.len(), 6 * body.len())?;
         let section = Section::new(body.rigidity());

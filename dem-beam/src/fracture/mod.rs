@@ -30,7 +30,7 @@ pub(crate) mod state;
 pub use criterion::Criterion;
 pub use scatter::Scatter;
 
-use crate::error::{DemError, Result, positive};
+use crate::error::{Error, Result, positive};
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
@@ -72,12 +72,12 @@ impl Fracture {
     /// Checks strength, scatter and interval, as a model that takes it does.
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`].
+    /// [`Error::OutOfRange`].
     pub fn check(&self) -> Result<()> {
         positive("bond strength", self.strength)?;
         self.scatter.check()?;
         if self.every == 0 {
-            return Err(DemError::OutOfRange {
+            return Err(Error::OutOfRange {
                 name: "steps between checks of the bonds",
                 value: 0.0,
                 range: "values >= 1",

@@ -1,6 +1,6 @@
 //! Strengths that differ from bond to bond.
 
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use nalgebra::Vector3;
 
 /// How strengths scatter. The strength of a bond depends on the seed and on where its two particles lie, not on how
@@ -23,7 +23,7 @@ pub enum Scatter {
 
 impl Scatter {
     pub(crate) fn check(self) -> Result<()> {
-        let bad = |name, value, range| Err(DemError::OutOfRange { name, value, range });
+        let bad = |name, value, range| Err(Error::OutOfRange { name, value, range });
         match self {
             Self::Weibull { modulus } if !(modulus > 0.0 && modulus.is_finite()) => {
                 bad("Weibull modulus", modulus, "finite values > 0")

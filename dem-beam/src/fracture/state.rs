@@ -8,10 +8,12 @@ use crate::kernel::lanes::LANES;
 use crate::kernel::screen::{Screen, Strengths};
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::model::Evolution;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Bonds per unit of parallel work.
 const CHUNK: usize = 1_024;
@@ -19,55 +21,13 @@ const CHUNK: usize = 1_024;
 /// Bonds above which a second thread pays for its wake-up.
 const LARGE: usize = 4 * CHUNK;
 
-/// Bonds of every particle, compressed rows, sorted by the other end.
-#[derive(Debug, Clone)]
-pub(crate) struct Incidence {
-    start: Vec<u32>,
-    entries: Vec<[u32; 2]>,
-}
-
-impl Incidence {
-    pub(crate) fn new(count: usize, pairs: &[[u32; 2]]) -> Self {
-        let mut start = vec![0_u32; count + 1];
-        for e in pairs.iter().flatten() {
-            start[*e as usize + 1] += 1;
-        }
-        for k in 0..count {
-            start[k + 1] += start[k];
-        }
-        let mut next = start.clone();
-        let mut entries = vec![[0_u32; 2]; 2 * pairs.len()];
-        for (b, &[i, j]) in pairs.iter().enumerate() {
-            for (a, o) in [(i, j), (j, i)] {
-                entries[next[a as usize] as usize] = [o, b as u32];
-                next[a as usize] += 1;
-            }
-        }
-        let mut out = Self { start, entries };
-        for i in 0..count {
-            let range = out.start[i] as usize..out.start[i + 1] as usize;
-            out.entries[range].sort_unstable();
-        }
-        out
-    }
-
-    /// Number of particles.
-    pub(crate) fn len(&self) -> usize {
-        self.start.len() - 1
-    }
-
-    /// Other end and bond of each bond of particle `i`.
-    pub(crate) fn of(&self, i: usize) -> &[[u32; 2]] {
-        &self.entries[self.start[i] as usize..self.start[i + 1] as usize]
-    }
-}
-
 /// Strengths and scratch of a model whose bonds can break.
 #[derive(Debug)]
 pub(crate) struct FractureState {
     pub(crate) spec: Fracture,
     pub(crate) log: SharedLog,
-    pub(crate) incidence: Incidence,
+    /// Bonds of every particle.
+    pub(crate) adjacency: Arc<Adjacency<[u32; 2]>>,
     section: Section,
     /// Strength of each bond; infinite once it is broken, and for those that are spared.
     strength: Vec<f64>,
@@ -95,7 +55,7 @@ impl FractureState {
         let mut out = Self {
             spec,
             log,
-            incidence: Incidence::new(body.len(), body.pairs()),
+            adjacency: body.adjacency(),
             section: Section::new(body.rigidity()),
             strength: (0..bonds).map(|b| strength_of(&spec, body, b)).collect(),
             flags: vec![false; bonds.div_ceil(CHUNK)],
@@ -134,7 +94,7 @@ impl FractureState {
         for (b, first) in self.first_slots.iter_mut().enumerate() {
             *first = slots;
             let particles = b * LANES..body.len().min((b + 1) * LANES);
-            slots += particles.map(|i| self.incidence.of(i).len()).max().unwrap_or(0) as u32;
+            slots += particles.map(|i| self.adjacency.row(i).len()).max().unwrap_or(0) as u32;
         }
         if self.spec.scatter != Scatter::None || self.spec.spare_overlap {
             self.screen = self.screen.take().map(|s| s.with_each(slots as usize));
@@ -154,9 +114,9 @@ impl FractureState {
         let Some(screen) = &mut self.screen else { return };
         for &block in blocks {
             let first = self.first_slots[block] as usize;
-            let particles = block * LANES..((block + 1) * LANES).min(self.incidence.len());
+            let particles = block * LANES..((block + 1) * LANES).min(self.adjacency.len());
             for (lane, i) in particles.enumerate() {
-                let bonds = self.incidence.of(i);
+                let bonds = self.adjacency.row(i);
                 let left = bonds.iter().map(|e| e[1] as usize).filter(|b| whole(*b));
                 let strengths = left
                     .map(|b| self.strength[b])
@@ -268,8 +228,8 @@ impl FractureState {
     fn suspect(&self, suspects: &mut Vec<u32>) {
         suspects.clear();
         for block in (0..self.marks.len()).filter(|b| self.marks[*b]) {
-            for i in block * LANES..((block + 1) * LANES).min(self.incidence.len()) {
-                for &[other, bond] in self.incidence.of(i) {
+            for i in block * LANES..((block + 1) * LANES).min(self.adjacency.len()) {
+                for &[other, bond] in self.adjacency.row(i) {
                     let other = other as usize;
                     // A bond between two marked blocks comes from its first end.
                     if other > i || !self.marks[other / LANES] {

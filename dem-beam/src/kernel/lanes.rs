@@ -28,51 +28,20 @@ pub(crate) use eight;
 /// Lanes per vector, particles per block.
 pub(crate) const LANES: usize = 8;
 
-/// A scalar the kernels run in.
-pub(crate) trait Scalar: Copy + Default + Send + Sync + std::fmt::Debug + 'static {
-    /// Nearest value.
-    fn of(x: f64) -> Self;
-    /// Exact value.
-    fn to_f64(self) -> f64;
-}
-
-impl Scalar for f64 {
-    #[inline(always)]
-    fn of(x: f64) -> Self {
-        x
-    }
-    #[inline(always)]
-    fn to_f64(self) -> f64 {
-        self
-    }
-}
-
-impl Scalar for f32 {
-    #[inline(always)]
-    fn of(x: f64) -> Self {
-        x as Self
-    }
-    #[inline(always)]
-    fn to_f64(self) -> f64 {
-        f64::from(self)
-    }
-}
-
 /// Eight numbers, aligned to a cache line.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C, align(64))]
-pub(crate) struct Row<T>(pub(crate) [T; LANES]);
+pub(crate) struct Row(pub(crate) [f64; LANES]);
 
 /// Element-wise arithmetic on eight lanes. Values are tokens of a detected instruction set.
 pub(crate) trait Lanes: Copy + Send + Sync {
-    type T: Scalar;
     type V: Copy;
 
     /// Runs `job` compiled for this instruction set.
     fn run<J: Job>(self, job: J);
-    fn splat(self, x: Self::T) -> Self::V;
-    fn load(self, x: &[Self::T; LANES]) -> Self::V;
-    fn store(self, x: Self::V) -> [Self::T; LANES];
+    fn splat(self, x: f64) -> Self::V;
+    fn load(self, x: &[f64; LANES]) -> Self::V;
+    fn store(self, x: Self::V) -> [f64; LANES];
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
@@ -80,8 +49,6 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn recip(self, a: Self::V) -> Self::V;
     /// `sqrt(a)`.
     fn sqrt(self, a: Self::V) -> Self::V;
-    /// `1/sqrt(a)` to a few units in the last place.
-    fn recip_sqrt(self, a: Self::V) -> Self::V;
     /// `a b + c`.
     fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// `c - a b`.
@@ -89,9 +56,9 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     /// `a` where `a > b`, `b` elsewhere: `b` as well where `a` is not a number.
     fn max(self, a: Self::V, b: Self::V) -> Self::V;
     /// Vector k holds entry k of the eight rows.
-    fn transpose(self, rows: [[Self::T; LANES]; LANES]) -> [Self::V; LANES];
+    fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES];
     /// Row k holds lane k of the eight vectors.
-    fn untranspose(self, v: [Self::V; LANES]) -> [[Self::T; LANES]; LANES];
+    fn untranspose(self, v: [Self::V; LANES]) -> [[f64; LANES]; LANES];
     /// `x0 y0 z0 x1 y1 ...` of three vectors.
     #[inline(always)]
     fn interleave(self, v: Vec3<Self>) -> [Self::V; 3] {
@@ -103,7 +70,7 @@ pub(crate) trait Lanes: Copy + Send + Sync {
         ]
     }
     /// Starts fetching a row; any address will do.
-    fn prefetch(self, row: *const Row<Self::T>);
+    fn prefetch(self, row: *const Row);
 }
 
 /// Work for [`Lanes::run`]; implementations must be `#[inline(always)]` to be compiled for it.
@@ -113,82 +80,70 @@ pub(crate) trait Job {
 
 /// Plain arrays: every target, and the reference for the others.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Portable<T>(pub(crate) std::marker::PhantomData<T>);
+pub(crate) struct Portable;
 
-macro_rules! portable {
-    ($t:ty) => {
-        impl Lanes for Portable<$t> {
-            type T = $t;
-            type V = [$t; LANES];
-            #[inline(always)]
-            fn run<J: Job>(self, job: J) {
-                job.call();
-            }
-            #[inline(always)]
-            fn splat(self, x: $t) -> Self::V {
-                [x; LANES]
-            }
-            #[inline(always)]
-            fn load(self, x: &[$t; LANES]) -> Self::V {
-                *x
-            }
-            #[inline(always)]
-            fn store(self, x: Self::V) -> [$t; LANES] {
-                x
-            }
-            #[inline(always)]
-            fn add(self, a: Self::V, b: Self::V) -> Self::V {
-                eight!(k => a[k] + b[k])
-            }
-            #[inline(always)]
-            fn sub(self, a: Self::V, b: Self::V) -> Self::V {
-                eight!(k => a[k] - b[k])
-            }
-            #[inline(always)]
-            fn mul(self, a: Self::V, b: Self::V) -> Self::V {
-                eight!(k => a[k] * b[k])
-            }
-            #[inline(always)]
-            fn recip(self, a: Self::V) -> Self::V {
-                eight!(k => a[k].recip())
-            }
-            #[inline(always)]
-            fn sqrt(self, a: Self::V) -> Self::V {
-                eight!(k => a[k].sqrt())
-            }
-            #[inline(always)]
-            fn recip_sqrt(self, a: Self::V) -> Self::V {
-                eight!(k => a[k].sqrt().recip())
-            }
-            // Not `mul_add`: without the instruction it is a library call, ten times slower.
-            #[inline(always)]
-            fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-                eight!(k => a[k] * b[k] + c[k])
-            }
-            #[inline(always)]
-            fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-                eight!(k => c[k] - a[k] * b[k])
-            }
-            #[inline(always)]
-            fn max(self, a: Self::V, b: Self::V) -> Self::V {
-                eight!(k => if a[k] > b[k] { a[k] } else { b[k] })
-            }
-            #[inline(always)]
-            fn transpose(self, rows: [[$t; LANES]; LANES]) -> [Self::V; LANES] {
-                eight!(c => eight!(r => rows[r][c]))
-            }
-            #[inline(always)]
-            fn untranspose(self, v: [Self::V; LANES]) -> [[$t; LANES]; LANES] {
-                eight!(r => eight!(c => v[c][r]))
-            }
-            #[inline(always)]
-            fn prefetch(self, _row: *const Row<$t>) {}
-        }
-    };
+impl Lanes for Portable {
+    type V = [f64; LANES];
+    #[inline(always)]
+    fn run<J: Job>(self, job: J) {
+        job.call();
+    }
+    #[inline(always)]
+    fn splat(self, x: f64) -> Self::V {
+        [x; LANES]
+    }
+    #[inline(always)]
+    fn load(self, x: &[f64; LANES]) -> Self::V {
+        *x
+    }
+    #[inline(always)]
+    fn store(self, x: Self::V) -> [f64; LANES] {
+        x
+    }
+    #[inline(always)]
+    fn add(self, a: Self::V, b: Self::V) -> Self::V {
+        eight!(k => a[k] + b[k])
+    }
+    #[inline(always)]
+    fn sub(self, a: Self::V, b: Self::V) -> Self::V {
+        eight!(k => a[k] - b[k])
+    }
+    #[inline(always)]
+    fn mul(self, a: Self::V, b: Self::V) -> Self::V {
+        eight!(k => a[k] * b[k])
+    }
+    #[inline(always)]
+    fn recip(self, a: Self::V) -> Self::V {
+        eight!(k => a[k].recip())
+    }
+    #[inline(always)]
+    fn sqrt(self, a: Self::V) -> Self::V {
+        eight!(k => a[k].sqrt())
+    }
+    // Not `mul_add`: without the instruction it is a library call, ten times slower.
+    #[inline(always)]
+    fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
+        eight!(k => a[k] * b[k] + c[k])
+    }
+    #[inline(always)]
+    fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
+        eight!(k => c[k] - a[k] * b[k])
+    }
+    #[inline(always)]
+    fn max(self, a: Self::V, b: Self::V) -> Self::V {
+        eight!(k => if a[k] > b[k] { a[k] } else { b[k] })
+    }
+    #[inline(always)]
+    fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES] {
+        eight!(c => eight!(r => rows[r][c]))
+    }
+    #[inline(always)]
+    fn untranspose(self, v: [Self::V; LANES]) -> [[f64; LANES]; LANES] {
+        eight!(r => eight!(c => v[c][r]))
+    }
+    #[inline(always)]
+    fn prefetch(self, _row: *const Row) {}
 }
-
-portable!(f64);
-portable!(f32);
 
 /// Three lanes-wide coordinates.
 pub(crate) type Vec3<L> = [<L as Lanes>::V; 3];
@@ -239,7 +194,7 @@ pub(crate) fn sum<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
 
 /// Adds three vectors to `x0 y0 z0 x1 ...` of up to eight particles.
 #[inline(always)]
-pub(crate) fn add_interleaved<L: Lanes<T = f64>>(l: L, v: Vec3<L>, to: &mut [f64]) {
+pub(crate) fn add_interleaved<L: Lanes>(l: L, v: Vec3<L>, to: &mut [f64]) {
     let parts = l.interleave(v);
     let (whole, rest) = to.as_chunks_mut::<LANES>();
     let done = whole.len();

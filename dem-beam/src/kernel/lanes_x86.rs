@@ -1,7 +1,7 @@
-//! The lanes of AVX-512 (one register) and AVX2 with FMA (two registers for f64, one for f32).
+//! The lanes of AVX-512 (one register a vector) and AVX2 with FMA (two).
 
 use super::lanes::{Job, LANES, Lanes, Row, eight};
-use core::arch::x86_64::{__m256, __m256d, __m512d};
+use core::arch::x86_64::{__m256d, __m512d};
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, cast};
 
@@ -15,7 +15,7 @@ impl<J: Job> NullaryFnOnce for Call<J> {
     }
 }
 
-/// AVX-512, f64.
+/// AVX-512.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wide512(pub(crate) V4);
 
@@ -55,7 +55,6 @@ fn turn512(s: V4, r: [__m512d; 8]) -> [__m512d; 8] {
 }
 
 impl Lanes for Wide512 {
-    type T = f64;
     type V = __m512d;
     #[inline(always)]
     fn run<J: Job>(self, job: J) {
@@ -97,11 +96,6 @@ impl Lanes for Wide512 {
         self.0.avx512f._mm512_sqrt_pd(a)
     }
     #[inline(always)]
-    fn recip_sqrt(self, a: __m512d) -> __m512d {
-        let f = self.0.avx512f;
-        f._mm512_div_pd(f._mm512_set1_pd(1.0), f._mm512_sqrt_pd(a))
-    }
-    #[inline(always)]
     fn madd(self, a: __m512d, b: __m512d, c: __m512d) -> __m512d {
         self.0.avx512f._mm512_fmadd_pd(a, b, c)
     }
@@ -136,16 +130,16 @@ impl Lanes for Wide512 {
         ]
     }
     #[inline(always)]
-    fn prefetch(self, row: *const Row<f64>) {
+    fn prefetch(self, row: *const Row) {
         self.0
             .sse
             ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(row.cast());
     }
 }
 
-/// AVX2 with FMA; `T` is f64 (two registers a vector) or f32 (one).
+/// AVX2 with FMA, two registers a vector.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Wide256<T>(pub(crate) V3, pub(crate) std::marker::PhantomData<T>);
+pub(crate) struct Wide256(pub(crate) V3);
 
 macro_rules! both {
     ($k:ident => $e:expr) => {
@@ -196,8 +190,7 @@ fn turn256(s: V3, r: [[__m256d; 2]; 8]) -> [[__m256d; 2]; 8] {
     ]
 }
 
-impl Lanes for Wide256<f64> {
-    type T = f64;
+impl Lanes for Wide256 {
     type V = [__m256d; 2];
     #[inline(always)]
     fn run<J: Job>(self, job: J) {
@@ -237,11 +230,6 @@ impl Lanes for Wide256<f64> {
         both!(k => self.0.avx._mm256_sqrt_pd(a[k]))
     }
     #[inline(always)]
-    fn recip_sqrt(self, a: Self::V) -> Self::V {
-        let one = self.0.avx._mm256_set1_pd(1.0);
-        both!(k => self.0.avx._mm256_div_pd(one, self.0.avx._mm256_sqrt_pd(a[k])))
-    }
-    #[inline(always)]
     fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
         both!(k => self.0.fma._mm256_fmadd_pd(a[k], b[k], c[k]))
     }
@@ -263,110 +251,7 @@ impl Lanes for Wide256<f64> {
         eight!(k => cast(t[k]))
     }
     #[inline(always)]
-    fn prefetch(self, row: *const Row<f64>) {
-        self.0
-            .sse
-            ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(row.cast());
-    }
-}
-
-/// 8 x 8 transposition of single precision.
-#[inline(always)]
-fn turn8(s: V3, r: [__m256; 8]) -> [__m256; 8] {
-    let a = s.avx;
-    macro_rules! four {
-        ($i:literal) => {{
-            let p0 = a._mm256_unpacklo_ps(r[$i], r[$i + 1]);
-            let p1 = a._mm256_unpackhi_ps(r[$i], r[$i + 1]);
-            let q0 = a._mm256_unpacklo_ps(r[$i + 2], r[$i + 3]);
-            let q1 = a._mm256_unpackhi_ps(r[$i + 2], r[$i + 3]);
-            [
-                a._mm256_shuffle_ps::<0x44>(p0, q0),
-                a._mm256_shuffle_ps::<0xee>(p0, q0),
-                a._mm256_shuffle_ps::<0x44>(p1, q1),
-                a._mm256_shuffle_ps::<0xee>(p1, q1),
-            ]
-        }};
-    }
-    let (b, c) = (four!(0), four!(4));
-    [
-        a._mm256_permute2f128_ps::<0x20>(b[0], c[0]),
-        a._mm256_permute2f128_ps::<0x20>(b[1], c[1]),
-        a._mm256_permute2f128_ps::<0x20>(b[2], c[2]),
-        a._mm256_permute2f128_ps::<0x20>(b[3], c[3]),
-        a._mm256_permute2f128_ps::<0x31>(b[0], c[0]),
-        a._mm256_permute2f128_ps::<0x31>(b[1], c[1]),
-        a._mm256_permute2f128_ps::<0x31>(b[2], c[2]),
-        a._mm256_permute2f128_ps::<0x31>(b[3], c[3]),
-    ]
-}
-
-impl Lanes for Wide256<f32> {
-    type T = f32;
-    type V = __m256;
-    #[inline(always)]
-    fn run<J: Job>(self, job: J) {
-        self.0.vectorize(Call(job));
-    }
-    #[inline(always)]
-    fn splat(self, x: f32) -> __m256 {
-        self.0.avx._mm256_set1_ps(x)
-    }
-    #[inline(always)]
-    fn load(self, x: &[f32; LANES]) -> __m256 {
-        cast(*x)
-    }
-    #[inline(always)]
-    fn store(self, x: __m256) -> [f32; LANES] {
-        cast(x)
-    }
-    #[inline(always)]
-    fn add(self, a: __m256, b: __m256) -> __m256 {
-        self.0.avx._mm256_add_ps(a, b)
-    }
-    #[inline(always)]
-    fn sub(self, a: __m256, b: __m256) -> __m256 {
-        self.0.avx._mm256_sub_ps(a, b)
-    }
-    #[inline(always)]
-    fn mul(self, a: __m256, b: __m256) -> __m256 {
-        self.0.avx._mm256_mul_ps(a, b)
-    }
-    #[inline(always)]
-    fn recip(self, a: __m256) -> __m256 {
-        self.0.avx._mm256_div_ps(self.0.avx._mm256_set1_ps(1.0), a)
-    }
-    #[inline(always)]
-    fn sqrt(self, a: __m256) -> __m256 {
-        self.0.avx._mm256_sqrt_ps(a)
-    }
-    #[inline(always)]
-    fn recip_sqrt(self, a: __m256) -> __m256 {
-        self.recip(self.0.avx._mm256_sqrt_ps(a))
-    }
-    #[inline(always)]
-    fn madd(self, a: __m256, b: __m256, c: __m256) -> __m256 {
-        self.0.fma._mm256_fmadd_ps(a, b, c)
-    }
-    #[inline(always)]
-    fn nmadd(self, a: __m256, b: __m256, c: __m256) -> __m256 {
-        self.0.fma._mm256_fnmadd_ps(a, b, c)
-    }
-    #[inline(always)]
-    fn max(self, a: __m256, b: __m256) -> __m256 {
-        self.0.avx._mm256_max_ps(a, b)
-    }
-    #[inline(always)]
-    fn transpose(self, rows: [[f32; LANES]; LANES]) -> [__m256; LANES] {
-        turn8(self.0, eight!(k => cast(rows[k])))
-    }
-    #[inline(always)]
-    fn untranspose(self, v: [__m256; LANES]) -> [[f32; LANES]; LANES] {
-        let t = turn8(self.0, v);
-        eight!(k => cast(t[k]))
-    }
-    #[inline(always)]
-    fn prefetch(self, row: *const Row<f32>) {
+    fn prefetch(self, row: *const Row) {
         self.0
             .sse
             ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(row.cast());

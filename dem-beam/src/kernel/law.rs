@@ -19,37 +19,32 @@
 //! m_i = k_t s (r_0 n + n x r) - 2 k_b t_i x (t_j - (2 c_i + c_j) n)
 //! ```
 
-use super::lanes::{Lanes, Scalar, Vec3, axpy, cross, diff, dot, scale, sum};
+use super::lanes::{Lanes, Vec3, axpy, cross, diff, dot, scale, sum};
 use crate::bond::{BeamRigidity, LinearBond};
 
 /// A force law on rows of eight numbers per particle.
-pub(crate) trait Law<T: Scalar>: Copy + Send + Sync {
+pub(crate) trait Law: Copy + Send + Sync {
     /// Little arithmetic per byte: worth fetching constants ahead even out of the second-level cache.
     const LIGHT: bool;
     /// Constants of one bond in the eight lanes.
     type Slot: Copy + Send + Sync + Default + std::fmt::Debug;
     /// What the loop over bonds needs of the eight particles.
-    type Ready<L: Lanes<T = T>>: Copy;
+    type Ready<L: Lanes>: Copy;
     /// What it needs of eight neighbours.
-    type Near<L: Lanes<T = T>>: Copy;
+    type Near<L: Lanes>: Copy;
 
     /// Writes a half-bond, seen from its own particle, into lane `lane`.
     fn fill(slot: &mut Self::Slot, lane: usize, bond: &LinearBond);
 
     /// From the rows of the eight particles.
-    fn ready<L: Lanes<T = T>>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
+    fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
 
     /// First stage of a slot, from the rows of the eight neighbours. It runs while the second stage of the slot
     /// before is under way: the processor's own look-ahead is too short to hide loads, shuffles and roots.
-    fn near<L: Lanes<T = T>>(
-        l: L,
-        slot: &Self::Slot,
-        own: &Self::Ready<L>,
-        other: &[L::V; 8],
-    ) -> Self::Near<L>;
+    fn near<L: Lanes>(l: L, slot: &Self::Slot, own: &Self::Ready<L>, other: &[L::V; 8]) -> Self::Near<L>;
 
     /// Second stage: adds forces and torques on the eight own particles.
-    fn add<L: Lanes<T = T>>(
+    fn add<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
         slot: &Self::Slot,
@@ -57,9 +52,6 @@ pub(crate) trait Law<T: Scalar>: Copy + Send + Sync {
         near: &Self::Near<L>,
         acc: &mut [L::V; 6],
     );
-
-    /// New rows after moving for a step `dt` at velocities `v`.
-    fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8];
 }
 
 /// Section rigidities in all lanes, with the multiples the laws use.
@@ -80,7 +72,7 @@ impl<L: Lanes> Rigidity<L> {
     pub(crate) fn new(l: L, k: &BeamRigidity) -> Self {
         macro_rules! s {
             ($x:expr) => {
-                l.splat(L::T::of($x))
+                l.splat($x)
             };
         }
         Self {
@@ -113,47 +105,42 @@ pub(crate) struct Linear;
 /// `n/l` and `w l` of eight half-bonds; zero in empty lanes.
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(C, align(64))]
-pub(crate) struct LinearSlot<T> {
-    pub(super) axis: [[T; 8]; 3],
-    scale: [T; 8],
+pub(crate) struct LinearSlot {
+    pub(super) axis: [[f64; 8]; 3],
+    scale: [f64; 8],
 }
 
-impl<T: Scalar> Law<T> for Linear {
+impl Law for Linear {
     const LIGHT: bool = true;
-    type Slot = LinearSlot<T>;
+    type Slot = LinearSlot;
     /// `u_i` and `th_i`.
-    type Ready<L: Lanes<T = T>> = [Vec3<L>; 2];
+    type Ready<L: Lanes> = [Vec3<L>; 2];
     /// `u_j - u_i` and `th_j`.
-    type Near<L: Lanes<T = T>> = [Vec3<L>; 2];
+    type Near<L: Lanes> = [Vec3<L>; 2];
 
-    fn fill(slot: &mut LinearSlot<T>, lane: usize, bond: &LinearBond) {
+    fn fill(slot: &mut LinearSlot, lane: usize, bond: &LinearBond) {
         for a in 0..3 {
-            slot.axis[a][lane] = T::of(bond.axis[a]);
+            slot.axis[a][lane] = bond.axis[a];
         }
-        slot.scale[lane] = T::of(bond.scale);
+        slot.scale[lane] = bond.scale;
     }
 
     #[inline(always)]
-    fn ready<L: Lanes<T = T>>(_l: L, own: &[L::V; 8]) -> [Vec3<L>; 2] {
+    fn ready<L: Lanes>(_l: L, own: &[L::V; 8]) -> [Vec3<L>; 2] {
         [[own[0], own[1], own[2]], [own[4], own[5], own[6]]]
     }
 
     #[inline(always)]
-    fn near<L: Lanes<T = T>>(
-        l: L,
-        _slot: &LinearSlot<T>,
-        &[u, _]: &[Vec3<L>; 2],
-        other: &[L::V; 8],
-    ) -> [Vec3<L>; 2] {
+    fn near<L: Lanes>(l: L, _slot: &LinearSlot, &[u, _]: &[Vec3<L>; 2], other: &[L::V; 8]) -> [Vec3<L>; 2] {
         let du = diff(l, [other[0], other[1], other[2]], u);
         [du, [other[4], other[5], other[6]]]
     }
 
     #[inline(always)]
-    fn add<L: Lanes<T = T>>(
+    fn add<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        slot: &LinearSlot<T>,
+        slot: &LinearSlot,
         &[_, ti]: &[Vec3<L>; 2],
         &[du, tj]: &[Vec3<L>; 2],
         acc: &mut [L::V; 6],
@@ -182,16 +169,6 @@ impl<T: Scalar> Law<T> for Linear {
         let c = axpy(l, p, l.mul(along, s), c);
         *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
     }
-
-    #[inline(always)]
-    fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8] {
-        let mut out = *own;
-        for k in 0..3 {
-            out[k] = l.madd(dt, v[k], own[k]);
-            out[k + 4] = l.madd(dt, v[k + 3], own[k + 4]);
-        }
-        out
-    }
 }
 
 /// Finite rotations: rows are `u (3), q (scalar, vector), -`.
@@ -201,16 +178,16 @@ pub(crate) struct Finite;
 /// `n0`, `l0` and `w/l0` of eight half-bonds; in empty lanes a unit axis without stiffness.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
-pub(crate) struct FiniteSlot<T> {
-    axis: [[T; 8]; 3],
-    pub(super) rest: [T; 8],
-    scale: [T; 8],
+pub(crate) struct FiniteSlot {
+    axis: [[f64; 8]; 3],
+    pub(super) rest: [f64; 8],
+    scale: [f64; 8],
 }
 
-impl<T: Scalar> Default for FiniteSlot<T> {
+impl Default for FiniteSlot {
     fn default() -> Self {
-        let zero = [T::default(); 8];
-        let one = [T::of(1.0); 8];
+        let zero = [0.0; 8];
+        let one = [1.0; 8];
         Self {
             axis: [one, zero, zero],
             rest: one,
@@ -240,26 +217,26 @@ pub(crate) struct FiniteNear<L: Lanes> {
     q: Vec3<L>,
 }
 
-impl<T: Scalar> Law<T> for Finite {
+impl Law for Finite {
     const LIGHT: bool = false;
-    type Slot = FiniteSlot<T>;
-    type Ready<L: Lanes<T = T>> = FiniteReady<L>;
-    type Near<L: Lanes<T = T>> = FiniteNear<L>;
+    type Slot = FiniteSlot;
+    type Ready<L: Lanes> = FiniteReady<L>;
+    type Near<L: Lanes> = FiniteNear<L>;
 
-    fn fill(slot: &mut FiniteSlot<T>, lane: usize, bond: &LinearBond) {
+    fn fill(slot: &mut FiniteSlot, lane: usize, bond: &LinearBond) {
         let inverse = bond.axis.norm();
         for a in 0..3 {
-            slot.axis[a][lane] = T::of(bond.axis[a] / inverse);
+            slot.axis[a][lane] = bond.axis[a] / inverse;
         }
-        slot.rest[lane] = T::of(1.0 / inverse);
-        slot.scale[lane] = T::of(bond.scale * inverse * inverse);
+        slot.rest[lane] = 1.0 / inverse;
+        slot.scale[lane] = bond.scale * inverse * inverse;
     }
 
     #[inline(always)]
-    fn ready<L: Lanes<T = T>>(l: L, own: &[L::V; 8]) -> FiniteReady<L> {
+    fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> FiniteReady<L> {
         let (s, q): (L::V, Vec3<L>) = (own[3], [own[4], own[5], own[6]]);
-        let (one, zero) = (l.splat(T::of(1.0)), l.splat(T::default()));
-        let two = l.splat(T::of(2.0));
+        let (one, zero) = (l.splat(1.0), l.splat(0.0));
+        let two = l.splat(2.0);
         let (x, y, z) = ([one, zero, zero], [zero, one, zero], [zero, zero, one]);
         let (a, b, c) = (
             turned(l, two, s, q, x),
@@ -276,12 +253,7 @@ impl<T: Scalar> Law<T> for Finite {
     }
 
     #[inline(always)]
-    fn near<L: Lanes<T = T>>(
-        l: L,
-        slot: &FiniteSlot<T>,
-        own: &FiniteReady<L>,
-        other: &[L::V; 8],
-    ) -> FiniteNear<L> {
+    fn near<L: Lanes>(l: L, slot: &FiniteSlot, own: &FiniteReady<L>, other: &[L::V; 8]) -> FiniteNear<L> {
         let n0: Vec3<L> = [
             l.load(&slot.axis[0]),
             l.load(&slot.axis[1]),
@@ -307,10 +279,10 @@ impl<T: Scalar> Law<T> for Finite {
     }
 
     #[inline(always)]
-    fn add<L: Lanes<T = T>>(
+    fn add<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        slot: &FiniteSlot<T>,
+        slot: &FiniteSlot,
         own: &FiniteReady<L>,
         near: &FiniteNear<L>,
         acc: &mut [L::V; 6],
@@ -358,20 +330,6 @@ impl<T: Scalar> Law<T> for Finite {
             l.nmadd(kb, bend[2], m[2]),
         ];
     }
-
-    /// Rotation by the Cayley map of `dt w/2`: second order, reversible, keeps the norm.
-    #[inline(always)]
-    fn advance<L: Lanes<T = T>>(l: L, dt: L::V, own: &[L::V; 8], v: &[L::V; 6]) -> [L::V; 8] {
-        let half = l.mul(dt, l.splat(T::of(0.5)));
-        let h = scale(l, [v[3], v[4], v[5]], half);
-        let norm = l.recip_sqrt(l.add(l.splat(T::of(1.0)), dot(l, h, h)));
-        let (s, q): (L::V, Vec3<L>) = (own[3], [own[4], own[5], own[6]]);
-        // (1, h) (s, q) = (s - h.q, q + s h + h x q)
-        let s_new = l.mul(norm, l.sub(s, dot(l, h, q)));
-        let q_new = scale(l, axpy(l, h, s, sum(l, q, cross(l, h, q))), norm);
-        let u = axpy(l, [v[0], v[1], v[2]], dt, [own[0], own[1], own[2]]);
-        [u[0], u[1], u[2], s_new, q_new[0], q_new[1], q_new[2], own[7]]
-    }
 }
 
 /// The axes at rest turned with either end, `vec(q_j q_i*)`, and the twist `s`.
@@ -385,7 +343,7 @@ pub(super) struct Turned<L: Lanes> {
 pub(super) fn turned_axes<L: Lanes>(
     l: L,
     two: L::V,
-    slot: &FiniteSlot<L::T>,
+    slot: &FiniteSlot,
     own: &FiniteReady<L>,
     near: &FiniteNear<L>,
 ) -> Turned<L> {

@@ -1,6 +1,5 @@
-//! The fast kernel: a whole velocity-Verlet step, gather only, eight particles at a time.
+//! The fast kernel: forces of the bonds, gathered for eight particles at a time.
 
-pub mod dynamics;
 pub(crate) mod engine;
 pub(crate) mod lanes;
 #[cfg(target_arch = "x86_64")]
@@ -10,5 +9,3 @@ pub(crate) mod layout;
 pub mod order;
 pub(crate) mod screen;
 pub(crate) mod turn;
-
-pub use dynamics::{BeamDynamics, Held};

@@ -43,7 +43,7 @@ pub(crate) struct Screen {
     /// Least of the limits.
     limit: f64,
     /// It over the limit of each half-bond, where they differ.
-    each: Option<Vec<Row<f64>>>,
+    each: Option<Vec<Row>>,
     /// Largest `|th|^2` of a particle for which the squares of the linear law are sharp enough.
     turn: f64,
 }
@@ -120,7 +120,7 @@ pub(crate) struct Test<L: Lanes> {
     difference: L::V,
 }
 
-impl<L: Lanes<T = f64>> Test<L> {
+impl<L: Lanes> Test<L> {
     #[inline(always)]
     fn new(l: L, s: &Screen) -> Self {
         let k = &s.rigidity;
@@ -175,7 +175,7 @@ impl<L: Lanes<T = f64>> Test<L> {
 /// A law that can be screened.
 pub(crate) trait Screened: Posed {
     /// Above zero where a half-bond may have reached its limit.
-    fn excess<L: Lanes<T = f64>>(
+    fn excess<L: Lanes>(
         l: L,
         t: &Test<L>,
         slot: &Self::Slot,
@@ -185,15 +185,15 @@ pub(crate) trait Screened: Posed {
     ) -> L::V;
 
     /// Square of the rotations of the own particles, where they decide how sharp the test is.
-    fn turn<L: Lanes<T = f64>>(l: L, own: &Self::Ready<L>) -> L::V;
+    fn turn<L: Lanes>(l: L, own: &Self::Ready<L>) -> L::V;
 }
 
 impl Screened for Linear {
     #[inline(always)]
-    fn excess<L: Lanes<T = f64>>(
+    fn excess<L: Lanes>(
         l: L,
         t: &Test<L>,
-        slot: &LinearSlot<f64>,
+        slot: &LinearSlot,
         &[_, ti]: &[Vec3<L>; 2],
         &[du, tj]: &[Vec3<L>; 2],
         share: Option<L::V>,
@@ -233,17 +233,17 @@ impl Screened for Linear {
     }
 
     #[inline(always)]
-    fn turn<L: Lanes<T = f64>>(l: L, &[_, th]: &[Vec3<L>; 2]) -> L::V {
+    fn turn<L: Lanes>(l: L, &[_, th]: &[Vec3<L>; 2]) -> L::V {
         dot(l, th, th)
     }
 }
 
 impl Screened for Finite {
     #[inline(always)]
-    fn excess<L: Lanes<T = f64>>(
+    fn excess<L: Lanes>(
         l: L,
         t: &Test<L>,
-        slot: &FiniteSlot<f64>,
+        slot: &FiniteSlot,
         own: &FiniteReady<L>,
         near: &FiniteNear<L>,
         share: Option<L::V>,
@@ -280,7 +280,7 @@ impl Screened for Finite {
     }
 
     #[inline(always)]
-    fn turn<L: Lanes<T = f64>>(l: L, _: &FiniteReady<L>) -> L::V {
+    fn turn<L: Lanes>(l: L, _: &FiniteReady<L>) -> L::V {
         l.splat(0.0)
     }
 }
@@ -312,7 +312,7 @@ fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
 }
 
 /// Something that sees every slot while forces are gathered.
-pub(crate) trait Look<L: Lanes, W: Law<L::T>> {
+pub(crate) trait Look<L: Lanes, W: Law> {
     fn begin(&mut self, own: &W::Ready<L>);
     fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>);
 }
@@ -320,7 +320,7 @@ pub(crate) trait Look<L: Lanes, W: Law<L::T>> {
 /// Sees nothing, costs nothing.
 pub(crate) struct Blind;
 
-impl<L: Lanes, W: Law<L::T>> Look<L, W> for Blind {
+impl<L: Lanes, W: Law> Look<L, W> for Blind {
     #[inline(always)]
     fn begin(&mut self, _: &W::Ready<L>) {}
     #[inline(always)]
@@ -331,12 +331,12 @@ impl<L: Lanes, W: Law<L::T>> Look<L, W> for Blind {
 pub(crate) struct Watcher<'a, L: Lanes> {
     l: L,
     test: Test<L>,
-    each: Option<&'a [Row<f64>]>,
+    each: Option<&'a [Row]>,
     turn: L::V,
     worst: L::V,
 }
 
-impl<'a, L: Lanes<T = f64>> Watcher<'a, L> {
+impl<'a, L: Lanes> Watcher<'a, L> {
     #[inline(always)]
     pub(crate) fn new(l: L, screen: &'a Screen) -> Self {
         Self {
@@ -355,7 +355,7 @@ impl<'a, L: Lanes<T = f64>> Watcher<'a, L> {
     }
 }
 
-impl<L: Lanes<T = f64>, W: Screened> Look<L, W> for Watcher<'_, L> {
+impl<L: Lanes, W: Screened> Look<L, W> for Watcher<'_, L> {
     #[inline(always)]
     fn begin(&mut self, own: &W::Ready<L>) {
         self.worst = self.l.sub(W::turn(self.l, own), self.turn);

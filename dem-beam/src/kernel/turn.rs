@@ -60,22 +60,22 @@ pub(crate) fn turned(q: [f64; 4], d: [f64; 3]) -> [f64; 4] {
 
 /// Rows on their way to displacements `u` and rotations `th`, from `reached`, which become `th`.
 pub(crate) struct Turn<'a> {
-    pub(crate) rows: &'a mut [Row<f64>],
+    pub(crate) rows: &'a mut [Row],
     pub(crate) u: &'a [f64],
     pub(crate) th: &'a [f64],
     pub(crate) reached: &'a mut [f64],
 }
 
-impl OnLanes<f64> for Turn<'_> {
+impl OnLanes for Turn<'_> {
     #[inline(always)]
-    fn on<L: Lanes<T = f64>>(self, l: L) {
+    fn on<L: Lanes>(self, l: L) {
         l.run(With(l, self));
     }
 }
 
 struct With<'a, L>(L, Turn<'a>);
 
-impl<L: Lanes<T = f64>> Job for With<'_, L> {
+impl<L: Lanes> Job for With<'_, L> {
     #[inline(always)]
     fn call(self) {
         let Self(l, Turn { rows, u, th, reached }) = self;
@@ -92,7 +92,7 @@ impl<L: Lanes<T = f64>> Job for With<'_, L> {
     }
 }
 
-fn one_by_one(rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64]) {
+fn one_by_one(rows: &mut [Row], u: &[f64], th: &[f64], reached: &mut [f64]) {
     let sources = u.as_chunks::<3>().0.iter().zip(th.as_chunks::<3>().0);
     let places = rows.iter_mut().zip(reached.as_chunks_mut::<3>().0);
     for ((row, reached), (u, th)) in places.zip(sources) {
@@ -105,9 +105,9 @@ fn one_by_one(rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64])
 
 /// Eight particles at once; `false`, with nothing done, where one of them turns too far for the series.
 #[inline(always)]
-fn small_turn<L: Lanes<T = f64>>(
+fn small_turn<L: Lanes>(
     l: L,
-    rows: &mut [Row<f64>; LANES],
+    rows: &mut [Row; LANES],
     u: &[f64; 24],
     th: &[f64; 24],
     reached: &mut [f64; 24],
@@ -151,7 +151,7 @@ fn small_turn<L: Lanes<T = f64>>(
 
 /// Components of `x0 y0 z0 x1 ...`.
 #[inline(always)]
-fn apart<L: Lanes<T = f64>>(l: L, x: &[f64; 24]) -> Vec3<L> {
+fn apart<L: Lanes>(l: L, x: &[f64; 24]) -> Vec3<L> {
     [
         l.load(&eight!(k => x[3 * k])),
         l.load(&eight!(k => x[3 * k + 1])),
@@ -160,7 +160,7 @@ fn apart<L: Lanes<T = f64>>(l: L, x: &[f64; 24]) -> Vec3<L> {
 }
 
 #[inline(always)]
-fn series<L: Lanes<T = f64>>(l: L, y: L::V, k: &[f64; 6]) -> L::V {
+fn series<L: Lanes>(l: L, y: L::V, k: &[f64; 6]) -> L::V {
     let mut sum = l.splat(k[5]);
     for j in [4, 3, 2, 1, 0] {
         sum = l.madd(sum, y, l.splat(k[j]));
@@ -170,7 +170,7 @@ fn series<L: Lanes<T = f64>>(l: L, y: L::V, k: &[f64; 6]) -> L::V {
 
 #[cfg(test)]
 mod tests {
-    use super::super::engine::{Dispatch, Isa};
+    use super::super::engine::Isa;
     use super::{Row, Turn, turned};
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -188,7 +188,7 @@ mod tests {
             let u: Vec<f64> = (0..3 * n).map(|i| i as f64).collect();
             for isa in [Isa::detect(), Isa::Portable] {
                 let row = |q: &UnitQuaternion<f64>| Row([0.0, 0.0, 0.0, q.w, q.i, q.j, q.k, 0.0]);
-                let mut rows: Vec<Row<f64>> = start.iter().map(row).collect();
+                let mut rows: Vec<Row> = start.iter().map(row).collect();
                 let mut from = reached.clone();
                 let turn = Turn {
                     rows: &mut rows,
@@ -196,7 +196,7 @@ mod tests {
                     th: &th,
                     reached: &mut from,
                 };
-                f64::dispatch(isa, turn);
+                isa.run(turn);
                 assert_eq!(from, th);
                 for (i, (row, q)) in rows.iter().zip(&start).enumerate() {
                     let way = Vector3::new(

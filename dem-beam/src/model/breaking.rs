@@ -2,7 +2,7 @@
 
 use super::{DemModel, Kernel};
 use crate::contact::neighbours;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
@@ -20,7 +20,7 @@ impl DemModel {
     /// The same body with bonds that break.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for a strength, scatter or interval that makes no sense.
+    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense.
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
         self.fracture = Some(FractureState::new(spec, &self.body, self.log.clone()));
@@ -102,8 +102,8 @@ impl DemModel {
         let log = locked(&self.log);
         let (body, whole) = (&self.body, |b: usize| !log.is_broken(b));
         match &mut self.kernel {
-            Kernel::Linear(k) => k.refresh(&blocks, body, &fracture.incidence, &whole),
-            Kernel::Finite(k) => k.refresh(&blocks, body, &fracture.incidence, &whole),
+            Kernel::Linear(k) => k.refresh(&blocks, body, &fracture.adjacency, &whole),
+            Kernel::Finite(k) => k.refresh(&blocks, body, &fracture.adjacency, &whole),
         }
         fracture.follow(&blocks, &whole);
         blocks
@@ -128,17 +128,14 @@ impl DemModel {
             let breaks = from.numbers.len().saturating_sub(7 * self.nodes.len());
             let turns = from.numbers.split_off(breaks);
             if !k.restore(&turns) {
-                return Err(self.stranger("the record of orientations"));
+                return Err(self.foreign("the record of orientations"));
             }
         }
         self.restore_breaks(from)
     }
 
-    fn stranger(&self, what: &str) -> arlequin_core::Error {
-        arlequin_core::Error::Model {
-            model: self.name.clone(),
-            message: format!("{what} is of another body; restore into the run that was saved"),
-        }
+    fn foreign(&self, what: &'static str) -> arlequin_core::Error {
+        arlequin_core::Error::of_model(&self.name, Error::ForeignRecord { what })
     }
 
     fn restore_breaks(&mut self, from: Record<f64>) -> arlequin_core::Result<()> {
@@ -153,7 +150,7 @@ impl DemModel {
         if fits {
             return Ok(());
         }
-        Err(self.stranger("the record of broken bonds"))
+        Err(self.foreign("the record of broken bonds"))
     }
 
     pub(super) fn fracture_facts(&self) -> Vec<(String, f64)> {

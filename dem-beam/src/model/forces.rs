@@ -1,14 +1,14 @@
 //! The block kernel in the numbering of a model: rows from the unknowns, forces into flat arrays.
 
 use crate::bond::BeamRigidity;
-use crate::fracture::state::Incidence;
-use crate::kernel::engine::{Dispatch, Isa, Marks, Pass, Posed, Sink};
+use crate::kernel::engine::{Isa, Marks, Pass, Posed, Sink};
 use crate::kernel::lanes::{LANES, Row};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
 use crate::kernel::screen::Screened;
 use crate::kernel::turn::{Turn, turned};
 use crate::particles::BondedParticles;
+use arlequin_core::adjacency::Adjacency;
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 
@@ -20,7 +20,7 @@ const CHUNK: usize = 1_024;
 
 impl Posed for Linear {
     #[inline]
-    fn write_rows(_: Isa, rows: &mut [Row<f64>], u: &[f64], th: &[f64], _: &mut [f64]) {
+    fn write_rows(_: Isa, rows: &mut [Row], u: &[f64], th: &[f64], _: &mut [f64]) {
         let Some((last, rows)) = rows.split_last_mut() else {
             return;
         };
@@ -39,15 +39,15 @@ impl Posed for Finite {
     const TURNS: bool = true;
 
     #[inline]
-    fn write_rows(isa: Isa, rows: &mut [Row<f64>], u: &[f64], th: &[f64], reached: &mut [f64]) {
-        f64::dispatch(isa, Turn { rows, u, th, reached });
+    fn write_rows(isa: Isa, rows: &mut [Row], u: &[f64], th: &[f64], reached: &mut [f64]) {
+        isa.run(Turn { rows, u, th, reached });
     }
 }
 
 /// Orientations of the particles as they were reached last.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reached<'a> {
-    rows: &'a [Row<f64>],
+    rows: &'a [Row],
     th: &'a [f64],
 }
 
@@ -65,12 +65,12 @@ impl Reached<'_> {
 /// One body, one law.
 #[derive(Debug)]
 pub(crate) struct Gather<W: Posed> {
-    layout: Layout<f64, W>,
+    layout: Layout<W>,
     /// Particles at the positions reached last, and their rotation unknowns there.
-    rows: Vec<Row<f64>>,
+    rows: Vec<Row>,
     reached: Vec<f64>,
     /// The same for positions that are only tried; empty for a law whose rows follow from its unknowns alone.
-    tried: Vec<Row<f64>>,
+    tried: Vec<Row>,
     tried_at: Vec<f64>,
     rigidity: BeamRigidity,
     isa: Isa,
@@ -79,7 +79,7 @@ pub(crate) struct Gather<W: Posed> {
 impl<W: Screened> Gather<W> {
     /// `body` must be numbered for locality already. Nothing has turned yet.
     pub(crate) fn new(body: &BondedParticles) -> Self {
-        let layout = Layout::ordered(body, (0..body.len() as u32).collect());
+        let layout = Layout::new(body);
         let mut upright = Row::default();
         let turns = if W::TURNS {
             upright.0[3] = 1.0;
@@ -87,7 +87,7 @@ impl<W: Screened> Gather<W> {
         } else {
             0
         };
-        let rows = vec![upright; layout.inverse_mass.len() * LANES];
+        let rows = vec![upright; body.len().next_multiple_of(LANES)];
         Self {
             tried: if W::TURNS { rows.clone() } else { Vec::new() },
             tried_at: vec![0.0; turns],
@@ -209,13 +209,11 @@ impl<W: Screened> Gather<W> {
         true
     }
 
-    fn pass(&self) -> Pass<'_, f64, W> {
+    fn pass(&self) -> Pass<'_, W> {
         Pass {
             layout: &self.layout,
             rigidity: self.rigidity,
             isa: self.isa,
-            loads: None,
-            free: None,
         }
     }
 
@@ -243,11 +241,11 @@ impl<W: Screened> Gather<W> {
         &mut self,
         blocks: &[usize],
         body: &BondedParticles,
-        incidence: &Incidence,
+        adjacency: &Adjacency<[u32; 2]>,
         whole: &dyn Fn(usize) -> bool,
     ) {
         for &b in blocks {
-            self.layout.refresh(b, body, |i| incidence.of(i), whole);
+            self.layout.refresh(b, body, adjacency, whole);
         }
     }
 
@@ -257,5 +255,63 @@ impl<W: Screened> Gather<W> {
 
     pub(crate) fn bond_bytes(&self) -> usize {
         self.layout.bond_bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Finite, Gather, Isa, Linear, Screened};
+    use crate::bond::{BeamMaterial, Twist};
+    use crate::packing::{Container, PackingSpec};
+    use crate::particles::BondedParticles;
+    use nalgebra::Vector3;
+
+    fn worst<W: Screened>(body: &BondedParticles, x: &[Twist], portable: bool) -> f64 {
+        let mut gather = Gather::<W>::new(body);
+        if portable {
+            gather.isa = Isa::Portable;
+        }
+        let flat = |x: &[Twist]| -> Vec<f64> {
+            let linear = x.iter().flat_map(|t| t.linear.iter());
+            linear
+                .chain(x.iter().flat_map(|t| t.angular.iter()))
+                .copied()
+                .collect()
+        };
+        let mut plain = vec![Twist::zero(); x.len()];
+        assert!(body.add_forces(x, &mut plain).is_ok());
+        let mut fast = vec![0.0; 6 * x.len()];
+        gather.add(&flat(x), &mut fast, None, None);
+        let (plain, half) = (flat(&plain), fast.len() / 2);
+        let part = |range: std::ops::Range<usize>| {
+            let size = plain[range.clone()].iter().fold(0.0_f64, |a, f| a.max(f.abs()));
+            let worst = range.map(|i| (fast[i] - plain[i]).abs()).fold(0.0, f64::max);
+            worst / size
+        };
+        part(0..half).max(part(half..2 * half))
+    }
+
+    /// The instructions found and plain arrays; small motions, for which the finite law is the linear one to first order.
+    #[test]
+    fn kernel_equals_the_plain_loop() -> crate::error::Result<()> {
+        let packing = PackingSpec::quench(Container::cylinder(6e-3, 1e-3)?, 1200, 3).build()?;
+        let mut body = packing.bonded(BeamMaterial::SILICA, 2200.0)?;
+        let noise = |i: usize, c: usize| (7.0 * i as f64 + 1.3 * c as f64).sin();
+        let weights: Vec<f64> = (0..body.pairs().len()).map(|b| 0.5 + 0.5 * noise(b, 7)).collect();
+        body.set_weights(&weights)?;
+        let x = |linear: f64, angular: f64| -> Vec<Twist> {
+            let twist = |i| Twist {
+                linear: Vector3::new(noise(i, 0), noise(i, 1), noise(i, 2)) * linear,
+                angular: Vector3::new(noise(i, 3), noise(i, 4), noise(i, 5)) * angular,
+            };
+            (0..body.len()).map(twist).collect()
+        };
+        for portable in [false, true] {
+            let linear = worst::<Linear>(&body, &x(1e-7, 1e-3), portable);
+            assert!(linear < 1e-13, "{linear}");
+            let finite = worst::<Finite>(&body, &x(1e-11, 1e-7), portable);
+            assert!(finite < 1e-5, "{finite}");
+        }
+        Ok(())
     }
 }

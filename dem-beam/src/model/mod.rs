@@ -32,7 +32,7 @@ pub use report::DemReport;
 pub use select::LoadShare;
 
 use crate::bond::BeamMaterial;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use crate::fracture::SharedLog;
 use crate::fracture::state::FractureState;
 use crate::kernel::law::{Finite, Linear};
@@ -43,7 +43,7 @@ use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Sample;
 use arlequin_core::model::{
-    CoarseModel, DofLayout, Evolution, FineModel, LinearModel, Model, State, check_size,
+    CoarseModel, DofLayout, Evolution, Evolving, FineModel, LinearModel, Model, State, Watching, check_size,
 };
 use arlequin_core::momentum::Arms;
 use arlequin_core::parallel;
@@ -94,14 +94,14 @@ impl DemModel {
     /// let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3)?, 500, 1).build()?;
     /// let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0)?;
     /// assert_eq!(model.layout().dofs(), 6 * model.nodes().len());
-    /// # Ok::<(), dem_beam::DemError>(())
+    /// # Ok::<(), dem_beam::Error>(())
     /// ```
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with the packing's particle numbers; [`DemError::Periodic`].
+    /// As [`BondedParticles::new`], with the packing's particle numbers; [`Error::Periodic`].
     pub fn new(name: &str, packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
         if packing.period.is_some() {
-            return Err(DemError::Periodic { what: "a model" });
+            return Err(Error::Periodic { what: "a model" });
         }
         // In the packing's numbers first, so that errors name what the caller knows.
         let body = BondedParticles::of_packing(packing, beam, density)?;
@@ -200,7 +200,7 @@ impl DemModel {
     /// the low modes little. 1 is exact, and the default.
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`] if `factor` is not finite and positive.
+    /// [`Error::OutOfRange`] if `factor` is not finite and positive.
     pub fn with_scaled_inertia(mut self, factor: f64) -> Result<Self> {
         crate::error::positive("inertia factor", factor)?;
         self.inertia.iter_mut().for_each(|i| *i *= factor);
@@ -256,13 +256,10 @@ impl DemModel {
         }
     }
 
-    fn named(&self, error: &DemError) -> arlequin_core::Error {
+    fn named(&self, error: &Error) -> arlequin_core::Error {
         match error {
-            DemError::Core(e) => e.clone(),
-            e => arlequin_core::Error::Model {
-                model: self.name.clone(),
-                message: e.to_string(),
-            },
+            Error::Core(e) => e.clone(),
+            e => arlequin_core::Error::of_model(&self.name, e.clone()),
         }
     }
 
@@ -279,14 +276,11 @@ impl DemModel {
     }
 }
 
-impl From<DemError> for arlequin_core::Error {
-    fn from(error: DemError) -> Self {
+impl From<Error> for arlequin_core::Error {
+    fn from(error: Error) -> Self {
         match error {
-            DemError::Core(e) => e,
-            e => Self::Model {
-                model: "dem".into(),
-                message: e.to_string(),
-            },
+            Error::Core(e) => e,
+            e => Self::of_model("dem", e),
         }
     }
 }
@@ -426,12 +420,12 @@ impl Model<f64> for DemModel {
         }
     }
 
-    fn evolves(&self) -> bool {
-        self.fracture.is_some()
+    fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {
+        self.fracture.is_some().then_some(self as _)
     }
 
-    fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
-        Ok(self.break_bonds(step))
+    fn watching(&self) -> Option<&dyn Watching<f64>> {
+        Some(self)
     }
 
     fn save(&self) -> Record<f64> {
@@ -455,19 +449,27 @@ impl Model<f64> for DemModel {
         self.fracture_facts()
     }
 
-    fn watches(&self) -> bool {
-        true
-    }
-
-    fn watch(&self, state: &State<f64>) -> Vec<Finding> {
-        self.findings(&state.q)
-    }
-
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
         match (&self.kernel, &self.factors) {
             (Kernel::Linear(_), None) => Some(self),
             _ => None,
         }
+    }
+}
+
+impl Evolving<f64> for DemModel {
+    fn effect(&self) -> &'static str {
+        "fracture"
+    }
+
+    fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
+        Ok(self.break_bonds(step))
+    }
+}
+
+impl Watching<f64> for DemModel {
+    fn watch(&self, state: &State<f64>) -> Vec<Finding> {
+        self.findings(&state.q)
     }
 }
 

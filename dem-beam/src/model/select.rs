@@ -1,7 +1,7 @@
 //! Which particles carry supports and loads, and how a load is shared among them.
 
 use super::DemModel;
-use crate::error::{DemError, Result, finite};
+use crate::error::{Error, Result, finite};
 use crate::packing::surface::closest_on_triangle;
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -96,11 +96,11 @@ impl DemModel {
     /// let face = model.select(|x| x.x > 3e-3);
     /// let load = model.force(&face, Vector3::new(9.0, 0.0, 0.0), LoadShare::Mass)?;
     /// assert!(load.len() == 9 && load.iter().all(|(_, f)| (f - 1.0).abs() < 1e-12));
-    /// # Ok::<(), dem_beam::DemError>(())
+    /// # Ok::<(), dem_beam::Error>(())
     /// ```
     ///
     /// # Errors
-    /// [`DemError::BadSelection`] for no particles or unknown ones, [`DemError::NotFinite`].
+    /// [`Error::BadSelection`] for no particles or unknown ones, [`Error::NotFinite`].
     pub fn force(
         &self,
         particles: &[usize],
@@ -124,8 +124,8 @@ impl DemModel {
     /// `x_s` of the shares, with `w` such that the moment of all is `torque`.
     ///
     /// # Errors
-    /// [`DemError::BadSelection`] for no particles, unknown ones, or ones on a line;
-    /// [`DemError::NotFinite`].
+    /// [`Error::BadSelection`] for no particles, unknown ones, or ones on a line;
+    /// [`Error::NotFinite`].
     pub fn torque(
         &self,
         particles: &[usize],
@@ -146,7 +146,7 @@ impl DemModel {
         let flat = spread.symmetric_eigenvalues();
         let inverse = spread.try_inverse().filter(|_| flat.min() > 1e-9 * flat.max());
         let Some(inverse) = inverse else {
-            return Err(DemError::BadSelection {
+            return Err(Error::BadSelection {
                 count: particles.len(),
                 reason: "they lie on a line and cannot carry a torque by forces; select a face",
             });
@@ -163,7 +163,7 @@ impl DemModel {
     /// Shares that sum to one.
     fn shares(&self, particles: &[usize], share: LoadShare) -> Result<Vec<f64>> {
         let refuse = |reason| {
-            Err(DemError::BadSelection {
+            Err(Error::BadSelection {
                 count: particles.len(),
                 reason,
             })

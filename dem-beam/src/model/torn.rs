@@ -33,7 +33,7 @@ impl DemModel {
             let radius = 0.5 * (self.body.radii()[i] + self.body.radii()[j]);
             opening = opening.max(((at(j) - at(i)).norm() - event.distance) / radius);
             let gone = |i: &usize| {
-                let mut bonds = fracture.incidence.of(*i).iter();
+                let mut bonds = fracture.adjacency.row(*i).iter();
                 bonds.all(|e| log.is_broken(e[1] as usize))
             };
             loose.extend([i, j].iter().filter(|i| gone(i)));

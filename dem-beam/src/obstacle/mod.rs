@@ -20,7 +20,7 @@ use crate::contact::{self, ContactBody, ContactLaw, Grains, Pair, Spring};
 use crate::error::{Result, positive};
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
-use arlequin_core::effect::{Demand, Effect, Instant, Site};
+use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use arlequin_core::snapshot::Record;
 use nalgebra::{Point3, Vector3};
 use near::Near;
@@ -42,7 +42,11 @@ struct Active {
 
 /// A rigid obstacle, an effect on one cohesive-beam body.
 #[derive(Debug)]
-pub struct Obstacle {
+pub struct Obstacle(Body);
+
+/// The same at work.
+#[derive(Debug)]
+struct Body {
     name: String,
     shape: Shape,
     motion: Motion,
@@ -81,7 +85,7 @@ impl Obstacle {
     /// An obstacle for the particles of a model, with a name for reports.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] for parameters that make no sense.
+    /// [`crate::Error::OutOfRange`] for parameters that make no sense.
     pub fn new(name: &str, model: &DemModel, shape: Shape, motion: Motion, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let shape = shape.checked()?;
@@ -95,7 +99,7 @@ impl Obstacle {
             .iter()
             .map(|s| (shape.distance(&centre(s), &Vector3::zeros()).0 - s[3]).min(0.0))
             .collect();
-        Ok(Self {
+        Ok(Self(Body {
             name: name.to_owned(),
             allowed,
             springs: vec![Spring::default(); grains.len()],
@@ -121,21 +125,11 @@ impl Obstacle {
             damping_ratio: law.damping_ratio(),
             law,
             grains,
-        })
+        }))
     }
+}
 
-    /// How often all particles were searched for those near it.
-    #[must_use]
-    pub fn searches(&self) -> usize {
-        self.near.searches
-    }
-
-    /// Angular velocity of a free ball half a step ago (rad/s); zero for all others.
-    #[must_use]
-    pub fn spin(&self) -> Vector3<f64> {
-        self.spin
-    }
-
+impl Body {
     /// Moves the obstacle to the new instant.
     fn advance(&mut self, at: &Instant<'_, f64>) -> arlequin_core::Result<()> {
         let before = self.moved;
@@ -363,21 +357,25 @@ impl Obstacle {
     }
 }
 
-impl Effect<f64> for Obstacle {
+impl EffectSpec<f64> for Obstacle {
+    fn attach(mut self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+        let of = format!("obstacle '{}'", self.0.name);
+        self.0.grains.attach(to, &of)?;
+        Ok(Box::new(self.0))
+    }
+}
+
+impl AnyEffect<f64> for Body {
     fn name(&self) -> &str {
         &self.name
     }
 
-    fn attach(&mut self, site: &Site<'_, f64>) -> arlequin_core::Result<()> {
-        self.grains.attach(site, &format!("obstacle '{}'", self.name))
+    fn stored(&self) -> f64 {
+        self.active.iter().fold(0.0, |sum, a| sum + a.stored)
     }
 
-    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.advance(at)?;
-        self.settle_purses(at);
-        self.respond(at, f);
-        self.settle(at);
-        Ok(())
+    fn supplied(&self) -> Option<f64> {
+        Some(self.at_start + self.supplied - self.pending)
     }
 
     /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact, where it pushes.
@@ -447,38 +445,6 @@ impl Effect<f64> for Obstacle {
         Ok(())
     }
 
-    fn power(&self, v: &[f64]) -> f64 {
-        let of = |a: &Active| contact::power(v, a.particle as usize, &a.force, &a.torque);
-        self.active.iter().map(of).sum()
-    }
-
-    fn demand(&self) -> Demand<f64> {
-        let flat = |r: f64| self.law.stiffness([1e12 * r, r]);
-        let mut top = self.grains.top(flat);
-        if let Motion::Free { mass, .. } = &self.motion {
-            // A body lighter than the particles it meets is the softer end of the spring.
-            // Sliding turns a ball of any inertia, the law's own allowance is for full ones.
-            let slide = self
-                .turning
-                .map_or(0.0, |(r, inertia)| (1.0 / mass + r * r / inertia) / 3.5);
-            top = top.max(flat(self.grains.largest()) * slide.max(1.0 / mass));
-        }
-        let [stiffness, damping] = self.law.demand(top);
-        Demand {
-            stiffness,
-            damping,
-            ..Demand::none()
-        }
-    }
-
-    fn stored(&self) -> f64 {
-        self.active.iter().fold(0.0, |sum, a| sum + a.stored)
-    }
-
-    fn supplied(&self) -> Option<f64> {
-        Some(self.at_start + self.supplied - self.pending)
-    }
-
     fn facts(&self) -> Vec<(String, f64)> {
         let mut out = Vec::new();
         for (c, axis) in ["x", "y", "z"].iter().enumerate() {
@@ -494,6 +460,40 @@ impl Effect<f64> for Obstacle {
         out.push(("largest force [N]".into(), self.peak));
         out.push(("contacts".into(), self.active.len() as f64));
         out
+    }
+}
+
+impl Effect<f64> for Body {
+    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.advance(at)?;
+        self.settle_purses(at);
+        self.respond(at, f);
+        self.settle(at);
+        Ok(())
+    }
+
+    fn power(&self, v: &[f64]) -> f64 {
+        let of = |a: &Active| contact::power(v, a.particle as usize, &a.force, &a.torque);
+        self.active.iter().map(of).sum()
+    }
+
+    fn step_demand(&self) -> StepDemand<f64> {
+        let flat = |r: f64| self.law.stiffness([1e12 * r, r]);
+        let mut top = self.grains.top(flat);
+        if let Motion::Free { mass, .. } = &self.motion {
+            // A body lighter than the particles it meets is the softer end of the spring.
+            // Sliding turns a ball of any inertia, the law's own allowance is for full ones.
+            let slide = self
+                .turning
+                .map_or(0.0, |(r, inertia)| (1.0 / mass + r * r / inertia) / 3.5);
+            top = top.max(flat(self.grains.largest()) * slide.max(1.0 / mass));
+        }
+        let [stiffness, damping] = self.law.demand(top);
+        StepDemand {
+            stiffness,
+            damping,
+            ..StepDemand::none()
+        }
     }
 }
 

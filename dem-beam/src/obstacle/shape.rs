@@ -1,6 +1,6 @@
 //! Shapes of obstacles and how they move.
 
-use crate::error::{DemError, Result, positive};
+use crate::error::{Error, Result, positive};
 use arlequin_core::time::TimeFunction;
 use nalgebra::{Point3, Vector3};
 
@@ -36,12 +36,12 @@ impl Shape {
     /// The same with directions of unit length.
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`] for a direction without length or a radius that is not positive.
+    /// [`Error::OutOfRange`] for a direction without length or a radius that is not positive.
     pub fn checked(self) -> Result<Self> {
         let unit = |name, v: Vector3<f64>| {
             v.try_normalize(0.0)
                 .filter(|v| v.iter().all(|c| c.is_finite()))
-                .ok_or(DemError::OutOfRange {
+                .ok_or(Error::OutOfRange {
                     name,
                     value: v.norm(),
                     range: "finite vectors other than zero",
@@ -79,7 +79,7 @@ impl Shape {
                 Ok(Some((*radius, inertia)))
             }
             (_, None) => Ok(None),
-            (_, Some(value)) => Err(DemError::OutOfRange {
+            (_, Some(value)) => Err(Error::OutOfRange {
                 name: "moment of inertia of a plane or cylinder, which moves without turning,",
                 value: *value,
                 range: "none: leave it out, or make the obstacle a sphere",

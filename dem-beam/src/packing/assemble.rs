@@ -5,7 +5,7 @@ use super::cells::Sphere;
 use super::container::Container;
 use super::report::PackingReport;
 use crate::bond::BeamMaterial;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use crate::particles::BondedParticles;
 use nalgebra::Vector3;
 
@@ -49,7 +49,7 @@ impl Packing {
     /// The bodies of a container with their spheres, of which `asked` were wanted in all.
     ///
     /// # Errors
-    /// [`DemError::CrossingBodies`].
+    /// [`Error::CrossingBodies`].
     pub(crate) fn assemble(
         container: &Container,
         bodies: &[Container],
@@ -109,10 +109,10 @@ impl Packing {
     /// Particles with beams and masses: `density` (kg/m^3) times the volume each sphere stands for.
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], except that loose spheres that were kept are no error; [`DemError::Periodic`].
+    /// As [`BondedParticles::new`], except that loose spheres that were kept are no error; [`Error::Periodic`].
     pub fn bonded(&self, beam: BeamMaterial, density: f64) -> Result<BondedParticles> {
         if self.period.is_some() {
-            return Err(DemError::Periodic {
+            return Err(Error::Periodic {
                 what: "a body of particles",
             });
         }
@@ -130,7 +130,7 @@ fn refuse_crossing(bodies: &[Container], filled: &[Filled]) -> Result<()> {
                 (0..3).all(|a| x[a] > low[a] && x[a] < high[a]) && other.contains(&x)
             };
             if let Some(s) = f.spheres.iter().find(inside) {
-                return Err(DemError::CrossingBodies {
+                return Err(Error::CrossingBodies {
                     first: k.min(o) + 1,
                     second: k.max(o) + 1,
                     point: [s[0], s[1], s[2]],

@@ -2,7 +2,7 @@
 
 use super::cells::{CHUNK, CellList, Sphere, image, verlet_list};
 use super::parts::Loose;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 
 /// Widest relative gap searched for bonds.
 const REACH: f64 = 0.25;
@@ -34,7 +34,7 @@ pub(crate) fn bond_and_trim(
         near = near_pairs(spheres, REACH, period);
     }
     if near.len() < wanted || wanted == 0 {
-        return Err(DemError::TooFewPairs {
+        return Err(Error::TooFewPairs {
             wanted: coordination,
             bonds: wanted,
             pairs: near.len(),
@@ -91,7 +91,7 @@ fn bound_loose(
     if kept.len() == spheres.len() || share <= limit {
         return Ok(());
     }
-    Err(DemError::LooseSpheres {
+    Err(Error::LooseSpheres {
         loose: spheres.len() - kept.len(),
         spheres: spheres.len(),
         share,

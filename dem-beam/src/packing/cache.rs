@@ -8,7 +8,7 @@ use super::assemble::Packing;
 use super::parts::{Cut, Loose};
 use super::protocol::{Compaction, PackingSpec};
 use super::report::{HISTOGRAM_BINS, PackingReport};
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
@@ -52,7 +52,7 @@ impl PackingSpec {
     /// The packing from `directory` if it was made before, else made and stored there.
     ///
     /// # Errors
-    /// Those of [`Self::build`]; [`DemError::Io`] if the directory cannot be written.
+    /// Those of [`Self::build`]; [`Error::Io`] if the directory cannot be written.
     pub fn build_cached(&self, directory: &Path) -> Result<Packing> {
         let name = self.content_hash();
         let path = directory.join(format!("packing-{name}.bin"));
@@ -64,7 +64,7 @@ impl PackingSpec {
             });
         }
         let packing = self.build()?;
-        let io = |e: std::io::Error| DemError::Io {
+        let io = |e: std::io::Error| Error::Io {
             path: path.display().to_string(),
             reason: e.to_string(),
         };

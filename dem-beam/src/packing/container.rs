@@ -35,7 +35,7 @@ impl Container {
     /// A cylinder of length `length` and radius `radius` along x.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] unless both are positive.
+    /// [`crate::Error::OutOfRange`] unless both are positive.
     pub fn cylinder(length: f64, radius: f64) -> Result<Self> {
         positive("cylinder length", length)?;
         positive("cylinder radius", radius)?;
@@ -45,7 +45,7 @@ impl Container {
     /// A box from `min` to `max`.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] unless every edge is positive.
+    /// [`crate::Error::OutOfRange`] unless every edge is positive.
     pub fn cuboid(min: Vector3<f64>, max: Vector3<f64>) -> Result<Self> {
         for e in (max - min).iter() {
             positive("box edge", *e)?;
@@ -56,7 +56,7 @@ impl Container {
     /// A periodic cube of edge `edge`.
     ///
     /// # Errors
-    /// [`crate::DemError::OutOfRange`] unless the edge is positive.
+    /// [`crate::Error::OutOfRange`] unless the edge is positive.
     pub fn periodic(edge: f64) -> Result<Self> {
         positive("edge of the periodic cube", edge)?;
         Ok(Self::Periodic {

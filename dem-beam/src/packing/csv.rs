@@ -8,7 +8,7 @@ use super::cells::Sphere;
 use super::container::Container;
 use super::narrow;
 use super::parts::Loose;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use crate::particles::{COINCIDENT, check_spheres};
 use nalgebra::Vector3;
 use std::io::{BufRead, Write};
@@ -16,9 +16,9 @@ use std::io::{BufRead, Write};
 /// Writes the spheres of a packing.
 ///
 /// # Errors
-/// [`DemError::Io`].
+/// [`Error::Io`].
 pub fn write_csv(out: &mut impl Write, positions: &[Vector3<f64>], radii: &[f64]) -> Result<()> {
-    let io = |e: std::io::Error| DemError::Io {
+    let io = |e: std::io::Error| Error::Io {
         path: "csv output".into(),
         reason: e.to_string(),
     };
@@ -32,12 +32,12 @@ pub fn write_csv(out: &mut impl Write, positions: &[Vector3<f64>], radii: &[f64]
 /// Reads spheres; commas, semicolons, tabs or spaces separate the four numbers.
 ///
 /// # Errors
-/// [`DemError::Parse`] with the line, [`DemError::Io`], and those of bad spheres:
-/// [`DemError::NotFinite`], [`DemError::BadRadius`], [`DemError::RadiusRatio`].
+/// [`Error::Parse`] with the line, [`Error::Io`], and those of bad spheres:
+/// [`Error::NotFinite`], [`Error::BadRadius`], [`Error::RadiusRatio`].
 pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
     let (mut positions, mut radii) = (Vec::new(), Vec::new());
     for (k, line) in input.lines().enumerate() {
-        let line = line.map_err(|e| DemError::Io {
+        let line = line.map_err(|e| Error::Io {
             path: "csv input".into(),
             reason: e.to_string(),
         })?;
@@ -57,12 +57,12 @@ pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>
             }
             Ok(v) => {
                 let reason = format!("{} numbers found, 4 needed: x,y,z,r", v.len());
-                return Err(DemError::Parse { line: k + 1, reason });
+                return Err(Error::Parse { line: k + 1, reason });
             }
             // Words are allowed once, as a header.
             Err(_) if positions.is_empty() && k == 0 => {}
             Err(e) => {
-                return Err(DemError::Parse {
+                return Err(Error::Parse {
                     line: k + 1,
                     reason: format!("{text:?}: {e}"),
                 });
@@ -78,10 +78,10 @@ impl Packing {
     /// coordination number; loose spheres are left out within [`super::parts::LOOSE_LIMIT`].
     ///
     /// # Errors
-    /// Those of bad spheres, [`DemError::CoincidentParticles`], [`DemError::Overlapping`] if a
-    /// sphere holds the centre of another, [`DemError::OutsideContainer`] if
-    /// a sphere passes a wall by more than half its radius, [`DemError::TooFewPairs`], [`DemError::LooseSpheres`]; for one
-    /// of several bodies within [`DemError::InBody`]; [`DemError::EmptyBody`], [`DemError::CrossingBodies`].
+    /// Those of bad spheres, [`Error::CoincidentParticles`], [`Error::Overlapping`] if a
+    /// sphere holds the centre of another, [`Error::OutsideContainer`] if
+    /// a sphere passes a wall by more than half its radius, [`Error::TooFewPairs`], [`Error::LooseSpheres`]; for one
+    /// of several bodies within [`Error::InBody`]; [`Error::EmptyBody`], [`Error::CrossingBodies`].
     pub fn from_spheres(
         container: &Container,
         positions: &[Vector3<f64>],
@@ -110,7 +110,7 @@ impl Packing {
         for (particle, (x, r)) in positions.iter().zip(radii).enumerate() {
             let (excess, limit) = (r - container.gap(x, *r), 0.5 * r);
             if excess > limit || !(excess <= 0.0 || container.contains(x)) {
-                return Err(DemError::OutsideContainer {
+                return Err(Error::OutsideContainer {
                     particle,
                     excess,
                     limit,
@@ -134,7 +134,7 @@ impl Packing {
                 .collect();
             let mine: Vec<Sphere> = numbers.iter().map(|&i| spheres[i as usize]).collect();
             let bonding = match mine.is_empty() {
-                true => Err(DemError::EmptyBody),
+                true => Err(Error::EmptyBody),
                 false => bond_and_trim(&mine, coordination, period, loose)
                     .map_err(|e| narrow::blame(e, &bodies[k], &mine)),
             };
@@ -178,7 +178,7 @@ fn refuse_overlapping(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()
         let (first, second) = (i as usize, j as usize);
         let touch = spheres[first][3] + spheres[second][3];
         if gap + 1.0 <= COINCIDENT {
-            return Err(DemError::CoincidentParticles {
+            return Err(Error::CoincidentParticles {
                 first,
                 second,
                 distance: (gap + 1.0) * touch,
@@ -187,7 +187,7 @@ fn refuse_overlapping(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()
         }
         let (distance, limit) = ((gap + 1.0) * touch, spheres[first][3].max(spheres[second][3]));
         if distance < limit {
-            return Err(DemError::Overlapping {
+            return Err(Error::Overlapping {
                 first,
                 second,
                 distance,

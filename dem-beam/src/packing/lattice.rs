@@ -3,7 +3,7 @@
 use super::assemble::{Filled, Packing};
 use super::bonding::Bonding;
 use super::container::Container;
-use crate::error::{DemError, Result, positive};
+use crate::error::{Error, Result, positive};
 use nalgebra::Vector3;
 
 /// Kind of lattice.
@@ -41,19 +41,19 @@ impl Lattice {
 /// nearest neighbours. The lattice starts at the origin; the body is the box of the cells.
 ///
 /// # Errors
-/// [`DemError::OutOfRange`] for no cells or a radius that is not positive;
-/// [`DemError::IsolatedParticle`] never for two cells or more.
+/// [`Error::OutOfRange`] for no cells or a radius that is not positive;
+/// [`Error::IsolatedParticle`] never for two cells or more.
 ///
 /// ```
 /// use dem_beam::packing::{Lattice, lattice};
 /// let cube = lattice(Lattice::Cubic, [4, 4, 4], 1e-3)?;
 /// assert_eq!((cube.radii.len(), cube.pairs.len()), (64, 3 * 4 * 4 * 3));
-/// # Ok::<(), dem_beam::DemError>(())
+/// # Ok::<(), dem_beam::Error>(())
 /// ```
 pub fn lattice(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Packing> {
     positive("sphere radius", radius)?;
     if let Some(&none) = cells.iter().find(|&&c| c == 0) {
-        return Err(DemError::OutOfRange {
+        return Err(Error::OutOfRange {
             name: "lattice cells",
             value: none as f64,
             range: "values >= 1",

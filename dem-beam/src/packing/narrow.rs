@@ -6,7 +6,7 @@
 
 use super::cells::Sphere;
 use super::container::Container;
-use crate::error::DemError;
+use crate::error::Error;
 use nalgebra::Vector3;
 
 /// Narrower bodies are worth a warning: a tenth soft in bending and torsion.
@@ -127,10 +127,10 @@ pub(crate) fn across(bodies: &[Container], spheres: &[Sphere], home: &[u32]) -> 
 }
 
 /// Names the width of the body where it is the reason for too few neighbours.
-pub(crate) fn blame(error: DemError, body: &Container, spheres: &[Sphere]) -> DemError {
+pub(crate) fn blame(error: Error, body: &Container, spheres: &[Sphere]) -> Error {
     let diameter = mean_diameter(spheres);
     match (&error, width(body, spheres, diameter)) {
-        (DemError::TooFewPairs { .. }, Some(width)) if width < BLAMED * diameter => DemError::TooFewAcross {
+        (Error::TooFewPairs { .. }, Some(width)) if width < BLAMED * diameter => Error::TooFewAcross {
             count: spheres.len(),
             diameter,
             width,

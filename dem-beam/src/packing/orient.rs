@@ -3,7 +3,7 @@
 use super::bonding::Components;
 use super::nesting::{Place, place};
 use super::surface::Surface;
-use crate::error::{DemError, Result, finite};
+use crate::error::{Error, Result, finite};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ impl Surface {
     /// outwards, shells inside an odd number of others (cavities) inwards. Shells may touch.
     ///
     /// # Errors
-    /// As [`Self::new`]; [`DemError::OneSidedSurface`]; [`DemError::CrossingBodies`] for shells with points on both
+    /// As [`Self::new`]; [`Error::OneSidedSurface`]; [`Error::CrossingBodies`] for shells with points on both
     /// sides of another (64 points of each are looked at).
     ///
     /// ```
@@ -25,7 +25,7 @@ impl Surface {
     /// // The first triangle is turned against the others.
     /// let tetrahedron = Surface::oriented(corners, vec![[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
     /// assert!((tetrahedron.volume() - 1.0 / 6.0).abs() < 1e-15);
-    /// # Ok::<(), dem_beam::DemError>(())
+    /// # Ok::<(), dem_beam::Error>(())
     /// ```
     pub fn oriented(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self> {
         for (i, c) in vertices
@@ -42,7 +42,7 @@ impl Surface {
             .flatten()
             .find(|&&a| a as usize >= vertices.len())
         {
-            return Err(DemError::no_vertex(a));
+            return Err(Error::no_vertex(a));
         }
         let edges = edges(&triangles)?;
         let shells = turn_alike(&mut triangles, &edges)?;
@@ -87,7 +87,7 @@ fn edges(triangles: &[[u32; 3]]) -> Result<Edges> {
         }
     }
     match edges.iter().find(|(_, uses)| uses.len() != 2) {
-        Some((&(a, b), uses)) => Err(DemError::OpenSurface {
+        Some((&(a, b), uses)) => Err(Error::OpenSurface {
             first: a as usize,
             second: b as usize,
             count: uses.len(),
@@ -127,7 +127,7 @@ fn turn_alike(triangles: &mut [[u32; 3]], edges: &Edges) -> Result<Vec<Vec<usize
                     }
                     Some(other) if other != turn => {
                         let (first, second) = (key.0 as usize, key.1 as usize);
-                        return Err(DemError::OneSidedSurface { first, second });
+                        return Err(Error::OneSidedSurface { first, second });
                     }
                     Some(_) => {}
                 }
@@ -169,7 +169,7 @@ fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: 
                 Place::Outside => {}
                 Place::Inside => around += 1,
                 Place::Crossing(x) => {
-                    return Err(DemError::CrossingBodies {
+                    return Err(Error::CrossingBodies {
                         first: s.min(o) + 1,
                         second: s.max(o) + 1,
                         point: x.into(),

@@ -9,7 +9,7 @@
 use super::assemble::Packing;
 use super::bonding::{Components, renumber};
 use super::container::Container;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use nalgebra::Vector3;
 
 /// Largest share of the volume that loose spheres may have to be left out: ten times what jammed packings leave
@@ -107,13 +107,13 @@ impl Packing {
     /// Refuses a packing of several parts or with loose spheres, for a test of `what`.
     ///
     /// # Errors
-    /// [`DemError::SeveralParts`].
+    /// [`Error::SeveralParts`].
     pub fn connected(&self, what: &'static str) -> Result<()> {
         let parts = Components::new(self.radii.len(), &self.pairs).parts();
         let loose = self.radii.len() - parts.iter().sum::<usize>();
         match (parts.len(), loose) {
             (1, 0) => Ok(()),
-            _ => Err(DemError::SeveralParts { what, parts, loose }),
+            _ => Err(Error::SeveralParts { what, parts, loose }),
         }
     }
 
@@ -169,7 +169,7 @@ pub(crate) fn sizes(parts: &[usize]) -> String {
     format!("{} {word} of {}{more} spheres", parts.len(), named.join(", "))
 }
 
-impl DemError {
+impl Error {
     /// The error of the `k`-th of several bodies, from 0; of the only one as it is.
     pub(crate) fn in_body(self, k: usize, bodies: &[Container]) -> Self {
         match bodies.len() {

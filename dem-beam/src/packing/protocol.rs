@@ -18,7 +18,7 @@ use super::container::Container;
 use super::narrow;
 use super::parts::Loose;
 use super::relax::{Relaxed, SoftSpheres};
-use crate::error::{DemError, Result, positive};
+use crate::error::{Error, Result, positive};
 use crate::kernel::order::morton_key;
 use crate::particles::MAX_RADIUS_RATIO;
 use nalgebra::Vector3;
@@ -94,15 +94,15 @@ impl PackingSpec {
     /// Makes the packing. The same spec gives the same bits for any number of threads.
     ///
     /// # Errors
-    /// [`DemError::OutOfRange`] for parameters, [`DemError::RadiusRatio`], [`DemError::TooFewAcross`],
-    /// [`DemError::ContainerTooSmall`], [`DemError::NotJammed`], [`DemError::TooFewPairs`], [`DemError::LooseSpheres`];
-    /// for one of several bodies within [`DemError::InBody`]; [`DemError::CrossingBodies`].
+    /// [`Error::OutOfRange`] for parameters, [`Error::RadiusRatio`], [`Error::TooFewAcross`],
+    /// [`Error::ContainerTooSmall`], [`Error::NotJammed`], [`Error::TooFewPairs`], [`Error::LooseSpheres`];
+    /// for one of several bodies within [`Error::InBody`]; [`Error::CrossingBodies`].
     ///
     /// ```
     /// use dem_beam::{Container, PackingSpec};
     /// let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3)?, 500, 1).build()?;
     /// assert!((packing.report.coordination_all - 6.2).abs() < 0.01);
-    /// # Ok::<(), dem_beam::DemError>(())
+    /// # Ok::<(), dem_beam::Error>(())
     /// ```
     pub fn build(&self) -> Result<Packing> {
         self.check()?;
@@ -127,7 +127,7 @@ impl PackingSpec {
     /// Packs one body.
     fn fill(&self, body: &Container, count: usize, seed: u64) -> Result<Filled> {
         if count == 0 {
-            return Err(DemError::EmptyBody);
+            return Err(Error::EmptyBody);
         }
         let mut container = body.clone();
         let spheres = self.start(&mut container, count, seed)?;
@@ -166,7 +166,7 @@ impl PackingSpec {
         let (low, high) = container.bounds();
         let largest = radii.iter().fold(0.0_f64, |m, r| m.max(*r));
         if 2.0 * largest > (high - low).min() {
-            return Err(DemError::ContainerTooSmall {
+            return Err(Error::ContainerTooSmall {
                 count,
                 diameter: 2.0 * largest,
                 width: (high - low).min(),
@@ -177,7 +177,7 @@ impl PackingSpec {
             // Three cells of the widest neighbour list along each edge.
             let (shortest, limit) = (period.into_iter().fold(f64::INFINITY, f64::min), 12.0 * largest);
             if shortest < limit {
-                return Err(DemError::PeriodTooShort { shortest, limit });
+                return Err(Error::PeriodTooShort { shortest, limit });
             }
         }
         container.prepare(1.5 * largest);
@@ -205,7 +205,7 @@ impl PackingSpec {
 
     fn check(&self) -> Result<()> {
         if self.count == 0 || self.count > u32::MAX as usize / 32 {
-            return Err(DemError::OutOfRange {
+            return Err(Error::OutOfRange {
                 name: "number of spheres",
                 value: self.count as f64,
                 range: "1 to 134 217 727",
@@ -213,7 +213,7 @@ impl PackingSpec {
         }
         positive("coordination number", self.coordination)?;
         if !(self.spread >= 0.0 && self.spread < 1.0) {
-            return Err(DemError::OutOfRange {
+            return Err(Error::OutOfRange {
                 name: "radius spread",
                 value: self.spread,
                 range: "[0, 1)",
@@ -221,7 +221,7 @@ impl PackingSpec {
         }
         let ratio = (1.0 + self.spread) / (1.0 - self.spread);
         if ratio > MAX_RADIUS_RATIO * (1.0 + 1e-9) {
-            return Err(DemError::RadiusRatio {
+            return Err(Error::RadiusRatio {
                 smallest: 1.0 - self.spread,
                 largest: 1.0 + self.spread,
                 ratio,
@@ -233,7 +233,7 @@ impl PackingSpec {
             Compaction::Quench { fraction } => ("volume fraction", fraction),
         };
         if !(value > 0.0 && value < 0.75) {
-            return Err(DemError::OutOfRange {
+            return Err(Error::OutOfRange {
                 name,
                 value,
                 range: "(0, 0.75)",
@@ -268,7 +268,7 @@ fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
     if across >= LEAST_ACROSS || container.period().is_some() {
         return Ok(());
     }
-    Err(DemError::TooFewAcross {
+    Err(Error::TooFewAcross {
         count,
         diameter,
         width,
@@ -370,7 +370,7 @@ fn grow(
         phi = next;
     }
     let overlap = soft.relax(0, 0.0, 0.0).overlap;
-    Err(DemError::NotJammed {
+    Err(Error::NotJammed {
         steps,
         overlap,
         wanted,

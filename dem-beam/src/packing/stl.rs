@@ -1,7 +1,7 @@
 //! Closed surfaces from STL files.
 
 use super::surface::Surface;
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use nalgebra::Vector3;
 
 /// Bytes before the triangles of a binary file: a comment and their number.
@@ -15,9 +15,9 @@ impl Surface {
     /// normals in the file are not used.
     ///
     /// # Errors
-    /// [`DemError::BadFile`] if it is not STL or has no triangle; as [`Self::oriented`].
+    /// [`Error::BadFile`] if it is not STL or has no triangle; as [`Self::oriented`].
     pub fn from_stl(bytes: &[u8]) -> Result<Self> {
-        let bad = |reason: String| DemError::BadFile {
+        let bad = |reason: String| Error::BadFile {
             format: "STL",
             reason,
         };

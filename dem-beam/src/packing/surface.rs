@@ -1,7 +1,7 @@
 //! A closed triangle surface: volume, inside test, nearest point through a uniform grid.
 
 use super::nesting::{Place, place};
-use crate::error::{DemError, Result, finite};
+use crate::error::{Error, Result, finite};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
@@ -31,9 +31,9 @@ impl Surface {
     /// Checks and stores a surface.
     ///
     /// # Errors
-    /// [`DemError::NotFinite`] coordinates, [`DemError::OutOfRange`] for a vertex number that does not exist, [`DemError::OpenSurface`]
+    /// [`Error::NotFinite`] coordinates, [`Error::OutOfRange`] for a vertex number that does not exist, [`Error::OpenSurface`]
     /// if an edge is not shared by exactly two triangles in opposite directions,
-    /// [`DemError::NoVolume`] if the orientation is inward or the volume zero.
+    /// [`Error::NoVolume`] if the orientation is inward or the volume zero.
     pub fn new(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self> {
         for (i, v) in vertices.iter().enumerate() {
             for c in v.iter() {
@@ -45,7 +45,7 @@ impl Surface {
             for k in 0..3 {
                 let (a, b) = (t[k], t[(k + 1) % 3]);
                 if a as usize >= vertices.len() {
-                    return Err(DemError::no_vertex(a));
+                    return Err(Error::no_vertex(a));
                 }
                 let e = edges.entry((a.min(b), a.max(b))).or_default();
                 e.0 += 1;
@@ -53,7 +53,7 @@ impl Surface {
             }
         }
         if let Some((&(a, b), &(count, _))) = edges.iter().find(|(_, e)| **e != (2, 0)) {
-            return Err(DemError::OpenSurface {
+            return Err(Error::OpenSurface {
                 first: a as usize,
                 second: b as usize,
                 count,
@@ -69,7 +69,7 @@ impl Surface {
         let low = used().fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(&v));
         let high = used().fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(&v));
         if volume.is_nan() || volume <= 1e-12 * (high - low).product() {
-            return Err(DemError::NoVolume { volume });
+            return Err(Error::NoVolume { volume });
         }
         let mut out = Self {
             vertices,

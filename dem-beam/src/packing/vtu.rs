@@ -4,7 +4,7 @@
 //! blocks or none, little-endian, any kind of number. (The crate for the format that was tried
 //! does not take raw data, which is what large files have.)
 
-use crate::error::{DemError, Result};
+use crate::error::{Error, Result};
 use crate::particles::check_spheres;
 use nalgebra::Vector3;
 use roxmltree::{Document, Node};
@@ -17,9 +17,9 @@ const NAMES: [&str; 6] = ["radius [m]", "radius", "Radius", "radii", "Radii", "r
 /// and `r`. Cells are not read.
 ///
 /// # Errors
-/// [`DemError::BadFile`] if it is no such file, [`DemError::MissingArray`],
-/// [`DemError::LengthMismatch`], and those of bad spheres: [`DemError::NotFinite`],
-/// [`DemError::BadRadius`], [`DemError::RadiusRatio`].
+/// [`Error::BadFile`] if it is no such file, [`Error::MissingArray`],
+/// [`Error::LengthMismatch`], and those of bad spheres: [`Error::NotFinite`],
+/// [`Error::BadRadius`], [`Error::RadiusRatio`].
 pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
     // Appended data need not be XML: the head is closed by hand.
     let mark = b"<AppendedData";
@@ -39,7 +39,7 @@ pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>
         let points = file.numbers(array.ok_or_else(|| bad("a piece has no points"))?)?;
         let found = file.numbers(radius_array(piece, radius)?)?;
         if points.len() != 3 * found.len() {
-            return Err(DemError::LengthMismatch {
+            return Err(Error::LengthMismatch {
                 what: "radii",
                 found: found.len(),
                 expected: points.len() / 3,
@@ -52,8 +52,8 @@ pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>
     Ok((positions, radii))
 }
 
-fn bad(reason: impl Into<String>) -> DemError {
-    DemError::BadFile {
+fn bad(reason: impl Into<String>) -> Error {
+    Error::BadFile {
         format: "VTU",
         reason: reason.into(),
     }
@@ -77,7 +77,7 @@ fn radius_array<'a>(piece: Node<'a, 'a>, wanted: Option<&str>) -> Result<Node<'a
     };
     found.ok_or_else(|| {
         let have: Vec<&str> = arrays().filter_map(|n| n.attribute("Name")).collect();
-        DemError::MissingArray {
+        Error::MissingArray {
             wanted: wanted.map_or_else(|| NAMES.join(", "), ToOwned::to_owned),
             found: if have.is_empty() {
                 "none".into()

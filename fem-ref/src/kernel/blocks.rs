@@ -1,8 +1,9 @@
 //! Assembly of the stiffness in block compressed rows.
 
-use super::{Incidence, element_stiffness};
+use super::element_stiffness;
 use crate::mesh::Mesh;
 use arlequin_core::Real;
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::material::Elastic;
 use rayon::prelude::*;
@@ -14,13 +15,13 @@ const BATCH: usize = 512;
 /// solids, 1 × 1 for bars. Both triangles are stored and are bitwise transposes of each other.
 pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, material: &Elastic<T>, weights: &[T]) -> BlockMatrix<T> {
     let nodes = mesh.nodes().len();
-    let incidence = Incidence::new(nodes, mesh.connectivity());
+    let incidence = Adjacency::of_slots(nodes, mesh.connectivity());
     let n = mesh.kind().corners();
     let (mut starts, mut columns) = (vec![0], Vec::new());
     let mut row: Vec<u32> = Vec::new();
     for i in 0..nodes {
         row.clear();
-        for &slot in incidence.of(i) {
+        for &slot in incidence.row(i) {
             row.extend(mesh.element(slot as usize / n));
         }
         row.sort_unstable();

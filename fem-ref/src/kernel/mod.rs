@@ -14,37 +14,6 @@ use arlequin_core::Real;
 use arlequin_core::material::Elastic;
 use nalgebra::Matrix3;
 
-/// Elements incident to every node: `slots[starts[i]..starts[i + 1]]` holds `element · corners + local corner`,
-/// ascending.
-#[derive(Debug, Clone)]
-pub(crate) struct Incidence {
-    pub(crate) starts: Vec<usize>,
-    pub(crate) slots: Vec<u32>,
-}
-
-impl Incidence {
-    pub(crate) fn new(nodes: usize, connectivity: &[u32]) -> Self {
-        let mut starts = vec![0; nodes + 1];
-        for &k in connectivity {
-            starts[k as usize + 1] += 1;
-        }
-        for i in 0..nodes {
-            starts[i + 1] += starts[i];
-        }
-        let mut next = starts.clone();
-        let mut slots = vec![0; connectivity.len()];
-        for (slot, &k) in connectivity.iter().enumerate() {
-            slots[next[k as usize]] = slot as u32;
-            next[k as usize] += 1;
-        }
-        Self { starts, slots }
-    }
-
-    pub(crate) fn of(&self, node: usize) -> &[u32] {
-        &self.slots[self.starts[node]..self.starts[node + 1]]
-    }
-}
-
 /// Stiffness blocks of one element, `K_ij = ∫ λ g_i g_jᵀ + μ g_j g_iᵀ + μ (g_i · g_j) I dV` \[N/m\];
 /// for bars `E ∫ g_i g_j dV` in the first entry.
 pub(crate) fn element_stiffness<T: Real>(

@@ -3,7 +3,7 @@
 
 use super::{HardCase, Outcome};
 use crate::solid::{self, block};
-use arlequin::core::effect::Effect;
+use arlequin::core::effect::EffectSpec;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec, Sampling};
 use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Vector3;
@@ -151,7 +151,7 @@ pub(super) struct Torn {
 }
 
 /// Makes effects for a model.
-pub(super) type Extra<'a> = &'a dyn Fn(&DemModel) -> Result<Vec<Box<dyn Effect<f64>>>>;
+pub(super) type Extra<'a> = &'a dyn Fn(&DemModel) -> Result<Vec<Box<dyn EffectSpec<f64>>>>;
 
 pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: Extra<'_>) -> Result<Torn> {
     let coarse = solid::weights(Profile::Cubic, start.epsilon)?;
@@ -201,7 +201,7 @@ pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: E
 }
 
 /// No effect beside fracture.
-fn none(_: &DemModel) -> Result<Vec<Box<dyn Effect<f64>>>> {
+fn none(_: &DemModel) -> Result<Vec<Box<dyn EffectSpec<f64>>>> {
     Ok(Vec::new())
 }
 
@@ -446,7 +446,7 @@ fn everything() -> Result<Outcome> {
     };
     let law = ContactLaw::elastic(1.4);
     let touching =
-        |m: &DemModel| -> Result<Vec<Box<dyn Effect<f64>>>> { Ok(vec![Box::new(Contact::new(m, law)?)]) };
+        |m: &DemModel| -> Result<Vec<Box<dyn EffectSpec<f64>>>> { Ok(vec![Box::new(Contact::new(m, law)?)]) };
     let spec = Fracture::new(Criterion::Energy, 1e-9);
     let mut torn = coupled(&cloud, spec, &start, &touching)?;
     let held = torn.run.subdomains()[1].internal_energy();

@@ -2,7 +2,7 @@
 
 use super::breakage::{Cloud, Start, Torn, coupled};
 use super::{HardCase, Outcome};
-use arlequin::core::effect::Effect;
+use arlequin::core::effect::EffectSpec;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::observer::Silent;
 use arlequin::core::{Result, TimeStep};
@@ -69,7 +69,7 @@ fn sizes() -> Result<Outcome> {
         ..Start::default()
     };
     let touching =
-        |m: &DemModel| -> Result<Vec<Box<dyn Effect<f64>>>> { Ok(vec![Box::new(Contact::new(m, LAW)?)]) };
+        |m: &DemModel| -> Result<Vec<Box<dyn EffectSpec<f64>>>> { Ok(vec![Box::new(Contact::new(m, LAW)?)]) };
     let mut torn = coupled(&cloud, Fracture::new(Criterion::Rankine, 1e3), &start, &touching)?;
     let (before, energy) = (torn.run.momentum()[0], torn.run.energy());
     torn.run.run(6000, &mut Silent)?;
@@ -141,7 +141,7 @@ fn strike(speed: f64, step: TimeStep<f64>) -> Result<Torn> {
         radius: 0.4,
     };
     let motion = Motion::Velocity(Vector3::new(-speed, 0.0, 0.0));
-    let extra = |m: &DemModel| -> Result<Vec<Box<dyn Effect<f64>>>> {
+    let extra = |m: &DemModel| -> Result<Vec<Box<dyn EffectSpec<f64>>>> {
         let indenter = Obstacle::new("indenter", m, ball, motion.clone(), LAW)?;
         Ok(vec![Box::new(Contact::new(m, LAW)?), Box::new(indenter)])
     };

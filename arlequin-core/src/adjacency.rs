@@ -1,0 +1,108 @@
+//! Compressed rows: what belongs to each of many things, in one flat array.
+
+/// Row `i` lists what belongs to `i`: elements of a node, bonds of a particle, neighbours.
+///
+/// ```
+/// use arlequin_core::adjacency::Adjacency;
+/// let bonds = Adjacency::of_pairs(3, &[[0, 2], [1, 0]]);
+/// assert_eq!(bonds.row(0), [[2, 0], [1, 1]]);
+/// let elements = Adjacency::of_slots(4, &[0, 1, 2, 2, 1, 3]);
+/// assert_eq!(elements.row(1), [1, 4]);
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Adjacency<E = u32> {
+    starts: Vec<usize>,
+    entries: Vec<E>,
+}
+
+impl<E: Copy + Default> Adjacency<E> {
+    /// Sorts `(row, entry)` into `count` rows; entries of one row keep their order. Rows must lie below `count`.
+    pub fn new(count: usize, entries: impl Iterator<Item = (u32, E)> + Clone) -> Self {
+        let mut starts = vec![0; count + 1];
+        entries.clone().for_each(|(row, _)| starts[row as usize + 1] += 1);
+        for i in 0..count {
+            starts[i + 1] += starts[i];
+        }
+        let mut next = starts.clone();
+        let mut sorted = vec![E::default(); starts[count]];
+        for (row, entry) in entries {
+            sorted[next[row as usize]] = entry;
+            next[row as usize] += 1;
+        }
+        Self {
+            starts,
+            entries: sorted,
+        }
+    }
+}
+
+impl<E> Adjacency<E> {
+    /// Rows one after the other.
+    pub fn from_rows<R: IntoIterator<Item = E>>(rows: impl IntoIterator<Item = R>) -> Self {
+        let (mut starts, mut entries) = (vec![0], Vec::new());
+        for row in rows {
+            entries.extend(row);
+            starts.push(entries.len());
+        }
+        Self { starts, entries }
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Whether there is no row.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Where row `i` begins in [`Self::entries`]; `i` may be the number of rows.
+    #[must_use]
+    pub fn start(&self, i: usize) -> usize {
+        self.starts[i]
+    }
+
+    /// The entries of row `i`.
+    #[must_use]
+    pub fn row(&self, i: usize) -> &[E] {
+        &self.entries[self.starts[i]..self.starts[i + 1]]
+    }
+
+    /// All rows, one after the other.
+    #[must_use]
+    pub fn entries(&self) -> &[E] {
+        &self.entries
+    }
+
+    /// Sorts every row.
+    #[must_use]
+    pub fn sorted(mut self) -> Self
+    where
+        E: Ord,
+    {
+        for range in self.starts.windows(2) {
+            self.entries[range[0]..range[1]].sort_unstable();
+        }
+        self
+    }
+}
+
+impl Adjacency<[u32; 2]> {
+    /// Other end and pair for either end of each pair, in the order of the pairs.
+    #[must_use]
+    pub fn of_pairs(count: usize, pairs: &[[u32; 2]]) -> Self {
+        let ends = |(p, &[i, j]): (usize, &[u32; 2])| [(i, [j, p as u32]), (j, [i, p as u32])];
+        Self::new(count, pairs.iter().enumerate().flat_map(ends))
+    }
+}
+
+impl Adjacency {
+    /// Positions at which each of `count` things stands in `slots`, ascending.
+    #[must_use]
+    pub fn of_slots(count: usize, slots: &[u32]) -> Self {
+        Self::new(count, slots.iter().enumerate().map(|(at, &k)| (k, at as u32)))
+    }
+}

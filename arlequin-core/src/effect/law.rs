@@ -1,0 +1,117 @@
+//! Effects that are known by a formula for their force on every unknown.
+
+use super::{AnyEffect, Effect, Instant, StepDemand, dot};
+use crate::momentum::Arms;
+use crate::snapshot::Record;
+use crate::{Real, Result};
+
+/// An effect whose force on every unknown is what `law` says: `law(at, f, own)` writes the effect's forces to `own` \[N, N m\],
+/// which keeps what it wrote there the last time, and adds them to `f`, which holds all forces before it.
+///
+/// ```
+/// use arlequin_core::effect::{Effect, EffectSpec, ForceLaw, Host, Instant};
+///
+/// /// Springs of stiffness `k` \[N/m\] that pull every unknown back to where it was.
+/// struct ElasticSupport(f64);
+///
+/// impl EffectSpec<f64> for ElasticSupport {
+///     fn attach(self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+///         let top = to.inverse_inertia.iter().fold(0.0_f64, |a, b| a.max(*b));
+///         let k = self.0;
+///         let mut support = ForceLaw::new("elastic-support", to.inertia.len(), move |at: &Instant<'_, f64>, f: &mut [f64], own: &mut [f64]| {
+///             for ((f, own), q) in f.iter_mut().zip(own).zip(at.q) {
+///                 *own = -k * q;
+///                 *f += *own;
+///             }
+///         });
+///         support.demand.stiffness = k * top;
+///         Ok(Box::new(support))
+///     }
+/// }
+/// ```
+pub struct ForceLaw<T: Real, L> {
+    /// Name in the ledger.
+    pub name: &'static str,
+    /// The law.
+    pub law: L,
+    /// Its last forces \[N, N m\].
+    pub force: Vec<T>,
+    /// What it demands of the time step; nothing unless set.
+    pub demand: StepDemand<T>,
+    /// As [`AnyEffect::arms`]; `None` unless set.
+    pub arms: Option<Arms>,
+    /// As [`AnyEffect::supplied`]: zero for what only dissipates; `None` unless set.
+    pub supplied: Option<T>,
+    /// Whether its last forces belong to the state of a run: for laws that read them.
+    pub remembers: bool,
+}
+
+impl<T: Real, L> ForceLaw<T, L> {
+    /// A law for so many unknowns.
+    pub fn new(name: &'static str, dofs: usize, law: L) -> Self {
+        Self {
+            name,
+            law,
+            force: vec![T::zero(); dofs],
+            demand: StepDemand::none(),
+            arms: None,
+            supplied: None,
+            remembers: false,
+        }
+    }
+
+    /// A law that only takes energy away.
+    pub fn dissipating(name: &'static str, dofs: usize, law: L) -> Self {
+        Self {
+            supplied: Some(T::zero()),
+            ..Self::new(name, dofs, law)
+        }
+    }
+}
+
+impl<T: Real, L> std::fmt::Debug for ForceLaw<T, L> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "ForceLaw {}", self.name)
+    }
+}
+
+impl<T: Real, L: Send> AnyEffect<T> for ForceLaw<T, L> {
+    fn name(&self) -> &str {
+        self.name
+    }
+    fn arms(&self) -> Option<Arms> {
+        self.arms
+    }
+    fn supplied(&self) -> Option<T> {
+        self.supplied
+    }
+    fn save(&self) -> Record<T> {
+        Record {
+            numbers: if self.remembers {
+                self.force.clone()
+            } else {
+                Vec::new()
+            },
+            integers: Vec::new(),
+        }
+    }
+    fn restore(&mut self, from: &Record<T>) -> Result<()> {
+        let expected = if self.remembers { self.force.len() } else { 0 };
+        from.expect(self.name, expected, 0)?;
+        self.force[..expected].copy_from_slice(&from.numbers);
+        Ok(())
+    }
+}
+
+impl<T: Real, L: FnMut(&Instant<'_, T>, &mut [T], &mut [T]) + Send> Effect<T> for ForceLaw<T, L> {
+    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        (self.law)(at, f, &mut self.force);
+        Ok(())
+    }
+    fn power(&self, v: &[T]) -> T {
+        dot(&self.force, v)
+    }
+    fn step_demand(&self) -> StepDemand<T> {
+        self.demand
+    }
+}

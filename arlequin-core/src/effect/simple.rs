@@ -1,0 +1,191 @@
+//! Effects that are one formula: body force, dampings, prestress.
+
+use super::{Effect, EffectSpec, ForceLaw, Host, Instant, StepDemand};
+use crate::error::{invalid, not_negative};
+use crate::momentum::Arms;
+use crate::{Real, Result};
+use nalgebra::Vector3;
+
+/// Gravity or any constant acceleration field \[m/s²\]: `F_i = M_γ,i g`.
+#[derive(Debug, Clone)]
+pub struct BodyForce<T: Real>(Vector3<T>);
+
+impl<T: Real> BodyForce<T> {
+    /// Body force with the given acceleration \[m/s²\]; bars and chains feel its x component.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] if it is not finite.
+    pub fn new(acceleration: Vector3<T>) -> Result<Self> {
+        if acceleration.iter().all(|a| a.is_finite()) {
+            return Ok(Self(acceleration));
+        }
+        let found = format_args!("{acceleration:?}");
+        Err(invalid("body acceleration", found, "must be finite"))
+    }
+}
+
+impl<T: Real> EffectSpec<T> for BodyForce<T> {
+    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = to.model.layout();
+        let mut force = vec![T::zero(); layout.dofs()];
+        to.model
+            .lumped_inertia(&*to.weights.external, to.weights.weighting, &mut force)?;
+        for (i, m) in force.iter_mut().enumerate() {
+            *m *= if i < layout.translations() {
+                self.0[i % layout.components]
+            } else {
+                T::zero()
+            };
+        }
+        let add = |_: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+            f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+        };
+        Ok(Box::new(ForceLaw {
+            force,
+            ..ForceLaw::new("body-force", 0, add)
+        }))
+    }
+}
+
+/// Mass-proportional damping `F = −c M_β v` with a rate `c` \[1/s\].
+#[derive(Debug, Clone)]
+pub struct MassDamping<T>(T);
+
+impl<T: Real> MassDamping<T> {
+    /// Damping with the given rate \[1/s\].
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] if it is negative or not finite.
+    pub fn new(rate: T) -> Result<Self> {
+        not_negative("damping rate", rate).map(Self)
+    }
+}
+
+impl<T: Real> EffectSpec<T> for MassDamping<T> {
+    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let (rate, inertia) = (self.0, to.inertia.to_vec());
+        let dofs = inertia.len();
+        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+            for (((f, g), m), v) in f.iter_mut().zip(own).zip(&inertia).zip(at.v_half) {
+                *g = -rate * *m * *v;
+                *f += *g;
+            }
+        };
+        Ok(Box::new(ForceLaw {
+            demand: StepDemand::damping(rate),
+            ..ForceLaw::dissipating("mass-damping", dofs, law)
+        }))
+    }
+}
+
+/// The stiffness part of Rayleigh damping, `F = −c K v` with a time `c` \[s\]; the mass part is [`MassDamping`].
+///
+/// Computed as `c (f_{n+1} − f_n)/Δt` from the internal forces themselves: costs no further evaluation, holds for any
+/// model, and follows bonds that break. Damps a mode of frequency `ω` by the ratio `c ω/2`.
+#[derive(Debug, Clone)]
+pub struct StiffnessDamping<T>(T);
+
+impl<T: Real> StiffnessDamping<T> {
+    /// Damping with the time `c` \[s\].
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] if it is negative or not finite.
+    pub fn new(time: T) -> Result<Self> {
+        not_negative("stiffness damping time", time).map(Self)
+    }
+}
+
+impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
+    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let time = self.0;
+        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+            if at.dt <= T::zero() {
+                return;
+            }
+            let factor = time / at.dt;
+            let change = at.internal.iter().zip(at.internal_before);
+            for ((f, g), (now, before)) in f.iter_mut().zip(own).zip(change) {
+                *g = factor * (*now - *before);
+                *f += *g;
+            }
+        };
+        let demand = StepDemand {
+            viscosity: time,
+            ..StepDemand::none()
+        };
+        Ok(Box::new(ForceLaw {
+            demand,
+            arms: Some(Arms::Reference),
+            ..ForceLaw::dissipating("stiffness-damping", to.inertia.len(), law)
+        }))
+    }
+}
+
+/// Local damping: every unknown feels `−share |F| sgn(v)`, `F` being all other forces on it but the multipliers.
+/// Brings a body to rest without holding its steady motion back. Must be the last effect of its subdomain.
+#[derive(Debug, Clone)]
+pub struct LocalDamping<T>(T);
+
+impl<T: Real> LocalDamping<T> {
+    /// Damping by the share given, 0.1 to 0.8 in use.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] unless it is at least 0 and below 1.
+    pub fn new(share: T) -> Result<Self> {
+        if share >= T::zero() && share < T::one() {
+            return Ok(Self(share));
+        }
+        let rule = "must be at least 0 and below 1; take 0.2";
+        Err(invalid("local damping share", share, rule))
+    }
+}
+
+impl<T: Real> EffectSpec<T> for LocalDamping<T> {
+    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let share = self.0;
+        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+            for ((f, g), v) in f.iter_mut().zip(own).zip(at.v_half) {
+                let size = share * f.abs();
+                *g = if *v > T::zero() {
+                    -size
+                } else if *v < T::zero() {
+                    size
+                } else {
+                    T::zero()
+                };
+                *f += *g;
+            }
+        };
+        let demand = StepDemand {
+            gain: T::one() + share,
+            ..StepDemand::none()
+        };
+        Ok(Box::new(ForceLaw {
+            demand,
+            ..ForceLaw::dissipating("local-damping", to.inertia.len(), law)
+        }))
+    }
+}
+
+/// Subtracts the internal forces of the initial displacements for ever, `F = −F_int(q_0)`: the body starts in
+/// equilibrium in the shape it is given, and its stiffness acts on what it moves from there.
+///
+/// A dead load as far as energy is concerned: its work is from outside.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Prestress;
+
+impl<T: Real> EffectSpec<T> for Prestress {
+    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let law = |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+            if at.dt <= T::zero() {
+                own.iter_mut().zip(at.internal).for_each(|(g, now)| *g = -*now);
+            }
+            f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+        };
+        Ok(Box::new(ForceLaw {
+            arms: Some(Arms::Reference),
+            remembers: true,
+            ..ForceLaw::new("prestress", to.inertia.len(), law)
+        }))
+    }
+}
