@@ -1,5 +1,6 @@
 //! Highest frequency of a model by Lanczos iteration, and the critical step of velocity Verlet from it.
 
+use crate::scalar::dot;
 use crate::{Real, Result};
 
 /// Adds the internal forces at a displacement.
@@ -84,10 +85,6 @@ pub fn largest_eigenvalue<T: Real>(
 fn scatter<T: Real>(i: usize) -> T {
     let x = ((i as f64 + 1.0) * 0.618_033_988_749_894_9).fract();
     T::of(2.0 * (x * 7.31 + 0.137 * x * x).fract() - 0.9)
-}
-
-fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::zero(), |s, (x, y)| s + *x * *y)
 }
 
 fn normalise<T: Real>(v: &mut [T]) -> T {

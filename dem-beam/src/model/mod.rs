@@ -283,7 +283,7 @@ impl Model<f64> for DemModel {
         DofLayout {
             nodes: self.nodes.len(),
             components: 3,
-            rotations: 3 * self.nodes.len(),
+            rotations: 3,
         }
     }
 
