@@ -178,6 +178,7 @@ impl<T: Real> BlockMatrix<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
     use nalgebra::Matrix3;
 
     /// A symmetric matrix of four block rows with some blocks missing.
@@ -207,7 +208,7 @@ mod tests {
         let mut f = vec![1.0; 12];
         m.subtract_product(&q, &mut f);
         for (a, b) in f.iter().zip(&expected) {
-            assert!((a - b).abs() < 1e-13);
+            assert_abs_diff_eq!(a, b, epsilon = 1e-13);
         }
         let work: f64 = q.iter().zip(&expected).map(|(q, f)| 0.5 * q * (1.0 - f)).sum();
         assert!((m.energy(&q) - work).abs() < 1e-12 * work.abs());
