@@ -8,9 +8,9 @@
 
 use crate::bond::BeamMaterial;
 use crate::error::{Error, Result, finite, positive};
+use crate::model::TOUCH;
 use crate::packing::Packing;
 use crate::particles::BondedParticles;
-use crate::statics::Held;
 use crate::statics::StaticProblem;
 use nalgebra::{Matrix3, Vector3};
 
@@ -75,40 +75,51 @@ const TOLERANCE: f64 = 1e-6;
 /// Most iterations: twenty times what a bar of 200 000 particles takes.
 const ITERATIONS: usize = 50_000;
 
+/// Particles that touch the two end faces of a bar.
+///
+/// # Errors
+/// [`Error::OutOfRange`] for the bar, or if no particle touches an end.
+pub(crate) fn end_layers(body: &BondedParticles, bar: &Bar) -> Result<[Vec<usize>; 2]> {
+    positive("bar length", bar.length)?;
+    positive("bar section", bar.area)?;
+    let gap = TOUCH * body.mean_radius();
+    let mut ends = [Vec::new(), Vec::new()];
+    for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
+        let (along, near) = (x.x - bar.start, r + gap);
+        if along < near {
+            ends[0].push(i);
+        } else if bar.length - along < near {
+            ends[1].push(i);
+        }
+    }
+    let names = ["particles at the first end", "particles at the second end"];
+    match names.into_iter().zip(&ends).find(|(_, end)| end.is_empty()) {
+        None => Ok(ends),
+        Some((name, _)) => Err(Error::OutOfRange {
+            name,
+            value: 0.0,
+            range: "values >= 1",
+        }),
+    }
+}
+
 /// Measures E and nu of a bar.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] for the bar, or if no particle touches an end;
 /// [`Error::NoConvergence`] of the solve.
 pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
-    positive("bar length", bar.length)?;
-    positive("bar section", bar.area)?;
-    let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
+    let ends = end_layers(body, bar)?;
     let mut problem = StaticProblem::free(body.len());
-    let mut side: Vec<f64> = vec![0.0; body.len()];
-    for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
-        let along = x.x - bar.start;
-        // Touching: within a twentieth of a radius, the gap that bonds bridge as well.
-        let near = r + 0.05 * mean;
-        if along < near {
-            side[i] = -1.0;
-        } else if bar.length - along < near {
-            side[i] = 1.0;
-        }
-        problem.held[i].linear[0] = side[i] != 0.0;
-        // An affine start: nearly the solution.
-        problem.start[i].linear.x = STRAIN * along;
+    // An affine start: nearly the solution.
+    for (start, x) in problem.start.iter_mut().zip(body.positions()) {
+        start.linear.x = STRAIN * (x.x - bar.start);
     }
-    for (name, s) in [
-        ("particles at the first end", -1.0_f64),
-        ("particles at the second end", 1.0),
-    ] {
-        if !side.iter().any(|x| x.total_cmp(&s).is_eq()) {
-            return Err(Error::OutOfRange {
-                name,
-                value: 0.0,
-                range: "values >= 1",
-            });
+    let mut side = vec![0.0; body.len()];
+    for (end, s) in ends.iter().zip([-1.0, 1.0]) {
+        for &i in end {
+            side[i] = s;
+            problem.held[i].linear[0] = true;
         }
     }
     let done = problem.solve(body, TOLERANCE, ITERATIONS)?;
@@ -329,20 +340,3 @@ pub fn beam_for(
 
 /// Modulus of the beams while their radius is sought (Pa); the law is linear, so any value does.
 const UNIT: f64 = 1e9;
-
-/// Clamp of the particles that touch the plane `x = at` from above, all components.
-#[must_use]
-pub fn clamp_layer(body: &BondedParticles, at: f64) -> Vec<Held> {
-    let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
-    let spheres = body.positions().iter().zip(body.radii());
-    let touches = |x: &Vector3<f64>, r: f64| x.x - at < r + 0.05 * mean;
-    spheres
-        .map(|(x, r)| {
-            if touches(x, *r) {
-                Held::ALL
-            } else {
-                Held::default()
-            }
-        })
-        .collect()
-}

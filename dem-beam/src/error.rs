@@ -346,14 +346,6 @@ pub enum Error {
         /// Radius ratios tried.
         ratios: [f64; 2],
     },
-    /// The time step is above what the fastest mode allows.
-    #[error("time step {step:e} s is above the critical step {critical:e} s: use at most 0.9 of it")]
-    StepTooLarge {
-        /// Step asked for (s).
-        step: f64,
-        /// Critical step (s).
-        critical: f64,
-    },
     /// Selected particles cannot carry a load.
     #[error("load on {count} particles: {reason}")]
     BadSelection {

@@ -254,6 +254,12 @@ impl BondedParticles {
         &self.radii
     }
 
+    /// Mean radius \[m\].
+    #[must_use]
+    pub fn mean_radius(&self) -> f64 {
+        self.radii.iter().sum::<f64>() / self.radii.len() as f64
+    }
+
     /// Ends of each bond.
     #[must_use]
     pub fn pairs(&self) -> &[[u32; 2]] {

@@ -11,8 +11,8 @@
 //! over body strength is a number of the packing, of the criterion and of the scatter alone.
 
 use crate::bond::{BeamMaterial, Twist};
-use crate::calibrate::Bar;
-use crate::error::{Error, Result, positive};
+use crate::calibrate::{Bar, end_layers};
+use crate::error::{Error, Result};
 use crate::fracture::{Criterion, Fracture, locked};
 use crate::model::DemModel;
 use crate::packing::Packing;
@@ -79,8 +79,6 @@ pub fn strength_test(
     bar: &Bar,
     fracture: Fracture,
 ) -> Result<Strength> {
-    positive("bar length", bar.length)?;
-    positive("bar section", bar.area)?;
     packing.connected("a strength test")?;
     let model = DemModel::new("bar", packing, beam, DENSITY)?.with_fracture(fracture)?;
     let rest = Rest::new(&model, bar)?;
@@ -97,7 +95,7 @@ pub fn strength_test(
         Criterion::Energy => load.sqrt().recip(),
         _ => load.recip(),
     };
-    let diameter = 2.0 * model.body().radii().iter().sum::<f64>() / model.body().len() as f64;
+    let diameter = 2.0 * model.body().mean_radius();
     let nominal = match fracture.criterion {
         Criterion::Energy => (2.0 * beam.young * fracture.strength / diameter).sqrt(),
         _ => fracture.strength,
@@ -134,31 +132,13 @@ struct Rest {
 impl Rest {
     fn new(model: &DemModel, bar: &Bar) -> Result<Self> {
         let body = model.body();
-        let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
+        let ends = end_layers(body, bar)?;
         let elongation = 1e-4 * bar.length;
         let mut problem = StaticProblem::free(body.len());
-        let mut ends = [Vec::new(), Vec::new()];
-        for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
-            let along = x.x - bar.start;
-            let near = r + 0.05 * mean;
-            problem.start[i].linear.x = elongation * (along / bar.length - 0.5);
-            if along < near {
-                ends[0].push(i);
-            } else if bar.length - along < near {
-                ends[1].push(i);
-            }
+        for (start, x) in problem.start.iter_mut().zip(body.positions()) {
+            start.linear.x = elongation * ((x.x - bar.start) / bar.length - 0.5);
         }
-        for (end, (name, side)) in ends.iter().zip([
-            ("particles at the first end", -0.5),
-            ("particles at the second end", 0.5),
-        ]) {
-            if end.is_empty() {
-                return Err(Error::OutOfRange {
-                    name,
-                    value: 0.0,
-                    range: "values >= 1",
-                });
-            }
+        for (end, side) in ends.iter().zip([-0.5, 0.5]) {
             for &i in end {
                 problem.held[i].linear[0] = true;
                 problem.start[i].linear.x = side * elongation;

@@ -2,7 +2,7 @@
 
 use super::neighbours;
 use crate::model::DemModel;
-use crate::packing::cells::Sphere;
+use crate::packing::cells::{Sphere, spheres};
 use arlequin_core::Model;
 
 /// The spheres of a model at rest with their masses: outlives the model's move into a run.
@@ -20,7 +20,7 @@ impl ContactBody {
     pub fn of(model: &DemModel) -> Self {
         Self {
             name: model.name().to_owned(),
-            spheres: neighbours::spheres(model.body()),
+            spheres: spheres(model.body().positions(), model.body().radii()),
             mass: model.masses().to_vec(),
         }
     }

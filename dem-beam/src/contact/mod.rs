@@ -62,12 +62,11 @@ impl Contact {
     pub fn new(model: &DemModel, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let body = model.body();
-        let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
         Ok(Self(Contacts {
             grains: Grains::new(ContactBody::of(model)),
             log: model.break_log(),
             seen: 0,
-            list: PairList::new(body, law.skin * mean),
+            list: PairList::new(body, law.skin * body.mean_radius()),
             touching: Touching::new(law),
         }))
     }

@@ -2,7 +2,7 @@
 
 use super::Spring;
 use crate::fracture::{Break, BreakLog};
-use crate::packing::cells::{CellList, Sphere};
+use crate::packing::cells::{CellList, Sphere, spheres};
 use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::snapshot::Record;
@@ -297,12 +297,6 @@ fn bounds(spheres: &[Sphere], margin: f64) -> ([f64; 3], [f64; 3]) {
     ([0, 1, 2].map(low), [0, 1, 2].map(high))
 }
 
-/// Spheres of a body at rest.
-pub(super) fn spheres(body: &BondedParticles) -> Vec<Sphere> {
-    let both = body.positions().iter().zip(body.radii());
-    both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect()
-}
-
 /// Spheres displaced by `q`.
 fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
     let moves = q.as_chunks::<3>().0;
@@ -338,7 +332,7 @@ pub(crate) fn overlaps(
     tolerance: f64,
     broken: impl Fn(usize) -> bool,
 ) -> Option<(usize, f64)> {
-    let rest = spheres(body);
+    let rest = spheres(body.positions(), body.radii());
     let now = displaced(&rest, q);
     let largest = body.radii().iter().fold(0.0_f64, |m, r| m.max(*r));
     let mut cells = CellList::default();

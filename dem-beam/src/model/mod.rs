@@ -23,15 +23,16 @@ pub(crate) mod forces;
 pub(crate) mod poses;
 mod report;
 mod select;
-mod spectrum;
 mod stiffness;
 mod torn;
 mod weights;
 
 pub use report::DemReport;
 pub use select::LoadShare;
+pub(crate) use select::TOUCH;
 
 use crate::bond::BeamMaterial;
+use crate::critical;
 use crate::error::{Error, Result};
 use crate::fracture::SharedLog;
 use crate::fracture::state::FractureState;
@@ -412,12 +413,12 @@ impl Model<f64> for DemModel {
             Kernel::Linear(k) => k,
             Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
         };
-        let top = spectrum::largest(&root, &mut |q, f| kernel.add(q, f, None, None));
-        match top {
-            Ok(top) if top > 0.0 => Ok(2.0 / top.sqrt()),
-            Ok(_) => Ok(f64::from(f32::MAX)),
-            Err(e) => Err(self.named(&e)),
-        }
+        let top = critical::largest(&root, &mut |q, f| kernel.add(q, f, None, None));
+        Ok(if top > 0.0 {
+            2.0 / top.sqrt()
+        } else {
+            f64::from(f32::MAX)
+        })
     }
 
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {

@@ -16,7 +16,7 @@ pub enum LoadShare {
 }
 
 /// A gap of this part of the mean radius counts as touching: bonds bridge such gaps as well.
-const TOUCH: f64 = 0.05;
+pub(crate) const TOUCH: f64 = 0.05;
 
 impl DemModel {
     /// Particles whose centres fulfil a condition, ascending.
@@ -32,8 +32,7 @@ impl DemModel {
     #[must_use]
     pub fn clamp_layer(&self, wall: &Point3<f64>, normal: &Vector3<f64>) -> Vec<usize> {
         let n = normal.normalize();
-        let radii = self.body.radii();
-        let gap = TOUCH * radii.iter().sum::<f64>() / radii.len() as f64;
+        let (radii, gap) = (self.body.radii(), TOUCH * self.body.mean_radius());
         let near = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
         (0..self.nodes.len()).filter(near).collect()
     }
@@ -41,8 +40,7 @@ impl DemModel {
     /// Particles that touch any of the triangles (corners in m): the layer at a face of any form.
     #[must_use]
     pub fn touching(&self, triangles: &[[Vector3<f64>; 3]]) -> Vec<usize> {
-        let radii = self.body.radii();
-        let gap = TOUCH * radii.iter().sum::<f64>() / radii.len() as f64;
+        let (radii, gap) = (self.body.radii(), TOUCH * self.body.mean_radius());
         let boxes: Vec<_> = triangles
             .iter()
             .map(|[a, b, c]| (a.inf(b).inf(c), a.sup(b).sup(c)))

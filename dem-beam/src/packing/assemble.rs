@@ -1,7 +1,7 @@
 //! A packing, put together from the spheres of its bodies.
 
 use super::bonding::{Bonding, renumber};
-use super::cells::Sphere;
+use super::cells::{Sphere, centre};
 use super::container::Container;
 use super::report::PackingReport;
 use crate::bond::BeamMaterial;
@@ -92,9 +92,7 @@ impl Packing {
         let report = PackingReport::new(container, bodies, [asked, steps], &spheres, &body, &all, overlap);
         let kept = || all.kept.iter().map(|&i| i as usize);
         Ok(Self {
-            positions: kept()
-                .map(|i| Vector3::new(spheres[i][0], spheres[i][1], spheres[i][2]))
-                .collect(),
+            positions: kept().map(|i| centre(&spheres[i])).collect(),
             radii: kept().map(|i| spheres[i][3]).collect(),
             bodies: kept().map(|i| body[i]).collect(),
             body_volumes: bodies.iter().map(Container::volume).collect(),
@@ -126,7 +124,7 @@ fn refuse_crossing(bodies: &[Container], filled: &[Filled]) -> Result<()> {
         for (o, other) in bodies.iter().enumerate().filter(|(o, _)| *o != k) {
             let (low, high) = other.bounds();
             let inside = |s: &&Sphere| {
-                let x = Vector3::new(s[0], s[1], s[2]);
+                let x = centre(s);
                 (0..3).all(|a| x[a] > low[a] && x[a] < high[a]) && other.contains(&x)
             };
             if let Some(s) = f.spheres.iter().find(inside) {

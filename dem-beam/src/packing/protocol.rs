@@ -13,11 +13,12 @@
 
 use super::assemble::{Filled, Packing};
 use super::bonding::bond_and_trim;
-use super::cells::Sphere;
+use super::cells::{Sphere, centre};
 use super::container::Container;
 use super::narrow;
 use super::parts::Loose;
 use super::relax::{Relaxed, SoftSpheres};
+use super::size::{JAMMED, SPREAD};
 use crate::error::{Error, Result, positive};
 use crate::kernel::order::morton_key;
 use crate::particles::MAX_RADIUS_RATIO;
@@ -71,7 +72,7 @@ impl PackingSpec {
         Self {
             container,
             count,
-            spread: 0.25,
+            spread: SPREAD,
             coordination: 6.2,
             loose: Loose::default(),
             compaction: Compaction::Onset { overlap: 5e-4 },
@@ -198,7 +199,7 @@ impl PackingSpec {
             };
             spheres.push([x.x, x.y, x.z, r]);
         }
-        let key = |s: &Sphere| morton_key(&Vector3::new(s[0], s[1], s[2]), &low, &high);
+        let key = |s: &Sphere| morton_key(&centre(s), &low, &high);
         spheres.sort_by_key(key);
         Ok(spheres)
     }
@@ -278,8 +279,6 @@ fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
 
 /// Fewest mean diameters across a body before spheres are grown at all.
 const LEAST_ACROSS: f64 = 1.5;
-/// Volume fraction at which packings jam.
-const JAMMED: f64 = 0.615;
 /// Volume fraction of the random start.
 const START_FRACTION: f64 = 0.5;
 /// Growth of the volume fraction per relaxation on the way to jamming.
