@@ -57,11 +57,11 @@ impl BeamMaterial {
         positive("beam radius ratio", self.radius_ratio)?;
         positive("mean particle radius", mean_radius)?;
         if !(self.poisson > -1.0 && self.poisson <= 0.5) {
-            return Err(Error::OutOfRange {
-                name: "beam Poisson's ratio",
-                value: self.poisson,
-                range: "(-1, 0.5]",
-            });
+            return Err(Error::out_of_range(
+                "beam Poisson's ratio",
+                self.poisson,
+                "(-1, 0.5]",
+            ));
         }
         let radius = self.radius_ratio * mean_radius;
         let area = std::f64::consts::PI * radius * radius;

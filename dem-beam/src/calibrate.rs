@@ -95,11 +95,7 @@ pub(crate) fn end_layers(body: &BondedParticles, bar: &Bar) -> Result<[Vec<usize
     let names = ["particles at the first end", "particles at the second end"];
     match names.into_iter().zip(&ends).find(|(_, end)| end.is_empty()) {
         None => Ok(ends),
-        Some((name, _)) => Err(Error::OutOfRange {
-            name,
-            value: 0.0,
-            range: "values >= 1",
-        }),
+        Some((name, _)) => Err(Error::out_of_range(name, 0.0, "values >= 1")),
     }
 }
 
@@ -160,11 +156,11 @@ fn gradient(points: impl Iterator<Item = (Vector3<f64>, f64)> + Clone) -> Result
         a += d * d.transpose();
         b += d * (u - mean);
     }
-    a.try_inverse().map(|a| a * b).ok_or(Error::OutOfRange {
-        name: "particles in the gauge section",
-        value: count,
-        range: "at least four that are not coplanar",
-    })
+    a.try_inverse().map(|a| a * b).ok_or(Error::out_of_range(
+        "particles in the gauge section",
+        count,
+        "at least four that are not coplanar",
+    ))
 }
 
 /// Mean and standard deviation.

@@ -142,10 +142,10 @@ fn step_of(lambda: f64) -> Result<f64> {
     if lambda.is_finite() && lambda > 0.0 {
         Ok(2.0 / lambda.sqrt())
     } else {
-        Err(Error::OutOfRange {
-            name: "largest squared frequency",
-            value: lambda,
-            range: "finite values > 0: the body needs mass and stiffness",
-        })
+        Err(Error::out_of_range(
+            "largest squared frequency",
+            lambda,
+            "finite values > 0: the body needs mass and stiffness",
+        ))
     }
 }

@@ -426,13 +426,17 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
+    pub(crate) fn out_of_range(name: &'static str, value: f64, range: &'static str) -> Self {
+        Self::OutOfRange { name, value, range }
+    }
+
     /// A triangle that names a vertex that does not exist.
     pub(crate) fn no_vertex(vertex: u32) -> Self {
-        Self::OutOfRange {
-            name: "vertex number of a triangle",
-            value: f64::from(vertex),
-            range: "numbers below the number of vertices",
-        }
+        Self::out_of_range(
+            "vertex number of a triangle",
+            f64::from(vertex),
+            "numbers below the number of vertices",
+        )
     }
 }
 
@@ -455,10 +459,6 @@ pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
     if value.is_finite() && value > 0.0 {
         Ok(())
     } else {
-        Err(Error::OutOfRange {
-            name,
-            value,
-            range: "finite values > 0",
-        })
+        Err(Error::out_of_range(name, value, "finite values > 0"))
     }
 }

@@ -161,11 +161,7 @@ impl BondedParticles {
         for (b, &w) in weights.iter().enumerate() {
             finite("weight", "bond", b, w)?;
             if w < 0.0 {
-                return Err(Error::OutOfRange {
-                    name: "bond weight",
-                    value: w,
-                    range: "values >= 0",
-                });
+                return Err(Error::out_of_range("bond weight", w, "values >= 0"));
             }
         }
         for (bond, &w) in self.bonds.iter_mut().zip(weights) {
@@ -357,11 +353,7 @@ pub(crate) fn expect_len(what: &'static str, found: usize, expected: usize) -> R
 pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result<()> {
     expect_len("radii", radii.len(), positions.len())?;
     if positions.is_empty() {
-        return Err(Error::OutOfRange {
-            name: "number of particles",
-            value: 0.0,
-            range: "values >= 1",
-        });
+        return Err(Error::out_of_range("number of particles", 0.0, "values >= 1"));
     }
     for (i, p) in positions.iter().enumerate() {
         for c in p.iter() {

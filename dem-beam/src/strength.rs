@@ -84,11 +84,11 @@ pub fn strength_test(
     let rest = Rest::new(&model, bar)?;
     let load = rest.load(&model);
     if !(load.is_finite() && load > 0.0) {
-        return Err(Error::OutOfRange {
-            name: "load of the bonds under tension",
-            value: load,
-            range: "finite values > 0: the bar must carry tension",
-        });
+        return Err(Error::out_of_range(
+            "load of the bonds under tension",
+            load,
+            "finite values > 0: the bar must carry tension",
+        ));
     }
     // The energy per section grows with the square of the elongation.
     let first = match fracture.criterion {

@@ -54,7 +54,7 @@ impl ContactLaw {
         positive("contact modulus", self.modulus)?;
         positive("shear ratio of contact", self.shear_ratio)?;
         positive("skin of the neighbour list", self.skin)?;
-        let bad = |name, value, range| Err(Error::OutOfRange { name, value, range });
+        let bad = |name, value, range| Err(Error::out_of_range(name, value, range));
         if !(self.restitution >= LEAST_RESTITUTION && self.restitution <= 1.0) {
             return bad("coefficient of restitution", self.restitution, "[0.15, 1]");
         }

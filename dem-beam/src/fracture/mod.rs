@@ -77,11 +77,11 @@ impl Fracture {
         positive("bond strength", self.strength)?;
         self.scatter.check()?;
         if self.every == 0 {
-            return Err(Error::OutOfRange {
-                name: "steps between checks of the bonds",
-                value: 0.0,
-                range: "values >= 1",
-            });
+            return Err(Error::out_of_range(
+                "steps between checks of the bonds",
+                0.0,
+                "values >= 1",
+            ));
         }
         Ok(())
     }

@@ -41,11 +41,11 @@ impl Shape {
         let unit = |name, v: Vector3<f64>| {
             v.try_normalize(0.0)
                 .filter(|v| v.iter().all(|c| c.is_finite()))
-                .ok_or(Error::OutOfRange {
+                .ok_or(Error::out_of_range(
                     name,
-                    value: v.norm(),
-                    range: "finite vectors other than zero",
-                })
+                    v.norm(),
+                    "finite vectors other than zero",
+                ))
         };
         Ok(match self {
             Self::Plane { point, normal } => Self::Plane {
@@ -79,11 +79,11 @@ impl Shape {
                 Ok(Some((*radius, inertia)))
             }
             (_, None) => Ok(None),
-            (_, Some(value)) => Err(Error::OutOfRange {
-                name: "moment of inertia of a plane or cylinder, which moves without turning,",
-                value: *value,
-                range: "none: leave it out, or make the obstacle a sphere",
-            }),
+            (_, Some(value)) => Err(Error::out_of_range(
+                "moment of inertia of a plane or cylinder, which moves without turning,",
+                *value,
+                "none: leave it out, or make the obstacle a sphere",
+            )),
         }
     }
 

@@ -206,19 +206,15 @@ impl PackingSpec {
 
     fn check(&self) -> Result<()> {
         if self.count == 0 || self.count > u32::MAX as usize / 32 {
-            return Err(Error::OutOfRange {
-                name: "number of spheres",
-                value: self.count as f64,
-                range: "1 to 134 217 727",
-            });
+            return Err(Error::out_of_range(
+                "number of spheres",
+                self.count as f64,
+                "1 to 134 217 727",
+            ));
         }
         positive("coordination number", self.coordination)?;
         if !(self.spread >= 0.0 && self.spread < 1.0) {
-            return Err(Error::OutOfRange {
-                name: "radius spread",
-                value: self.spread,
-                range: "[0, 1)",
-            });
+            return Err(Error::out_of_range("radius spread", self.spread, "[0, 1)"));
         }
         let ratio = (1.0 + self.spread) / (1.0 - self.spread);
         if ratio > MAX_RADIUS_RATIO * (1.0 + 1e-9) {
@@ -234,11 +230,7 @@ impl PackingSpec {
             Compaction::Quench { fraction } => ("volume fraction", fraction),
         };
         if !(value > 0.0 && value < 0.75) {
-            return Err(Error::OutOfRange {
-                name,
-                value,
-                range: "(0, 0.75)",
-            });
+            return Err(Error::out_of_range(name, value, "(0, 0.75)"));
         }
         Ok(())
     }
