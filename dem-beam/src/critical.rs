@@ -60,7 +60,7 @@ pub fn lanczos(body: &BondedParticles) -> Result<f64> {
     let inertia = body.mass().iter().chain(body.inertia());
     let root: Vec<f64> = inertia.flat_map(|m| [root(m); 3]).collect();
     let mut bonds = Gather::<Linear>::new(body);
-    step_of(largest(&root, &mut |q, f| bonds.add(q, f, None, None)))
+    step_of(largest(&root, &mut |q, f| bonds.add(q, f, None)))
 }
 
 /// Most iterations; about sixty settle the top of the spectrum.
