@@ -1,7 +1,7 @@
 //! The particles of one model as contacts see them.
 
 use super::body::ContactBody;
-use super::purse::End;
+use super::budget::End;
 use crate::bond::Twist;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::{Host, Instant};
@@ -121,7 +121,7 @@ impl Grains {
         }
     }
 
-    /// Moves the forces on particle `i` to `f`; nothing is left to move if it is met again.
+    /// Moves the forces on particle `i` to `f`; nothing is left to move if it comes up again.
     pub(crate) fn deliver(&mut self, i: usize, f: &mut [f64]) {
         for o in self.unknowns(i) {
             f[o] += std::mem::take(&mut self.own[o]);

@@ -112,7 +112,7 @@ impl ContactLaw {
     }
 
     /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy of the springs; moves them on by
-    /// a step `dt`. What the contact can pay for, `purse.rs` says.
+    /// a step `dt`. What the budget of the contact covers, `budget.rs` says.
     pub(crate) fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
         let n = p.normal;
         let k = p.share * self.stiffness(p.radii);
@@ -183,14 +183,14 @@ pub(crate) struct Spring {
     pub(crate) slide: Vector3<f64>,
     pub(crate) roll: Vector3<f64>,
     /// Energy taken in since touch and not given back (J).
-    pub(crate) purse: f64,
+    pub(crate) budget: f64,
 }
 
 impl Spring {
-    /// As numbers, `slide`, `roll` and the purse; whether it is on is an integer of its own.
+    /// As numbers, `slide`, `roll` and the budget; whether it is on is an integer of its own.
     pub(crate) fn numbers(&self) -> [f64; 7] {
         let (s, r) = (self.slide, self.roll);
-        [s.x, s.y, s.z, r.x, r.y, r.z, self.purse]
+        [s.x, s.y, s.z, r.x, r.y, r.z, self.budget]
     }
 
     /// Undoes [`Self::numbers`].
@@ -199,7 +199,7 @@ impl Spring {
             on,
             slide: Vector3::new(x[0], x[1], x[2]),
             roll: Vector3::new(x[3], x[4], x[5]),
-            purse: x[6],
+            budget: x[6],
         }
     }
 }
