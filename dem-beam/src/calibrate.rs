@@ -21,16 +21,16 @@ pub struct Bar {
     pub start: f64,
     /// Length.
     pub length: f64,
-    /// Area of the section (m^2).
+    /// Area of the section \[m²\].
     pub area: f64,
 }
 
 /// What a tension test shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Elasticity {
-    /// Young's modulus over the whole bar (Pa).
+    /// Young's modulus over the whole bar \[Pa\].
     pub young: f64,
-    /// Young's modulus from the strain of the gauge section (Pa).
+    /// Young's modulus from the strain of the gauge section \[Pa\].
     pub young_gauge: f64,
     /// Poisson's ratio from the gauge section.
     pub poisson: f64,
@@ -189,9 +189,9 @@ impl Spread {
 /// Elasticity over several packings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Statistics {
-    /// Young's modulus over the whole bar (Pa).
+    /// Young's modulus over the whole bar \[Pa\].
     pub young: Spread,
-    /// Young's modulus of the gauge section (Pa).
+    /// Young's modulus of the gauge section \[Pa\].
     pub young_gauge: Spread,
     /// Poisson's ratio.
     pub poisson: Spread,
@@ -243,7 +243,7 @@ pub struct Calibration {
     pub tests: usize,
 }
 
-/// Finds `E_mu` and the beam radius ratio for a wanted E (Pa) and nu of bars, by [`beam_for`].
+/// Finds `E_mu` and the beam radius ratio for a wanted E \[Pa\] and nu of bars, by [`beam_for`].
 ///
 /// # Errors
 /// Those of [`beam_for`] and [`measure`].
@@ -273,7 +273,7 @@ pub const RATIOS: [f64; 2] = [0.2, 1.5];
 /// How near the wanted Poisson's ratio is met: below any seed spread.
 const NEAR: f64 = 1e-4;
 
-/// Finds the beams for a wanted E (Pa) and nu, whatever `test` measures them by: it gives E (Pa) and nu that beams
+/// Finds the beams for a wanted E \[Pa\] and nu, whatever `test` measures them by: it gives E \[Pa\] and nu that beams
 /// lead to. nu depends on the radius ratio alone and falls with it; E is proportional to that of the beams.
 ///
 /// # Errors
@@ -334,5 +334,5 @@ pub fn beam_for(
     })
 }
 
-/// Modulus of the beams while their radius is sought (Pa); the law is linear, so any value does.
+/// Modulus of the beams while their radius is sought \[Pa\]; the law is linear, so any value does.
 const UNIT: f64 = 1e9;

@@ -28,7 +28,7 @@ pub(crate) fn diagonal_blocks(body: &BondedParticles) -> Vec<Matrix6<f64>> {
     out
 }
 
-/// A step (s) that is safe for velocity Verlet, whatever the packing.
+/// A step \[s\] that is safe for velocity Verlet, whatever the packing.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] if no particle has both mass and stiffness.

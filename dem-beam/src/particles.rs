@@ -41,25 +41,25 @@ pub struct BondedParticles {
 pub struct Matter {
     /// Beams.
     pub beam: BeamMaterial,
-    /// Mass density of the body (kg/m^3).
+    /// Mass density of the body \[kg/m³\].
     pub density: f64,
-    /// Volume of the body the particles stand for (m^3); their masses sum to `density * volume`.
+    /// Volume of the body the particles stand for \[m³\]; their masses sum to `density * volume`.
     pub volume: f64,
 }
 
 /// What spheres have besides centres, radii and bonds.
 #[derive(Debug)]
 pub(crate) struct Grains<'a> {
-    /// Volume each stands for (m^3).
+    /// Volume each stands for \[m³\].
     pub(crate) volumes: &'a [f64],
     /// Whether some may have no bond.
     pub(crate) loose: bool,
-    /// Edges of the periodic box (m).
+    /// Edges of the periodic box \[m\].
     pub(crate) period: Option<[f64; 3]>,
 }
 
 impl BondedParticles {
-    /// Joins spheres at `positions` (m) with radii `radii` (m) by beams between `pairs`.
+    /// Joins spheres at `positions` \[m\] with radii `radii` \[m\] by beams between `pairs`.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`], [`Error::NotFinite`], [`Error::BadRadius`],
@@ -209,13 +209,13 @@ impl BondedParticles {
         self.positions.is_empty()
     }
 
-    /// Centres (m).
+    /// Centres \[m\].
     #[must_use]
     pub fn positions(&self) -> &[Vector3<f64>] {
         &self.positions
     }
 
-    /// Radii (m).
+    /// Radii \[m\].
     #[must_use]
     pub fn radii(&self) -> &[f64] {
         &self.radii
@@ -245,13 +245,13 @@ impl BondedParticles {
         &self.weights
     }
 
-    /// Masses, weights included (kg).
+    /// Masses, weights included \[kg\].
     #[must_use]
     pub fn mass(&self) -> &[f64] {
         &self.mass
     }
 
-    /// Rotational inertias, weights included (kg m^2).
+    /// Rotational inertias, weights included \[kg m²\].
     #[must_use]
     pub fn inertia(&self) -> &[f64] {
         &self.inertia
@@ -288,7 +288,7 @@ impl BondedParticles {
         Ok(())
     }
 
-    /// Elastic energy of all bonds (J).
+    /// Elastic energy of all bonds \[J\].
     ///
     /// # Errors
     /// [`Error::LengthMismatch`].

@@ -35,7 +35,7 @@ const GIVEN_UP: f64 = 12.0;
 const WINDOW: f64 = 0.2;
 /// A bar has broken when its force has fallen to this part of the highest.
 const FALLEN: f64 = 0.5;
-/// Density (kg/m^3): results do not depend on it.
+/// Density \[kg/m³\]: results do not depend on it.
 const DENSITY: f64 = 1000.0;
 /// Residual and most iterations of the static solution.
 const SOLVE: (f64, usize) = (1e-6, 50_000);
@@ -43,19 +43,19 @@ const SOLVE: (f64, usize) = (1e-6, 50_000);
 /// What a bar showed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Strength {
-    /// Highest mean stress over the section (Pa).
+    /// Highest mean stress over the section \[Pa\].
     pub peak: f64,
-    /// Stress at which the first bond breaks (Pa).
+    /// Stress at which the first bond breaks \[Pa\].
     pub first: f64,
     /// Mean strain at the peak.
     pub strain: f64,
-    /// Young's modulus before anything breaks (Pa).
+    /// Young's modulus before anything breaks \[Pa\].
     pub young: f64,
     /// Bonds broken up to the peak.
     pub broken: usize,
     /// Bonds in all.
     pub bonds: usize,
-    /// Nominal stress of the beams (Pa): their strength; for [`Criterion::Energy`] the axial stress `√(2 E_b G/d)` at
+    /// Nominal stress of the beams \[Pa\]: their strength; for [`Criterion::Energy`] the axial stress `√(2 E_b G/d)` at
     /// which a beam of a mean diameter `d` holds the energy per section `G`.
     pub beam: f64,
 }
@@ -120,7 +120,7 @@ pub fn strength_test(
 
 /// The bar in equilibrium under a small elongation.
 struct Rest {
-    /// Unknowns of the model: displacements (m), then rotations.
+    /// Unknowns of the model: displacements \[m\], then rotations.
     q: Vec<f64>,
     /// Particles at the two ends.
     ends: [Vec<usize>; 2],
@@ -169,11 +169,11 @@ impl Rest {
 }
 
 struct Pull {
-    /// Elongation at the first broken bond (m).
+    /// Elongation at the first broken bond \[m\].
     first: f64,
-    /// Of a wave along the bar (s).
+    /// Of a wave along the bar \[s\].
     transit: f64,
-    /// Time of the stiffness damping (s).
+    /// Time of the stiffness damping \[s\].
     damping: f64,
 }
 
@@ -246,7 +246,7 @@ impl Pull {
     }
 }
 
-/// Work of the ends so far (J).
+/// Work of the ends so far \[J\].
 fn supplied(run: &Coupled<f64>) -> f64 {
     let all = run.works();
     all.iter().find(|w| w.name == "supports").map_or(0.0, |w| w.work)

@@ -10,7 +10,7 @@ use arlequin_core::Model;
 pub struct ContactBody {
     pub(super) name: String,
     pub(super) spheres: Vec<Sphere>,
-    /// Unweighted masses (kg).
+    /// Unweighted masses \[kg\].
     pub(super) mass: Vec<f64>,
 }
 
@@ -31,7 +31,7 @@ impl ContactBody {
         &self.name
     }
 
-    /// Pairs of particles of this and another model, displaced by `q` (m), that overlap by more than `tolerance` of the
+    /// Pairs of particles of this and another model, displaced by `q` \[m\], that overlap by more than `tolerance` of the
     /// sum of their radii beyond rest: how many, and the largest overlap over that sum; `None` if there are none.
     #[must_use]
     pub fn overlaps(&self, other: &Self, q: [&[f64]; 2], tolerance: f64) -> Option<(usize, f64)> {

@@ -18,7 +18,7 @@ const LEAST_RESTITUTION: f64 = 0.15;
 /// Parameters of contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactLaw {
-    /// Modulus `E` of the normal spring (Pa); that of the packing is a good value.
+    /// Modulus `E` of the normal spring \[Pa\]; that of the packing is a good value.
     pub modulus: f64,
     /// Coefficient of restitution of a collision of two free spheres, 0.15 to 1 (elastic).
     pub restitution: f64,
@@ -89,7 +89,7 @@ impl ContactLaw {
         low
     }
 
-    /// Unweighted normal stiffness (N/m).
+    /// Unweighted normal stiffness \[N/m\].
     pub(crate) fn stiffness(&self, [a, b]: [f64; 2]) -> f64 {
         2.0 * self.modulus * a * b / (a + b)
     }
@@ -163,10 +163,10 @@ fn capped(x: Vector3<f64>, limit: f64) -> Vector3<f64> {
 pub(crate) struct Pair {
     /// From the first to the second.
     pub(crate) normal: Vector3<f64>,
-    /// Overlap beyond rest (m).
+    /// Overlap beyond rest \[m\].
     pub(crate) gap: f64,
     pub(crate) radii: [f64; 2],
-    /// Distances of the centres from the point of contact (m); they sum to the distance of the centres.
+    /// Distances of the centres from the point of contact \[m\]; they sum to the distance of the centres.
     pub(crate) arms: [f64; 2],
     /// Factor on the stiffness (weights).
     pub(crate) share: f64,
@@ -182,7 +182,7 @@ pub(crate) struct Spring {
     pub(crate) on: bool,
     pub(crate) slide: Vector3<f64>,
     pub(crate) roll: Vector3<f64>,
-    /// Energy taken in since touch and not given back (J).
+    /// Energy taken in since touch and not given back \[J\].
     pub(crate) budget: f64,
 }
 
@@ -209,7 +209,7 @@ impl Spring {
 pub(crate) struct Response {
     pub(crate) force: Vector3<f64>,
     pub(crate) torque: [Vector3<f64>; 2],
-    /// Weighted normal stiffness (N/m).
+    /// Weighted normal stiffness \[N/m\].
     pub(crate) stiffness: f64,
     pub(crate) stored: f64,
 }

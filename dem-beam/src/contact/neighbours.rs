@@ -16,7 +16,7 @@ const CHUNK: usize = 512;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Candidate {
     pub(crate) ends: [u32; 2],
-    /// Distance below which it pushes (m).
+    /// Distance below which it pushes \[m\].
     pub(crate) rest: f64,
 }
 
@@ -199,7 +199,7 @@ pub(crate) struct PairList {
 }
 
 impl PairList {
-    /// An empty list; the first refresh fills it. `skin` (m) is by how much more than touching the pairs reach.
+    /// An empty list; the first refresh fills it. `skin` \[m\] is by how much more than touching the pairs reach.
     pub(crate) fn new(body: &BondedParticles, skin: f64) -> Self {
         Self {
             listed: Listed::new(skin),

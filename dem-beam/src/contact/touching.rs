@@ -27,12 +27,12 @@ struct Active {
     /// Number in the list.
     pair: usize,
     ends: [u32; 2],
-    /// Force on the second particle (N), the first feels its opposite.
+    /// Force on the second particle \[N\], the first feels its opposite.
     force: Vector3<f64>,
-    /// Generalised torques on both (N m).
+    /// Generalised torques on both \[N m\].
     torque: [Vector3<f64>; 2],
     stored: f64,
-    /// Power on the velocity after the step, as far as the forces on the particles were known (W).
+    /// Power on the velocity after the step, as far as the forces on the particles were known \[W\].
     expected: f64,
 }
 
@@ -70,7 +70,7 @@ impl Touching {
         }
     }
 
-    /// Overlaps (m) of all listed pairs.
+    /// Overlaps \[m\] of all listed pairs.
     fn measure(&mut self, pairs: &[Candidate], grains: &[Grains]) {
         self.gaps.resize(pairs.len(), 0.0);
         let (first, second) = (&grains[0].now, &grains[grains.len() - 1].now);

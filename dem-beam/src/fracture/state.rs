@@ -303,7 +303,7 @@ impl FractureState {
     }
 }
 
-/// Middle of a bond in the reference configuration (m).
+/// Middle of a bond in the reference configuration \[m\].
 fn middle(body: &BondedParticles, b: usize) -> Vector3<f64> {
     let [i, j] = body.pairs()[b].map(|i| body.positions()[i as usize]);
     (i + j) * 0.5

@@ -68,7 +68,7 @@ pub struct DemModel {
     name: String,
     body: BondedParticles,
     nodes: Vec<Point3<f64>>,
-    /// Unweighted mass (kg) and rotational inertia (kg m^2).
+    /// Unweighted mass \[kg\] and rotational inertia \[kg m²\].
     mass: Vec<f64>,
     inertia: Vec<f64>,
     /// Packing number of each particle, and the inverse.
@@ -85,7 +85,7 @@ pub struct DemModel {
 }
 
 impl DemModel {
-    /// A packing of beams `beam` and density `density` (kg/m^3), which times the volume each sphere stands for is its mass.
+    /// A packing of beams `beam` and density `density` \[kg/m³\], which times the volume each sphere stands for is its mass.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -115,7 +115,7 @@ impl DemModel {
         Ok(model)
     }
 
-    /// Any spheres (m) with given bonds.
+    /// Any spheres \[m\] with given bonds.
     ///
     /// # Errors
     /// As [`BondedParticles::new`], with the numbers given.
@@ -218,13 +218,13 @@ impl DemModel {
         &self.places
     }
 
-    /// Unweighted masses (kg).
+    /// Unweighted masses \[kg\].
     #[must_use]
     pub fn masses(&self) -> &[f64] {
         &self.mass
     }
 
-    /// Unweighted rotational inertias (kg m^2).
+    /// Unweighted rotational inertias \[kg m²\].
     #[must_use]
     pub fn inertias(&self) -> &[f64] {
         &self.inertia

@@ -15,11 +15,11 @@ pub struct DemReport {
     pub bonds: usize,
     /// Twice the bonds over the particles.
     pub coordination: f64,
-    /// Unweighted mass (kg).
+    /// Unweighted mass \[kg\].
     pub mass: f64,
-    /// Volume of the body (m^3).
+    /// Volume of the body \[m³\].
     pub volume: f64,
-    /// Mean particle radius (m).
+    /// Mean particle radius \[m\].
     pub mean_radius: f64,
     /// Whether rotations may be large.
     pub finite_rotations: bool,

@@ -27,7 +27,7 @@ impl DemModel {
             .collect()
     }
 
-    /// Particles that touch the plane through `wall` (m) with the given normal (any length, either
+    /// Particles that touch the plane through `wall` \[m\] with the given normal (any length, either
     /// side): the layer to clamp. A thicker layer would shorten the body.
     #[must_use]
     pub fn clamp_layer(&self, wall: &Point3<f64>, normal: &Vector3<f64>) -> Vec<usize> {
@@ -83,7 +83,7 @@ impl DemModel {
         particles.iter().flat_map(of).collect()
     }
 
-    /// A force (N) shared among particles, as `(unknown, force)`.
+    /// A force \[N\] shared among particles, as `(unknown, force)`.
     ///
     /// ```
     /// use dem_beam::packing::{Lattice, lattice};
@@ -118,7 +118,7 @@ impl DemModel {
         Ok(out)
     }
 
-    /// A torque (N m) as forces without resultant, `f_i = s_i w x (x_i - x_s)` about the centroid
+    /// A torque \[N m\] as forces without resultant, `f_i = s_i w x (x_i - x_s)` about the centroid
     /// `x_s` of the shares, with `w` such that the moment of all is `torque`.
     ///
     /// # Errors

@@ -29,14 +29,14 @@ use near::Near;
 #[derive(Debug, Clone, Copy)]
 struct Active {
     particle: u32,
-    /// Force on the particle (N).
+    /// Force on the particle \[N\].
     force: Vector3<f64>,
-    /// Generalised torque on it (N m).
+    /// Generalised torque on it \[N m\].
     torque: Vector3<f64>,
-    /// Torque on the obstacle, if it turns (N m).
+    /// Torque on the obstacle, if it turns \[N m\].
     back: Vector3<f64>,
     stored: f64,
-    /// Power on the velocities of particle and obstacle after the step, as far as they were known (W).
+    /// Power on the velocities of particle and obstacle after the step, as far as they were known \[W\].
     expected: f64,
 }
 
@@ -60,7 +60,7 @@ struct Body {
     started: bool,
     /// Radius and moment of inertia, if it turns.
     turning: Option<(f64, f64)>,
-    /// Angular velocity half a step earlier (rad/s), torque of the particles on it (N m).
+    /// Angular velocity half a step earlier \[rad/s\], torque of the particles on it \[N m\].
     spin: Vector3<f64>,
     torque: Vector3<f64>,
     /// Displacement, velocity half a step earlier, force of the particles on the obstacle.

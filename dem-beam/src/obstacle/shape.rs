@@ -9,25 +9,25 @@ use nalgebra::{Point3, Vector3};
 pub enum Shape {
     /// Half-space behind a plane.
     Plane {
-        /// A point of the plane (m).
+        /// A point of the plane \[m\].
         point: Point3<f64>,
         /// Towards the particles, any length.
         normal: Vector3<f64>,
     },
     /// Ball.
     Sphere {
-        /// Centre (m).
+        /// Centre \[m\].
         centre: Point3<f64>,
-        /// Radius (m).
+        /// Radius \[m\].
         radius: f64,
     },
     /// Endless cylinder: a roller.
     Cylinder {
-        /// A point of the axis (m).
+        /// A point of the axis \[m\].
         point: Point3<f64>,
         /// Direction of the axis, any length.
         axis: Vector3<f64>,
-        /// Radius (m).
+        /// Radius \[m\].
         radius: f64,
     },
 }
@@ -111,22 +111,22 @@ impl Shape {
 pub enum Motion {
     /// Not at all.
     Fixed,
-    /// At a constant velocity (m/s) from time zero on.
+    /// At a constant velocity \[m/s\] from time zero on.
     Velocity(Vector3<f64>),
-    /// Displacement `amplitude f(t)` (m).
+    /// Displacement `amplitude f(t)` \[m\].
     Prescribed {
-        /// Amplitude (m).
+        /// Amplitude \[m\].
         amplitude: Vector3<f64>,
         /// Time function.
         time: TimeFunction<f64>,
     },
     /// By its own inertia.
     Free {
-        /// Mass (kg).
+        /// Mass \[kg\].
         mass: f64,
-        /// Velocity at time zero (m/s).
+        /// Velocity at time zero \[m/s\].
         velocity: Vector3<f64>,
-        /// Moment of inertia of a ball (kg m^2); that of a full one, `2/5 m R^2`, by default. Other shapes do not turn.
+        /// Moment of inertia of a ball \[kg m²\]; that of a full one, `2/5 m R^2`, by default. Other shapes do not turn.
         inertia: Option<f64>,
     },
 }

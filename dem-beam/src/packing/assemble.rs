@@ -12,21 +12,21 @@ use nalgebra::Vector3;
 /// Spheres and bonds; see [`super::parts`] for what stays and what each sphere weighs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Packing {
-    /// Centres (m).
+    /// Centres \[m\].
     pub positions: Vec<Vector3<f64>>,
-    /// Radii (m).
+    /// Radii \[m\].
     pub radii: Vec<f64>,
     /// Bonded pairs, smaller number first, in ascending order.
     pub pairs: Vec<[u32; 2]>,
     /// Body each sphere lies in, from 0.
     pub bodies: Vec<u32>,
-    /// Volume of each body (m^3), less what cuts took; its spheres stand for it.
+    /// Volume of each body \[m³\], less what cuts took; its spheres stand for it.
     pub body_volumes: Vec<f64>,
     /// Whether loose spheres stayed ([`super::Loose::Keep`]).
     pub loose: bool,
-    /// Volume of the container (m^3): the bodies the spheres stand for.
+    /// Volume of the container \[m³\]: the bodies the spheres stand for.
     pub volume: f64,
-    /// Edges of the periodic box (m) the centres lie in, if the packing fills one.
+    /// Edges of the periodic box \[m\] the centres lie in, if the packing fills one.
     pub period: Option<[f64; 3]>,
     /// What came out.
     pub report: PackingReport,
@@ -104,7 +104,7 @@ impl Packing {
         })
     }
 
-    /// Particles with beams and masses: `density` (kg/m^3) times the volume each sphere stands for.
+    /// Particles with beams and masses: `density` \[kg/m³\] times the volume each sphere stands for.
     ///
     /// # Errors
     /// As [`BondedParticles::new`], except that loose spheres that were kept are no error; [`Error::Periodic`].

@@ -46,7 +46,7 @@ pub(crate) fn image(mut d: [f64; 3], period: &[f64; 3]) -> [f64; 3] {
 /// Cells of equal size with the particles in each.
 #[derive(Debug, Default)]
 pub(crate) struct CellList {
-    /// Edges of the periodic box at the origin, if it is one (m).
+    /// Edges of the periodic box at the origin, if it is one \[m\].
     period: Option<[f64; 3]>,
     low: Vector3<f64>,
     inverse: [f64; 3],

@@ -37,7 +37,7 @@ impl Lattice {
     }
 }
 
-/// `cells` cells along each axis of touching spheres of radius `radius` (m), bonded to their
+/// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their
 /// nearest neighbours. The lattice starts at the origin; the body is the box of the cells.
 ///
 /// # Errors

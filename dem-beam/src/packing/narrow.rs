@@ -66,7 +66,7 @@ pub fn expected(across: f64) -> Narrow {
     }
 }
 
-/// Narrowest width of a body (m); none without walls. For surfaces twice the largest distance of a point from the wall, up
+/// Narrowest width of a body \[m\]; none without walls. For surfaces twice the largest distance of a point from the wall, up
 /// to some sixteen mean diameters.
 fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
     match body {
@@ -85,7 +85,7 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
     }
 }
 
-/// Largest distance from the wall near `x`, by steps that shrink from `step` (m): centres lie beside the middle of a body.
+/// Largest distance from the wall near `x`, by steps that shrink from `step` \[m\]: centres lie beside the middle of a body.
 fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64) -> f64 {
     let mut best = gap(&x);
     for _ in 0..6 {

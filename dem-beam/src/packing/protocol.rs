@@ -251,7 +251,7 @@ fn share(count: usize, bodies: &[Container]) -> Vec<usize> {
     out
 }
 
-/// Refuses spheres of mean radius `start` (m) before they grow that are nearly as wide as their body. The bounds of a
+/// Refuses spheres of mean radius `start` \[m\] before they grow that are nearly as wide as their body. The bounds of a
 /// surface may be wider than the body; its report knows better.
 fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
     let (low, high) = container.bounds();

@@ -22,9 +22,9 @@ pub struct PackingReport {
     pub coordination_interior: f64,
     /// Sphere volume (all spheres) over container volume.
     pub volume_fraction: f64,
-    /// Mean radius of the retained spheres (m).
+    /// Mean radius of the retained spheres \[m\].
     pub mean_radius: f64,
-    /// Smallest and largest radius of the retained spheres (m).
+    /// Smallest and largest radius of the retained spheres \[m\].
     pub radius_range: [f64; 2],
     /// Retained spheres per equal bin of the radius range.
     pub radius_histogram: [usize; HISTOGRAM_BINS],
