@@ -15,7 +15,8 @@
 use crate::bond::Twist;
 use crate::error::{Error, Result};
 use crate::particles::BondedParticles;
-use nalgebra::{Matrix6, Vector3};
+use arlequin_core::spectrum;
+use nalgebra::Matrix6;
 
 /// Diagonal blocks of the stiffness.
 pub(crate) fn diagonal_blocks(body: &BondedParticles) -> Vec<Matrix6<f64>> {
@@ -62,88 +63,34 @@ pub fn lanczos(body: &BondedParticles, steps: usize) -> Result<f64> {
             range: "values >= 1",
         });
     }
-    let n = body.len();
     let root = |m: f64| if m > 0.0 { m.sqrt().recip() } else { 0.0 };
-    let scale: Vec<[f64; 2]> = body
-        .mass()
-        .iter()
-        .zip(body.inertia())
-        .map(|(&m, &i)| [root(m), root(i)])
-        .collect();
-    let weigh = |x: &[Twist]| -> Vec<Twist> {
-        x.iter()
-            .zip(&scale)
-            .map(|(x, s)| Twist {
-                linear: x.linear * s[0],
-                angular: x.angular * s[1],
-            })
-            .collect()
-    };
-    let dot = |a: &[Twist], b: &[Twist]| -> f64 {
-        a.iter()
-            .zip(b)
-            .map(|(a, b)| a.linear.dot(&b.linear) + a.angular.dot(&b.angular))
-            .sum()
-    };
-    // A start without symmetry, the same every time.
-    let noise = |p: usize, c: usize| ((p * 6 + c) as f64 * 12.9898).sin() + 0.1;
-    let mut v: Vec<Twist> = (0..n)
-        .map(|p| Twist {
-            linear: Vector3::new(noise(p, 0), noise(p, 1), noise(p, 2)) * f64::from(scale[p][0] > 0.0),
-            angular: Vector3::new(noise(p, 3), noise(p, 4), noise(p, 5)) * f64::from(scale[p][1] > 0.0),
-        })
-        .collect();
-    let norm = dot(&v, &v).sqrt();
-    v.iter_mut().for_each(|x| {
-        *x = Twist {
-            linear: x.linear / norm,
-            angular: x.angular / norm,
+    let each = |m: &[f64]| m.iter().flat_map(|m| [root(*m); 3]).collect::<Vec<_>>();
+    let roots = [each(body.mass()), each(body.inertia())].concat();
+    let n = body.len();
+    let (mut x, mut forces) = (vec![Twist::zero(); n], vec![Twist::zero(); n]);
+    let top = spectrum::largest_ritz(&roots, 0.0, Some(steps), &mut |q, f| {
+        let (linear, angular) = q.split_at(3 * n);
+        for (x, (u, r)) in x
+            .iter_mut()
+            .zip(linear.chunks_exact(3).zip(angular.chunks_exact(3)))
+        {
+            x.linear.copy_from_slice(u);
+            x.angular.copy_from_slice(r);
         }
+        forces.fill(Twist::zero());
+        body.add_forces(&x, &mut forces)
+            .map_err(|e| arlequin_core::Error::of_model("bonded particles", e))?;
+        let (linear, angular) = f.split_at_mut(3 * n);
+        for (t, (u, r)) in forces
+            .iter()
+            .zip(linear.chunks_exact_mut(3).zip(angular.chunks_exact_mut(3)))
+        {
+            u.copy_from_slice(t.linear.as_slice());
+            r.copy_from_slice(t.angular.as_slice());
+        }
+        Ok(())
     });
-    let mut last = vec![Twist::zero(); n];
-    let (mut diagonal, mut off): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
-    let mut beta = 0.0;
-    for _ in 0..steps {
-        let mut force = vec![Twist::zero(); n];
-        body.add_forces(&weigh(&v), &mut force)?;
-        let mut w = weigh(&force);
-        let alpha = -dot(&v, &w);
-        for ((w, v), l) in w.iter_mut().zip(&v).zip(&last) {
-            w.linear = -w.linear - v.linear * alpha - l.linear * beta;
-            w.angular = -w.angular - v.angular * alpha - l.angular * beta;
-        }
-        diagonal.push(alpha);
-        beta = dot(&w, &w).sqrt();
-        // An invariant subspace: the Ritz values are exact.
-        if beta <= 1e-14 * alpha.abs() {
-            beta = 0.0;
-            break;
-        }
-        off.push(beta);
-        w.iter_mut().for_each(|x| {
-            *x = Twist {
-                linear: x.linear / beta,
-                angular: x.angular / beta,
-            }
-        });
-        last = std::mem::replace(&mut v, w);
-    }
-    off.truncate(diagonal.len() - 1);
-    let (value, end) = top_ritz(&diagonal, &off);
-    step_of(value + beta * end.abs())
-}
-
-/// Largest eigenvalue of a symmetric tridiagonal matrix and the last entry of its unit vector.
-pub(crate) fn top_ritz(diagonal: &[f64], off: &[f64]) -> (f64, f64) {
-    let m = diagonal.len();
-    let matrix = nalgebra::DMatrix::from_fn(m, m, |r, c| match r.abs_diff(c) {
-        0 => diagonal[r],
-        1 => off[r.min(c)],
-        _ => 0.0,
-    });
-    let eigen = matrix.symmetric_eigen();
-    let k = eigen.eigenvalues.imax();
-    (eigen.eigenvalues[k], eigen.eigenvectors[(m - 1, k)])
+    step_of(top?)
 }
 
 fn step_of(lambda: f64) -> Result<f64> {

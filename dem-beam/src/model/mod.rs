@@ -23,7 +23,6 @@ pub(crate) mod forces;
 pub(crate) mod poses;
 mod report;
 mod select;
-mod spectrum;
 mod stiffness;
 mod torn;
 mod weights;
@@ -48,6 +47,7 @@ use arlequin_core::model::{
 use arlequin_core::momentum::Arms;
 use arlequin_core::parallel;
 use arlequin_core::snapshot::Record;
+use arlequin_core::spectrum;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::{Weight, Weighting};
 use forces::Gather;
@@ -60,6 +60,9 @@ enum Kernel {
     Linear(Gather<Linear>),
     Finite(Gather<Finite>),
 }
+
+/// Relative residual at which the largest Ritz value is taken.
+const RESIDUAL: f64 = 1e-4;
 
 /// Spheres joined by cohesive beams, ready to be coupled.
 #[derive(Debug)]
@@ -412,12 +415,11 @@ impl Model<f64> for DemModel {
             Kernel::Linear(k) => k,
             Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
         };
-        let top = spectrum::largest(&root, &mut |q, f| kernel.add(q, f, None, None));
-        match top {
-            Ok(top) if top > 0.0 => Ok(2.0 / top.sqrt()),
-            Ok(_) => Ok(f64::from(f32::MAX)),
-            Err(e) => Err(self.named(&e)),
-        }
+        let top = spectrum::largest_ritz(&root, RESIDUAL, None, &mut |q, f| {
+            kernel.add(q, f, None, None);
+            Ok(())
+        })?;
+        Ok(spectrum::step_of(top))
     }
 
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {
