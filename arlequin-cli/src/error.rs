@@ -2,11 +2,38 @@
 
 pub(crate) use arlequin_scene::error::*;
 
-/// Shows an error with the place in the scene it comes from.
-pub(crate) fn render(error: &Error, source: Option<&arlequin_scene::scene::Source>) -> String {
-    if let Error::Sweep { text, .. } = error {
-        return text.clone();
+use arlequin_scene::Source;
+use std::process::ExitCode;
+
+/// An error and the text it may point into.
+#[derive(Debug)]
+pub(crate) struct Located {
+    error: Error,
+    source: Option<Box<Source>>,
+}
+
+impl From<Error> for Located {
+    fn from(error: Error) -> Self {
+        Self { error, source: None }
     }
+}
+
+impl Located {
+    /// Points into a text.
+    pub(crate) fn within(source: &Source) -> impl FnOnce(Error) -> Self {
+        let source = Some(Box::new(source.clone()));
+        |error| Self { error, source }
+    }
+
+    /// Shows the error; the code to exit with.
+    pub(crate) fn report(&self) -> ExitCode {
+        crate::report::error(&render(&self.error, self.source.as_deref()));
+        ExitCode::from(if self.error.is_input() { 2 } else { 1 })
+    }
+}
+
+/// Shows an error with the place in the scene it comes from.
+fn render(error: &Error, source: Option<&Source>) -> String {
     let (key, span) = error.place();
     let span = span.or_else(|| source.and_then(|s| s.span_of(key?)));
     let mut report = miette::MietteDiagnostic::new(error.to_string());

@@ -1,8 +1,6 @@
 //! Command line of the Arlequin workspace: a scene file in, results out.
 
 mod calibrate;
-mod check;
-mod effects;
 mod error;
 mod report;
 mod run;
@@ -11,10 +9,10 @@ mod sweep;
 mod threads;
 mod verify;
 
-use arlequin_scene::Input;
-use arlequin_scene::scene::Source;
+use arlequin_scene::effects::compare;
+use arlequin_scene::{Scene, Source};
 use clap::{Args, Parser, Subcommand};
-use error::{Error, Result};
+use error::{Located, Result};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -97,69 +95,50 @@ struct Common {
 }
 
 fn main() -> ExitCode {
-    let done = match Cli::parse().command {
-        Command::Run { common, out, force } => {
-            return with_scene(&common, |input| {
-                run::run(input, out.as_deref(), force, common.json)
-            });
-        }
-        Command::Check { common } => {
-            return with_scene(&common, |input| {
-                check::check(input, common.json).map(|()| ExitCode::SUCCESS)
-            });
-        }
-        Command::Effects { common, repeat } => {
-            return with_scene(&common, |input| {
-                effects::effects(input, repeat, common.json).map(|()| ExitCode::SUCCESS)
-            });
-        }
-        Command::Calibrate(wanted) => return measured(&wanted),
-        Command::Verify(args) => verify::verify(&args),
-        Command::Sweep(a) => threads::start(None).and_then(|_| sweep::sweep(&a)),
+    run_command(Cli::parse().command).unwrap_or_else(|e| e.report())
+}
+
+fn run_command(command: Command) -> Result<ExitCode, Located> {
+    match command {
+        Command::Run { common, out, force } => with_scene(&common, |scene| {
+            run::run(scene, out.as_deref(), force, common.json)
+        }),
+        Command::Check { common } => with_scene(&common, |scene| {
+            report::result(&scene.prepare()?.preview(), common.json, report::plan)?;
+            Ok(ExitCode::SUCCESS)
+        }),
+        Command::Effects { common, repeat } => with_scene(&common, |scene| {
+            report::result(&compare(scene, repeat)?, common.json, report::comparison)?;
+            Ok(ExitCode::SUCCESS)
+        }),
+        Command::Calibrate(asked) => calibrate::calibrate(&asked),
+        Command::Verify(args) => Ok(verify::verify(&args)?),
+        Command::Sweep(a) => sweep::sweep(&a),
         Command::SweepDocs(a) => sweep::document(&a),
-        Command::Suggest { common, wish } => {
-            return with_scene(&common, |input| {
-                suggest::suggest(input, &wish, common.json).map(|()| ExitCode::SUCCESS)
-            });
-        }
+        Command::Suggest { common, wish } => with_scene(&common, |scene| {
+            suggest::suggest(scene, &wish, common.json)?;
+            Ok(ExitCode::SUCCESS)
+        }),
         Command::Resume {
             folder,
             threads,
             json,
-        } => threads::start(threads).and_then(|_| run::resume(&folder, json)),
-    };
-    done.unwrap_or_else(|e| fail(&e, None))
+        } => {
+            threads::start(threads)?;
+            Ok(run::resume(&folder, json)?)
+        }
+    }
 }
 
 /// Runs a command on a scene; errors point into its text.
-fn with_scene(common: &Common, command: impl FnOnce(&Input<'_>) -> Result<ExitCode>) -> ExitCode {
-    let source = match Source::read(&common.scene) {
-        Ok(s) => s,
-        Err(e) => return fail(&e, None),
-    };
-    let input = || -> Result<Input<'_>> {
+fn with_scene(
+    common: &Common,
+    command: impl FnOnce(&Scene) -> Result<ExitCode>,
+) -> Result<ExitCode, Located> {
+    let source = Source::read(&common.scene)?;
+    let run = || {
         threads::start(common.threads)?;
-        Ok(Input {
-            source: &source,
-            scene: source.scene(&common.set)?,
-            set: &common.set,
-        })
+        command(&Scene::of(source.clone())?.assign(&common.set)?)
     };
-    let done = input().and_then(|input| command(&input));
-    done.unwrap_or_else(|e| fail(&e, Some(&source)))
-}
-
-/// `arlequin calibrate`, with or without a scene.
-fn measured(wanted: &calibrate::Calibrate) -> ExitCode {
-    let source = match wanted.scene.as_deref().map(Source::read).transpose() {
-        Ok(s) => s,
-        Err(e) => return fail(&e, None),
-    };
-    let done = threads::start(wanted.threads).and_then(|_| calibrate::calibrate(wanted, source.as_ref()));
-    done.unwrap_or_else(|e| fail(&e, source.as_ref()))
-}
-
-fn fail(error: &Error, source: Option<&Source>) -> ExitCode {
-    report::error(&error::render(error, source));
-    ExitCode::from(if error.is_input() { 2 } else { 1 })
+    run().map_err(Located::within(&source))
 }

@@ -11,6 +11,7 @@ pub mod hard;
 pub mod line;
 pub mod solid;
 pub mod strain;
+pub mod verify;
 pub mod waves;
 
 /// A reproducible sequence of uniform numbers in (−1, 1).

@@ -1,37 +1,22 @@
 //! The model kinds, in one place: a table of the scene becomes a body.
 //!
-//! A new kind is a variant of [`Kind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
+//! A new kind is a variant of [`ModelKind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
 //! into a table of that name in [`ModelTable`].
 
 use super::grains::Grains;
-use super::mesh::{self, View};
+use super::mesh::{self, Grid};
 use crate::chain::Chain;
 use crate::error::{Result, core, fem, value};
-use crate::scene::{Effect, Material, ModelTable, RoleKind, Shape};
+use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
 use arlequin::core::Model;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::field::Interpolation;
 use arlequin::core::model::{CoarseModel, FineModel};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{Elastic, FemModel};
-use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Kinds of models, by their names in a scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Kind {
-    /// Linear finite elements.
-    Fem,
-    /// Constrained natural elements.
-    Cnem,
-    /// Spheres joined by cohesive beams.
-    Dem,
-    /// Harmonic spring chain along x.
-    Chain,
-}
 
 /// A model and what supports, loads and output need of it.
 pub struct Body {
@@ -40,7 +25,7 @@ pub struct Body {
     /// Its field.
     pub field: Arc<dyn Interpolation<f64>>,
     /// Its picture.
-    pub view: View,
+    pub grid: Grid,
     /// Nodes of the named groups.
     pub groups: BTreeMap<String, Vec<usize>>,
     /// Facets of the named surfaces.
@@ -76,10 +61,10 @@ pub(super) fn body(
     let key = format!("model.{name}");
     elastic(&key, &table.material)?;
     match table.kind {
-        Kind::Fem => finite_elements(name, &key, table, folder),
-        Kind::Cnem => super::natural::body(name, &key, table, folder),
-        Kind::Dem => super::particles::body(name, &key, table, folder, effects),
-        Kind::Chain => chain(name, &key, table),
+        ModelKind::Fem => finite_elements(name, &key, table, folder),
+        ModelKind::Cnem => super::natural::body(name, &key, table, folder),
+        ModelKind::Dem => super::particles::body(name, &key, table, folder, effects),
+        ModelKind::Chain => chain(name, &key, table),
     }
 }
 
@@ -122,10 +107,10 @@ pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()>
     let key = format!("model.{name}");
     elastic(&key, &table.material)?;
     match table.kind {
-        Kind::Fem => request(&key, table, folder)?.check(),
-        Kind::Cnem => super::natural::request(&key, table, folder)?.check(),
-        Kind::Dem => super::particles::check(&key, table, folder),
-        Kind::Chain => line(&key, table).map(|_| ()),
+        ModelKind::Fem => request(&key, table, folder)?.check(),
+        ModelKind::Cnem => super::natural::request(&key, table, folder)?.check(),
+        ModelKind::Dem => super::particles::check(&key, table, folder),
+        ModelKind::Chain => line(&key, table).map(|_| ()),
     }
 }
 
@@ -142,13 +127,13 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     }
     let boundary = mesh.surface_where(|_| true);
     let warnings = mesh::one_material(&mesh);
-    let view = View::of_mesh(&mesh);
+    let grid = Grid::of_mesh(&mesh);
     let spacing = mesh.spacing();
     let model = FemModel::new(name, mesh, material).map_err(fem(key))?;
     Ok(Body {
         field: model.coarse_field(),
         model: Box::new(model),
-        view,
+        grid,
         groups,
         surfaces,
         boundary,
@@ -200,7 +185,7 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
     let ends = [("x-min", vec![0]), ("x-max", vec![bonds])];
     Ok(Body {
         field: model.fine_field(),
-        view: View::of_line(model.nodes()),
+        grid: Grid::of_line(model.nodes()),
         model: Box::new(model),
         groups: ends.map(|(n, k)| (n.to_owned(), k)).into_iter().collect(),
         surfaces: BTreeMap::new(),

@@ -1,9 +1,9 @@
 //! `kind = "cnem"`: the nodes of a mesh carry natural-neighbour functions instead of elements.
 
 use super::kinds::{Body, solid_poisson};
-use super::mesh::{Request, View, one_material};
+use super::mesh::{Grid, Request, one_material};
 use crate::error::{Result, cnem as natural, fem, value};
-use crate::scene::{CnemTable, Element, Functions, Masses, ModelTable, Shape};
+use crate::spec::{CnemTable, Element, Functions, Masses, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Interpolant;
@@ -48,7 +48,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     let groups = groups(&mesh, &model);
     let surfaces = surfaces(&mesh, &model, &groups);
     let boundary = model.surface(|_| true).map_err(natural(key))?;
-    let view = View {
+    let grid = Grid {
         points: model.domain().nodes().to_vec(),
         connectivity: model.domain().elements().flatten().map(|v| v as u32).collect(),
         corners: 4,
@@ -58,7 +58,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     Ok(Body {
         field: model.coarse_field(),
         model: Box::new(model),
-        view,
+        grid,
         groups,
         surfaces,
         boundary,

@@ -4,13 +4,14 @@ use super::Stage;
 use super::sleep::has_strain;
 use crate::cells::{self, Cell};
 use crate::error::{Result, key, value};
-use crate::scene::{Near, Wake};
-use crate::setup::{Drawn, Kind};
+use crate::setup::ModelInfo;
+use crate::spec::{ModelKind, Near, Wake};
 use arlequin::core::Coupled;
 use arlequin::core::material::Elastic;
 use arlequin::core::nalgebra::{Matrix3, Point3};
 
 /// The criterion and where it is looked at.
+#[derive(Debug)]
 pub(super) struct Watch {
     carrier: usize,
     cells: Vec<Cell>,
@@ -24,7 +25,7 @@ pub(super) struct Watch {
 
 impl Watch {
     /// Prepares the watch over model number `carrier` of the sleeping scene.
-    pub(super) fn new(wake: &Wake, carrier: usize, kind: Kind, drawn: &Drawn) -> Result<Self> {
+    pub(super) fn new(wake: &Wake, carrier: usize, kind: ModelKind, info: &ModelInfo) -> Result<Self> {
         if !has_strain(kind) {
             let rule = "has no elements in which a strain could be looked at; use kind = \"fem\" or \"cnem\"";
             return Err(value("wake.by", &wake.by, rule));
@@ -33,7 +34,7 @@ impl Watch {
             None => true,
             Some(Near::Box { low, high }) => (0..3).all(|k| c.centre[k] >= low[k] && c.centre[k] <= high[k]),
         };
-        let cells: Vec<Cell> = cells::cells("wake.by", drawn)?.into_iter().filter(near).collect();
+        let cells: Vec<Cell> = cells::cells("wake.by", info)?.into_iter().filter(near).collect();
         let Some(first) = cells.first() else {
             let rule = format!(
                 "holds no element centre of '{}'; enlarge it or check the units (m)",
@@ -44,7 +45,7 @@ impl Watch {
         let c = wake.criterion;
         Ok(Self {
             carrier,
-            material: drawn.material,
+            material: info.material,
             stress: c.stress.is_some(),
             limit: c.stress.or(c.strain).unwrap_or(f64::INFINITY),
             every: wake.every,

@@ -16,6 +16,7 @@ pub(super) const CHUNK: usize = 64;
 /// Models with fewer nodes run on the calling thread: waking others costs more than it saves.
 pub(super) const SERIAL: usize = 512;
 const NONE: u32 = u32::MAX;
+
 /// What the rows are gathered from.
 struct Parts<'a> {
     smoothing: &'a Smoothing,

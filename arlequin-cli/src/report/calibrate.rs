@@ -1,0 +1,153 @@
+//! Packings and their beams as a table.
+
+use arlequin_scene::calibrate::{Beams, Calibration, Elastic, Estimate, Exponent, Strengths};
+
+/// The report in words and columns.
+pub(crate) fn text(r: &Calibration) -> String {
+    let mut out = String::new();
+    let mut line = |text: String| {
+        out.push_str(text.trim_end());
+        out.push('\n');
+    };
+    line(format!("sample     {}", r.sample));
+    line(format!("beams      {}", beams(&r.beams)));
+    line(String::new());
+    let last = if r.elastic.young_gauge.is_some() {
+        "E middle"
+    } else {
+        "anisotropy"
+    };
+    line(format!(
+        "{:>6} {:>8} {:>7} {:>6} {:>6} {:>7} {:>8} {:>9} {:>11} {:>11} {:>7}",
+        "seed",
+        "spheres",
+        "dropped",
+        "z all",
+        "z kept",
+        "z inner",
+        "fraction",
+        "overlap",
+        "E [Pa]",
+        last,
+        "nu"
+    ));
+    for p in &r.packings {
+        let seed = p.seed.map_or("file".to_owned(), |s| s.to_string());
+        let inner = p
+            .coordination_interior
+            .map_or("-".to_owned(), |z| format!("{z:.3}"));
+        let other = match (p.young_gauge, p.anisotropy) {
+            (Some(e), _) => format!("{e:.4e}"),
+            (None, a) => a.map_or(String::new(), |a| format!("{a:.4}")),
+        };
+        line(format!(
+            "{seed:>6} {:>8} {:>7} {:>6.3} {:>6.3} {inner:>7} {:>8.4} {:>9.2e} {:>11.4e} {other:>11} {:>7.4}",
+            p.spheres,
+            p.dropped,
+            p.coordination_all,
+            p.coordination_retained,
+            p.volume_fraction,
+            p.mean_overlap,
+            p.young,
+            p.poisson
+        ));
+    }
+    line(String::new());
+    let one = r.packings.len() == 1;
+    for text in elastic(&r.elastic, one) {
+        line(text);
+    }
+    if let Some(t) = &r.target {
+        line(String::new());
+        line(format!("target     E = {:.4e} Pa, nu = {}", t.young, t.poisson));
+        line(format!("beams      {}", beams(&t.beams)));
+        for text in elastic(&t.reached, one) {
+            line(text);
+        }
+    }
+    if let Some(s) = &r.strength {
+        line(String::new());
+        for text in strengths(s) {
+            line(text);
+        }
+    }
+    for w in &r.warnings {
+        line(format!("warning    {w}"));
+    }
+    if let Some(why) = &r.refused {
+        line(format!("refused    {why}"));
+    }
+    out
+}
+
+fn beams(b: &Beams) -> String {
+    format!(
+        "Young's modulus {:.4e} Pa, Poisson's ratio {}, radius {:.4} of the mean particle radius",
+        b.young, b.poisson, b.radius_ratio
+    )
+}
+
+/// One line per constant; the spread is the sample standard deviation over the packings, unknown for one.
+fn elastic(e: &Elastic, one: bool) -> Vec<String> {
+    let modulus = |name: &str, b: &Estimate| match one {
+        true => format!("{name:<10} {:.4e} Pa (one packing)", b.mean),
+        false => format!("{name:<10} {:.4e} Pa ± {:.1e}", b.mean, b.deviation),
+    };
+    let ratio = |name: &str, b: &Estimate| match one {
+        true => format!("{name:<10} {:.4} (one packing)", b.mean),
+        false => format!("{name:<10} {:.4} ± {:.4}", b.mean, b.deviation),
+    };
+    let mut out = vec![modulus("E", &e.young)];
+    out.extend(e.young_gauge.iter().map(|b| modulus("E middle", b)));
+    out.push(ratio("nu", &e.poisson));
+    out.extend(e.anisotropy.iter().map(|b| ratio("anisotropy", b)));
+    out
+}
+
+/// Lines of the table.
+fn strengths(s: &Strengths) -> Vec<String> {
+    let scatter = s
+        .weibull
+        .map_or("no scatter".to_owned(), |m| format!("Weibull modulus {m}"));
+    let mut out = vec![
+        format!(
+            "strength   of beams {:.4e} Pa ({:.4e} J/m2 by energy), {scatter}; bars pulled until they break",
+            s.beam_strength, s.beam_energy
+        ),
+        format!(
+            "{:>10} {:>9} {:>8} {:>22} {:>16} {:>16} {:>9} {:>8}",
+            "criterion",
+            "d [m]",
+            "spheres",
+            "bar [Pa]",
+            "beams over bar",
+            "first over peak",
+            "strain",
+            "broken"
+        ),
+    ];
+    out.extend(s.rows.iter().map(|r| {
+        format!(
+            "{:>10} {:>9.3e} {:>8} {:>11.4e} ± {:>8.1e} {:>7.3} ± {:>6.3} {:>7.3} ± {:>6.3} {:>9.3e} {:>6.2} %",
+            r.criterion,
+            r.diameter,
+            r.spheres,
+            r.body.mean,
+            r.body.deviation,
+            r.ratio.mean,
+            r.ratio.deviation,
+            r.first.mean,
+            r.first.deviation,
+            r.strain.mean,
+            100.0 * r.broken.mean
+        )
+    }));
+    let power = |e: &Exponent| {
+        format!(
+            "{:>10} goes as the diameter to the power {:+.2}",
+            e.criterion, e.power
+        )
+    };
+    out.extend(s.exponents.iter().map(power));
+    out
+}

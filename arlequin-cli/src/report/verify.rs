@@ -1,0 +1,167 @@
+//! Comparisons with the literature: a table as text, the page of the documentation, the pictures.
+
+use super::plot::{self, Curve, Plot};
+use crate::error::{Result, write as cannot_write};
+use arlequin_studies::verify::{Case, Figure, Report, Row, short};
+use std::path::Path;
+
+/// Head of the page, by which it is known again.
+pub(crate) const HEAD: &str = "# Validation
+
+Written by `arlequin verify --docs docs`; do not edit. Each case compares a number of the literature with ours and says
+what is accepted. Where our formulation contradicts a printed number, the accepted value is what we expect, and the
+remark says why; nothing is tuned to a reference.
+
+Sources: Jebahi et al. 2013 and 2014 (dynamic coupling of discrete and natural elements), Bauman et al. 2008 (statics,
+Comput. Mech. 42:511, re-computed), Norma.jl (Sandia, overlapping Schwarz), beam theory with E = 72.5 GPa, nu = 0.17,
+rho = 2200 kg/m3, and a converged three-dimensional solid for the beams. The loads of the beams are not printed; 1 kN,
+1 kN and 10 N m are inferred from the printed deflections. Means and frequencies come from time runs under a Hann window
+(10 periods, 4 in bending), the frequency as the interpolated peak of the windowed transform. Spheres: 13 across the
+bar in beams A and B, nothing fitted; H1 junction, coarse mediator, floor 0.05 of the weights, as in the papers.
+
+Run it: `arlequin verify` (everything), `arlequin verify --quick` (under a minute), `arlequin verify --list`.
+";
+
+/// Draws all pictures into a folder.
+pub(crate) fn pictures(folder: &Path, reports: &[Report]) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(cannot_write(folder))?;
+    let figures = reports.iter().flat_map(|r| &r.figures);
+    figures.into_iter().try_for_each(|f| draw(folder, f))
+}
+
+fn draw(folder: &Path, figure: &Figure) -> Result<()> {
+    let curves = figure.curves.iter().map(|(name, x, y)| Curve {
+        name: name.clone(),
+        times: x,
+        values: y.clone(),
+    });
+    let plot = Plot {
+        title: figure.title.to_owned(),
+        across: figure.axes[0],
+        log: figure.log,
+        quantity: figure.axes[1][0],
+        unit: figure.axes[1][1],
+        curves: curves.collect(),
+    };
+    plot::draw(&folder.join(format!("{}.svg", figure.file)), &plot)
+}
+
+/// Writes `validation.md` and `images/validation/*.svg`.
+pub(crate) fn page(folder: &Path, cases: &[&Case], reports: &[Report]) -> Result<()> {
+    let images = folder.join("images/validation");
+    std::fs::create_dir_all(&images).map_err(cannot_write(&images))?;
+    let mut text = String::from(HEAD);
+    let rows = reports.iter().flat_map(|r| &r.rows);
+    let (count, failed) = rows.fold((0, 0), |(n, f), r| (n + 1, f + usize::from(!r.pass)));
+    text += &format!("\n{count} rows, {failed} failed.\n");
+    for (case, report) in cases.iter().zip(reports) {
+        text += &format!("\n## {}\n\n{}.\n", case.name, capital(case.about));
+        for figure in &report.figures {
+            draw(&images, figure)?;
+            let place = format!("images/validation/{}.svg", figure.file);
+            text += &format!("\n![{}]({place})\n\n{}\n", figure.title, figure.says);
+        }
+        text += &format!("\n{}", markdown(&report.rows));
+    }
+    let path = folder.join("validation.md");
+    std::fs::write(&path, text).map_err(cannot_write(&path))
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters
+        .next()
+        .map(|c| c.to_uppercase().chain(letters).collect())
+        .unwrap_or_default()
+}
+
+fn cells(r: &Row) -> [String; 8] {
+    let difference = r.relative_difference;
+    [
+        r.case.clone(),
+        r.quantity.clone(),
+        r.reference.map_or_else(|| "-".into(), short),
+        r.source.clone(),
+        short(r.ours),
+        difference.map_or_else(|| "-".into(), |d| format!("{:+.2} %", 100.0 * d)),
+        r.acceptance.clone(),
+        if r.pass { "pass" } else { "FAIL" }.into(),
+    ]
+}
+
+const COLUMNS: [&str; 8] = [
+    "case",
+    "quantity",
+    "reference",
+    "source",
+    "ours",
+    "difference",
+    "accepted",
+    "",
+];
+
+/// The table as plain text, remarks below the rows they belong to.
+pub(crate) fn table(rows: &[Row]) -> String {
+    let all: Vec<[String; 8]> = rows.iter().map(cells).collect();
+    let width: Vec<usize> = (0..8)
+        .map(|k| {
+            let longest = all.iter().map(|c| c[k].chars().count()).max();
+            longest.unwrap_or(0).max(COLUMNS[k].chars().count())
+        })
+        .collect();
+    let line = |c: &[String]| {
+        let padded = c.iter().zip(&width).map(|(t, w)| format!("{t:<w$}"));
+        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    let mut out = line(&COLUMNS.map(str::to_owned)) + "\n";
+    for (row, c) in rows.iter().zip(&all) {
+        out += &(line(c) + "\n");
+        if !row.note.is_empty() {
+            out += &format!("{:w$}  ({})\n", "", row.note, w = width[0]);
+        }
+    }
+    let failed = rows.iter().filter(|r| !r.pass).count();
+    out + &format!("{} rows, {failed} failed\n", rows.len())
+}
+
+/// The table as Markdown, one case.
+fn markdown(rows: &[Row]) -> String {
+    let mut out = String::from(
+        "| quantity | reference | source | ours | difference | accepted | |\n|---|---|---|---|---|---|---|\n",
+    );
+    for row in rows {
+        let c = cells(row);
+        let note = if row.note.is_empty() {
+            String::new()
+        } else {
+            format!(" ({})", row.note)
+        };
+        // A bar would end the cell.
+        let cell = format!("{}{note}", c[1]).replace('|', "\\|");
+        out += &format!(
+            "| {cell} | {} | {} | {} | {} | {} | {} |\n",
+            c[2], c[3], c[4], c[5], c[6], c[7]
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arlequin_studies::verify::Accept;
+
+    #[test]
+    fn tables_count_failures() {
+        let rows = [
+            Row::new("good", 1.0, Accept::AtMost(1.0)),
+            Row::new("bad", 2.0, Accept::AtMost(1.0)).note("because"),
+        ];
+        let text = table(&rows);
+        assert!(text.ends_with("2 rows, 1 failed\n") && text.contains("FAIL") && text.contains("(because)"));
+        assert_eq!(
+            (short(0.00012345), short(1606.04)),
+            ("1.234e-4".into(), "1606".into())
+        );
+    }
+}

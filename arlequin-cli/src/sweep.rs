@@ -1,0 +1,231 @@
+//! `arlequin sweep`: its runs one after another, each in a process of its own: no two share the cores, each has its own
+//! peak of memory, and what one does wrong ends with it.
+
+use crate::error::{Error, Located, Result, key, write};
+use crate::report::{self, Progress};
+use crate::{run, threads};
+use arlequin_scene::Source;
+use arlequin_scene::output::mark;
+use arlequin_scene::sweep::{Member, Outcome, Prepared, Runner};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// What the command line says.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Sweep file.
+    sweep: PathBuf,
+    /// Output folder; finished runs in it are taken again [default: results/ and the name of the sweep]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Make all runs again.
+    #[arg(long)]
+    fresh: bool,
+    /// Print sweep.json.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What the command line says.
+#[derive(Debug, clap::Args)]
+pub(crate) struct DocumentArguments {
+    /// Page to write; pictures go to images/ beside it
+    #[arg(long, value_name = "FILE.md")]
+    out: PathBuf,
+    /// Sweep files, each followed by its output folder
+    #[arg(value_name = "SWEEP.toml DIR", required = true)]
+    pairs: Vec<PathBuf>,
+}
+
+/// How long an interrupted run may take to end by itself.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// How far apart one Ctrl-C may reach two processes.
+const SAME_SIGNAL: Duration = Duration::from_secs(1);
+
+/// Whether a run ended as Ctrl-C or SIGTERM ends it: with code 130, or at once if it was still being set up.
+fn ended_by_signal(status: ExitStatus) -> bool {
+    #[cfg(unix)]
+    let signal = std::os::unix::process::ExitStatusExt::signal(&status);
+    #[cfg(not(unix))]
+    let signal: Option<i32> = None;
+    status.code() == Some(130) || matches!(signal, Some(2 | 15))
+}
+
+/// Makes a sweep.
+pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode, Located> {
+    threads::start(None)?;
+    let source = Source::read(&arguments.sweep)?;
+    let stem = arguments.sweep.file_stem().unwrap_or_default();
+    let out = arguments.out.clone();
+    let out = out.unwrap_or_else(|| Path::new("results").join(stem));
+    let progress = Progress::default();
+    let make = || {
+        let prepared = Prepared::new(&source)?;
+        mark::claim("--out", &out)?;
+        let file = prepared.file().clone();
+        let processes = Processes::new(file.threads, run::watch_interrupt()?)?;
+        let tell = |label: &str, k: usize, of: usize| {
+            progress.show("runs", k, of);
+            progress.at(label);
+        };
+        let made = prepared.make(&out, arguments.fresh, &processes, &tell)?;
+        Ok((file, made))
+    };
+    let (file, made) = make().map_err(Located::within(&source))?;
+    drop(progress);
+    let json = report::sweep::write_all(&out, &file, &made)?;
+    if arguments.json {
+        report::line(&json);
+    } else {
+        report::sweep::finished(&made, &out);
+    }
+    Ok(match made.status {
+        "interrupted" => ExitCode::from(run::INTERRUPTED),
+        "failed" => ExitCode::FAILURE,
+        _ => ExitCode::SUCCESS,
+    })
+}
+
+/// Writes the page on finished sweeps.
+pub(crate) fn document(a: &DocumentArguments) -> Result<ExitCode, Located> {
+    if !a.pairs.len().is_multiple_of(2) {
+        let rule = "every sweep file must be followed by its output folder";
+        return Err(key("sweep-docs", rule).into());
+    }
+    mark::generated("--out", &a.out, report::sweep_docs::HEAD)?;
+    let images = a.out.parent().unwrap_or_else(|| Path::new(".")).join("images");
+    std::fs::create_dir_all(&images).map_err(write(&images))?;
+    let mut text = report::sweep_docs::HEAD.to_owned();
+    for pair in a.pairs.chunks_exact(2) {
+        let source = Source::read(&pair[0])?;
+        let reopen = || {
+            let prepared = Prepared::new(&source)?;
+            if let Some(label) = prepared.unfinished(&pair[1]) {
+                let [path, out] = [&pair[0], &pair[1]].map(|p| p.display());
+                let rule =
+                    format!("run '{label}' is not finished; run 'arlequin sweep {path} --out {out}' first");
+                return Err(key(out.to_string(), rule));
+            }
+            let file = prepared.file().clone();
+            let nothing = Processes::new(file.threads, Arc::default())?;
+            Ok((file, prepared.make(&pair[1], false, &nothing, &|_, _, _| ())?))
+        };
+        let (file, sweep) = reopen().map_err(Located::within(&source))?;
+        let stem = pair[0].file_stem().unwrap_or_default().to_string_lossy();
+        report::sweep_docs::part(&mut text, &source.text, &stem, (&file, &sweep), &images)?;
+    }
+    std::fs::write(&a.out, text).map_err(write(&a.out))?;
+    report::line(&format!("written    {}", a.out.display()));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Makes runs by this program itself.
+#[derive(Debug)]
+struct Processes {
+    program: PathBuf,
+    threads: Option<usize>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Processes {
+    fn new(threads: Option<usize>, stop: Arc<AtomicBool>) -> Result<Self> {
+        let program = std::env::current_exe().map_err(|e| Error::System {
+            what: "finding the program itself",
+            message: e.to_string(),
+        })?;
+        Ok(Self {
+            program,
+            threads,
+            stop,
+        })
+    }
+
+    /// Waits for a run; Ctrl-C reaches it too, and it then has some seconds to end by itself.
+    fn wait(&self, child: &mut Child, folder: &Path) -> Result<Option<ExitStatus>> {
+        let system = |e: std::io::Error| Error::System {
+            what: "waiting for a run",
+            message: e.to_string(),
+        };
+        let mut asked: Option<Instant> = None;
+        loop {
+            if let Some(status) = child.try_wait().map_err(system)? {
+                return Ok(Some(status));
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                let since = *asked.get_or_insert_with(Instant::now);
+                if since.elapsed() > PATIENCE {
+                    child.kill().map_err(system)?;
+                    child.wait().map_err(system)?;
+                    // What cannot be removed keeps its name, and the next run of this member begins there.
+                    let _ = mark::remove(&beside(folder, "unfinished"));
+                    return Ok(None);
+                }
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+impl Runner for Processes {
+    fn run(&self, m: &Member, target: &Path) -> Result<Outcome> {
+        let words = beside(target, "log");
+        let log = std::fs::File::create(&words).map_err(write(&words))?;
+        let mut command = Command::new(&self.program);
+        command
+            .args(["run", "--json", "--force", "--out"])
+            .arg(target)
+            .arg(&m.scene);
+        for s in &m.set {
+            command.args(["--set", s]);
+        }
+        if let Some(n) = self.threads {
+            command.args(["--threads", &n.to_string()]);
+        }
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
+        let mut child = command.spawn().map_err(|e| Error::System {
+            what: "starting a run",
+            message: e.to_string(),
+        })?;
+        let status = self.wait(&mut child, target)?;
+        if status.is_some_and(ended_by_signal) {
+            // Ctrl-C reached the run first; the flag of this process follows in a moment.
+            let since = Instant::now();
+            while !self.stop.load(Ordering::Relaxed) && since.elapsed() < SAME_SIGNAL {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        }
+        if self.stop.load(Ordering::Relaxed) {
+            return Ok(Outcome::Interrupted);
+        }
+        if status.is_some_and(|s| s.success()) {
+            // Nothing was said: an empty log would only stand in the way.
+            if std::fs::metadata(&words).is_ok_and(|d| d.len() == 0) {
+                let _ = std::fs::remove_file(&words);
+            }
+            return Ok(Outcome::Complete);
+        }
+        let text = std::fs::read_to_string(&words).unwrap_or_default();
+        let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        Ok(Outcome::Failed(if text.is_empty() {
+            status.map_or_else(|| "ended without a word".into(), |s| format!("ended with {s}"))
+        } else {
+            text
+        }))
+    }
+
+    fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// The path with a further ending.
+fn beside(folder: &Path, ending: &str) -> PathBuf {
+    let mut name = folder.as_os_str().to_owned();
+    name.push(".");
+    name.push(ending);
+    name.into()
+}

@@ -1,0 +1,142 @@
+//! `arlequin verify`: its options.
+
+use crate::error::{Result, unknown, write};
+use crate::report::{self, Progress};
+use crate::threads;
+use arlequin_scene::output::mark;
+use arlequin_studies::hard::{HardCase, Outcome, cases};
+use arlequin_studies::verify::{self, CASES, Options, Report, Row};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Compare with the literature.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Cases to run [default: all]
+    cases: Vec<String>,
+    /// Run the hard cases instead: what naive code does with them, and whether our promises hold.
+    #[arg(long, conflicts_with_all = ["out", "docs", "resume"])]
+    hard: bool,
+    /// Print the rows as JSON.
+    #[arg(long)]
+    json: bool,
+    /// List the cases and stop.
+    #[arg(long)]
+    list: bool,
+    /// Cheap cases and cheap variants only, under a minute.
+    #[arg(long)]
+    quick: bool,
+    /// Write the plots and verify.json to this folder.
+    #[arg(long, value_name = "DIR", conflicts_with = "docs")]
+    out: Option<PathBuf>,
+    /// Write validation.md and its plots to this documentation folder.
+    #[arg(long, value_name = "DIR")]
+    docs: Option<PathBuf>,
+    /// Keep the runs of the beams in this folder, and take from it those that are there already.
+    #[arg(long, value_name = "DIR")]
+    resume: Option<PathBuf>,
+    /// Cases at a time, each on one thread [default: one per core]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+}
+
+/// Runs the command.
+pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
+    let pool = threads::start(None)?;
+    let threads = match args.threads {
+        None => pool,
+        wanted => threads::bounded(wanted)?,
+    };
+    let progress = Progress::default();
+    if args.hard {
+        return hard(args, threads, &progress);
+    }
+    if args.list {
+        for case in &CASES {
+            report::line(&format!("{:<14} {}", case.name, case.about));
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let chosen = verify::choose(&args.cases)?;
+    if let Some(folder) = &args.out {
+        mark::claim("--out", folder)?;
+    }
+    if let Some(folder) = &args.docs {
+        mark::generated("--docs", &folder.join("validation.md"), report::verify::HEAD)?;
+    }
+    let begin = std::time::Instant::now();
+    let options = Options {
+        quick: args.quick,
+        threads,
+        kept: args.resume.as_deref(),
+    };
+    let reports = verify::run(&chosen, &options, &progress.teller())?;
+    drop(progress);
+    let rows: Vec<Row> = reports
+        .iter()
+        .flat_map(|r: &Report| r.rows.iter().cloned())
+        .collect();
+    report::result(&rows, args.json, |rows| {
+        report::text(&report::verify::table(rows));
+        report::line(&format!("{:.0} s", begin.elapsed().as_secs_f64()));
+    })?;
+    if let Some(folder) = &args.out {
+        report::verify::pictures(folder, &reports)?;
+        let path = folder.join("verify.json");
+        std::fs::write(&path, report::pretty(&rows)?).map_err(write(&path))?;
+    }
+    if let Some(folder) = &args.docs {
+        report::verify::page(folder, &chosen, &reports)?;
+    }
+    Ok(code(rows.iter().all(|r| r.pass)))
+}
+
+fn code(passed: bool) -> ExitCode {
+    if passed {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
+}
+
+/// Runs the hard cases: those named, all, or with `--quick` the fast ones.
+fn hard(args: &Args, threads: usize, progress: &Progress) -> Result<ExitCode> {
+    let chosen = chosen_hard(args)?;
+    if args.list {
+        for case in &chosen {
+            report::line(&format!("{}: {}", case.name, case.promise));
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let measured = verify::in_parallel(&chosen, threads, "hard cases", &progress.teller(), |case| {
+        Ok((case.run)().map_err(|e| e.to_string()))
+    })?;
+    progress.clear();
+    let kept = measured
+        .iter()
+        .filter(|m| m.as_ref().is_ok_and(Outcome::pass))
+        .count();
+    let all = || chosen.iter().zip(&measured);
+    if args.json {
+        let all: Vec<_> = all().map(|(c, m)| report::hard::json(c, m)).collect();
+        report::line(&report::pretty(&all)?);
+    } else {
+        all().for_each(|(c, m)| report::text(&report::hard::text(c, m)));
+        report::line(&format!("{kept} of {} promises kept", chosen.len()));
+    }
+    Ok(code(kept == chosen.len()))
+}
+
+/// The hard cases that are meant.
+fn chosen_hard(args: &Args) -> Result<Vec<HardCase>> {
+    let all = cases();
+    for name in &args.cases {
+        if all.iter().all(|c| c.name != name) {
+            let known: Vec<String> = all.iter().map(|c| c.name.to_owned()).collect();
+            return Err(unknown("verify --hard", name, "hard case", known.iter()));
+        }
+    }
+    let wanted = |c: &HardCase| args.cases.is_empty() || args.cases.iter().any(|n| n == c.name);
+    let cheap = |c: &HardCase| c.fast || !args.quick;
+    Ok(all.into_iter().filter(|c| wanted(c) && cheap(c)).collect())
+}

@@ -1,0 +1,267 @@
+//! What is tested: bars of a scene or of the flags, or periodic samples.
+
+use super::{KEY, Wanted};
+use crate::error::{Result, key, unknown, value};
+use crate::setup::cut;
+use crate::setup::filling::{Filling, Recipe, beam, dem, mean_sphere, spec};
+use crate::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, NotchBox, Shape};
+use crate::{Scene, Source};
+use arlequin::dem_beam::calibrate::Bar;
+use arlequin::dem_beam::packing::Container;
+use arlequin::dem_beam::{BeamMaterial, Packing};
+use std::path::{Path, PathBuf};
+
+/// Spheres of a periodic sample: isotropic to a per cent.
+const PERIODIC: usize = 8000;
+/// Volume fraction at which they jam.
+const JAMMED: f64 = 0.64;
+/// Shortest bar in mean diameters: shorter ones have no middle that does not feel the ends.
+const SHORTEST: f64 = 8.0;
+
+/// Kind of test.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Test {
+    /// A bar along x is pulled.
+    Tension(Bar),
+    /// A periodic sample is strained.
+    Bulk,
+}
+
+/// Packings to make and the test of each.
+#[derive(Debug, Clone)]
+pub(super) struct Sample {
+    /// Key of the scene, for errors.
+    pub key: String,
+    /// In words.
+    pub text: String,
+    /// Seed, if there is one, and recipe of each packing.
+    pub recipes: Vec<(Option<u64>, Recipe)>,
+    /// Beams.
+    pub beam: BeamMaterial,
+    /// Test.
+    pub test: Test,
+    /// Notches of the scene, in the frame of the container; only tests of the strength cut them.
+    notches: Vec<NotchBox>,
+}
+
+impl Sample {
+    /// What the flags and the scene ask for.
+    pub(super) fn of(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
+        let (at, mut table, folder) = match source {
+            Some(source) => of_scene(wanted, source)?,
+            None if wanted.cylinder.is_none() && wanted.cuboid.is_none() && !wanted.periodic => {
+                let rule = "nothing to test; give a scene, --cylinder, --box or --periodic";
+                return Err(key(KEY, rule));
+            }
+            None => (KEY.to_owned(), of_flags(wanted), PathBuf::new()),
+        };
+        override_by(wanted, &mut table);
+        if wanted.periodic {
+            return periodic(wanted, at, &table);
+        }
+        let bar = bar(&at, &table.shape)?;
+        let filling = Filling::of(&at, &table.shape, &folder)?;
+        let recipes = recipes(wanted.seeds, &at, &table, &folder, &filling)?;
+        let (from, form) = match table.shape {
+            Shape::Cylinder { radius, .. } => ("cylinder", format!("radius {radius:e} m")),
+            _ => ("box", format!("section {:.4e} m2", bar.area)),
+        };
+        Ok(Self {
+            text: format!("{from} along x, length {:e} m, {form}", bar.length),
+            beam: beam(&at, &table)?,
+            key: at,
+            recipes,
+            test: Test::Tension(bar),
+            notches: notches(&table, &filling),
+        })
+    }
+
+    /// Cuts the notches of the scene.
+    pub(super) fn cut(&self, packing: &mut Packing) -> Result<()> {
+        cut(&self.key, &self.notches, packing)
+    }
+
+    /// Refuses bars too short for their spheres.
+    pub(super) fn check(&self, packings: &[Packing]) -> Result<()> {
+        let Test::Tension(bar) = self.test else {
+            return Ok(());
+        };
+        let diameter = packings
+            .iter()
+            .map(|p| 2.0 * p.report.mean_radius)
+            .fold(0.0, f64::max);
+        if bar.length < SHORTEST * diameter {
+            let rule = format!(
+                "the bar is {:.1} mean diameters of {diameter:.3e} m long, below {SHORTEST}: take smaller spheres or a \
+                 longer bar, or --periodic",
+                bar.length / diameter
+            );
+            return Err(key(format!("{}.shape", self.key), rule));
+        }
+        Ok(())
+    }
+}
+
+/// The notches of a table in the frame of the container.
+fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
+    let shift = filling.shift;
+    let moved = |x: [f64; 3]| [x[0] - shift.x, x[1] - shift.y, x[2] - shift.z];
+    let all = table.dem.notch.iter();
+    all.map(|b| NotchBox {
+        low: moved(b.low),
+        high: moved(b.high),
+    })
+    .collect()
+}
+
+/// The table of the model that is meant.
+fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
+    let scene = Scene::of(source.clone())?.assign(&wanted.set)?;
+    let scene = scene.spec();
+    let name = match &wanted.model {
+        Some(name) => name.clone(),
+        None => {
+            let mut particles = scene.model.iter().filter(|(_, t)| t.kind == ModelKind::Dem);
+            match (particles.next(), particles.next()) {
+                (Some((name, _)), None) => name.clone(),
+                (None, _) => {
+                    let rule =
+                        "no model of the scene is of kind \"dem\"; calibration is of packings of spheres";
+                    return Err(key("model", rule));
+                }
+                _ => {
+                    return Err(key(
+                        "model",
+                        "several models are of kind \"dem\"; choose one by --model",
+                    ));
+                }
+            }
+        }
+    };
+    let Some(table) = scene.model.get(&name) else {
+        return Err(unknown("--model", &name, "model", scene.model.keys()));
+    };
+    let at = format!("model.{name}");
+    if table.kind != ModelKind::Dem {
+        let rule = "only models of kind \"dem\" have beams to calibrate; choose another by --model";
+        return Err(key(format!("{at}.kind"), rule));
+    }
+    Ok((at, table.clone(), source.folder.clone()))
+}
+
+/// A table as a scene would have it.
+fn of_flags(wanted: &Wanted) -> ModelTable {
+    let from = [0.0; 3];
+    let shape = match (wanted.cylinder, wanted.cuboid) {
+        (Some([length, radius]), _) => Shape::Cylinder { from, length, radius },
+        (_, Some([x, y, z])) => Shape::Box {
+            low: from,
+            high: [x, y, z],
+        },
+        // A periodic sample has no shape of its own.
+        _ => Shape::Box {
+            low: from,
+            high: [1.0; 3],
+        },
+    };
+    ModelTable {
+        kind: ModelKind::Dem,
+        role: None,
+        shape,
+        spacing: None,
+        divisions: None,
+        material: Material {
+            young: 1.0,
+            poisson: None,
+            density: 1.0,
+        },
+        fem: Default::default(),
+        cnem: Default::default(),
+        dem: DemTable {
+            young: Some(BeamMaterial::SILICA.young),
+            ..DemTable::default()
+        },
+    }
+}
+
+/// Flags win over the scene.
+fn override_by(wanted: &Wanted, table: &mut ModelTable) {
+    if wanted.count.is_some() || wanted.spacing.is_some() {
+        (table.dem.count, table.spacing) = (wanted.count, wanted.spacing);
+    }
+    let t = &mut table.dem;
+    t.coordination = wanted.coordination.or(t.coordination);
+    // Loose grains carry nothing.
+    t.loose = LooseKind::Drop;
+    t.protocol = wanted.protocol.or(t.protocol);
+    if wanted.radius_ratio.is_some() && wanted.young.is_none() && t.young.is_none() {
+        t.young = Some(BeamMaterial::SILICA.young);
+    }
+    t.young = wanted.young.or(t.young);
+    t.poisson = wanted.poisson.or(t.poisson);
+    t.radius_ratio = wanted.radius_ratio.or(t.radius_ratio);
+}
+
+/// The bar of a shape, in the frame of its container.
+fn bar(at: &str, shape: &Shape) -> Result<Bar> {
+    match *shape {
+        Shape::Cylinder { length, radius, .. } => Ok(Bar {
+            start: 0.0,
+            length,
+            area: std::f64::consts::PI * radius * radius,
+        }),
+        Shape::Box { low, high } => Ok(Bar {
+            start: low[0],
+            length: high[0] - low[0],
+            area: (high[1] - low[1]) * (high[2] - low[2]),
+        }),
+        Shape::Bar { .. } | Shape::File(_) => {
+            let rule = "a tension test needs a straight bar along x: a box or a cylinder; or give --periodic";
+            Err(value(format!("{at}.shape"), shape.name(), rule))
+        }
+    }
+}
+
+fn recipes(
+    seeds: u64,
+    at: &str,
+    table: &ModelTable,
+    folder: &Path,
+    filling: &Filling,
+) -> Result<Vec<(Option<u64>, Recipe)>> {
+    if table.dem.file.is_some() {
+        return Ok(vec![(None, Recipe::of(at, table, folder, filling)?)]);
+    }
+    let first = table.dem.seed.unwrap_or(1);
+    let mut table = table.clone();
+    let all = (first..).take(seeds as usize).map(|seed| {
+        table.dem.seed = Some(seed);
+        Ok((Some(seed), Recipe::of(at, &table, folder, filling)?))
+    });
+    all.collect()
+}
+
+fn periodic(wanted: &Wanted, at: String, table: &ModelTable) -> Result<Sample> {
+    if table.dem.file.is_some() {
+        let rule = "spheres from a file are not periodic; remove --periodic";
+        return Err(key(format!("{at}.dem.file"), rule));
+    }
+    let count = wanted.count.unwrap_or(PERIODIC);
+    let diameter = table.spacing.unwrap_or(1e-3);
+    let edge = (count as f64 * mean_sphere(diameter) / JAMMED).cbrt();
+    let container = Container::periodic(edge).map_err(dem(&at))?;
+    let first = table.dem.seed.unwrap_or(1);
+    let recipes = (first..).take(wanted.seeds as usize).map(|seed| {
+        let mut spec = spec(table, container.clone(), count);
+        spec.seed = seed;
+        (Some(seed), Recipe::Made(Box::new(spec)))
+    });
+    Ok(Sample {
+        text: format!("periodic cube of edge {edge:.4e} m"),
+        beam: beam(&at, table)?,
+        recipes: recipes.collect(),
+        key: at,
+        test: Test::Bulk,
+        notches: Vec::new(),
+    })
+}

@@ -1,0 +1,195 @@
+//! The strength of bars over that of their beams.
+
+use super::sample::{Sample, Test};
+use super::{Estimate, KEY, Wanted, each};
+use crate::Progress;
+use crate::Source;
+use crate::error::{Result, key};
+use crate::setup::filling::dem;
+use crate::spec::CriterionKind;
+use arlequin::dem_beam::calibrate::Spread;
+use arlequin::dem_beam::packing::Packing;
+use arlequin::dem_beam::strength::{Strength, strength_test};
+use arlequin::dem_beam::{Criterion, Fracture, Scatter};
+use serde::Serialize;
+
+/// Strength of the beams \[Pa\] unless one is given; ratios do not depend on it.
+const BEAMS: f64 = 200e6;
+
+/// All criteria with their names.
+const ALL: [(CriterionKind, &str); 4] = [
+    (CriterionKind::Axial, "axial"),
+    (CriterionKind::Rankine, "rankine"),
+    (CriterionKind::Mises, "mises"),
+    (CriterionKind::Energy, "energy"),
+];
+
+/// How bars are pulled until they break.
+#[derive(Debug, Clone, Default)]
+pub struct StrengthTest {
+    /// When beams break; all criteria if empty.
+    pub criteria: Vec<CriterionKind>,
+    /// Strength of the beams \[Pa\]; ratios do not depend on it.
+    pub beam_strength: Option<f64>,
+    /// Weibull modulus of the scatter of strengths between beams.
+    pub weibull: Option<f64>,
+    /// Mean diameters of the spheres \[m\] at which bars are pulled; the one of the elasticity if none.
+    pub sizes: Option<Vec<f64>>,
+}
+
+/// What the bars showed.
+#[derive(Debug, Clone, Serialize)]
+pub struct Strengths {
+    /// Strength of the beams \[Pa\].
+    pub beam_strength: f64,
+    /// Energy per section of the beams for the criterion of that name \[J/m²\].
+    pub beam_energy: f64,
+    /// Weibull modulus of the scatter between bonds, if there is one.
+    pub weibull: Option<f64>,
+    /// One per criterion and size.
+    pub rows: Vec<SizeStrength>,
+    /// Power of the mean diameter with which the strength of the body goes, by criterion; with several sizes.
+    pub exponents: Vec<Exponent>,
+}
+
+/// One criterion at one size.
+#[derive(Debug, Clone, Serialize)]
+pub struct SizeStrength {
+    /// Criterion.
+    pub criterion: &'static str,
+    /// Mean diameter \[m\].
+    pub diameter: f64,
+    /// Spheres of the first packing.
+    pub spheres: usize,
+    /// Strength of the body \[Pa\].
+    pub body: Estimate,
+    /// Strength of the beams over that of the body.
+    pub ratio: Estimate,
+    /// Stress at the first broken bond over the strength.
+    pub first: Estimate,
+    /// Mean strain at the peak.
+    pub strain: Estimate,
+    /// Share of the bonds that are broken at the peak.
+    pub broken: Estimate,
+}
+
+/// Power with which the strength of the body goes.
+#[derive(Debug, Clone, Serialize)]
+pub struct Exponent {
+    /// Criterion.
+    pub criterion: &'static str,
+    /// Power of the mean diameter.
+    pub power: f64,
+}
+
+/// Pulls bars of every size by every criterion; `sample` and `packings` are those of the elasticity.
+pub(super) fn of(
+    asked: &StrengthTest,
+    wanted: &Wanted,
+    source: Option<&Source>,
+    (sample, packings): (&Sample, &[Packing]),
+    progress: Progress<'_>,
+) -> Result<Strengths> {
+    let mut sizes: Vec<(Sample, Vec<Packing>)> = Vec::new();
+    match &asked.sizes {
+        None => sizes.push((sample.clone(), packings.to_vec())),
+        Some(all) => {
+            for &d in all {
+                let one = Wanted {
+                    spacing: Some(d),
+                    count: None,
+                    ..wanted.clone()
+                };
+                let sample = Sample::of(&one, source)?;
+                let packings = super::pack(&sample, progress)?;
+                sizes.push((sample, packings));
+            }
+        }
+    }
+    for (sample, packings) in &mut sizes {
+        for p in packings {
+            sample.cut(p)?;
+        }
+    }
+    let strength = asked.beam_strength.unwrap_or(BEAMS);
+    let mean = |p: &Packing| 2.0 * p.report.mean_radius;
+    let energy = strength * strength * mean(&sizes[0].1[0]) / (2.0 * sample.beam.young);
+    let mut rows = Vec::new();
+    let chosen = ALL
+        .iter()
+        .filter(|(kind, _)| asked.criteria.is_empty() || asked.criteria.contains(kind));
+    for (kind, name) in chosen {
+        for (sample, packings) in &sizes {
+            let (criterion, strength) = match kind {
+                CriterionKind::Axial => (Criterion::Axial, strength),
+                CriterionKind::Rankine => (Criterion::Rankine, strength),
+                CriterionKind::Mises => (Criterion::Mises, strength),
+                CriterionKind::Energy => (Criterion::Energy, energy),
+            };
+            let fracture = Fracture {
+                scatter: asked
+                    .weibull
+                    .map_or(Scatter::None, |modulus| Scatter::Weibull { modulus }),
+                ..Fracture::new(criterion, strength)
+            };
+            let found = pull(sample, packings, fracture, name, progress)?;
+            let spread = |f: &dyn Fn(&Strength) -> f64| {
+                Estimate::from(Spread::of(&found.iter().map(f).collect::<Vec<_>>()))
+            };
+            let diameters: Vec<f64> = packings.iter().map(mean).collect();
+            rows.push(SizeStrength {
+                criterion: name,
+                diameter: Spread::of(&diameters).mean,
+                spheres: packings[0].report.placed,
+                body: spread(&|s| s.peak),
+                ratio: spread(&Strength::ratio),
+                first: spread(&|s| s.first / s.peak),
+                strain: spread(&|s| s.strain),
+                broken: spread(&|s| s.broken as f64 / s.bonds as f64),
+            });
+        }
+    }
+    Ok(Strengths {
+        beam_strength: strength,
+        beam_energy: energy,
+        weibull: asked.weibull,
+        exponents: exponents(&rows),
+        rows,
+    })
+}
+
+fn pull(
+    sample: &Sample,
+    packings: &[Packing],
+    fracture: Fracture,
+    name: &str,
+    progress: Progress<'_>,
+) -> Result<Vec<Strength>> {
+    let Test::Tension(bar) = &sample.test else {
+        return Err(key(KEY, "strength is that of a bar; remove --periodic"));
+    };
+    each(packings.iter(), &format!("bars by {name}"), progress, |p| {
+        strength_test(p, sample.beam, bar, fracture).map_err(dem(&sample.key))
+    })
+}
+
+/// Slopes of the logarithms by least squares.
+fn exponents(rows: &[SizeStrength]) -> Vec<Exponent> {
+    let slope = |name: &'static str| {
+        let points: Vec<[f64; 2]> = rows
+            .iter()
+            .filter(|r| r.criterion == name)
+            .map(|r| [r.diameter.ln(), r.body.mean.ln()])
+            .collect();
+        let n = points.len() as f64;
+        let mean = |c: usize| points.iter().map(|p| p[c]).sum::<f64>() / n;
+        let (x, y) = (mean(0), mean(1));
+        let across: f64 = points.iter().map(|p| (p[0] - x) * (p[1] - y)).sum();
+        let along: f64 = points.iter().map(|p| (p[0] - x).powi(2)).sum();
+        (along > 0.0).then(|| Exponent {
+            criterion: name,
+            power: across / along,
+        })
+    };
+    ALL.iter().filter_map(|(_, name)| slope(name)).collect()
+}

@@ -1,0 +1,209 @@
+//! Runs a scene as given and with each effect off, and says what each one changes and costs.
+//!
+//! Results are the same in every run; times are not, so each variant runs several times, in turns, and its least counts.
+
+use crate::PhaseClock;
+use crate::Scene;
+use crate::error::{Error, Result, core, key, value};
+use crate::setup::{self, Built};
+use crate::spec::SceneSpec;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Instants at which the state is looked at for effects that are missing.
+const LOOKS: usize = 20;
+
+/// What the runs show.
+#[derive(Debug, Clone, Serialize)]
+pub struct Comparison {
+    /// Path of the scene as given.
+    pub scene: String,
+    /// Runs of each variant.
+    pub repeat: usize,
+    /// Least seconds of the steps as given.
+    pub seconds: f64,
+    /// One line per effect.
+    pub effects: Vec<Change>,
+    /// Effects that are not on and that the states of the run as given called for.
+    pub missing: Vec<String>,
+}
+
+/// The run without one effect against the run as given.
+#[derive(Debug, Clone, Serialize)]
+pub struct Change {
+    /// Key in the scene and kind.
+    pub effect: String,
+    /// Largest change of each probe over its largest value as given \[–\].
+    pub probes: BTreeMap<String, f64>,
+    /// Least seconds of the steps without it.
+    pub seconds: f64,
+    /// Share of the time that goes into it: `1 − seconds/seconds as given`, its effect on the step included.
+    pub share: f64,
+    /// Why the run without it ended early, if it did.
+    pub failed: Option<String>,
+    /// What its states called for.
+    pub missing: Vec<String>,
+}
+
+/// A run without output.
+struct Trace {
+    times: Vec<f64>,
+    probes: Vec<(String, Vec<f64>)>,
+    seconds: f64,
+    missing: BTreeMap<(String, &'static str), String>,
+    failed: Option<Error>,
+}
+
+/// Compares, with so many runs of each variant.
+///
+/// # Errors
+/// A scene without probes; the failure of the run as given.
+pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
+    scene.spec().refuse_wake("effects")?;
+    let folder = scene.folder();
+    if repeat == 0 {
+        return Err(value("--repeat", 0, "must be at least 1"));
+    }
+    if scene.spec().probe.is_empty() {
+        let rule = "is empty; effects are judged by what they change there, so name at least one probe";
+        return Err(key("probe", rule));
+    }
+    let mut given = trace(scene.spec(), folder)?;
+    if let Some(e) = given.failed {
+        return Err(e);
+    }
+    let variants = variants(scene.spec());
+    let mut traces = Vec::new();
+    for (_, scene) in &variants {
+        traces.push(trace(scene, folder)?);
+    }
+    // In turns, so that all see the same machine.
+    for _ in 1..repeat {
+        given.seconds = given.seconds.min(trace(scene.spec(), folder)?.seconds);
+        for ((_, scene), t) in variants.iter().zip(&mut traces) {
+            t.seconds = t.seconds.min(trace(scene, folder)?.seconds);
+        }
+    }
+    let mut changes = Vec::new();
+    for ((name, _), without) in variants.into_iter().zip(traces) {
+        changes.push(Change {
+            effect: name,
+            probes: given
+                .probes
+                .iter()
+                .zip(&without.probes)
+                .map(|(a, b)| (a.0.clone(), change(&given.times, &a.1, &without.times, &b.1)))
+                .collect(),
+            seconds: without.seconds,
+            share: 1.0 - without.seconds / given.seconds,
+            failed: without.failed.map(|e| e.to_string()),
+            missing: messages(without.missing),
+        });
+    }
+    Ok(Comparison {
+        scene: scene.source().path.display().to_string(),
+        repeat,
+        seconds: given.seconds,
+        effects: changes,
+        missing: messages(given.missing),
+    })
+}
+
+fn messages(found: BTreeMap<(String, &'static str), String>) -> Vec<String> {
+    let text = |((model, _), m): ((String, &str), String)| format!("model '{model}': {m}");
+    found.into_iter().map(text).collect()
+}
+
+/// The scene without each effect that is on.
+fn variants(scene: &SceneSpec) -> Vec<(String, SceneSpec)> {
+    let mut out = Vec::new();
+    for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
+        let mut off = scene.clone();
+        off.effect[k].enabled = false;
+        out.push((format!("effect[{k}].{}", e.given().join(", ")), off));
+    }
+    for (name, _) in scene.model.iter().filter(|(_, m)| m.dem.finite_rotations) {
+        let mut off = scene.clone();
+        if let Some(m) = off.model.get_mut(name) {
+            m.dem.finite_rotations = false;
+        }
+        out.push((format!("model.{name}.dem.finite_rotations"), off));
+    }
+    for (name, i) in &scene.interface {
+        if i.absorber.is_some() {
+            let mut off = scene.clone();
+            if let Some(i) = off.interface.get_mut(name) {
+                i.absorber = None;
+            }
+            out.push((format!("interface.{name}.absorber"), off));
+        }
+    }
+    out
+}
+
+fn trace(scene: &SceneSpec, folder: &Path) -> Result<Trace> {
+    steps(setup::build(scene, folder)?)
+}
+
+fn steps(built: Built) -> Result<Trace> {
+    let Built {
+        mut run,
+        probes,
+        steps,
+        without_contact,
+        ..
+    } = built;
+    let mut clock = PhaseClock::new();
+    let mut out = Trace {
+        times: Vec::with_capacity(steps),
+        probes: probes.iter().map(|p| (p.name.clone(), Vec::new())).collect(),
+        seconds: 0.0,
+        missing: BTreeMap::new(),
+        failed: None,
+    };
+    let every = steps.div_ceil(LOOKS).max(1);
+    for made in 1..=steps {
+        let stepped = run.advance(&mut clock);
+        clock.enter(Some(arlequin::core::observer::Phase::Observe));
+        if let Err(e) = stepped {
+            out.failed = Some(core("time")(e));
+            break;
+        }
+        out.times.push(run.time());
+        for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
+            values.push(reader.read(run.subdomains()));
+        }
+        if made % every == 0 || made == steps {
+            for (model, f) in run.watch().into_iter().chain(without_contact.watch(&run)) {
+                out.missing.insert((model, f.effect), f.message);
+            }
+        }
+    }
+    clock.enter(None);
+    out.seconds = clock.split()[0];
+    Ok(out)
+}
+
+/// Largest difference over the common time, over the largest value of the first.
+fn change(times: &[f64], values: &[f64], other_times: &[f64], other: &[f64]) -> f64 {
+    let top = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    let end = other_times.last().copied().unwrap_or_default();
+    let difference = times
+        .iter()
+        .zip(values)
+        .take_while(|(t, _)| **t <= end)
+        .filter_map(|(t, v)| Some((v - at(other_times, other, *t)?).abs()))
+        .fold(0.0_f64, f64::max);
+    if top > 0.0 { difference / top } else { difference }
+}
+
+/// Linear interpolation; none before the first time.
+fn at(times: &[f64], values: &[f64], t: f64) -> Option<f64> {
+    let k = times.partition_point(|x| *x < t);
+    if k == 0 {
+        return times.first().filter(|x| **x <= t).map(|_| values[0]);
+    }
+    let (a, b) = (times.get(k - 1)?, times.get(k)?);
+    Some(values[k - 1] + (values[k] - values[k - 1]) * (t - a) / (b - a))
+}

@@ -1,0 +1,123 @@
+//! What a run will be: sizes, steps, output, memory and time.
+
+use crate::output::Frames;
+use crate::output::summary::{self, InterfaceLine, ModelLine};
+use crate::recorder::PhaseClock;
+use crate::run::Prepared;
+use crate::scene::Scene;
+use crate::setup::Built;
+use arlequin::core::Coupled;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Seconds that trial steps may take to estimate the time of a run.
+const TRIAL: f64 = 0.3;
+
+/// What a run will be.
+#[derive(Debug, Clone, Serialize)]
+pub struct Preview {
+    /// Path of the scene as given.
+    pub scene: String,
+    /// Its title.
+    pub title: Option<String>,
+    /// Models.
+    pub models: Vec<ModelLine>,
+    /// Interfaces.
+    pub interface: Vec<InterfaceLine>,
+    /// Effects that are on.
+    pub effects: Vec<String>,
+    /// Step \[s\].
+    pub dt: f64,
+    /// Largest stable step \[s\].
+    pub critical_dt: f64,
+    /// Steps to make.
+    pub steps: usize,
+    /// End \[s\].
+    pub end: f64,
+    /// Frames to write.
+    pub frames: usize,
+    /// Bytes of all frames.
+    pub output_bytes: usize,
+    /// Bytes of memory: those in use now that everything is built, or where the system does not tell, an estimate.
+    pub memory_bytes: usize,
+    /// Seconds the set-up took.
+    pub setup_seconds: f64,
+    /// Seconds the steps will take, from trial steps that are thrown away; none if these fail.
+    pub stepping_seconds: Option<f64>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+    /// The same for the time in which a model sleeps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub asleep: Option<Box<Self>>,
+}
+
+impl Prepared {
+    /// What the run will be; makes a few steps that are thrown away to learn their time.
+    pub fn preview(self) -> Preview {
+        let mut out = Preview::of(&self.scene, self.built, self.setup);
+        out.asleep = self
+            .asleep
+            .map(|a| Box::new(Preview::of(&a.scene, a.built, self.setup)));
+        out
+    }
+}
+
+impl Preview {
+    fn of(scene: &Scene, built: Built, setup_seconds: f64) -> Self {
+        let Built {
+            mut run,
+            models,
+            mediators,
+            steps,
+            frame_every,
+            warnings,
+            ..
+        } = built;
+        let packings: Vec<_> = models.iter().map(|d| d.packing.clone()).collect();
+        // Nothing is written: the folder is only a name.
+        let fields = &scene.spec().output.fields;
+        let frames = Frames::new(PathBuf::new(), fields, &run, models, mediators);
+        let plan = run.plan();
+        let count = 1 + steps.div_ceil(frame_every);
+        Self {
+            scene: scene.source().path.display().to_string(),
+            title: scene.spec().title.clone(),
+            models: summary::models(&run, &packings),
+            interface: summary::interfaces(&run, &[]),
+            effects: plan.effects.clone(),
+            dt: plan.dt,
+            critical_dt: plan.critical_dt,
+            steps,
+            end: steps as f64 * plan.dt,
+            frames: count,
+            output_bytes: count * frames.bytes_per_frame(),
+            memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
+            setup_seconds,
+            warnings,
+            asleep: None,
+            stepping_seconds: trial(&mut run, steps),
+        }
+    }
+}
+
+/// Seconds for all steps, extrapolated from a few.
+fn trial(run: &mut Coupled<f64>, steps: usize) -> Option<f64> {
+    let mut clock = PhaseClock::new();
+    // The first step warms the caches.
+    run.advance(&mut clock).ok()?;
+    let begin = Instant::now();
+    let mut made = 0usize;
+    while made < 100 && begin.elapsed().as_secs_f64() < TRIAL {
+        run.advance(&mut clock).ok()?;
+        made += 1;
+    }
+    Some(begin.elapsed().as_secs_f64() / made as f64 * steps as f64)
+}
+
+/// Twelve vectors and a stiffness row of 81 entries per unknown, and the interface matrices.
+fn estimated_bytes(plan: &arlequin::core::coupled::Plan) -> usize {
+    let unknowns: usize = plan.models.iter().map(|m| m.3).sum();
+    let interface: usize = plan.interfaces.iter().map(|i| i.nonzeros).sum();
+    unknowns * (12 * 8 + 81 * 12) + interface * 16
+}

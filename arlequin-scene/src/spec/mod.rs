@@ -1,0 +1,132 @@
+//! The scene: what the TOML file says, before any of it is built. `docs/scene.md` is its reference.
+
+mod drive;
+mod effect;
+#[cfg(test)]
+mod fuzz;
+mod interface;
+mod model;
+mod wake;
+
+pub use drive::{
+    Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Spin, Support, TimeShape,
+    Wave,
+};
+pub use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
+pub use interface::{
+    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
+};
+pub use model::{
+    CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelKind, ModelTable, NotchBox,
+    ParticleFieldKind, Protocol, RoleKind, Shape,
+};
+pub use wake::{Near, Wake};
+
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// A scene.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneSpec {
+    /// One line for reports.
+    pub title: Option<String>,
+    /// Models by name.
+    pub model: BTreeMap<String, ModelTable>,
+    /// Interfaces by name.
+    #[serde(default)]
+    pub interface: BTreeMap<String, Interface>,
+    /// Length of the run and of its steps.
+    pub time: Time,
+    /// Supports and prescribed motions.
+    #[serde(default)]
+    pub support: Vec<Support>,
+    /// Loads.
+    #[serde(default)]
+    pub load: Vec<Load>,
+    /// Body forces and damping.
+    #[serde(default)]
+    pub effect: Vec<Effect>,
+    /// Initial displacements and velocities.
+    #[serde(default)]
+    pub initial: Vec<Initial>,
+    /// Probes by name.
+    #[serde(default)]
+    pub probe: BTreeMap<String, Probe>,
+    /// What is written, and how often.
+    #[serde(default)]
+    pub output: Output,
+    /// A model that sleeps at first.
+    pub wake: Option<Wake>,
+}
+
+/// Length of the run and of its steps.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Time {
+    /// End \[s\].
+    pub end: Option<f64>,
+    /// Number of steps, in place of `end`.
+    pub steps: Option<usize>,
+    /// The step.
+    #[serde(default)]
+    pub step: StepChoice,
+}
+
+/// How the time step is chosen.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum StepChoice {
+    /// Share of the critical step.
+    Fraction(f64),
+    /// Seconds.
+    Seconds(f64),
+}
+
+impl Default for StepChoice {
+    /// Nine tenths of the critical step: the estimate of the highest frequency is good to one per cent.
+    fn default() -> Self {
+        Self::Fraction(0.9)
+    }
+}
+
+/// What is written, and how often.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Output {
+    /// Steps between two frames.
+    pub every: Option<usize>,
+    /// Seconds between two frames.
+    pub interval: Option<f64>,
+    /// Fields in the frames.
+    pub fields: Vec<OutputField>,
+    /// Steps between two rows of `probes.csv`.
+    pub probe_every: usize,
+    /// Steps between two rows of `energy.csv`.
+    pub energy_every: usize,
+    /// Steps between two checkpoints; none are written otherwise.
+    pub checkpoint_every: Option<usize>,
+    /// Whether plots are drawn.
+    pub plots: bool,
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        Self {
+            every: None,
+            interval: None,
+            fields: vec![
+                OutputField::Displacement,
+                OutputField::Velocity,
+                OutputField::Weights,
+                OutputField::EnergyDensity,
+                OutputField::Multipliers,
+            ],
+            probe_every: 1,
+            // A row costs two energy evaluations, a fifth of a step each.
+            energy_every: 10,
+            checkpoint_every: None,
+            plots: true,
+        }
+    }
+}

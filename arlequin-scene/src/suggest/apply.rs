@@ -1,0 +1,217 @@
+//! A proposal as changes of the scene file, comments kept.
+
+use super::choose::Prospect;
+use super::scenario::Scenario;
+use crate::error::{Error, Result, key, value, write as write_error};
+use crate::spec::{JunctionKind, OverlapShape, SceneSpec, Shape};
+use crate::{Scene, Source};
+use std::path::Path;
+use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
+
+/// One change of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Change {
+    /// Path of the key.
+    pub path: String,
+    /// Its new value as TOML; none if the key goes.
+    pub text: Option<String>,
+}
+
+impl Change {
+    fn new(path: impl Into<String>, text: impl Into<String>) -> Self {
+        Self {
+            path: path.into(),
+            text: Some(text.into()),
+        }
+    }
+
+    /// As `--set` takes it, which can remove nothing.
+    pub(super) fn assignment(&self) -> Option<String> {
+        Some(format!("{}={}", self.path, self.text.as_ref()?))
+    }
+}
+
+/// Whether enough energy lies above the coarse cutoff to be worth an absorber: a tenth of the predicted error's square.
+pub(super) fn needs_absorber(p: &Prospect) -> bool {
+    p.errors.above_cutoff > 0.1 * p.errors.worst().powi(2)
+}
+
+/// Four digits are more than a spacing needs.
+fn number(x: f64) -> String {
+    let rounded: f64 = format!("{x:.3e}").parse().unwrap_or(x);
+    format!("{rounded:e}")
+}
+
+fn counts(lengths: &[f64], spacing: f64) -> String {
+    let n: Vec<String> = lengths
+        .iter()
+        .map(|l| (l / spacing).ceil().max(1.0).to_string())
+        .collect();
+    format!("[{}]", n.join(", "))
+}
+
+/// What a proposal changes.
+pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
+    let c = &p.candidate;
+    let [interface, coarse, fine] = &s.names;
+    let table = format!("interface.{interface}");
+    let mut out = vec![match scene.model.get(coarse) {
+        Some(m) if m.divisions.is_some() => Change::new(
+            format!("model.{coarse}.divisions"),
+            counts(&extents(&m.shape), c.h),
+        ),
+        _ => Change::new(format!("model.{coarse}.spacing"), number(c.h)),
+    }];
+    let joint = scene.interface.get(interface);
+    out.push(if joint.is_some_and(|j| j.mediator.divisions.is_some()) {
+        let along = |a: f64| (0..3).map(|k| if k == s.axis { c.overlap } else { a }).collect();
+        let lengths: Vec<f64> = s.across.map_or_else(|| vec![c.overlap], along);
+        Change::new(format!("{table}.mediator.divisions"), counts(&lengths, c.h_b))
+    } else {
+        Change::new(format!("{table}.mediator.spacing"), number(c.h_b))
+    });
+    let profile = format!("\"{}\"", c.profile);
+    out.push(Change::new(format!("{table}.weight.profile"), profile));
+    if joint.is_some_and(|j| j.weight.value.is_some()) {
+        // The constant profile's value means nothing to another one.
+        out.push(Change {
+            path: format!("{table}.weight.value"),
+            text: None,
+        });
+    }
+    if let Some(l) = c.length_ratio.filter(|_| s.junction != JunctionKind::L2) {
+        out.push(Change::new(format!("{table}.junction.length"), number(l * c.h_b)));
+    }
+    if s.movable {
+        out.extend(moved(scene, s, c.overlap, &table, fine));
+    }
+    if needs_absorber(p) && !s.absorber {
+        out.push(Change::new(format!("{table}.absorber.rate_factor"), "0.2"));
+    }
+    if s.fraction.is_none_or(|f| (f - fraction).abs() > 1e-9) {
+        out.push(Change::new("time.step", format!("{{ fraction = {fraction} }}")));
+    }
+    out
+}
+
+fn extents(shape: &Shape) -> Vec<f64> {
+    match shape {
+        Shape::Box { low, high } => (0..3).map(|k| high[k] - low[k]).collect(),
+        Shape::Bar { from, to, .. } => vec![to - from],
+        _ => Vec::new(),
+    }
+}
+
+/// The overlap's border to the coarse model and the end of the fine body, which move together.
+fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
+    let tidy = |x: f64| format!("{x:.9e}").parse::<f64>().unwrap_or(x);
+    let place = tidy(s.border + s.inward * overlap);
+    let point = |mut x: [f64; 3]| {
+        x[s.axis] = place;
+        format!("[{:e}, {:e}, {:e}]", x[0], x[1], x[2])
+    };
+    let mut out = Vec::new();
+    if let Some(OverlapShape::Slab { coarse, .. }) = scene.interface.get(&s.names[0]).map(|i| &i.overlap) {
+        out.push(Change::new(
+            format!("{table}.overlap.slab.coarse"),
+            point(*coarse),
+        ));
+    }
+    let shape = format!("model.{fine}.shape");
+    let up = s.inward > 0.0;
+    match scene.model.get(fine).map(|m| &m.shape) {
+        Some(Shape::Box { low, high }) => {
+            let (name, corner) = if up { ("high", high) } else { ("low", low) };
+            out.push(Change::new(format!("{shape}.box.{name}"), point(*corner)));
+        }
+        Some(Shape::Bar { .. }) => {
+            let name = if up { "to" } else { "from" };
+            out.push(Change::new(format!("{shape}.bar.{name}"), format!("{place:e}")));
+        }
+        Some(Shape::Cylinder { from, length, .. }) => {
+            let (start, end) = if up {
+                (from[0], place)
+            } else {
+                out.push(Change::new(format!("{shape}.cylinder.from"), point(*from)));
+                (place, from[0] + length)
+            };
+            let length = format!("{:e}", tidy(end - start));
+            out.push(Change::new(format!("{shape}.cylinder.length"), length));
+        }
+        _ => {}
+    }
+    out
+}
+
+/// Writes the scene with earlier `--set` values and the changes; what is not changed stays as it is, comments too.
+pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()> {
+    if out.exists() {
+        let rule = "exists; choose another name, nothing is overwritten";
+        return Err(value("--apply", out.display(), rule));
+    }
+    let mut document: DocumentMut =
+        scene
+            .source()
+            .text
+            .parse()
+            .map_err(|e: toml_edit::TomlError| Error::Syntax {
+                message: e.message().to_owned(),
+                span: e.span(),
+            })?;
+    let given = scene
+        .changes()
+        .iter()
+        .filter_map(|s| s.split_once('='))
+        .map(|(p, v)| Change::new(p.trim(), v.trim()));
+    for change in given.chain(changes.iter().cloned()) {
+        put(&mut document, &change)?;
+    }
+    // What is written must be a scene again.
+    let written = Scene::of(Source::new(out, document.to_string()))?;
+    std::fs::write(out, &written.source().text).map_err(write_error(out))
+}
+
+fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {
+    let (head, last) = change.path.rsplit_once('.').unwrap_or(("", &change.path));
+    let mut at: &mut dyn TableLike = document.as_table_mut();
+    for part in head.split('.').filter(|p| !p.is_empty()) {
+        let item = at.entry(part).or_insert_with(|| Item::Table(Table::new()));
+        at = item.as_table_like_mut().ok_or_else(|| {
+            let rule = format!(
+                "'{part}' is a list or a plain value, which --apply cannot reach into; change the file"
+            );
+            key(change.path.clone(), rule)
+        })?;
+    }
+    let Some(text) = &change.text else {
+        at.remove(last);
+        return Ok(());
+    };
+    let mut new = text
+        .parse::<Value>()
+        .unwrap_or_else(|_| Value::from(text.as_str()));
+    match at.get_mut(last) {
+        Some(Item::Value(old)) if same(old, &new) => {}
+        Some(Item::Value(old)) => {
+            *new.decor_mut() = old.decor().clone();
+            *old = new;
+        }
+        Some(other) => *other = Item::Value(new),
+        None => {
+            at.insert(last, Item::Value(new));
+        }
+    }
+    Ok(())
+}
+
+/// Whether two values say the same, whatever their writing.
+fn same(a: &Value, b: &Value) -> bool {
+    match (a.as_float(), b.as_float()) {
+        (Some(x), Some(y)) => x.total_cmp(&y).is_eq(),
+        _ => {
+            let plain =
+                |v: &Value| toml::from_str::<toml::Table>(&format!("x = {}", v.to_string().trim())).ok();
+            plain(a) == plain(b)
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! The cost model, measured on this machine, and the search over candidates.
+
+use super::predict::{self, Candidate, Errors, Form, Table};
+use super::scenario::{Scenario, Spectrum};
+use crate::error::Result;
+use crate::spec::{JunctionKind, ProfileKind};
+
+/// Widths of the overlap that are tried, in coarse spacings.
+const WIDTHS: [f64; 5] = [2.0, 3.0, 4.0, 6.0, 8.0];
+/// Mediator spacings that are tried, in coarse spacings.
+const MEDIATORS: [f64; 2] = [1.0, 0.5];
+/// Weights that are tried.
+const PROFILES: [ProfileKind; 3] = [ProfileKind::Cubic, ProfileKind::Quintic, ProfileKind::Linear];
+/// Junction lengths that are tried, in mediator spacings: past half of one, the condition grows as the fourth power.
+const LENGTHS: [f64; 2] = [0.25, 0.5];
+/// Ratio of neighbouring coarse spacings that are tried.
+const SPACING_STEP: f64 = 1.12;
+
+/// What trial steps of a built scene told.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Measured {
+    /// Nodes of the coarse and the fine model.
+    pub nodes: [f64; 2],
+    /// Coupled nodes of both, and multipliers.
+    pub coupled: [f64; 3],
+    /// Seconds per step: coarse, fine, interface, rest.
+    pub seconds: [f64; 4],
+    /// Set-up \[s\].
+    pub setup: f64,
+    /// Step \[s\].
+    pub dt: f64,
+    /// Critical steps of the coarse and the fine model \[s\].
+    pub critical: [f64; 2],
+}
+
+/// Seconds per unit of work, and the scene they were measured with.
+#[derive(Debug, Clone)]
+pub(super) struct CostModel {
+    base: Candidate,
+    measured: Measured,
+    dimension: i32,
+    fraction: f64,
+}
+
+impl CostModel {
+    /// Takes a measurement of the scene at `base`; steps will be `fraction` of the critical one.
+    pub(super) fn new(base: Candidate, measured: Measured, s: &Scenario, fraction: f64) -> Self {
+        Self {
+            base,
+            measured,
+            dimension: if s.across.is_some() { 3 } else { 1 },
+            fraction,
+        }
+    }
+
+    /// Step of a candidate \[s\].
+    pub(super) fn dt(&self, c: &Candidate) -> f64 {
+        let [coarse, fine] = self.measured.critical;
+        self.fraction * fine.min(coarse * c.h / self.base.h)
+    }
+
+    /// Seconds of all steps and of the set-up.
+    pub(super) fn seconds(&self, c: &Candidate, s: &Scenario, end: f64) -> f64 {
+        let (m, b) = (&self.measured, &self.base);
+        let d = self.dimension;
+        let shrink = (b.h / c.h).powi(d);
+        let wider = c.overlap / b.overlap;
+        let fine = (s.lengths[1] + c.overlap) / (s.lengths[1] + b.overlap);
+        // A solve with a banded factor in space costs more than its unknowns.
+        let power = if d == 3 { 4.0 / 3.0 } else { 1.0 };
+        let multipliers = wider * (b.h_b / c.h_b).powi(d);
+        let work = |n: [f64; 3]| n[0] + n[1] + n[2].powf(power);
+        let grown = [
+            m.coupled[0] * wider * shrink,
+            m.coupled[1] * wider,
+            m.coupled[2] * multipliers,
+        ];
+        let interface = work(grown) / work(m.coupled).max(1.0);
+        let nodes = (m.nodes[0] * shrink + m.nodes[1] * fine) / (m.nodes[0] + m.nodes[1]);
+        let step =
+            m.seconds[0] * shrink + m.seconds[1] * fine + m.seconds[2] * interface + m.seconds[3] * nodes;
+        (end / self.dt(c)).ceil() * step + m.setup * nodes
+    }
+}
+
+/// A candidate with what is predicted of it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Prospect {
+    /// Settings.
+    pub candidate: Candidate,
+    /// Errors.
+    pub errors: Errors,
+    /// Time \[s\].
+    pub seconds: f64,
+}
+
+/// What is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Goal {
+    /// Least time within an error \[–\].
+    Error(f64),
+    /// Least error within a time \[s\].
+    Time(f64),
+}
+
+/// All candidates of a scene with the tables of their overlaps.
+#[derive(Debug)]
+pub(super) struct Search<'a> {
+    /// Scene.
+    pub scenario: &'a Scenario,
+    /// Signal.
+    pub spectrum: &'a Spectrum,
+    /// End of the run \[s\].
+    pub end: f64,
+    /// The scene as it is.
+    pub given: Candidate,
+    /// Tables.
+    pub tables: Vec<Table>,
+    candidates: Vec<Candidate>,
+}
+
+impl<'a> Search<'a> {
+    /// Draws up candidates and analyses the overlaps.
+    pub(super) fn new(scenario: &'a Scenario, spectrum: &'a Spectrum, end: f64) -> Result<Self> {
+        let s = scenario;
+        let r = s.spacings[1];
+        let (given, form) = as_given(s);
+        let mut forms = vec![form];
+        let mut candidates = Vec::new();
+        // At least two elements across and four along.
+        let mut spacing = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
+        while spacing >= r {
+            for form in tried(s, spacing) {
+                let known = forms.iter().position(|f| alike(f, &form));
+                let table = known.unwrap_or_else(|| {
+                    forms.push(form);
+                    forms.len() - 1
+                });
+                candidates.push(candidate(&form, spacing, table));
+            }
+            spacing /= SPACING_STEP;
+        }
+        Ok(Self {
+            scenario,
+            spectrum,
+            end,
+            given,
+            tables: predict::tables(&forms)?,
+            candidates,
+        })
+    }
+
+    /// What is predicted of a candidate.
+    pub(super) fn predict(&self, c: &Candidate, costs: &CostModel, dt: f64) -> Prospect {
+        let errors = predict::errors(c, &self.tables, self.scenario, self.spectrum, self.end, dt);
+        Prospect {
+            candidate: *c,
+            errors,
+            seconds: costs.seconds(c, self.scenario, self.end),
+        }
+    }
+
+    /// The best candidate; if none reaches the goal, the one that comes closest, as `Err`.
+    pub(super) fn best(
+        &self,
+        goal: Goal,
+        costs: &CostModel,
+    ) -> std::result::Result<Prospect, Option<Prospect>> {
+        let predict = |c| self.predict(c, costs, costs.dt(c));
+        let all: Vec<Prospect> = self.candidates.iter().map(predict).collect();
+        let least = |f: &dyn Fn(&Prospect) -> f64, keep: &dyn Fn(&Prospect) -> bool| {
+            let kept = all.iter().filter(|p| keep(p));
+            kept.min_by(|a, b| f(a).total_cmp(&f(b))).copied()
+        };
+        let error = |p: &Prospect| p.errors.worst();
+        let time = |p: &Prospect| p.seconds;
+        match goal {
+            Goal::Error(e) => least(&time, &|p| error(p) <= e).ok_or_else(|| least(&error, &|_| true)),
+            Goal::Time(t) => least(&error, &|p| time(p) <= t).ok_or_else(|| least(&time, &|_| true)),
+        }
+    }
+}
+
+/// The scene as it is, its overlap the first of the tables.
+pub(super) fn as_given(s: &Scenario) -> (Candidate, Form) {
+    let [h, r, h_b] = s.spacings;
+    let form = Form {
+        ratio: (h / r).max(1.0),
+        h_b: h_b / h,
+        overlap: s.overlap / h,
+        profile: s.profile,
+        junction: s.junction,
+        length_ratio: (s.junction != JunctionKind::L2).then_some(s.length_ratio),
+    };
+    (candidate(&form, h, 0), form)
+}
+
+fn candidate(f: &Form, h: f64, table: usize) -> Candidate {
+    Candidate {
+        h,
+        h_b: f.h_b * h,
+        overlap: f.overlap * h,
+        profile: f.profile,
+        length_ratio: f.length_ratio,
+        table,
+    }
+}
+
+/// Whether two overlaps reflect alike; above ten to one the ratio of the spacings hardly enters.
+fn alike(a: &Form, b: &Form) -> bool {
+    let close = |x: f64, y: f64| (x / y).ln().abs() < 0.02;
+    close(a.ratio.min(10.0), b.ratio.min(10.0))
+        && close(a.overlap, b.overlap)
+        && close(a.h_b, b.h_b)
+        && (a.profile, a.length_ratio) == (b.profile, b.length_ratio)
+}
+
+/// Overlaps that are tried for a coarse spacing.
+fn tried(s: &Scenario, h: f64) -> Vec<Form> {
+    let r = s.spacings[1];
+    let widths = if s.movable {
+        WIDTHS.to_vec()
+    } else {
+        vec![s.overlap / h]
+    };
+    let lengths: Vec<Option<f64>> = if s.junction == JunctionKind::L2 {
+        vec![None]
+    } else {
+        LENGTHS.map(Some).to_vec()
+    };
+    // Few ratios, so that few overlaps need analysing.
+    let ratio = [1.0f64, 1.5, 2.0, 3.0, 5.0, 10.0]
+        .into_iter()
+        .rfind(|x| *x <= h / r * 1.01)
+        .unwrap_or(1.0);
+    let mut out = Vec::new();
+    for overlap in widths {
+        let too_wide = s.movable && overlap * h > 0.5 * s.lengths[0];
+        if too_wide || !(1.0..=40.0).contains(&overlap) {
+            continue;
+        }
+        // Multipliers finer than two particles tie what should move freely.
+        for h_b in MEDIATORS.into_iter().filter(|b| *b >= 1.0 || b * h >= 2.0 * r) {
+            for profile in PROFILES {
+                out.extend(lengths.iter().map(|l| Form {
+                    ratio,
+                    h_b,
+                    overlap,
+                    profile,
+                    junction: s.junction,
+                    length_ratio: *l,
+                }));
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn costs(critical: [f64; 2]) -> (CostModel, Candidate) {
+        let scene = "[model.a]\nkind = \"fem\"\nrole = \"coarse\"\nshape.bar = { from = 0, to = 9, section = 1 }\n\
+             spacing = 0.5\nmaterial = { young = 1, density = 1 }\n\
+             [model.b]\nkind = \"chain\"\nrole = \"fine\"\nshape.bar = { from = -9, to = 2, section = 1 }\n\
+             spacing = 0.1\nmaterial = { young = 1, density = 1 }\n\
+             [interface.j]\ncoarse = \"a\"\nfine = \"b\"\n\
+             overlap.slab = { fine = [0, 0, 0], coarse = [2, 0, 0] }\nweight = { profile = \"cubic\" }\n[time]\nend = 1\n";
+        let scene = toml::from_str(scene).expect("a scene");
+        let s = super::super::scenario::scenario(&scene).expect("a scenario");
+        let (given, _) = as_given(&s);
+        let measured = Measured {
+            nodes: [19.0, 111.0],
+            coupled: [5.0, 21.0, 5.0],
+            seconds: [1e-6, 2e-6, 1e-6, 1e-6],
+            setup: 1e-3,
+            dt: 0.05,
+            critical,
+        };
+        (CostModel::new(given, measured, &s, 0.9), given)
+    }
+
+    /// An explicit step goes with the smallest spacing: where the coarse one limits it, half the spacing takes twice the
+    /// steps; where the fine one does, the step stays.
+    #[test]
+    fn the_step_shrinks_with_the_spacing_that_limits_it() {
+        let (model, given) = costs([0.5, 0.8]);
+        for factor in [1.0, 0.5, 0.25] {
+            let h = given.h * factor;
+            let dt = model.dt(&Candidate { h, ..given });
+            assert!((dt / (0.9 * 0.5 * factor) - 1.0).abs() < 1e-12, "h = {h}: {dt}");
+        }
+        assert!(
+            (model.dt(&Candidate {
+                h: 2.0 * given.h,
+                ..given
+            }) - 0.9 * 0.8)
+                .abs()
+                < 1e-12
+        );
+        let (model, given) = costs([0.5, 0.1]);
+        let half = Candidate {
+            h: 0.5 * given.h,
+            ..given
+        };
+        assert!((model.dt(&half) - 0.09).abs() < 1e-12 && (model.dt(&given) - 0.09).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,74 @@
+//! Trial steps: what a scene costs on this machine.
+
+use super::apply::Change;
+use super::choose::Measured;
+use super::scenario::{self, Scenario};
+use crate::PhaseClock;
+use crate::Scene;
+use crate::error::{Result, core};
+use crate::setup;
+use arlequin::core::Coupled;
+use std::time::Instant;
+
+/// Seconds of trial steps per scene.
+const TRIAL: f64 = 0.3;
+/// Steps whose time is taken together; the least of all stretches counts, as others use the machine too.
+const STRETCH: usize = 10;
+
+/// Builds the scene with changes and makes trial steps; also the end of its run \[s\].
+pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64)> {
+    let begin = Instant::now();
+    let changes: Vec<String> = changes.iter().filter_map(Change::assignment).collect();
+    let scene = scene.clone().assign(&changes)?;
+    let s = scenario::scenario(scene.spec())?;
+    let built = setup::build(scene.spec(), scene.folder())?;
+    let setup = begin.elapsed().as_secs_f64();
+    let mut run = built.run;
+    let end = s.end.unwrap_or(built.steps as f64 * run.dt());
+    let mut seconds = [0.0; 4];
+    let mut least = f64::INFINITY;
+    let begin = Instant::now();
+    let mut first = true;
+    while first || least.is_infinite() || begin.elapsed().as_secs_f64() < TRIAL {
+        let mut clock = PhaseClock::new();
+        for _ in 0..STRETCH {
+            run.advance(&mut clock).map_err(core("time"))?;
+        }
+        clock.enter(None);
+        let [total, _] = clock.split();
+        // The first stretch warms the caches.
+        if !first && total < least {
+            least = total;
+            seconds = share(&clock, &run, &s).map(|x| x / STRETCH as f64);
+        }
+        first = false;
+    }
+    let index = |name: &String| run.subdomains().iter().position(|d| d.model().name() == name);
+    let sides = [index(&s.names[1]).unwrap_or(0), index(&s.names[2]).unwrap_or(0)];
+    let r = run.interfaces()[0].report();
+    let measured = Measured {
+        nodes: sides.map(|k| run.subdomains()[k].model().layout().nodes as f64),
+        coupled: [r.coupled_nodes[0], r.coupled_nodes[1], r.multipliers].map(|n| n as f64),
+        seconds,
+        setup,
+        dt: run.dt(),
+        critical: sides.map(|k| run.critical_steps()[k]),
+    };
+    Ok((measured, end))
+}
+
+/// Seconds by coarse, fine, interface and rest.
+fn share(clock: &PhaseClock, run: &Coupled<f64>, s: &Scenario) -> [f64; 4] {
+    let mut out = [0.0; 4];
+    for (name, seconds) in clock.phases(run) {
+        // predict/MODEL or effect/MODEL/NAME.
+        let at = match name.split('/').nth(1) {
+            Some(m) if m == s.names[1] => 0,
+            Some(m) if m == s.names[2] => 1,
+            _ if name == "interface" => 2,
+            _ => 3,
+        };
+        out[at] += seconds;
+    }
+    out
+}

@@ -1,0 +1,255 @@
+//! Settings of a coupling for an error or a time.
+//!
+//! Errors come from the dispersion of the coarse lattice and the harmonic analysis of the overlap; times from trial steps
+//! on this machine, repeated with what was proposed until proposal and measurement agree.
+
+mod apply;
+mod choose;
+mod measure;
+mod path;
+mod predict;
+mod scenario;
+
+use crate::Scene;
+use crate::error::{Result, key, value};
+use crate::spec::SceneSpec;
+use apply::Change;
+pub use choose::Goal;
+use choose::{CostModel, Prospect, Search};
+use measure::measure;
+pub use predict::Errors;
+use scenario::Scenario;
+use serde::Serialize;
+use std::path::Path;
+
+/// Most scenes that are built.
+const ROUNDS: usize = 4;
+/// A time within this share of the measured one is believed.
+const AGREED: f64 = 0.15;
+/// Step that is proposed, in units of the critical one.
+const FRACTION: f64 = 0.9;
+
+/// A proposal.
+#[derive(Debug, Serialize)]
+pub struct Proposal {
+    /// Scene.
+    pub scene: String,
+    /// What was asked for.
+    pub goal: String,
+    /// Where the spectrum comes from.
+    pub signal: String,
+    /// The scene as it is.
+    pub given: Forecast,
+    /// The proposal.
+    pub proposed: Forecast,
+    /// Changed values.
+    pub set: Vec<String>,
+    /// What a user should know.
+    pub notes: Vec<String>,
+    #[serde(skip)]
+    changes: Vec<Change>,
+}
+
+impl Proposal {
+    /// Writes the scene with the proposed values, comments kept.
+    ///
+    /// # Errors
+    /// A file that exists; values that do not fit the scene.
+    pub fn write(&self, scene: &Scene, out: &Path) -> Result<()> {
+        apply::write(scene, &self.changes, out)
+    }
+}
+
+/// Settings and what is predicted of them.
+#[derive(Debug, Serialize)]
+pub struct Forecast {
+    /// Settings by name.
+    pub settings: Vec<(String, String)>,
+    /// Errors.
+    pub errors: Errors,
+    /// Largest amplitude reflected by the overlap for wavelengths above 4.2 coarse spacings \[–\].
+    pub top_reflection: f64,
+    /// Set-up and steps \[s\].
+    pub seconds: f64,
+}
+
+/// What is predicted of a scene as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, serde::Deserialize)]
+pub struct Prediction {
+    /// Relative error of displacements against the fine model everywhere \[–\].
+    pub displacement: f64,
+    /// Of velocities \[–\].
+    pub velocity: f64,
+    /// Set-up and steps \[s\].
+    pub seconds: f64,
+}
+
+/// Refuses a scene of which nothing can be predicted.
+pub fn readable(scene: &SceneSpec) -> Result<Scenario> {
+    scene.refuse_wake("suggest")?;
+    let s = scenario::scenario(scene)?;
+    if scene.interface.values().any(|i| i.lumped) {
+        let rule = "suggest cannot analyse a lumped interface; remove it";
+        return Err(key(format!("interface.{}.lumped", s.names[0]), rule));
+    }
+    Ok(s)
+}
+
+/// Error and time of a scene as it is, from trial steps on this machine and the analysis of its overlap.
+pub fn predict_as_given(scene: &Scene) -> Result<Prediction> {
+    let s = readable(scene.spec())?;
+    let (m, end) = measure(scene, &[])?;
+    let spectrum = scenario::spectrum(scene.spec(), &s, end, None)?;
+    let (candidate, form) = choose::as_given(&s);
+    let tables = predict::tables(&[form])?;
+    let errors = predict::errors(&candidate, &tables, &s, &spectrum, end, m.dt);
+    let fraction = s
+        .fraction
+        .unwrap_or_else(|| m.dt / m.critical[0].min(m.critical[1]));
+    Ok(Prediction {
+        displacement: errors.displacement,
+        velocity: errors.velocity,
+        seconds: CostModel::new(candidate, m, &s, fraction).seconds(&candidate, &s, end),
+    })
+}
+
+/// Proposes settings; `frequency` \[Hz\] is the highest of interest where loads do not tell.
+///
+/// # Errors
+/// Scenes of which nothing can be predicted, goals out of reach, failed trial steps.
+pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Proposal> {
+    let s = readable(scene.spec())?;
+    let (first, end) = measure(scene, &[])?;
+    let spectrum = scenario::spectrum(scene.spec(), &s, end, frequency)?;
+    let search = Search::new(&s, &spectrum, end)?;
+    let fraction = s
+        .fraction
+        .unwrap_or(first.dt / first.critical[0].min(first.critical[1]));
+    let as_given = CostModel::new(search.given, first, &s, fraction);
+    let given = search.predict(&search.given, &as_given, first.dt);
+    let costs = CostModel::new(search.given, first, &s, FRACTION);
+    let (chosen, changes) = settle(scene, &search, goal, costs)?;
+    let absorber = s.absorber || apply::needs_absorber(&chosen);
+    Ok(Proposal {
+        scene: scene.source().path.display().to_string(),
+        goal: match goal {
+            Goal::Error(e) => format!("least time within an error of {e}"),
+            Goal::Time(t) => format!("least error within {t} s"),
+        },
+        signal: spectrum.source.clone(),
+        given: forecast(&search, &s, &given, fraction, s.absorber),
+        proposed: forecast(&search, &s, &chosen, FRACTION, absorber),
+        set: changes.iter().filter_map(Change::assignment).collect(),
+        notes: notes(&s, &chosen),
+        changes,
+    })
+}
+
+/// Picks, measures what was picked, and picks again with better costs until both agree.
+fn settle(
+    scene: &Scene,
+    search: &Search<'_>,
+    goal: Goal,
+    mut costs: CostModel,
+) -> Result<(Prospect, Vec<Change>)> {
+    let s = search.scenario;
+    let mut proposal = pick(search, goal, &costs)?;
+    for round in 1..=ROUNDS {
+        let changes = apply::changes(scene.spec(), s, &proposal, FRACTION);
+        let (m, _) = measure(scene, &changes)?;
+        costs = CostModel::new(proposal.candidate, m, s, FRACTION);
+        let measured = costs.seconds(&proposal.candidate, s, search.end);
+        let agreed = (proposal.seconds / measured - 1.0).abs() < AGREED;
+        proposal.seconds = measured;
+        let kept = match goal {
+            Goal::Error(_) => true,
+            Goal::Time(t) => measured <= t,
+        };
+        let next = pick(search, goal, &costs)?;
+        if round == ROUNDS || (agreed && kept) || next.candidate == proposal.candidate {
+            return Ok((proposal, changes));
+        }
+        proposal = next;
+    }
+    pick(search, goal, &costs).map(|p| (p, Vec::new()))
+}
+
+fn pick(search: &Search<'_>, goal: Goal, costs: &CostModel) -> Result<Prospect> {
+    search.best(goal, costs).map_err(|nearest| {
+        let closest = |p: Prospect| {
+            format!(
+                "the closest is an error of {:.2e} in {:.2e} s with a coarse spacing of {:.2e} m",
+                p.errors.worst(),
+                p.seconds,
+                p.candidate.h
+            )
+        };
+        let none = || "no coarse spacing fits between the fine spacing and the body".to_owned();
+        let nearest = nearest.map_or_else(none, closest);
+        match goal {
+            Goal::Error(e) => value(
+                "--error",
+                e,
+                &format!("is out of reach: {nearest}; ask for a larger error"),
+            ),
+            Goal::Time(t) => value(
+                "--time",
+                t,
+                &format!("is out of reach: {nearest}; ask for a longer time [s]"),
+            ),
+        }
+    })
+}
+
+fn forecast(search: &Search<'_>, s: &Scenario, p: &Prospect, fraction: f64, absorber: bool) -> Forecast {
+    let c = &p.candidate;
+    let mut settings = vec![
+        ("h_C [m]".to_owned(), format!("{:.4e}", c.h)),
+        ("h_B [m]".to_owned(), format!("{:.4e}", c.h_b)),
+        ("L_O [m]".to_owned(), format!("{:.4e}", c.overlap)),
+        ("weight".to_owned(), c.profile.to_string()),
+        ("junction".to_owned(), s.junction.to_string()),
+        ("step / critical".to_owned(), format!("{fraction:.3}")),
+    ];
+    if let Some(l) = c.length_ratio {
+        settings.push(("l [m]".to_owned(), format!("{:.4e}", l * c.h_b)));
+    }
+    settings.push((
+        "absorber".to_owned(),
+        if absorber { "on" } else { "off" }.to_owned(),
+    ));
+    Forecast {
+        settings,
+        errors: p.errors,
+        top_reflection: search.tables[c.table].top_reflection,
+        seconds: p.seconds,
+    }
+}
+
+fn notes(s: &Scenario, p: &Prospect) -> Vec<String> {
+    let mut out = Vec::new();
+    if !s.movable {
+        out.push(
+            "the width of the overlap stays: bodies do not end at its borders, the mediator has a shape of its own, or the \
+             fine model is given by a count"
+                .into(),
+        );
+    }
+    if s.across.is_some() {
+        out.push(
+            "errors are those of waves along the overlap; what happens across the body is not in them".into(),
+        );
+    }
+    if s.particles {
+        out.push(
+            "a random packing differs from the material it stands for; that is not in the prediction".into(),
+        );
+    }
+    if apply::needs_absorber(p) {
+        out.push(format!(
+            "{:.1e} of the signal's energy is above what the coarse model carries: the absorber takes it out",
+            p.errors.above_cutoff
+        ));
+    }
+    out
+}

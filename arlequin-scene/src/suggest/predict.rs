@@ -1,0 +1,422 @@
+//! Error of a coupling before it is run: dispersion of the coarse lattice over the way a wave makes in it, and reflection
+//! and transmission of the overlap by harmonic analysis.
+
+use super::path::{self, Arrival};
+use super::scenario::{Scenario, Spectrum};
+use crate::error::{Error, Result, core};
+use crate::setup;
+use crate::spec::{JunctionKind, ProfileKind, SceneSpec};
+use arlequin::core::harmonic::{HarmonicOverlap, Port};
+use rayon::prelude::*;
+use std::path::Path;
+
+/// The chain of the analysis is at most this much finer than the bar: beyond, the reflection hardly changes, the
+/// matrices grow.
+const FINEST: f64 = 10.0;
+/// Points per table of reflection over frequency.
+const POINTS: usize = 20;
+
+/// One choice of the settings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Candidate {
+    /// Coarse spacing \[m\].
+    pub h: f64,
+    /// Mediator spacing \[m\].
+    pub h_b: f64,
+    /// Width of the overlap \[m\].
+    pub overlap: f64,
+    /// Weight.
+    pub profile: ProfileKind,
+    /// Junction length over mediator spacing; none for L2.
+    pub length_ratio: Option<f64>,
+    /// Which table of [`Tables`] holds its reflection.
+    pub table: usize,
+}
+
+/// Shape of an overlap in units of the coarse spacing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Form {
+    /// Coarse over fine spacing.
+    pub ratio: f64,
+    /// Mediator spacing.
+    pub h_b: f64,
+    /// Width.
+    pub overlap: f64,
+    /// Weight.
+    pub profile: ProfileKind,
+    /// Junction.
+    pub junction: JunctionKind,
+    /// Junction length over mediator spacing.
+    pub length_ratio: Option<f64>,
+}
+
+/// Loss of an overlap over frequency: `|r|² + (1 − |t|)²`, frequencies in units of the coarse cutoff.
+#[derive(Debug, Clone)]
+pub(super) struct Table {
+    frequencies: Vec<f64>,
+    losses: Vec<f64>,
+    /// Largest reflected amplitude for wavelengths above 4.2 coarse spacings.
+    pub top_reflection: f64,
+}
+
+/// Tables of several forms, in parallel.
+pub(super) fn tables(forms: &[Form]) -> Result<Vec<Table>> {
+    forms.par_iter().map(table).collect()
+}
+
+/// A chain and a bar of unit modulus, density and element length, with the overlap of the form.
+fn miniature(f: &Form) -> String {
+    let r = 1.0 / f.ratio.min(FINEST);
+    let value = if f.profile == ProfileKind::Constant {
+        ", value = 0.5"
+    } else {
+        ""
+    };
+    let length = match f.length_ratio {
+        Some(l) if f.junction != JunctionKind::L2 => format!(", length = {}", l * f.h_b),
+        _ => String::new(),
+    };
+    let (bonds, elements) = (((f.overlap / r).round() + 4.0), f.overlap.ceil() + 4.0);
+    format!(
+        "[model.bar]\nkind = \"fem\"\nrole = \"coarse\"\nshape.bar = {{ from = 0, to = {elements}, section = 1 }}\n\
+         spacing = 1\nmaterial = {{ young = 1, density = 1 }}\n\
+         [model.chain]\nkind = \"chain\"\nrole = \"fine\"\nshape.bar = {{ from = {from}, to = {to}, section = 1 }}\n\
+         divisions = [{bonds}]\nmaterial = {{ young = 1, density = 1 }}\n\
+         [interface.joint]\ncoarse = \"bar\"\nfine = \"chain\"\n\
+         overlap.slab = {{ fine = [0, 0, 0], coarse = [{to}, 0, 0] }}\n\
+         weight = {{ profile = \"{profile}\"{value} }}\nmediator = {{ spacing = {h_b} }}\n\
+         junction = {{ kind = \"{junction}\"{length} }}\n[time]\nsteps = 1\n",
+        from = f.overlap - bonds * (f.overlap + 4.0 * r) / bonds,
+        to = f.overlap,
+        profile = f.profile,
+        h_b = f.h_b,
+        junction = f.junction,
+    )
+}
+
+fn table(f: &Form) -> Result<Table> {
+    let text = miniature(f);
+    let scene: SceneSpec = toml::from_str(&text).map_err(|e| Error::System {
+        what: "writing the miniature of an overlap",
+        message: e.message().to_owned(),
+    })?;
+    let run = setup::build(&scene, Path::new("."))?.run;
+    let nodes = |k: usize| run.subdomains()[k].model().nodes();
+    let spacing = |k: usize| (nodes(k)[1].x - nodes(k)[0].x).abs();
+    let port = |subdomain: usize, dof: usize| {
+        let h = spacing(subdomain);
+        Port {
+            subdomain,
+            dof,
+            stiffness: 1.0 / h,
+            mass: h,
+            spacing: h,
+        }
+    };
+    let last = nodes(0).len() - 1;
+    let harmonic = HarmonicOverlap::new(&run, port(1, 0), port(0, last)).map_err(core("interface"))?;
+    let mut out = Table {
+        frequencies: Vec::new(),
+        losses: Vec::new(),
+        top_reflection: 0.0,
+    };
+    for k in 0..POINTS {
+        let share = 0.04 + 0.94 * k as f64 / (POINTS - 1) as f64;
+        // The bar's cutoff is 2 c/h.
+        let s = harmonic.response(2.0 * share).map_err(core("interface"))?;
+        let missing = 1.0 - s.transmission;
+        out.frequencies.push(share);
+        out.losses.push(s.reflection * s.reflection + missing * missing);
+        // sin(π/4.2): a wave of 4.2 elements.
+        if share < 0.68 {
+            out.top_reflection = out.top_reflection.max(s.reflection);
+        }
+    }
+    Ok(out)
+}
+
+impl Table {
+    fn loss(&self, share: f64) -> f64 {
+        let f = &self.frequencies;
+        let k = f.partition_point(|x| *x <= share).clamp(1, f.len() - 1);
+        // Below the first point the loss falls with the square of the frequency.
+        if share < f[0] {
+            return self.losses[0] * (share / f[0]).powi(2);
+        }
+        let s = ((share - f[k - 1]) / (f[k] - f[k - 1])).clamp(0.0, 1.0);
+        self.losses[k - 1] + s * (self.losses[k] - self.losses[k - 1])
+    }
+}
+
+/// Predicted relative errors against a fine model everywhere.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Errors {
+    /// Of displacements \[–\].
+    pub displacement: f64,
+    /// Of velocities \[–\].
+    pub velocity: f64,
+    /// Share of the velocity signal's energy that the coarse lattice cannot carry \[–\].
+    pub above_cutoff: f64,
+}
+
+impl Errors {
+    /// The larger one.
+    pub fn worst(&self) -> f64 {
+        self.displacement.max(self.velocity)
+    }
+}
+
+/// A lattice: spacing \[m\] and share of element-wise strains in its forces.
+type Lattice = [f64; 2];
+
+/// Wavenumber of a lattice of spacing `h` under steps `Δt`; none above its cutoff. With strains by elements
+/// `sin(ω Δt/2) = (c Δt/h) sin(κ h/2)`; strains smoothed over the cells of nodes reach over two spacings and put
+/// `sin(κ h)/2` in place of `sin(κ h/2)`; a share `a` of the former is mixed in by squares.
+fn wavenumber(omega: f64, speed: f64, [h, a]: Lattice, dt: f64) -> Option<f64> {
+    let q = (h / (speed * dt) * (0.5 * omega * dt).sin()).powi(2);
+    // y - (1 - a) y^2 = q for y = sin^2 of half the phase between neighbours.
+    let square = if a < 1.0 {
+        let root = 1.0 - 4.0 * (1.0 - a) * q;
+        if root <= 0.0 {
+            return None;
+        }
+        2.0 * q / (1.0 + root.sqrt())
+    } else {
+        q
+    };
+    (square < 1.0).then(|| 2.0 / h * square.sqrt().asin())
+}
+
+/// What one frequency suffers.
+#[derive(Debug, Clone, Copy)]
+enum Fate {
+    /// Difference of the wavenumbers \[1/m\] and loss per passage of the overlap.
+    Carried(f64, f64),
+    /// The coarse lattice does not carry it.
+    Lost,
+}
+
+/// `|1 − e^{iφ}|²`, or its mean while the phase grows to `φ`.
+fn shift(phase: f64, growing: bool) -> f64 {
+    if !growing {
+        return 2.0 * (1.0 - phase.cos());
+    }
+    if phase.abs() < 1e-4 {
+        phase * phase / 3.0
+    } else {
+        2.0 * (1.0 - phase.sin() / phase)
+    }
+}
+
+/// Error of a candidate over a run that ends at `end` with steps `dt`.
+pub(super) fn errors(
+    c: &Candidate,
+    tables: &[Table],
+    s: &Scenario,
+    spectrum: &Spectrum,
+    end: f64,
+    dt: f64,
+) -> Errors {
+    let cutoff = 2.0 * s.speed / c.h;
+    let lattices = [[c.h, s.elementwise[0]], [s.spacings[1], s.elementwise[1]]];
+    let fate = |omega: &f64| {
+        let [coarse, fine] = lattices.map(|l| wavenumber(*omega, s.speed, l, dt));
+        match (coarse, fine) {
+            (Some(coarse), Some(fine)) if *omega < 0.98 * cutoff => {
+                Fate::Carried(coarse - fine, tables[c.table].loss(omega / cutoff))
+            }
+            _ => Fate::Lost,
+        }
+    };
+    let fates: Vec<Fate> = spectrum.omega.iter().map(fate).collect();
+    let squares = || spectrum.velocity.iter().map(|a| a * a);
+    let total: f64 = squares().sum();
+    let lost = squares().zip(&fates).filter(|(_, f)| matches!(f, Fate::Lost));
+    let above_cutoff = lost.map(|(a, _)| a).sum::<f64>() / total.max(f64::MIN_POSITIVE);
+    let way = s.speed * end;
+    let arrivals = spectrum
+        .origin
+        .and_then(|o| path::arrivals(s, &o, c.overlap, way));
+    let [displacement, velocity] = match arrivals {
+        Some(arrivals) => at_probes(&arrivals, &fates, s, spectrum, end),
+        None => everywhere(c, &fates, s, spectrum, way),
+    };
+    Errors {
+        displacement,
+        velocity,
+        above_cutoff,
+    }
+}
+
+/// Errors at the probes, arrival by arrival: the signal is short beside the time between two of them.
+fn at_probes(
+    arrivals: &[Vec<Arrival>; 2],
+    fates: &[Fate],
+    s: &Scenario,
+    spectrum: &Spectrum,
+    end: f64,
+) -> [f64; 2] {
+    let total: f64 = spectrum.velocity.iter().map(|a| a * a).sum();
+    [0, 1].map(|kind| {
+        let mut sums = [0.0; 2];
+        for p in &arrivals[kind] {
+            let seen = spectrum.energies(end - p.way / s.speed);
+            let mut error = 0.0;
+            for ((omega, a), fate) in spectrum.omega.iter().zip(&spectrum.velocity).zip(fates) {
+                let loss = match fate {
+                    Fate::Carried(k, once) => shift(k * p.coarse, false) + (p.passages * once).min(2.0),
+                    Fate::Lost if p.passages > 0.0 => 2.0,
+                    Fate::Lost => 0.0,
+                };
+                error += a * a * loss / if kind == 0 { omega * omega } else { 1.0 };
+            }
+            // Of a signal that the run's end cuts, as much of the error is seen as of the signal.
+            sums[0] += error / total * seen[1];
+            sums[1] += seen[kind];
+        }
+        (sums[0] / sums[1].max(f64::MIN_POSITIVE)).sqrt()
+    })
+}
+
+/// Errors if it is not known where the signal starts: as if probes were everywhere on its way.
+fn everywhere(c: &Candidate, fates: &[Fate], s: &Scenario, spectrum: &Spectrum, way: f64) -> [f64; 2] {
+    let body = s.lengths[0] + s.lengths[1];
+    // Of its way, a wave makes the coarse model's share in it; half the overlap counts.
+    let coarse_way = way * (s.lengths[0] - 0.5 * c.overlap) / body;
+    let passages = (way / body).max(1.0);
+    let mut sums = [[0.0; 2]; 2];
+    for ((omega, a), fate) in spectrum.omega.iter().zip(&spectrum.velocity).zip(fates) {
+        let loss = match fate {
+            Fate::Carried(k, once) => shift(k * coarse_way, true) + (passages * once).min(2.0),
+            Fate::Lost => 2.0,
+        };
+        for (sum, weight) in sums.iter_mut().zip([a * a / (omega * omega), a * a]) {
+            sum[0] += weight * loss;
+            sum[1] += weight;
+        }
+    }
+    sums.map(|s| (s[0] / s[1].max(f64::MIN_POSITIVE)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lattices_lag_as_their_strains_are_taken() {
+        // Long waves under small steps: (κh)²/24 by elements, (κh)²/6 smoothed over two spacings, in between mixed.
+        let (h, omega) = (0.1, 1.0);
+        for (share, expected) in [(1.0, 1.0 / 24.0), (0.0, 1.0 / 6.0), (0.5, 0.625 / 6.0)] {
+            let k = wavenumber(omega, 1.0, [h, share], 1e-6).unwrap_or_default();
+            let lag = (k - omega) / (omega * h * h);
+            assert!(
+                (lag / expected - 1.0).abs() < 0.02,
+                "{share}: {lag} for {expected}"
+            );
+        }
+        assert!(wavenumber(21.0, 1.0, [h, 1.0], 1e-6).is_none());
+        assert!(wavenumber(10.5, 1.0, [h, 0.0], 1e-6).is_none());
+    }
+
+    /// Between lattices that are alike `|r|² + |t|² = 1`, so that the worst loss is that of the largest reflection.
+    #[test]
+    fn the_loss_of_an_overlap_counts_what_it_reflects() {
+        for (overlap, profile) in [(2.0, ProfileKind::Linear), (4.0, ProfileKind::Cubic)] {
+            let form = Form {
+                ratio: 1.0,
+                h_b: 2.0,
+                overlap,
+                profile,
+                junction: JunctionKind::L2,
+                length_ratio: None,
+            };
+            let found = table(&form).expect("a table");
+            let long = found.frequencies.iter().zip(&found.losses);
+            let worst = long
+                .filter(|(f, _)| **f < 0.68)
+                .fold(0.0f64, |m, (_, l)| m.max(*l));
+            let r = found.top_reflection;
+            let expected = r * r + (1.0 - (1.0 - r * r).sqrt()).powi(2);
+            assert!(
+                r > 1e-3 && (worst / expected - 1.0).abs() < 1e-6,
+                "{overlap}: {worst}, not {expected}"
+            );
+        }
+    }
+
+    /// A body of two lengths of 1 m whose lattices are alike: nothing disperses, what is lost is lost in the overlap. The
+    /// signal is slow and of no place, or with a probe at `x` a short wave that starts 2 m before the overlap.
+    fn alike(end: f64, loss: f64, probe: Option<f64>) -> Errors {
+        let form = Form {
+            ratio: 1.0,
+            h_b: 1.0,
+            overlap: 4.0,
+            profile: ProfileKind::Cubic,
+            junction: JunctionKind::L2,
+            length_ratio: None,
+        };
+        let more = probe.map_or_else(String::new, |x| {
+            format!(
+                "[[initial]]\nwave = {{ component = \"x\", along = \"x\", centre = -2, width = 0.5, amplitude = 1 }}\n\
+                 [probe.p]\nmodel = \"bar\"\nat = [{x}, 0, 0]\nquantity = \"velocity\"\ncomponent = \"x\"\n"
+            )
+        });
+        let scene: SceneSpec = toml::from_str(&(miniature(&form) + &more)).expect("a scene");
+        let mut s = super::super::scenario::scenario(&scene).expect("a scenario");
+        let (h, dt, frequency) = match probe {
+            None => (1.0, 0.5, Some(0.01)),
+            Some(_) => (1e-3, 5e-4, None),
+        };
+        s.spacings = [h; 3];
+        let spectrum = super::super::scenario::spectrum(&scene, &s, end, frequency).expect("a spectrum");
+        let table = Table {
+            frequencies: vec![0.0, 1.0],
+            losses: vec![loss; 2],
+            top_reflection: 0.0,
+        };
+        let c = Candidate {
+            h,
+            h_b: h,
+            overlap: 4.0,
+            profile: ProfileKind::Cubic,
+            length_ratio: None,
+            table: 0,
+        };
+        errors(&c, &[table], &s, &spectrum, end, dt)
+    }
+
+    /// A probe behind the overlap sees the loss of one passage, one before it, after the far end, that of two.
+    #[test]
+    fn a_probe_sees_the_loss_of_the_passages_before_it() {
+        for (probe, end, passages) in [(6.0, 10.0, 1.0), (-3.0, 22.0, 2.0)] {
+            for reflection in [0.1, 0.05, 0.0] {
+                let found = alike(end, reflection * reflection, Some(probe)).velocity;
+                let expected = f64::sqrt(passages) * reflection;
+                assert!(
+                    (found - expected).abs() < 1e-6,
+                    "at {probe} m: {found}, not {expected}"
+                );
+            }
+        }
+    }
+
+    /// With a loss `|r|² + (1 − |t|)²` per passage, `n` passages lose `√n |r|`, and no more than two signals' worth.
+    #[test]
+    fn an_error_is_the_loss_of_the_overlap_where_the_lattices_are_alike() {
+        let body = 4.0 + 4.0 + 4.0; // the coarse bar of 8 m and the chain's own 4 m
+        for (passages, reflection, expected) in [
+            (1.0, 0.1, 0.1),
+            (4.0, 0.1, 0.2),
+            (1.0, 0.0, 0.0),
+            (1e6, 0.5, 2f64.sqrt()),
+        ] {
+            let e = alike(passages * body, reflection * reflection, None);
+            for found in [e.displacement, e.velocity] {
+                assert!(
+                    (found - expected).abs() < 1e-3,
+                    "{passages} passages: {found}, not {expected}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,358 @@
+//! What of a scene decides how accurate and how dear a coupling is.
+
+use super::path::{self, Origin};
+use crate::error::{Error, Result, key};
+use crate::spec::ModelKind;
+use crate::spec::{
+    Interface, JunctionKind, Load, ModelTable, OverlapShape, ProfileKind, SceneSpec, Shape, StepChoice,
+    TimeShape, Wave,
+};
+use arlequin::cnem::Stabilisation;
+use std::f64::consts::PI;
+
+/// Samples of a signal from which its spectrum is read.
+const SAMPLES: usize = 1024;
+
+/// A scene with one interface, reduced to lengths along its overlap.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// Names of interface, coarse and fine model.
+    pub names: [String; 3],
+    /// Axis of the overlap.
+    pub axis: usize,
+    /// Where the fine model's own region ends \[m\].
+    pub border: f64,
+    /// Direction from there into the coarse model, ±1.
+    pub inward: f64,
+    /// Width of the overlap \[m\].
+    pub overlap: f64,
+    /// Whether the overlap's width follows from two numbers of the scene.
+    pub movable: bool,
+    /// Lengths of the coarse body and of the fine model's own region along the axis \[m\].
+    pub lengths: [f64; 2],
+    /// Spacings of the coarse model, the fine model and the mediator \[m\].
+    pub spacings: [f64; 3],
+    /// Smallest size across the axis \[m\]; none for lines.
+    pub across: Option<f64>,
+    /// Weight.
+    pub profile: ProfileKind,
+    /// Junction.
+    pub junction: JunctionKind,
+    /// Junction length over mediator spacing.
+    pub length_ratio: f64,
+    /// Whether an absorber is there already.
+    pub absorber: bool,
+    /// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes along the axis \[m\].
+    pub probes: Vec<(usize, f64)>,
+    /// Share of element-wise strains in the forces of the coarse and the fine lattice, 1 but for natural elements.
+    pub elementwise: [f64; 2],
+    /// Whether the fine model is a random packing.
+    pub particles: bool,
+    /// Speed of long axial waves \[m/s\].
+    pub speed: f64,
+    /// Length of the run \[s\], if the scene gives it.
+    pub end: Option<f64>,
+    /// Step in units of the critical one, if given so.
+    pub fraction: Option<f64>,
+}
+
+/// Reads a scene.
+pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
+    let mut all = scene.interface.iter();
+    let (Some((name, table)), None) = (all.next(), all.next()) else {
+        let rule = format!(
+            "has {} entries; suggest speaks of scenes with one interface between two models",
+            scene.interface.len()
+        );
+        return Err(key("interface", rule));
+    };
+    let OverlapShape::Slab { fine, coarse } = &table.overlap else {
+        let rule = "is no slab; suggest needs one along x, y or z";
+        return Err(key(format!("interface.{name}.overlap"), rule));
+    };
+    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
+    let &[axis] = apart.as_slice() else {
+        let rule = "is not normal to x, y or z; suggest needs a slab that is";
+        return Err(key(format!("interface.{name}.overlap.slab"), rule));
+    };
+    let model = |role: &str, n: &String| {
+        scene.model.get(n).ok_or_else(|| {
+            crate::error::unknown(format!("interface.{name}.{role}"), n, "model", scene.model.keys())
+        })
+    };
+    let (c, f) = (model("coarse", &table.coarse)?, model("fine", &table.fine)?);
+    let (ce, fe) = (extent(&table.coarse, c, axis)?, extent(&table.fine, f, axis)?);
+    let inward = (coarse[axis] - fine[axis]).signum();
+    let overlap = (coarse[axis] - fine[axis]).abs();
+    let far = |e: [f64; 2], towards: f64| if towards > 0.0 { e[1] } else { e[0] };
+    let tolerance = 1e-6 * overlap;
+    let meets = (far(fe, inward) - coarse[axis]).abs() < tolerance
+        && (far(ce, -inward) - fine[axis]).abs() < tolerance;
+    let movable = meets && table.mediator.shape.is_none() && f.dem.count.is_none() && f.divisions.is_none();
+    let spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
+    Ok(Scenario {
+        names: [name.clone(), table.coarse.clone(), table.fine.clone()],
+        axis,
+        border: fine[axis],
+        inward,
+        overlap,
+        movable,
+        lengths: [ce[1] - ce[0], (fe[1] - fe[0] - overlap).max(0.0)],
+        spacings,
+        across: across(&c.shape, axis),
+        profile: table.weight.profile,
+        junction: table.junction.kind,
+        // A quarter of the mediator's spacing is the default of scenes.
+        length_ratio: table.junction.length.map_or(0.25, |l| l / spacings[2]),
+        absorber: table.absorber.is_some(),
+        probes: path::probes(scene, axis, fine[axis], inward),
+        elementwise: [elementwise(c), elementwise(f)],
+        particles: f.kind == ModelKind::Dem,
+        speed: (c.material.young / c.material.density).sqrt(),
+        end: scene.time.end,
+        fraction: match scene.time.step {
+            StepChoice::Fraction(x) => Some(x),
+            StepChoice::Seconds(_) => None,
+        },
+    })
+}
+
+/// Natural elements smooth their strains over cells, which reach over two spacings; their stabilisation adds a share of
+/// element-wise strains.
+fn elementwise(m: &ModelTable) -> f64 {
+    match (m.kind, m.cnem.stabilisation, Stabilisation::default()) {
+        (ModelKind::Cnem, Some(share), _) | (ModelKind::Cnem, None, Stabilisation::SubCells(share)) => share,
+        (ModelKind::Cnem, None, Stabilisation::None) => 0.0,
+        _ => 1.0,
+    }
+}
+
+/// Where a body begins and ends along an axis.
+pub(super) fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
+    match &model.shape {
+        Shape::Box { low, high } => Ok([low[axis], high[axis]]),
+        Shape::Cylinder { from, length, .. } if axis == 0 => Ok([from[0], from[0] + length]),
+        Shape::Bar { from, to, .. } if axis == 0 => Ok([*from, *to]),
+        other => Err(key(
+            format!("model.{name}.shape"),
+            format!(
+                "suggest cannot read lengths from the shape {}; use box, cylinder or bar",
+                other.name()
+            ),
+        )),
+    }
+}
+
+fn across(shape: &Shape, axis: usize) -> Option<f64> {
+    match shape {
+        Shape::Box { low, high } => (0..3)
+            .filter(|c| *c != axis)
+            .map(|c| high[c] - low[c])
+            .reduce(f64::min),
+        Shape::Cylinder { radius, .. } => Some(2.0 * radius),
+        _ => None,
+    }
+}
+
+/// Spacings of coarse model, fine model and mediator as the scene has them.
+fn spacings(
+    table: &Interface,
+    c: &ModelTable,
+    f: &ModelTable,
+    extents: [[f64; 2]; 2],
+    overlap: f64,
+    axis: usize,
+) -> Result<[f64; 3]> {
+    let of = |name: &str, m: &ModelTable, e: [f64; 2]| {
+        let divided = m
+            .divisions
+            .as_ref()
+            .and_then(|d| d.get(axis))
+            .map(|n| (e[1] - e[0]) / *n as f64);
+        // As many spheres as fill the body at the density of a jammed packing.
+        let counted = m.dem.count.and_then(|n| {
+            let volume = match &m.shape {
+                Shape::Box { low, high } => (0..3).map(|k| high[k] - low[k]).product::<f64>(),
+                Shape::Cylinder { length, radius, .. } => PI * radius * radius * length,
+                _ => return None,
+            };
+            Some((0.615 * volume * 6.0 / (PI * n as f64)).cbrt())
+        });
+        let given = m.spacing.or(divided).or(counted);
+        given.ok_or_else(|| key(format!("model.{name}"), "suggest needs its spacing [m]; give it"))
+    };
+    let coarse = of(&table.coarse, c, extents[0])?;
+    let divided = table.mediator.divisions.as_ref().and_then(|d| d.get(axis));
+    let mediator = table.mediator.spacing.or(divided.map(|n| overlap / *n as f64));
+    Ok([
+        coarse,
+        of(&table.fine, f, extents[1])?,
+        mediator.unwrap_or(coarse),
+    ])
+}
+
+/// Amplitudes of the velocity signal at equidistant frequencies.
+#[derive(Debug, Clone)]
+pub(super) struct Spectrum {
+    /// Angular frequencies \[rad/s\].
+    pub omega: Vec<f64>,
+    /// Amplitudes of the velocity, any unit.
+    pub velocity: Vec<f64>,
+    /// Where it comes from.
+    pub source: String,
+    /// Where it starts; none if that is not one place or the signal lasts.
+    pub origin: Option<Origin>,
+    /// How long it is \[s\].
+    duration: f64,
+    /// Integrals from the signal's start to equidistant times within it, of the squares of displacement and velocity.
+    energies: Vec<[f64; 2]>,
+    /// Square of the displacement that stays.
+    left: f64,
+}
+
+impl Spectrum {
+    /// `∫u² dt` and `∫v² dt` over the first `time` of the signal at a place.
+    pub(super) fn energies(&self, time: f64) -> [f64; 2] {
+        let share = (time / self.duration).max(0.0);
+        let last = self.energies.len() - 1;
+        let k = ((share * last as f64) as usize).min(last);
+        let [u, v] = self.energies[k];
+        [u + (share - 1.0).max(0.0) * self.duration * self.left, v]
+    }
+}
+
+/// The spectrum of what the scene sends out: of `frequency` \[Hz\] as a pulse that long, else of the shortest pulse, ramp
+/// or wave.
+pub(super) fn spectrum(
+    scene: &SceneSpec,
+    s: &Scenario,
+    end: f64,
+    frequency: Option<f64>,
+) -> Result<Spectrum> {
+    let pulse = |t: f64| (PI * t).sin().powi(2);
+    let mut found: Option<(f64, String, Signal, Option<Origin>)> = None;
+    let mut offer = |duration: f64, source: String, signal: Signal, origin: Option<Origin>| {
+        if found.as_ref().is_none_or(|f| duration < f.0) {
+            found = Some((duration, source, signal, origin));
+        }
+    };
+    if let Some(f) = frequency {
+        if !(f > 0.0 && f.is_finite()) {
+            return Err(crate::error::value("--frequency", f, "must be positive [Hz]"));
+        }
+        offer(
+            2.0 / f,
+            format!("a pulse of {:.3e} s (--frequency {f:e})", 2.0 / f),
+            Box::new(pulse),
+            None,
+        );
+    } else {
+        for (k, l) in scene.load.iter().enumerate() {
+            let name = l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1));
+            match l.time {
+                TimeShape::Pulse { duration } => {
+                    offer(
+                        duration,
+                        format!("the pulse of load '{name}', {duration:.3e} s"),
+                        Box::new(pulse),
+                        start(scene, s, l),
+                    );
+                }
+                // A ramp is a step of rounded velocity: its derivative is a block of its length.
+                TimeShape::Ramp { duration } => {
+                    offer(
+                        2.0 * duration,
+                        format!("the ramp of load '{name}', {duration:.3e} s"),
+                        Box::new(ramp),
+                        None,
+                    );
+                }
+                TimeShape::Step | TimeShape::Table(_) => {}
+            }
+        }
+        for w in scene.initial.iter().filter_map(|i| i.wave.as_ref()) {
+            let duration = w.width / w.speed.map_or(s.speed, f64::abs).max(f64::MIN_POSITIVE);
+            let signal = Box::new(|t: f64| (2.0 * PI * t).sin());
+            offer(
+                duration,
+                format!("the initial wave, {duration:.3e} s long"),
+                signal,
+                origin_of(w, s),
+            );
+        }
+    }
+    let Some((duration, source, signal, origin)) = found else {
+        let rule = "no load has a pulse or ramp and there is no initial wave: steps have no highest frequency; give the \
+                    highest one of interest, such as --frequency 2e5";
+        return Err(Error::Key {
+            key: "load".into(),
+            rule: rule.into(),
+        });
+    };
+    let mut spectrum = transform(&*signal, duration, end, source);
+    spectrum.origin = origin;
+    Ok(spectrum)
+}
+
+/// Where a load starts its waves, which run both ways.
+fn start(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
+    let at = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
+    Some(Origin {
+        at,
+        towards: [true, true],
+        ahead: 0.0,
+    })
+}
+
+/// Where a wave starts that exists already.
+fn origin_of(w: &Wave, s: &Scenario) -> Option<Origin> {
+    let along = w.along.index() == s.axis && w.component.index() == s.axis;
+    let forwards = w.speed.is_none_or(|c| c > 0.0) == (s.inward > 0.0);
+    along.then_some(Origin {
+        at: (w.centre - s.border) * s.inward,
+        towards: [forwards, !forwards],
+        ahead: 0.5 * w.width,
+    })
+}
+
+type Signal = Box<dyn Fn(f64) -> f64>;
+
+/// Velocity behind a ramped front, over twice the ramp's time; it then stays.
+fn ramp(t: f64) -> f64 {
+    (2.0 * t).min(1.0) * if t < 0.75 { 1.0 } else { 4.0 * (1.0 - t) }
+}
+
+/// Discrete Fourier transform of a signal on [0, 1] stretched to `duration`, up to twenty over its duration.
+fn transform(signal: &dyn Fn(f64) -> f64, duration: f64, end: f64, source: String) -> Spectrum {
+    let step = (0.5 / end.max(duration)).max(20.0 / duration / 2000.0);
+    let count = (20.0 / duration / step).ceil() as usize;
+    let values: Vec<f64> = (0..SAMPLES)
+        .map(|k| signal((k as f64 + 0.5) / SAMPLES as f64))
+        .collect();
+    let omega: Vec<f64> = (1..=count).map(|n| 2.0 * PI * n as f64 * step).collect();
+    let amplitude = |w: &f64| {
+        let turn = w * duration / SAMPLES as f64;
+        let sum = values.iter().enumerate().fold([0.0; 2], |s, (k, v)| {
+            let (sin, cos) = (turn * k as f64).sin_cos();
+            [s[0] + v * cos, s[1] + v * sin]
+        });
+        sum[0].hypot(sum[1])
+    };
+    let (mut u, mut sums) = (0.0, [0.0; 2]);
+    let dt = duration / SAMPLES as f64;
+    let mut energies = vec![sums];
+    for v in &values {
+        u += v * dt;
+        sums = [sums[0] + u * u * dt, sums[1] + v * v * dt];
+        energies.push(sums);
+    }
+    Spectrum {
+        velocity: omega.iter().map(amplitude).collect(),
+        omega,
+        source,
+        origin: None,
+        duration,
+        energies,
+        left: u * u,
+    }
+}

@@ -1,0 +1,127 @@
+//! What a folder keeps of finished runs, and when one of them may be taken again.
+
+use super::plan::Member;
+use super::spec::SweepFile;
+use super::{Outcome, Runner};
+use crate::error::{Error, Result, write};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// What decides whether a finished run may be taken again.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+struct Identity {
+    scene: String,
+    scene_hash: String,
+    set: Vec<String>,
+    threads: Option<usize>,
+    version: String,
+}
+
+/// `member.json` in the folder of a run.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Record {
+    identity: Identity,
+    repeat: usize,
+    wall_seconds: Value,
+}
+
+/// The runs of a sweep in a folder, one folder each.
+#[derive(Debug)]
+pub(super) struct Kept {
+    /// Folder of the runs.
+    pub(super) folder: PathBuf,
+    repeat: usize,
+    threads: Option<usize>,
+}
+
+impl Kept {
+    /// The runs of the sweep whose results go to `out`.
+    pub(super) fn new(out: &Path, file: &SweepFile) -> Self {
+        Self {
+            folder: out.join("runs"),
+            repeat: file.repeat,
+            threads: file.threads,
+        }
+    }
+
+    /// Summary of a run that an earlier call finished, if nothing it depends on has changed; with the least times.
+    pub(super) fn finished(&self, m: &Member) -> Option<Value> {
+        let folder = self.folder.join(&m.label);
+        let record: Record = read(&folder.join("member.json"))?;
+        let mut summary: Value = read(&folder.join("summary.json"))?;
+        let good = record.identity == self.identity(m)
+            && record.repeat >= self.repeat
+            && summary.get("status")? == "complete";
+        *summary.get_mut("wall_seconds")? = record.wall_seconds;
+        good.then_some(summary)
+    }
+
+    /// Makes a run as often as asked for; its summary, or how it ended instead.
+    pub(super) fn run(&self, m: &Member, runner: &dyn Runner) -> Result<Result<Value, Outcome>> {
+        let target = self.folder.join(&m.label);
+        let mut best: Option<Value> = None;
+        for _ in 0..self.repeat {
+            match runner.run(m, &target)? {
+                Outcome::Complete => {}
+                other => return Ok(Err(other)),
+            }
+            let Some(summary) = read::<Value>(&target.join("summary.json")) else {
+                return Ok(Err(Outcome::Failed("it wrote no summary.json".into())));
+            };
+            let wall = summary["wall_seconds"].clone();
+            let sum = |w: &Value| {
+                w["setup"].as_f64().unwrap_or_default() + w["stepping"].as_f64().unwrap_or_default()
+            };
+            if best.as_ref().is_none_or(|b| sum(&wall) < sum(b)) {
+                best = Some(wall);
+            }
+        }
+        let record = Record {
+            identity: self.identity(m),
+            repeat: self.repeat,
+            wall_seconds: best.unwrap_or_default(),
+        };
+        // Whole or not at all: its presence says that the run is finished.
+        let (path, aside) = (target.join("member.json"), target.join(".member.json"));
+        put(&aside, &record)?;
+        std::fs::rename(&aside, &path).map_err(write(&path))?;
+        let lost = || Outcome::Failed("its summary.json cannot be read".into());
+        Ok(self.finished(m).ok_or_else(lost))
+    }
+
+    fn identity(&self, m: &Member) -> Identity {
+        Identity {
+            scene: m
+                .scene
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
+            scene_hash: hash(&m.text),
+            set: m.set.clone(),
+            threads: self.threads,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        }
+    }
+}
+
+/// Reads JSON; none if that fails.
+pub(super) fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {
+    serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()
+}
+
+/// Writes JSON.
+pub(super) fn put(path: &Path, what: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(what).map_err(|e| Error::System {
+        what: "writing JSON",
+        message: e.to_string(),
+    })?;
+    std::fs::write(path, text).map_err(write(path))
+}
+
+/// FNV-1a of a text, 16 hexadecimal digits: finds changes, guards against nobody.
+fn hash(text: &str) -> String {
+    let step = |h: u64, b: u8| (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3);
+    format!("{:016x}", text.bytes().fold(0xcbf2_9ce4_8422_2325, step))
+}

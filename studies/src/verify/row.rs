@@ -1,0 +1,140 @@
+//! Rows of the table: a number of ours beside one of the literature, and what is accepted.
+
+use serde::Serialize;
+
+/// What is accepted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Accept {
+    /// Relative difference from the reference at most this.
+    Relative(f64),
+    /// Absolute difference from the reference at most this.
+    Absolute(f64),
+    /// Modulus at most this.
+    AtMost(f64),
+    /// At least this.
+    AtLeast(f64),
+    /// Between these.
+    Between(f64, f64),
+}
+
+impl Accept {
+    fn holds(self, ours: f64, reference: Option<f64>) -> bool {
+        let apart = reference.map(|r| (ours - r).abs());
+        match self {
+            Self::Relative(most) => apart.is_some_and(|d| d <= most * reference.unwrap_or_default().abs()),
+            Self::Absolute(most) => apart.is_some_and(|d| d <= most),
+            Self::AtMost(most) => ours.abs() <= most,
+            Self::AtLeast(least) => ours >= least,
+            Self::Between(low, high) => (low..=high).contains(&ours),
+        }
+    }
+
+    fn text(self) -> String {
+        match self {
+            Self::Relative(most) => format!("within {} %", short(100.0 * most)),
+            Self::Absolute(most) => format!("within {}", short(most)),
+            Self::AtMost(most) => format!("at most {}", short(most)),
+            Self::AtLeast(least) => format!("at least {}", short(least)),
+            Self::Between(low, high) => format!("{} to {}", short(low), short(high)),
+        }
+    }
+}
+
+/// One comparison.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// Case it belongs to.
+    pub case: String,
+    /// What is compared, with its unit.
+    pub quantity: String,
+    /// The literature's number, if it has one.
+    pub reference: Option<f64>,
+    /// Where it is from.
+    pub source: String,
+    /// Ours.
+    pub ours: f64,
+    /// `(ours − reference)/|reference|`.
+    pub relative_difference: Option<f64>,
+    /// What is accepted, in words.
+    pub acceptance: String,
+    /// Whether it holds.
+    pub pass: bool,
+    /// Why this is accepted, where it needs saying.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub note: String,
+}
+
+impl Row {
+    /// A number that must satisfy a condition of its own.
+    pub fn new(quantity: impl Into<String>, ours: f64, accept: Accept) -> Self {
+        Self::build(quantity.into(), ours, None, "", accept)
+    }
+
+    /// A number beside that of a source.
+    pub fn against(
+        quantity: impl Into<String>,
+        ours: f64,
+        reference: f64,
+        source: &str,
+        accept: Accept,
+    ) -> Self {
+        Self::build(quantity.into(), ours, Some(reference), source, accept)
+    }
+
+    fn build(quantity: String, ours: f64, reference: Option<f64>, source: &str, accept: Accept) -> Self {
+        Self {
+            case: String::new(),
+            quantity,
+            reference,
+            source: source.to_owned(),
+            ours,
+            relative_difference: reference.filter(|r| *r != 0.0).map(|r| (ours - r) / r.abs()),
+            acceptance: accept.text(),
+            pass: ours.is_finite() && accept.holds(ours, reference),
+            note: String::new(),
+        }
+    }
+
+    /// The same with a remark.
+    #[must_use]
+    pub fn note(mut self, text: impl Into<String>) -> Self {
+        self.note = text.into();
+        self
+    }
+}
+
+/// Five digits, without an exponent where that is as short.
+pub fn short(x: f64) -> String {
+    if x == 0.0 {
+        return "0".into();
+    }
+    if !(1e-3..1e7).contains(&x.abs()) {
+        return format!("{x:.3e}");
+    }
+    let digits = (4 - x.abs().log10().floor() as i32).clamp(0, 6) as usize;
+    let text = format!("{x:.digits$}");
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn acceptance_is_decided_by_the_numbers() {
+        let row = |accept| Row::against("x", 1.02, 1.0, "s", accept);
+        assert!(row(Accept::Relative(0.021)).pass && !row(Accept::Relative(0.019)).pass);
+        assert!(row(Accept::Absolute(0.021)).pass && !row(Accept::Absolute(0.019)).pass);
+        assert!(row(Accept::AtMost(1.03)).pass && !row(Accept::AtLeast(1.03)).pass);
+        assert!(row(Accept::Between(1.0, 1.1)).pass && !row(Accept::Between(1.1, 1.2)).pass);
+        assert!(!Row::new("x", f64::NAN, Accept::AtMost(1.0)).pass);
+        // Without a reference there is nothing to be near to.
+        assert!(!Row::new("x", 1.0, Accept::Relative(1.0)).pass);
+        let d = row(Accept::AtMost(2.0)).relative_difference;
+        assert!(d.is_some_and(|d| (d - 0.02).abs() < 1e-12));
+    }
+}
