@@ -24,9 +24,10 @@ pub use probe::ProbeReader;
 
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
-use crate::spec::{Effect, Interface, Material, ModelKind, RoleKind, SceneSpec, StepChoice};
+use crate::spec::{Effect, Interface, ModelKind, RoleKind, SceneSpec, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
+use arlequin::core::material::Elastic;
 use arlequin::core::snapshot::Record;
 use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Partition, Subdomain, TimeStep, Weighting, Weights};
@@ -43,7 +44,7 @@ pub struct ModelInfo {
     /// Field.
     pub field: Arc<dyn Interpolation<f64>>,
     /// Material.
-    pub material: Material,
+    pub material: Elastic<f64>,
     /// What broke, where bonds can.
     pub breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
