@@ -212,9 +212,8 @@ fn load_on_nodes(
     let count = layout.components;
     let mut inertia = vec![0.0; layout.dofs()];
     let one = arlequin::core::weight::Uniform(1.0);
-    let energy = arlequin::core::Weighting::Energy;
     body.model
-        .lumped_inertia(&one, energy, &mut inertia)
+        .lumped_inertia(&one, &mut inertia)
         .map_err(core(path))?;
     let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
     let share = |n: usize| inertia[n * count] / total;

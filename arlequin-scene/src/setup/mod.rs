@@ -29,7 +29,6 @@ use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
 use arlequin::core::material::Elastic;
 use arlequin::core::snapshot::Record;
-use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Partition, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
@@ -385,17 +384,12 @@ fn subdomain(
             Weights::complement_of(&shares)
         }
     };
-    let role = if coarse.is_empty() {
-        Role::Fine
-    } else {
-        Role::Coarse
-    };
     let free = |j: &&Joint| j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m);
     let partition = joints
         .iter()
         .find(free)
         .map_or(Partition::Checked, |j| j.partition);
-    let subdomain = Subdomain::new(body.model, role, body.field, weights).with_partition(partition);
+    let subdomain = Subdomain::new(body.model, body.field, weights).with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
     subdomain
         .with_initial(q, v)

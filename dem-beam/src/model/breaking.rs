@@ -10,7 +10,7 @@ use arlequin_core::effect::Finding;
 use arlequin_core::model::Evolution;
 use arlequin_core::snapshot::Record;
 
-/// Rotation (rad) up to which the small-rotation law is good to half a per cent of its forces.
+/// Rotation \[rad\] up to which the small-rotation law is good to half a per cent of its forces.
 const SMALL_ROTATION: f64 = 0.1;
 
 /// Overlap of unbonded particles beyond that at rest that is worth a word, over the sum of their radii.
@@ -80,10 +80,9 @@ impl DemModel {
             let readers = [&self.reader(before), &self.reader(now)];
             released = fracture.release(&self.body, &mut step, readers, |b| self.in_overlap(b));
             let blocks = self.sever(&mut fracture);
-            let factors = self.factors.as_deref();
             match &self.kernel {
-                Kernel::Linear(k) => k.again(&blocks, step.f, factors),
-                Kernel::Finite(k) => k.again(&blocks, step.f, factors),
+                Kernel::Linear(k) => k.again(&blocks, step.f),
+                Kernel::Finite(k) => k.again(&blocks, step.f),
             }
         }
         self.fracture = Some(fracture);
