@@ -6,21 +6,7 @@
 //!
 //! `cargo run --release --example swap_continuum`
 
-use arlequin::cnem::constraint::Surface;
-use arlequin::cnem::domain::Domain;
-use arlequin::cnem::{self, CnemModel};
-use arlequin::core::coupled::statics::Equilibrium;
-use arlequin::core::effect::Load;
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::L2;
-use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::overlap::Slab;
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{CoarseModel, Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{self, ElementKind, FemField, FemModel, Mesh, generate};
-use std::sync::Arc;
+use arlequin::{cnem, prelude::*};
 
 const LENGTH: f64 = 20e-3;
 const SIDE: f64 = 2e-3;
@@ -34,16 +20,12 @@ fn block(x: [f64; 2], h: f64) -> Result<Mesh<f64>> {
 }
 
 fn fem(name: &str, mesh: Mesh<f64>) -> Result<FemModel<f64>> {
-    Ok(FemModel::new(
-        name,
-        mesh,
-        fem_ref::Elastic::new(72.5e9, 0.17, 2200.0)?,
-    )?)
+    Ok(FemModel::new(name, mesh, Elastic::new(72.5e9, 0.17, 2200.0)?)?)
 }
 
 fn cnem(name: &str, mesh: Mesh<f64>) -> Result<CnemModel> {
-    let domain = Domain::new(mesh.nodes(), &Surface::convex_hull())?;
-    let silica = cnem::Elastic::new(72.5e9, 0.17, 2200.0)?;
+    let domain = cnem::Domain::new(mesh.nodes(), &cnem::Surface::convex_hull())?;
+    let silica = Elastic::new(72.5e9, 0.17, 2200.0)?;
     Ok(CnemModel::new(name, domain, silica, cnem::Options::default())?)
 }
 
@@ -64,14 +46,13 @@ fn beam(coarse: impl CoarseModel<f64> + 'static) -> Result<Coupled<f64>> {
         .filter(|&n| coarse.nodes()[n].x < 1e-9)
         .flat_map(|n| 3 * n..3 * n + 3);
     let support = PrescribedMotion::fixed(clamped.collect());
-    let interface = InterfaceSpec {
-        name: "overlap".into(),
-        coarse: 0,
-        fine: 1,
-        mediator: Arc::new(FemField::new(block(OVERLAP, 0.5e-3)?)),
-        junction: Box::new(L2),
-        options: InterfaceOptions::default(),
-    };
+    let interface = InterfaceSpec::new(
+        "overlap",
+        0,
+        1,
+        Arc::new(FemField::new(block(OVERLAP, 0.5e-3)?)),
+        L2,
+    );
     let bodies = vec![
         Subdomain::coarse(coarse, weights).with_support(support),
         Subdomain::fine(fine, rest).with_effect(Box::new(load)),
@@ -92,7 +73,7 @@ fn results(mut run: Coupled<f64>) -> Result<[f64; 3]> {
     let mut crossings = Vec::new();
     let mut before = -1.0;
     while crossings.len() < 11 {
-        run.advance(&mut arlequin::core::observer::Silent)?;
+        run.advance(&mut Silent)?;
         let now = tip(&run, &run.subdomains()[1].state().q) - level;
         if before * now < 0.0 {
             crossings.push(run.time() - run.dt() * now / (now - before));

@@ -5,10 +5,10 @@
 //! Two models of one body, a **coarse** and a **fine** one, overlap in `Ω_O`. There they
 //!
 //! 1. **share the energy**: weights `α`, `β`, `γ` for internal, kinetic and external energy, `f` for the coarse model and
-//!    `1 − f` for the fine one ([`core::weight`]). Weights belong to elements and bonds and masses follow them, so that the
+//!    `1 − f` for the fine one ([`core::Ramp`]). Weights belong to elements and bonds and masses follow them, so that the
 //!    weighted energy is conserved and the critical step stays what it was;
-//! 2. are **tied by multipliers** `λ` on a mediator space of their own ([`core::mediator`]) through a junction
-//!    `⟨λ, u̇ − ḋ⟩ = ∫ λ·v + l² ε(λ):ε(v)` ([`core::junction`]).
+//! 2. are **tied by multipliers** `λ` on a mediator space of their own ([`core::Mediator`]) through a junction
+//!    `⟨λ, u̇ − ḋ⟩ = ∫ λ·v + l² ε(λ):ε(v)` ([`core::Junction`]).
 //!
 //! With `B_C`, `B_D` the coupling matrices, the discrete equations
 //!
@@ -17,14 +17,39 @@
 //! ```
 //!
 //! are advanced by velocity Verlet: each model predicts, one small symmetric system `A λ = B_C u̇* − B_D ḋ*` with
-//! `A = Δt/2 (B_C M⁻¹ B_Cᵀ + B_D m⁻¹ B_Dᵀ)` gives the multipliers, both models are corrected ([`core::coupled`]). A model
-//! never sees the other one: any implementer of [`core::Model`] with a [`core::field::Interpolation`] can be coupled with
-//! any other. The static twin solves the same objects as a saddle-point problem ([`core::coupled::statics`]).
+//! `A = Δt/2 (B_C M⁻¹ B_Cᵀ + B_D m⁻¹ B_Dᵀ)` gives the multipliers, both models are corrected ([`core::Coupled`]). A model
+//! never sees the other one: any implementer of [`core::Model`] with a [`core::Interpolation`] can be coupled with
+//! any other. The static twin solves the same objects as a saddle-point problem ([`core::Coupled::equilibrium`]).
 //!
 //! # Crates
 //!
 //! [`core`] holds the traits and the method; [`fem_ref`] linear finite elements; [`dem_beam`] the cohesive-beam discrete
-//! element model; [`cnem`] the constrained natural element method. This crate re-exports them and holds no logic.
+//! element model; [`cnem`] the constrained natural element method. This crate re-exports them and holds no logic; [`prelude`] has what most programs need.
 
 pub use arlequin_core as core;
 pub use {cnem, dem_beam, fem_ref};
+
+/// What most programs need: `use arlequin::prelude::*;`.
+///
+/// What a coupled run is made of, effects included, the traits of models, and the models with what builds them. Names that
+/// more than one crate has (`cnem::Surface`, `dem_beam::Surface`) keep their crate's.
+pub mod prelude {
+    pub use arlequin_core::effect::{
+        Absorber, BodyForce, BulkViscosity, Effect, EffectSpec, ForceLaw, Host, Instant, Load, LocalDamping,
+        MassDamping, PairSpec, Prestress, StepDemand, StiffnessDamping,
+    };
+    pub use arlequin_core::nalgebra::{Matrix3, Point3, Vector3};
+    pub use arlequin_core::{
+        CoarseModel, Complement, Coupled, DofLayout, Elastic, Equilibrium, Error, FineModel, Guard,
+        H1Gradient, H1Seminorm, H1Strain, InterfaceOptions, InterfaceSpec, Interpolation, Junction, L2,
+        LinearModel, Mediator, Model, Observer, Overlap, ParticleField, Partition, Parts, PrescribedMotion,
+        Primitive, Profile, Ramp, Result, Sampling, Shell, Silent, Slab, State, StepReport, Subdomain,
+        TimeFunction, TimeStep, Uniform, Weight, Weighting, Weights,
+    };
+    pub use cnem::{CnemModel, NaturalField};
+    pub use dem_beam::{
+        BeamMaterial, Contact, ContactBetween, ContactLaw, Criterion, DemModel, Fracture, Obstacle,
+    };
+    pub use fem_ref::{ElementKind, FemField, FemModel, Mesh, generate};
+    pub use std::sync::Arc;
+}

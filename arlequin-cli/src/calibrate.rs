@@ -2,8 +2,9 @@
 
 use crate::error::{Located, Result, key, value};
 use crate::{report, threads};
+use arlequin_scene::Source;
 use arlequin_scene::calibrate::{StrengthTest, Wanted, calibrate as measure};
-use arlequin_scene::scene::{CriterionKind, Protocol, Source};
+use arlequin_scene::spec::{CriterionKind, Protocol};
 use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -2,7 +2,7 @@
 
 pub(crate) use arlequin_scene::error::*;
 
-use arlequin_scene::scene::Source;
+use arlequin_scene::Source;
 use std::process::ExitCode;
 
 /// An error and the text it may point into.

@@ -9,10 +9,8 @@ mod sweep;
 mod threads;
 mod verify;
 
-use arlequin_scene::Input;
-use arlequin_scene::check::check;
 use arlequin_scene::effects::compare;
-use arlequin_scene::scene::Source;
+use arlequin_scene::{Scene, Source};
 use clap::{Args, Parser, Subcommand};
 use error::{Located, Result};
 use std::path::PathBuf;
@@ -102,23 +100,23 @@ fn main() -> ExitCode {
 
 fn run_command(command: Command) -> Result<ExitCode, Located> {
     match command {
-        Command::Run { common, out, force } => with_scene(&common, |input| {
-            run::run(input, out.as_deref(), force, common.json)
+        Command::Run { common, out, force } => with_scene(&common, |scene| {
+            run::run(scene, out.as_deref(), force, common.json)
         }),
-        Command::Check { common } => with_scene(&common, |input| {
-            report::result(&check(input)?, common.json, report::plan)?;
+        Command::Check { common } => with_scene(&common, |scene| {
+            report::result(&scene.prepare()?.preview(), common.json, report::plan)?;
             Ok(ExitCode::SUCCESS)
         }),
-        Command::Effects { common, repeat } => with_scene(&common, |input| {
-            report::result(&compare(input, repeat)?, common.json, report::comparison)?;
+        Command::Effects { common, repeat } => with_scene(&common, |scene| {
+            report::result(&compare(scene, repeat)?, common.json, report::comparison)?;
             Ok(ExitCode::SUCCESS)
         }),
         Command::Calibrate(asked) => calibrate::calibrate(&asked),
         Command::Verify(args) => Ok(verify::verify(&args)?),
         Command::Sweep(a) => sweep::sweep(&a),
         Command::SweepDocs(a) => sweep::document(&a),
-        Command::Suggest { common, wish } => with_scene(&common, |input| {
-            suggest::suggest(input, &wish, common.json)?;
+        Command::Suggest { common, wish } => with_scene(&common, |scene| {
+            suggest::suggest(scene, &wish, common.json)?;
             Ok(ExitCode::SUCCESS)
         }),
         Command::Resume {
@@ -135,16 +133,12 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
 /// Runs a command on a scene; errors point into its text.
 fn with_scene(
     common: &Common,
-    command: impl FnOnce(&Input<'_>) -> Result<ExitCode>,
+    command: impl FnOnce(&Scene) -> Result<ExitCode>,
 ) -> Result<ExitCode, Located> {
     let source = Source::read(&common.scene)?;
     let run = || {
         threads::start(common.threads)?;
-        command(&Input {
-            source: &source,
-            scene: source.scene(&common.set)?,
-            set: &common.set,
-        })
+        command(&Scene::of(source.clone())?.assign(&common.set)?)
     };
     run().map_err(Located::within(&source))
 }

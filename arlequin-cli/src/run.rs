@@ -2,8 +2,10 @@
 
 use crate::error::{Error, Result};
 use crate::report::{self, Progress};
-use arlequin_scene::Input;
-use arlequin_scene::run::{self, End, Finished, Listener};
+use arlequin::core::Coupled;
+use arlequin_scene::output::json;
+use arlequin_scene::{End, Observer, Results, RunFolder, Scene};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -13,30 +15,31 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub(crate) const INTERRUPTED: u8 = 130;
 
 /// Runs a scene and writes its results.
-pub(crate) fn run(input: &Input<'_>, out: Option<&Path>, force: bool, json: bool) -> Result<ExitCode> {
-    Ok(said(
-        &run::run(input, out, force, &mut Terminal::new(json))?,
-        json,
-    ))
+pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool) -> Result<ExitCode> {
+    let folder = RunFolder::new(scene, out, force)?;
+    let prepared = scene.prepare()?;
+    finished(&prepared.run_into(folder, &mut Terminal::new(as_json)?)?, as_json)
 }
 
 /// Goes on with the run of a folder from its last checkpoint.
-pub(crate) fn resume(target: &Path, json: bool) -> Result<ExitCode> {
-    Ok(said(&run::resume(target, &mut Terminal::new(json))?, json))
+pub(crate) fn resume(target: &Path, as_json: bool) -> Result<ExitCode> {
+    let resumed = arlequin_scene::resume(target)?;
+    finished(&resumed.run(&mut Terminal::new(as_json)?)?, as_json)
 }
 
 /// Reports what a run left.
-fn said(done: &Finished, json: bool) -> ExitCode {
-    if json {
-        report::line(&done.json);
-    } else {
-        report::finished(&done.summary, &done.folder, done.planned);
+fn finished(done: &Results, as_json: bool) -> Result<ExitCode> {
+    let summary = done.summary();
+    if as_json {
+        report::line(&json("writing summary.json", summary)?);
+    } else if let Some(folder) = &done.folder {
+        report::finished(summary, folder, done.planned);
     }
-    if done.end == End::Interrupted {
+    Ok(if done.end == End::Interrupted {
         ExitCode::from(INTERRUPTED)
     } else {
         ExitCode::SUCCESS
-    }
+    })
 }
 
 /// A user at a terminal, who sees warnings and a bar and may press Ctrl-C.
@@ -47,34 +50,31 @@ struct Terminal {
 }
 
 impl Terminal {
-    fn new(json: bool) -> Self {
-        Self {
+    /// Watches for Ctrl-C only from now on: during the set-up it leaves nothing behind.
+    fn new(json: bool) -> Result<Self> {
+        Ok(Self {
             json,
             bar: Progress::default(),
-            stop: Arc::default(),
-        }
+            stop: watch_interrupt()?,
+        })
     }
 }
 
-impl Listener for Terminal {
-    /// Watches for Ctrl-C only now: during the set-up it leaves nothing behind.
-    fn begins(&mut self) -> Result<()> {
-        self.stop = watch_interrupt()?;
-        Ok(())
-    }
+impl Observer for Terminal {
     fn warning(&mut self, text: &str) {
         if !self.json {
             report::warning(text);
         }
     }
-    fn step(&mut self, made: usize, of: usize) {
-        self.bar.show("steps", made, of);
+    fn step(&mut self, run: &Coupled<f64>, planned: usize) -> ControlFlow<()> {
+        self.bar.show("steps", run.steps(), planned);
+        if self.stop.load(Ordering::Relaxed) {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
     }
     fn stepped(&mut self) {
         self.bar.clear();
-    }
-    fn stops(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::error::{Result, key, value};
 use crate::report;
-use arlequin_scene::Input;
+use arlequin_scene::Scene;
 use arlequin_scene::suggest::{Goal, suggest as propose};
 use std::path::PathBuf;
 
@@ -24,10 +24,10 @@ pub(crate) struct Wish {
 }
 
 /// Proposes settings, and writes them where that is wished.
-pub(crate) fn suggest(input: &Input<'_>, wish: &Wish, json: bool) -> Result<()> {
-    let found = propose(input, goal(wish)?, wish.frequency)?;
+pub(crate) fn suggest(scene: &Scene, wish: &Wish, json: bool) -> Result<()> {
+    let found = propose(scene, goal(wish)?, wish.frequency)?;
     if let Some(out) = &wish.apply {
-        found.write(input, out)?;
+        found.write(scene, out)?;
     }
     report::result(&found, json, |p| report::proposal(p, wish.apply.as_deref()))
 }

@@ -4,8 +4,8 @@
 use crate::error::{Error, Located, Result, key, write};
 use crate::report::{self, Progress};
 use crate::{run, threads};
+use arlequin_scene::Source;
 use arlequin_scene::output::mark;
-use arlequin_scene::scene::Source;
 use arlequin_scene::sweep::{Member, Outcome, Prepared, Runner};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode, ExitStatus, Stdio};

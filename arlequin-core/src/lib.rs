@@ -1,7 +1,52 @@
-//! The method: traits of models, fields, weights, mediators and junctions, and the algorithms that couple them.
+//! Couples mechanics models by the Arlequin (bridging-domain) method: the traits of models, fields, weights, mediators and
+//! junctions, and the algorithms between them. It knows no particle, no element and no Voronoi cell, has no input or output,
+//! no clock and no random numbers.
 //!
-//! The core does not know what a particle, an element or a Voronoi cell is; it has no input or output, no clock and no
-//! random numbers. Its loops over unknowns run on the caller's rayon pool, see [`parallel`].
+//! # Modules in reading order
+//!
+//! | read | for |
+//! |---|---|
+//! | `model`, `field` | what a model offers: [`Model`], its roles [`CoarseModel`] and [`FineModel`], its [`Interpolation`] |
+//! | `overlap`, `profile`, `weight` | how models share energy: [`Slab`] and [`Shell`], [`Profile`], [`Ramp`], [`Weights`] |
+//! | `mediator`, `junction`, `interface` | how they are tied: [`Mediator`], [`Junction`], [`InterfaceSpec`] |
+//! | [`effect`], `time`, `motion` | loads, dampings, contact, supports |
+//! | `subdomain`, `coupled` | the step and the set-up: [`Subdomain`], [`Coupled`]; equilibrium in `statics` |
+//! | `ledger`, `momentum`, `observer`, [`snapshot`] | what a run says of itself, and how it goes on |
+//! | [`conformance`] | checks for those who write models, junctions or effects |
+//! | [`harmonic`], [`advice`] | what an overlap reflects, and what it is known to do badly |
+//! | [`geometry`], [`adjacency`], [`blocks`], [`linalg`], [`spectrum`], [`parallel`] | tools of the core that model crates use as well |
+//!
+//! # A stiff bar and a fine one, tied over one unit of length
+//!
+//! ```
+//! use arlequin_core::nalgebra::Point3;
+//! use arlequin_core::*;
+//! use fem_ref::{Elastic, FemField, FemModel, generate};
+//! use std::sync::Arc;
+//!
+//! # fn main() -> Result<()> {
+//! let at = |x: f64| Point3::new(x, 0.0, 0.0);
+//! let bar = |name, from, to, elements| FemModel::new(name, generate::bar(from, to, elements, 1.0)?, Elastic::new(1.0, 0.0, 1.0)?);
+//! let (left, right) = (bar("left", -9.0, 1.0, 20)?, bar("right", 0.0, 10.0, 80)?);
+//!
+//! // The left model's share falls from 1 to 0 between x = 0 and x = 1, the right one has the rest.
+//! let ramp = Ramp::new(Arc::new(Slab::between(at(1.0), at(0.0))?), Profile::Cubic, 1e-3)?;
+//! let coarse = Weights::same(Arc::new(ramp));
+//! let fine = Weights::complement_of(std::slice::from_ref(&coarse));
+//!
+//! let mediator = Arc::new(FemField::new(generate::bar(0.0, 1.0, 2, 1.0)?));
+//! let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
+//! let moving = vec![1.0; right.layout().dofs()];
+//! let bodies = vec![
+//!     Subdomain::coarse(left, coarse),
+//!     Subdomain::fine(right, fine).with_initial(vec![0.0; moving.len()], moving)?,
+//! ];
+//! let mut run = Coupled::new(bodies, vec![tie], TimeStep::Fraction(0.9), None)?;
+//! run.run(1000, &mut Silent)?;
+//! assert!(run.drift() < 1e-11 && run.constraint_residual() < 1e-11);
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod adjacency;
 pub mod advice;
@@ -25,6 +70,7 @@ pub mod model;
 pub mod momentum;
 mod motion;
 mod named;
+mod nodal;
 pub mod observer;
 pub mod overlap;
 pub mod parallel;
@@ -38,11 +84,28 @@ pub mod time;
 mod tree;
 pub mod weight;
 
-pub use coupled::{Coupled, Guard, Partition, TimeStep};
-pub use error::{Error, Result};
-pub use interface::{InterfaceOptions, InterfaceSpec, Sampling};
-pub use model::{CoarseModel, FineModel, LinearModel, Model};
-pub use scalar::Real;
+pub use coupled::statics::Equilibrium;
+pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, TimeStep};
+pub use error::{Error, ModelError, Result, Share, invalid};
+pub use field::{Interpolation, ParticleField, ShapeRow};
+pub use interface::{Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side};
+pub use junction::{
+    Components, H1Gradient, H1Seminorm, H1Strain, Junction, JunctionKind, L2, Needs, ShapeFunction,
+};
+pub use ledger::{EnergySample, WorkLine};
+pub use material::Elastic;
+pub use mediator::Mediator;
+pub use model::{
+    CoarseModel, DofLayout, Evolution, Evolving, FineModel, LinearModel, Model, State, Watching, check_size,
+};
+pub use momentum::{Arms, BodyMomentum, Claim};
+pub use motion::PrescribedMotion;
+pub use nodal::NodallyWeighted;
+pub use observer::{Observer, Phase, Silent, StepReport};
+pub use overlap::{Overlap, Place, Primitive, Region, Shell, Slab};
+pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
+pub use scalar::{Real, check_finite};
 pub use subdomain::Subdomain;
-pub use weight::{Weighting, Weights};
+pub use time::TimeFunction;
+pub use weight::{Complement, Ramp, Uniform, Weight, Weighting, Weights};
 pub use {nalgebra, sprs};

@@ -1,23 +1,22 @@
 //! Displacement gradients at the centres of a model's cells.
 
 use crate::error::{Result, core};
-use crate::scene::Material;
-use crate::setup::Drawn;
+use crate::setup::ModelInfo;
 use arlequin::core::field::ShapeRow;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 
 /// Shape gradients at the centre of one cell.
 #[derive(Debug, Clone)]
-pub struct Cell {
+pub(crate) struct Cell {
     /// Centre \[m\].
-    pub centre: Point3<f64>,
+    pub(crate) centre: Point3<f64>,
     /// Nodes and gradients of their shape functions \[1/m\].
     row: Vec<(usize, Vector3<f64>)>,
 }
 
 impl Cell {
     /// Gradient `∂u_c/∂x_k` at row `c`, column `k` of a field with `count` components.
-    pub fn gradient(&self, values: &[f64], count: usize) -> Matrix3<f64> {
+    pub(crate) fn gradient(&self, values: &[f64], count: usize) -> Matrix3<f64> {
         let mut h = Matrix3::zeros();
         for (node, g) in &self.row {
             for c in 0..count {
@@ -31,12 +30,12 @@ impl Cell {
 }
 
 /// The cells of a model; an error, placed at `key`, where its field has no gradient.
-pub fn cells(key: &str, d: &Drawn) -> Result<Vec<Cell>> {
+pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
     let mut row = ShapeRow::default();
     let one = |cell: &[u32]| {
         let sum = cell
             .iter()
-            .fold(Vector3::zeros(), |s, &k| s + d.view.points[k as usize].coords);
+            .fold(Vector3::zeros(), |s, &k| s + d.grid.points[k as usize].coords);
         let centre = Point3::from(sum / cell.len() as f64);
         d.field.shape_at(&centre, true, &mut row).map_err(core(key))?;
         let row = row.nodes.iter().copied().zip(row.gradients.iter().copied());
@@ -45,16 +44,9 @@ pub fn cells(key: &str, d: &Drawn) -> Result<Vec<Cell>> {
             row: row.collect(),
         })
     };
-    d.view
+    d.grid
         .connectivity
-        .chunks_exact(d.view.corners)
+        .chunks_exact(d.grid.corners)
         .map(one)
         .collect()
-}
-
-/// `λ = E ν/((1 + ν)(1 − 2ν))` and `μ = E/(2(1 + ν))` \[Pa\].
-pub fn lame(material: &Material) -> [f64; 2] {
-    let nu = material.poisson.unwrap_or(0.0);
-    let mu = material.young / (2.0 * (1.0 + nu));
-    [material.young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), mu]
 }

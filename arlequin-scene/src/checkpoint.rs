@@ -10,7 +10,7 @@
 
 use crate::error::{Error, Result, write};
 use crate::recorder::Records;
-use crate::scene::Source;
+use crate::scene::{Scene, Source};
 use crate::wake::Stage;
 use arlequin::core::snapshot::Snapshot;
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Name of the file in an output folder.
-pub const NAME: &str = "checkpoint.bin";
+pub(crate) const NAME: &str = "checkpoint.bin";
 /// Changes whenever the payload does.
 const FORMAT: u32 = 3;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
@@ -28,7 +28,7 @@ const TAIL: usize = 4;
 
 /// The scene a checkpoint belongs to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Origin {
+pub(crate) struct Origin {
     /// Scene file as given on the command line.
     pub path: PathBuf,
     /// Absolute folder of the scene file.
@@ -43,7 +43,7 @@ pub struct Origin {
 
 /// A run at one instant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Checkpoint {
+pub(crate) struct Checkpoint {
     /// Version of the program.
     pub version: String,
     /// Scene.
@@ -58,8 +58,8 @@ pub struct Checkpoint {
 
 impl Origin {
     /// Of a scene that is about to run.
-    pub fn of(source: &Source, set: &[String]) -> Result<Self> {
-        let folder = source.folder();
+    pub(crate) fn of(scene: &Scene) -> Result<Self> {
+        let folder = scene.folder();
         let folder = if folder.as_os_str().is_empty() {
             Path::new(".")
         } else {
@@ -69,8 +69,8 @@ impl Origin {
             path: folder.to_owned(),
             source: e,
         })?;
-        let files = source
-            .files(set)?
+        let files = scene
+            .files()
             .into_iter()
             .map(|name| {
                 let (length, sum) = fingerprint(&absolute.join(&name))?;
@@ -78,16 +78,16 @@ impl Origin {
             })
             .collect::<Result<_>>()?;
         Ok(Self {
-            path: source.path.clone(),
+            path: scene.source().path.clone(),
             folder: absolute,
-            text: source.text.clone(),
-            set: set.to_vec(),
+            text: scene.source().text.clone(),
+            set: scene.changes().to_vec(),
             files,
         })
     }
 
-    /// The source again; refuses files that changed since.
-    pub fn source(&self) -> Result<Source> {
+    /// The scene again; refuses files that changed since.
+    pub(crate) fn scene(&self) -> Result<Scene> {
         for (name, length, sum) in &self.files {
             let path = self.folder.join(name);
             if fingerprint(&path)? != (*length, *sum) {
@@ -99,16 +99,17 @@ impl Origin {
                 });
             }
         }
-        Ok(Source {
+        let source = Source {
             path: self.path.clone(),
-            base: Some(self.folder.clone()),
+            folder: self.folder.clone(),
             text: self.text.clone(),
-        })
+        };
+        Scene::of(source)?.assign(&self.set)
     }
 }
 
 /// Removes the checkpoint of a run that is complete.
-pub fn remove(folder: &Path) -> Result<()> {
+pub(crate) fn remove(folder: &Path) -> Result<()> {
     let path = folder.join(NAME);
     if path.exists() {
         std::fs::remove_file(&path).map_err(write(&path))?;
@@ -126,7 +127,7 @@ fn fingerprint(path: &Path) -> Result<(u64, u32)> {
 
 impl Checkpoint {
     /// Writes the file into a folder, replacing the one before.
-    pub fn write(&self, folder: &Path) -> Result<()> {
+    pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         let bytes = self.encode().map_err(|e| Error::System {
             what: "packing the checkpoint",
             message: e.to_string(),
@@ -148,7 +149,7 @@ impl Checkpoint {
     }
 
     /// Reads the file of a folder.
-    pub fn read(folder: &Path) -> Result<Self> {
+    pub(crate) fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(NAME);
         let bytes = std::fs::read(&path).map_err(|source| Error::Read {
             path: path.clone(),

@@ -1,8 +1,7 @@
 //! Cracks that run into an overlap: said when it happens, kept for the summary, and a reason to end where wanted.
 
-use crate::run::Input;
-use crate::scene::Effect;
 use crate::setup;
+use crate::spec::{Effect, SceneSpec};
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{SharedLog, locked};
 use serde::Serialize;
@@ -35,18 +34,18 @@ impl std::fmt::Display for OverlapBreak {
 
 /// Models of which it was said.
 #[derive(Debug)]
-pub struct Crossing(Vec<bool>);
+pub(crate) struct Crossing(Vec<bool>);
 
 impl Crossing {
     /// What has happened so far needs no word.
-    pub fn since(breaks: &[Option<SharedLog>]) -> Self {
+    pub(crate) fn since(breaks: &[Option<SharedLog>]) -> Self {
         Self(breaks.iter().map(|b| has_left(b.as_ref())).collect())
     }
 
     /// What there is to say of the step just made, and whether the scene ends there.
-    pub fn watch(
+    pub(crate) fn watch(
         &mut self,
-        input: &Input<'_>,
+        scene: &SceneSpec,
         run: &Coupled<f64>,
         breaks: &[Option<SharedLog>],
     ) -> (Vec<String>, bool) {
@@ -57,14 +56,14 @@ impl Crossing {
             }
             *told = true;
             said.extend(of_model(run, m, breaks[m].as_ref()).map(|line| line.to_string()));
-            ends |= stops(input, m);
+            ends |= stops(scene, m);
         }
         (said, ends)
     }
 }
 
 /// First breaks in overlaps, one per model.
-pub fn found(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
+pub(crate) fn found(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
     let all = breaks.iter().enumerate();
     all.filter_map(|(m, b)| of_model(run, m, b.as_ref())).collect()
 }
@@ -86,10 +85,10 @@ fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<
 }
 
 /// Whether an effect of the scene ends the run at the first break of model `m` in an overlap.
-fn stops(input: &Input<'_>, m: usize) -> bool {
+fn stops(scene: &SceneSpec, m: usize) -> bool {
     let of = |(k, e): (usize, &Effect)| {
         let stops = e.enabled && e.fracture.as_ref().is_some_and(|f| f.stop_at_overlap);
-        stops && setup::effect_models(k, e, &input.scene).is_ok_and(|models| models.contains(&m))
+        stops && setup::effect_models(k, e, scene).is_ok_and(|models| models.contains(&m))
     };
-    input.scene.effect.iter().enumerate().any(of)
+    scene.effect.iter().enumerate().any(of)
 }

@@ -2,11 +2,11 @@
 //!
 //! Results are the same in every run; times are not, so each variant runs several times, in turns, and its least counts.
 
-use crate::Input;
+use crate::PhaseClock;
+use crate::Scene;
 use crate::error::{Error, Result, core, key, value};
-use crate::recorder::PhaseClock;
-use crate::scene::Scene;
 use crate::setup::{self, Built};
+use crate::spec::SceneSpec;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -59,28 +59,28 @@ struct Trace {
 ///
 /// # Errors
 /// A scene without probes; the failure of the run as given.
-pub fn compare(input: &Input<'_>, repeat: usize) -> Result<Comparison> {
-    crate::wake::refuse(&input.scene, "effects")?;
-    let folder = input.source.folder();
+pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
+    scene.spec().refuse_wake("effects")?;
+    let folder = scene.folder();
     if repeat == 0 {
         return Err(value("--repeat", 0, "must be at least 1"));
     }
-    if input.scene.probe.is_empty() {
+    if scene.spec().probe.is_empty() {
         let rule = "is empty; effects are judged by what they change there, so name at least one probe";
         return Err(key("probe", rule));
     }
-    let mut given = trace(&input.scene, folder)?;
+    let mut given = trace(scene.spec(), folder)?;
     if let Some(e) = given.failed {
         return Err(e);
     }
-    let variants = variants(&input.scene);
+    let variants = variants(scene.spec());
     let mut traces = Vec::new();
     for (_, scene) in &variants {
         traces.push(trace(scene, folder)?);
     }
     // In turns, so that all see the same machine.
     for _ in 1..repeat {
-        given.seconds = given.seconds.min(trace(&input.scene, folder)?.seconds);
+        given.seconds = given.seconds.min(trace(scene.spec(), folder)?.seconds);
         for ((_, scene), t) in variants.iter().zip(&mut traces) {
             t.seconds = t.seconds.min(trace(scene, folder)?.seconds);
         }
@@ -102,7 +102,7 @@ pub fn compare(input: &Input<'_>, repeat: usize) -> Result<Comparison> {
         });
     }
     Ok(Comparison {
-        scene: input.source.path.display().to_string(),
+        scene: scene.source().path.display().to_string(),
         repeat,
         seconds: given.seconds,
         effects: changes,
@@ -116,7 +116,7 @@ fn messages(found: BTreeMap<(String, &'static str), String>) -> Vec<String> {
 }
 
 /// The scene without each effect that is on.
-fn variants(scene: &Scene) -> Vec<(String, Scene)> {
+fn variants(scene: &SceneSpec) -> Vec<(String, SceneSpec)> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
         let mut off = scene.clone();
@@ -142,7 +142,7 @@ fn variants(scene: &Scene) -> Vec<(String, Scene)> {
     out
 }
 
-fn trace(scene: &Scene, folder: &Path) -> Result<Trace> {
+fn trace(scene: &SceneSpec, folder: &Path) -> Result<Trace> {
     steps(setup::build(scene, folder)?)
 }
 
@@ -151,7 +151,7 @@ fn steps(built: Built) -> Result<Trace> {
         mut run,
         probes,
         steps,
-        strangers,
+        without_contact,
         ..
     } = built;
     let mut clock = PhaseClock::new();
@@ -175,7 +175,7 @@ fn steps(built: Built) -> Result<Trace> {
             values.push(reader.read(run.subdomains()));
         }
         if made % every == 0 || made == steps {
-            for (model, f) in run.watch().into_iter().chain(strangers.watch(&run)) {
+            for (model, f) in run.watch().into_iter().chain(without_contact.watch(&run)) {
                 out.missing.insert((model, f.effect), f.message);
             }
         }

@@ -2,27 +2,33 @@
 //! ends no process; see the command line for both.
 
 pub mod calibrate;
-pub mod cells;
+mod cells;
 #[allow(dead_code, reason = "the example offers more than a scene asks for")]
 #[path = "../../examples/chain/model.rs"]
 mod chain;
-pub mod check;
-pub mod checkpoint;
-pub mod crossing;
+mod checkpoint;
+mod crossing;
 pub mod effects;
 pub mod error;
 pub mod output;
-pub mod recorder;
-pub mod run;
-pub mod scene;
+mod preview;
+mod recorder;
+mod run;
+mod scene;
 pub mod setup;
+pub mod spec;
 pub mod spectrum;
 pub mod suggest;
 pub mod sweep;
-pub mod wake;
+mod wake;
 
+pub use crossing::OverlapBreak;
 pub use error::{Error, Result};
-pub use run::Input;
+pub use preview::Preview;
+pub use recorder::{PhaseClock, Table};
+pub use run::{End, Observer, Prepared, Recorded, Results, Resumed, RunFolder, Silent, resume};
+pub use scene::{Scene, Source};
+pub use spec::SceneSpec;
 
 /// Told what is being done, how much of it is done and how much there is to do; workers call it from threads of their own.
 pub type Progress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);

@@ -3,7 +3,9 @@
 use crate::error::{Error, Result, core};
 use crate::output::Entry;
 use crate::output::Frames;
-use crate::setup::Reader;
+use crate::output::summary::Summary;
+use crate::run::Recorded;
+use crate::setup::ProbeReader;
 use arlequin::core::Coupled;
 use arlequin::core::ledger::EnergySample;
 use arlequin::core::observer::{Observer, Phase, StepReport};
@@ -94,6 +96,9 @@ impl Observer<f64> for PhaseClock {
 /// Columns over time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Table {
+    /// Names of the columns, with units.
+    #[serde(skip)]
+    pub names: Vec<String>,
     /// Times \[s\].
     pub times: Vec<f64>,
     /// Columns.
@@ -101,19 +106,36 @@ pub struct Table {
 }
 
 impl Table {
+    fn new(names: impl IntoIterator<Item = String>) -> Self {
+        let names: Vec<String> = names.into_iter().collect();
+        Self {
+            columns: vec![Vec::new(); names.len()],
+            names,
+            times: Vec::new(),
+        }
+    }
+
     fn push(&mut self, time: f64, row: impl Iterator<Item = f64>) {
         self.times.push(time);
-        for (k, x) in row.enumerate() {
-            if self.columns.len() <= k {
-                self.columns.push(Vec::new());
-            }
-            self.columns[k].push(x);
+        self.columns.iter_mut().zip(row).for_each(|(c, x)| c.push(x));
+    }
+
+    /// Goes on with rows recorded before.
+    fn resume(&mut self, from: Self) {
+        if !from.times.is_empty() {
+            (self.times, self.columns) = (from.times, from.columns);
         }
+    }
+
+    /// A column by its name.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        let k = self.names.iter().position(|n| n == name)?;
+        Some(&self.columns[k])
     }
 }
 
 /// Names of the columns of [`Recorder::energy`] before the works.
-pub const ENERGY_COLUMNS: [&str; 10] = [
+pub(crate) const ENERGY_COLUMNS: [&str; 10] = [
     "kinetic [J]",
     "internal [J]",
     "total [J]",
@@ -127,7 +149,7 @@ pub const ENERGY_COLUMNS: [&str; 10] = [
 ];
 
 /// Columns of each body behind those of the works.
-pub const MOMENTUM_COLUMNS: [&str; 6] = [
+pub(crate) const MOMENTUM_COLUMNS: [&str; 6] = [
     "momentum x [kg m/s]",
     "momentum y [kg m/s]",
     "momentum z [kg m/s]",
@@ -141,7 +163,7 @@ pub const MOMENTUM_COLUMNS: [&str; 6] = [
 pub struct Records {
     probes: Table,
     energy: Table,
-    facts: Table,
+    effects: Table,
     residuals: Vec<f64>,
     top_speed: f64,
     warnings: Vec<String>,
@@ -151,23 +173,20 @@ pub struct Records {
 }
 
 /// What is kept of a run.
+#[derive(Debug)]
 pub struct Recorder {
     /// Probes.
-    pub readers: Vec<Reader>,
+    pub readers: Vec<ProbeReader>,
     /// Their values.
     pub probes: Table,
     /// Energy: [`ENERGY_COLUMNS`], then one column per work, then [`MOMENTUM_COLUMNS`] per body.
     pub energy: Table,
     /// Names of the works.
     pub works: Vec<String>,
-    /// Names of the bodies.
-    pub bodies: Vec<String>,
     /// Figures of the effects at the times of the energy.
-    pub facts: Table,
-    /// Their names.
-    pub fact_names: Vec<String>,
-    /// Frames.
-    pub frames: Frames,
+    pub effects: Table,
+    /// Frames, if the run is kept.
+    pub frames: Option<Frames>,
     /// Largest relative velocity jump per interface.
     pub residuals: Vec<f64>,
     /// What a user should know: from before the first step, then from the steps, each once.
@@ -183,21 +202,30 @@ impl Recorder {
     /// Records the state before the first step.
     pub fn new(
         run: &Coupled<f64>,
-        readers: Vec<Reader>,
-        mut frames: Frames,
+        readers: Vec<ProbeReader>,
+        mut frames: Option<Frames>,
         probe_every: usize,
         frame_every: usize,
         warnings: Vec<String>,
     ) -> Result<Self> {
-        frames.write(run)?;
+        if let Some(frames) = &mut frames {
+            frames.write(run)?;
+        }
+        let works: Vec<String> = run.works().into_iter().map(|w| w.name).collect();
+        let bodies: Vec<String> = run.bodies().iter().map(|b| b.models.join(" + ")).collect();
+        let momenta = |b: &String| MOMENTUM_COLUMNS.map(|c| format!("{b} {c}"));
+        let energy = ENERGY_COLUMNS.map(str::to_owned).into_iter();
+        let energy = energy.chain(works.iter().map(|w| format!("work {w} [J]")));
         let mut out = Self {
+            probes: Table::new(
+                readers
+                    .iter()
+                    .map(|p| format!("{} {}", p.name, p.quantity.label())),
+            ),
+            energy: Table::new(energy.chain(bodies.iter().flat_map(momenta))),
+            effects: Table::new(facts(run).map(|f| f.0)),
             readers,
-            probes: Table::default(),
-            energy: Table::default(),
-            works: run.works().into_iter().map(|w| w.name).collect(),
-            bodies: run.bodies().iter().map(|b| b.models.join(" + ")).collect(),
-            facts: Table::default(),
-            fact_names: facts(run).map(|f| f.0).collect(),
+            works,
             frames,
             residuals: Vec::new(),
             warnings,
@@ -212,16 +240,19 @@ impl Recorder {
 
     /// Goes on with what was recorded before.
     pub fn resume(&mut self, from: Records) -> Result<()> {
-        self.probes = from.probes;
-        self.energy = from.energy;
-        self.facts = from.facts;
+        self.probes.resume(from.probes);
+        self.energy.resume(from.energy);
+        self.effects.resume(from.effects);
         self.residuals = from.residuals;
         self.top_speed = from.top_speed;
         for w in from.warnings {
             self.warn(w);
         }
         self.initial_energy = from.initial_energy;
-        self.frames.resume(from.frames)
+        match &mut self.frames {
+            Some(frames) => frames.resume(from.frames),
+            None => Ok(()),
+        }
     }
 
     /// Keeps a warning for the summary; whether it was not known yet.
@@ -238,11 +269,14 @@ impl Recorder {
         Records {
             probes: self.probes.clone(),
             energy: self.energy.clone(),
-            facts: self.facts.clone(),
+            effects: self.effects.clone(),
             residuals: self.residuals.clone(),
             top_speed: self.top_speed,
             warnings: self.warnings.clone(),
-            frames: self.frames.entries().to_vec(),
+            frames: self
+                .frames
+                .as_ref()
+                .map_or_else(Vec::new, |f| f.entries().to_vec()),
             initial_energy: self.initial_energy,
         }
     }
@@ -253,20 +287,31 @@ impl Recorder {
             self.read_probes(run)?;
         }
         if let Some(sample) = energy {
-            self.draw_energy(run, &sample);
+            self.record_energy(run, &sample);
         }
-        if run.steps().is_multiple_of(self.frame_every) {
-            self.frames.write(run)?;
-        }
-        Ok(())
+        self.write_frame(run, run.steps().is_multiple_of(self.frame_every))
     }
 
     /// Records the last state, if it was not yet.
     pub fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
-        if run.steps().is_multiple_of(self.frame_every) {
-            return Ok(());
+        self.write_frame(run, !run.steps().is_multiple_of(self.frame_every))
+    }
+
+    fn write_frame(&mut self, run: &Coupled<f64>, due: bool) -> Result<()> {
+        match &mut self.frames {
+            Some(frames) if due => frames.write(run),
+            _ => Ok(()),
         }
-        self.frames.write(run)
+    }
+
+    /// What is left once the run has ended.
+    pub(crate) fn into_recorded(self, summary: Summary) -> Recorded {
+        Recorded {
+            summary,
+            probes: self.probes,
+            energy: self.energy,
+            effects: self.effects,
+        }
     }
 
     fn read_probes(&mut self, run: &Coupled<f64>) -> Result<()> {
@@ -281,7 +326,7 @@ impl Recorder {
         Ok(())
     }
 
-    fn draw_energy(&mut self, run: &mut Coupled<f64>, s: &EnergySample<f64>) {
+    fn record_energy(&mut self, run: &mut Coupled<f64>, s: &EnergySample<f64>) {
         let fixed = [
             s.kinetic,
             s.internal,
@@ -301,8 +346,8 @@ impl Recorder {
             .flat_map(|b| b.linear.iter().chain(&b.angular).copied());
         let row = fixed.into_iter().chain(works).chain(momenta);
         self.energy.push(s.time, row);
-        if !self.fact_names.is_empty() {
-            self.facts.push(s.time, facts(run).map(|f| f.1));
+        if !self.effects.names.is_empty() {
+            self.effects.push(s.time, facts(run).map(|f| f.1));
         }
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
@@ -329,7 +374,7 @@ fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
 }
 
 /// Makes one step under the clock.
-pub fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
+pub(crate) fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
     let report = run.advance(clock).map_err(core("time"))?;
     clock.enter(Some(Phase::Observe));
     Ok(report.energy)

@@ -84,6 +84,8 @@ pub(crate) mod tet;
 pub mod voronoi;
 
 pub use arlequin_core::material::Elastic;
+pub use constraint::Surface;
+pub use domain::Domain;
 pub use error::{Error, Result};
 pub use field::NaturalField;
 pub use hilbert::spatial_order;

@@ -1,6 +1,6 @@
 //! Runs, plans of runs, effects and proposals as text.
 
-use arlequin_scene::check::RunPlan;
+use arlequin_scene::Preview;
 use arlequin_scene::effects::Comparison;
 use arlequin_scene::output::packing::PackingLine;
 use arlequin_scene::output::summary::{
@@ -97,7 +97,7 @@ fn wake(w: &WakeReport) {
 }
 
 /// Prints the plan of a run.
-pub(crate) fn plan(p: &RunPlan) {
+pub(crate) fn plan(p: &Preview) {
     println!("scene      {}", p.scene);
     if let Some(title) = &p.title {
         println!("title      {title}");
@@ -110,7 +110,7 @@ pub(crate) fn plan(p: &RunPlan) {
     sizes(p);
 }
 
-fn sizes(p: &RunPlan) {
+fn sizes(p: &Preview) {
     models(&p.models);
     interfaces(&p.interface);
     if p.effects.is_empty() {

@@ -49,6 +49,24 @@ pub struct InterfaceSpec<T: Real> {
 }
 
 impl<T: Real> InterfaceSpec<T> {
+    /// A tie between the subdomains of these numbers, with the default options.
+    pub fn new(
+        name: &str,
+        coarse: usize,
+        fine: usize,
+        mediator: Arc<dyn Mediator<T>>,
+        junction: impl Junction<T> + 'static,
+    ) -> Self {
+        Self {
+            name: name.to_owned(),
+            coarse,
+            fine,
+            mediator,
+            junction: Box::new(junction),
+            options: InterfaceOptions::default(),
+        }
+    }
+
     /// Of so many displacement components: how many share one scalar coupling matrix.
     fn shared(&self, components: usize) -> usize {
         match self.junction.components() {

@@ -4,10 +4,11 @@ mod sample;
 mod strength;
 
 use crate::Progress;
+use crate::Source;
 use crate::error::Result;
 use crate::output::packing::PackingLine;
-use crate::scene::{Protocol, Source};
 use crate::setup::filling::dem;
+use crate::spec::Protocol;
 use arlequin::dem_beam::calibrate::{Elasticity, Spread, Statistics, beam_for, tension_test};
 use arlequin::dem_beam::homogenise::{Bulk, BulkStatistics, bulk};
 use arlequin::dem_beam::{BeamMaterial, Packing};

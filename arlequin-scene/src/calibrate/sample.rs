@@ -2,9 +2,10 @@
 
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown, value};
-use crate::scene::{DemTable, LooseKind, Material, ModelTable, NotchBox, Shape, Source};
+use crate::setup::cut;
 use crate::setup::filling::{Filling, Recipe, beam, dem, mean_sphere, spec};
-use crate::setup::{Kind, cut};
+use crate::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, NotchBox, Shape};
+use crate::{Scene, Source};
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::{BeamMaterial, Packing};
@@ -115,11 +116,12 @@ fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
 
 /// The table of the model that is meant.
 fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
-    let scene = source.scene(&wanted.set)?;
+    let scene = Scene::of(source.clone())?.assign(&wanted.set)?;
+    let scene = scene.spec();
     let name = match &wanted.model {
         Some(name) => name.clone(),
         None => {
-            let mut particles = scene.model.iter().filter(|(_, t)| t.kind == Kind::Dem);
+            let mut particles = scene.model.iter().filter(|(_, t)| t.kind == ModelKind::Dem);
             match (particles.next(), particles.next()) {
                 (Some((name, _)), None) => name.clone(),
                 (None, _) => {
@@ -140,11 +142,11 @@ fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, Pat
         return Err(unknown("--model", &name, "model", scene.model.keys()));
     };
     let at = format!("model.{name}");
-    if table.kind != Kind::Dem {
+    if table.kind != ModelKind::Dem {
         let rule = "only models of kind \"dem\" have beams to calibrate; choose another by --model";
         return Err(key(format!("{at}.kind"), rule));
     }
-    Ok((at, table.clone(), source.folder().to_owned()))
+    Ok((at, table.clone(), source.folder.clone()))
 }
 
 /// A table as a scene would have it.
@@ -163,7 +165,7 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
         },
     };
     ModelTable {
-        kind: Kind::Dem,
+        kind: ModelKind::Dem,
         role: None,
         shape,
         spacing: None,

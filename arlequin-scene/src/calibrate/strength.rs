@@ -3,9 +3,10 @@
 use super::sample::{Sample, Test};
 use super::{Estimate, KEY, Wanted, each};
 use crate::Progress;
+use crate::Source;
 use crate::error::{Result, key};
-use crate::scene::{CriterionKind, Source};
 use crate::setup::filling::dem;
+use crate::spec::CriterionKind;
 use arlequin::dem_beam::calibrate::Spread;
 use arlequin::dem_beam::packing::Packing;
 use arlequin::dem_beam::strength::{Strength, strength_test};

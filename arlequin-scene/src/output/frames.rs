@@ -4,25 +4,28 @@ use super::mark;
 use super::vtu::{self, Array, Entry};
 use crate::cells::{self, Cell};
 use crate::error::{Error, Result, write};
-use crate::scene::{Material, OutputField};
-use crate::setup::{Drawn, View};
+use crate::setup::{Grid, ModelInfo};
+use crate::spec::OutputField;
+use arlequin::core::material::Elastic;
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
 
 /// Writes frames and, at the end, their index.
+#[derive(Debug)]
 pub struct Frames {
     folder: PathBuf,
     fields: Vec<OutputField>,
     models: Vec<Painter>,
-    mediators: Vec<View>,
+    mediators: Vec<Grid>,
     entries: Vec<Entry>,
 }
 
 /// What a model's files repeat.
+#[derive(Debug)]
 struct Painter {
-    view: View,
-    material: Material,
+    grid: Grid,
+    material: Elastic<f64>,
     /// Empty if the energy density is not wanted or the field has no gradient.
     centres: Vec<Cell>,
     weights: Vec<Array>,
@@ -36,11 +39,11 @@ impl Frames {
         folder: PathBuf,
         fields: &[OutputField],
         run: &Coupled<f64>,
-        drawn: Vec<Drawn>,
-        mediators: Vec<View>,
+        models: Vec<ModelInfo>,
+        mediators: Vec<Grid>,
     ) -> Self {
         let density = fields.contains(&OutputField::EnergyDensity);
-        let models = drawn
+        let models = models
             .into_iter()
             .zip(run.subdomains())
             .map(|(d, s)| Painter {
@@ -50,7 +53,7 @@ impl Frames {
                     Vec::new()
                 },
                 weights: weights(s),
-                view: d.view,
+                grid: d.grid,
                 breaks: d.breaks,
                 material: d.material,
             })
@@ -96,15 +99,15 @@ impl Frames {
     /// Bytes of one frame, without headers.
     pub fn bytes_per_frame(&self) -> usize {
         let model = |m: &Painter| {
-            let fixed = 24 * m.view.points.len() + 4 * m.view.connectivity.len() + 9 * m.view.cells();
+            let fixed = 24 * m.grid.points.len() + 4 * m.grid.connectivity.len() + 9 * m.grid.cells();
             let weights = if self.fields.contains(&OutputField::Weights) {
                 24
             } else {
                 0
             };
-            fixed + (48 + weights) * m.view.points.len() + 8 * (m.centres.len() + m.view.radii.len())
+            fixed + (48 + weights) * m.grid.points.len() + 8 * (m.centres.len() + m.grid.radii.len())
         };
-        let mediator = |v: &View| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
+        let mediator = |v: &Grid| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
         self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
 
@@ -116,22 +119,22 @@ impl Frames {
             check_finite(run, name, &s.state().v)?;
             let (points, cells) = painter.arrays(&self.fields, s);
             let file = format!("{name}_{:08}.vtu", run.steps());
-            vtu::write_grid(&self.folder.join(&file), &painter.view, &points, &cells)?;
+            vtu::write_grid(&self.folder.join(&file), &painter.grid, &points, &cells)?;
             self.entries.push(entry(run, part, name, file));
         }
         if !self.fields.contains(&OutputField::Multipliers) {
             return Ok(());
         }
-        for (k, (view, i)) in self.mediators.iter().zip(run.interfaces()).enumerate() {
+        for (k, (grid, i)) in self.mediators.iter().zip(run.interfaces()).enumerate() {
             let name = &i.report().name;
             check_finite(run, name, i.multipliers())?;
             let lambda = Array {
                 name: "multiplier".into(),
                 components: 3,
-                values: vectors(i.multipliers(), i.components(), view.points.len()),
+                values: vectors(i.multipliers(), i.components(), grid.points.len()),
             };
             let file = format!("mediator-{name}_{:08}.vtu", run.steps());
-            vtu::write_grid(&self.folder.join(&file), view, &[lambda], &[])?;
+            vtu::write_grid(&self.folder.join(&file), grid, &[lambda], &[])?;
             self.entries.push(entry(
                 run,
                 self.models.len() + k,
@@ -155,13 +158,13 @@ impl Painter {
         let vector = |name: &str, values: &[f64]| Array {
             name: name.into(),
             components: 3,
-            values: vectors(values, count, self.view.points.len()),
+            values: vectors(values, count, self.grid.points.len()),
         };
-        if !self.view.radii.is_empty() {
+        if !self.grid.radii.is_empty() {
             points.push(Array {
                 name: "radius [m]".into(),
                 components: 1,
-                values: self.view.radii.clone(),
+                values: self.grid.radii.clone(),
             });
         }
         for field in fields {
@@ -191,9 +194,9 @@ impl Painter {
 
     /// Share of broken bonds of every particle, and which bonds are broken.
     fn damage(&self, log: &BreakLog) -> (Array, Array) {
-        let mut counts = vec![[0.0_f64; 2]; self.view.points.len()];
-        let mut broken = Vec::with_capacity(self.view.cells());
-        for (b, pair) in self.view.connectivity.chunks_exact(2).enumerate() {
+        let mut counts = vec![[0.0_f64; 2]; self.grid.points.len()];
+        let mut broken = Vec::with_capacity(self.grid.cells());
+        for (b, pair) in self.grid.connectivity.chunks_exact(2).enumerate() {
             let gone = f64::from(u8::from(log.is_broken(b)));
             broken.push(gone);
             for i in pair {
@@ -215,9 +218,9 @@ impl Painter {
     fn density(&self, cell: &Cell, q: &[f64], count: usize) -> f64 {
         let h = cell.gradient(q, count);
         if count == 1 {
-            return 0.5 * self.material.young * h[(0, 0)] * h[(0, 0)];
+            return 0.5 * self.material.young() * h[(0, 0)] * h[(0, 0)];
         }
-        let [lambda, mu] = cells::lame(&self.material);
+        let [lambda, mu] = self.material.lame();
         let strain = (h + h.transpose()) * 0.5;
         0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
     }

@@ -13,7 +13,7 @@ pub use folder::{Folder, Place};
 pub use frames::Frames;
 pub use vtu::Entry;
 
-use crate::error::{Result, write};
+use crate::error::{Error, Result, write};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Write as _;
@@ -41,5 +41,16 @@ pub fn put(path: &Path, parts: &[&[u8]]) -> Result<()> {
     File::create(path).and_then(all).map_err(|e| {
         let _ = std::fs::remove_file(path);
         write(path)(e)
+    })
+}
+
+/// A value as JSON for people; `what` is being written.
+///
+/// # Errors
+/// A value that JSON cannot tell.
+pub fn json(what: &'static str, value: &impl serde::Serialize) -> Result<String> {
+    serde_json::to_string_pretty(value).map_err(|e| Error::System {
+        what,
+        message: e.to_string(),
     })
 }

@@ -2,7 +2,7 @@
 
 use super::packing::PackingLine;
 use crate::recorder::{PhaseClock, Recorder};
-use crate::setup::{Reader, Strangers};
+use crate::setup::{ParticlesWithoutContact, ProbeReader};
 use crate::spectrum;
 use arlequin::core::Coupled;
 use arlequin::core::effect::EffectLine;
@@ -284,10 +284,10 @@ pub fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
 }
 
 /// What the last state would need effects for that are not on.
-pub fn findings(run: &Coupled<f64>, strangers: &Strangers) -> Vec<String> {
+pub fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutContact) -> Vec<String> {
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
-    let all = run.watch().into_iter().chain(strangers.watch(run));
+    let all = run.watch().into_iter().chain(without_contact.watch(run));
     all.map(text).chain(run.lost_momentum()).collect()
 }
 
@@ -377,7 +377,7 @@ pub fn probes(r: &Recorder) -> BTreeMap<String, ProbeLine> {
         [first, .., last] => (last - first) / (times.len() - 1) as f64,
         _ => 0.0,
     };
-    let line = |(p, values): (&Reader, &Vec<f64>)| {
+    let line = |(p, values): (&ProbeReader, &Vec<f64>)| {
         let line = ProbeLine {
             quantity: p.quantity.label(),
             last: values.last().copied().unwrap_or_default(),

@@ -3,34 +3,30 @@
 use super::csv;
 use super::plots::{self, Curve, Plot};
 use crate::error::Result;
-use crate::recorder::{self, ENERGY_COLUMNS, MOMENTUM_COLUMNS, Recorder};
-use crate::scene::Quantity;
+use crate::recorder::{ENERGY_COLUMNS, Recorder, Table};
+use crate::spec::Quantity;
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::path::Path;
 
 /// Writes what probes, ledger and effects recorded.
 pub fn write(folder: &Path, r: &Recorder) -> Result<()> {
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(
-        r.readers
-            .iter()
-            .map(|p| format!("{} {}", p.name, p.quantity.label())),
-    );
-    csv(&folder.join("probes.csv"), &names, &columns(&r.probes))?;
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(ENERGY_COLUMNS.map(str::to_owned));
-    names.extend(r.works.iter().map(|w| format!("work {w} [J]")));
-    for body in &r.bodies {
-        names.extend(MOMENTUM_COLUMNS.map(|c| format!("{body} {c}")));
+    for (name, table) in [("probes.csv", &r.probes), ("energy.csv", &r.energy)] {
+        table_csv(&folder.join(name), table)?;
     }
-    csv(&folder.join("energy.csv"), &names, &columns(&r.energy))?;
-    if r.fact_names.is_empty() {
+    if r.effects.names.is_empty() {
         return Ok(());
     }
-    let mut names = vec!["time [s]".to_owned()];
-    names.extend(r.fact_names.iter().cloned());
-    csv(&folder.join("effects.csv"), &names, &columns(&r.facts))
+    table_csv(&folder.join("effects.csv"), &r.effects)
+}
+
+fn table_csv(path: &Path, table: &Table) -> Result<()> {
+    let times = std::iter::once(table.times.as_slice());
+    let columns: Vec<&[f64]> = times.chain(table.columns.iter().map(Vec::as_slice)).collect();
+    let names: Vec<String> = std::iter::once("time [s]".to_owned())
+        .chain(table.names.iter().cloned())
+        .collect();
+    csv(path, &names, &columns)
 }
 
 /// One table of broken bonds per model whose bonds can break.
@@ -70,13 +66,8 @@ pub fn breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -
     Ok(())
 }
 
-fn columns(table: &recorder::Table) -> Vec<&[f64]> {
-    let times = std::iter::once(table.times.as_slice());
-    times.chain(table.columns.iter().map(Vec::as_slice)).collect()
-}
-
 /// Draws the same into a folder.
-pub fn draw(path: &Path, r: &Recorder, title: &str) -> Result<()> {
+pub fn plot(path: &Path, r: &Recorder, title: &str) -> Result<()> {
     for (quantity, file, name, unit) in [
         (Quantity::Displacement, "displacement.svg", "displacement", "m"),
         (Quantity::Velocity, "velocity.svg", "velocity", "m/s"),

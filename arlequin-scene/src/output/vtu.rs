@@ -2,7 +2,7 @@
 
 use super::put;
 use crate::error::Result;
-use crate::setup::View;
+use crate::setup::Grid;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -56,7 +56,7 @@ impl Appended {
 }
 
 /// Writes one grid.
-pub(super) fn write_grid(path: &Path, view: &View, points: &[Array], cells: &[Array]) -> Result<()> {
+pub(super) fn write_grid(path: &Path, grid: &Grid, points: &[Array], cells: &[Array]) -> Result<()> {
     let mut a = Appended {
         xml: String::new(),
         data: Vec::new(),
@@ -72,32 +72,32 @@ pub(super) fn write_grid(path: &Path, view: &View, points: &[Array], cells: &[Ar
         a.floats(
             "position [m]",
             3,
-            view.points.iter().flat_map(|p| [p.x, p.y, p.z]),
+            grid.points.iter().flat_map(|p| [p.x, p.y, p.z]),
         );
     });
     a.section("Cells", |a| {
-        let corners = view.connectivity.iter();
+        let corners = grid.connectivity.iter();
         a.add(
             "Int64",
             "connectivity",
             1,
             &mut corners.flat_map(|k| i64::from(*k).to_le_bytes()),
         );
-        let ends = (1..=view.cells()).map(|k| (k * view.corners) as i64);
+        let ends = (1..=grid.cells()).map(|k| (k * grid.corners) as i64);
         a.add("Int64", "offsets", 1, &mut ends.flat_map(i64::to_le_bytes));
         a.add(
             "UInt8",
             "types",
             1,
-            &mut std::iter::repeat_n(view.cell_type, view.cells()),
+            &mut std::iter::repeat_n(grid.cell_type, grid.cells()),
         );
     });
     let head = format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
          header_type=\"UInt64\">\n  <UnstructuredGrid>\n    <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n{}    \
          </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding=\"raw\">\n_",
-        view.points.len(),
-        view.cells(),
+        grid.points.len(),
+        grid.cells(),
         a.xml
     );
     let tail = b"\n  </AppendedData>\n</VTKFile>\n";

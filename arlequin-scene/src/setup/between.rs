@@ -2,9 +2,9 @@
 
 use super::grains;
 use super::kinds::Body;
-use super::{Kind, model_index};
+use super::model_index;
 use crate::error::{Result, dem, key};
-use crate::scene::{Effect, Scene};
+use crate::spec::{Effect, ModelKind, SceneSpec};
 use arlequin::core::Coupled;
 use arlequin::core::effect::{Finding, PairSpec};
 use arlequin::dem_beam::{ContactBetween, ContactBody};
@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 const TOLERATED_OVERLAP: f64 = 0.01;
 
 /// Numbers of the two models effect `k` is between; none if it is on single models.
-pub(super) fn sides(k: usize, e: &Effect, scene: &Scene) -> Result<Option<[usize; 2]>> {
+pub(super) fn sides(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Option<[usize; 2]>> {
     let Some(names) = &e.between else {
         return Ok(None);
     };
@@ -36,7 +36,7 @@ pub(super) fn sides(k: usize, e: &Effect, scene: &Scene) -> Result<Option<[usize
     let mut out = [0; 2];
     for (n, (slot, name)) in out.iter_mut().zip([a, b]).enumerate() {
         *slot = model_index(&format!("{path}[{n}]"), name, scene)?;
-        if scene.model[name].kind != Kind::Dem {
+        if scene.model[name].kind != ModelKind::Dem {
             let rule = format!("contact needs particles, kind = \"dem\", which model '{name}' is not");
             return Err(key(format!("{path}[{n}]"), rule));
         }
@@ -53,7 +53,7 @@ fn ordered([a, b]: [usize; 2]) -> [usize; 2] {
 }
 
 /// Contacts between models that are on, with their effects' numbers.
-pub(super) fn touching(scene: &Scene) -> Result<Vec<(usize, [usize; 2])>> {
+pub(super) fn touching(scene: &SceneSpec) -> Result<Vec<(usize, [usize; 2])>> {
     let mut out = Vec::new();
     let mut seen = BTreeSet::new();
     for (k, e) in scene.effect.iter().enumerate() {
@@ -74,13 +74,13 @@ fn body(bodies: &[Body], m: usize) -> Option<&ContactBody> {
 }
 
 /// The contacts of a scene between two models.
-pub(super) fn pairs(scene: &Scene, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>> {
+pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>> {
     let mut out = Vec::new();
     for (k, [a, b]) in touching(scene)? {
         let (Some(first), Some(second)) = (body(bodies, a), body(bodies, b)) else {
             continue;
         };
-        let [e, f] = [a, b].map(|m| bodies[m].material.young);
+        let [e, f] = [a, b].map(|m| bodies[m].material.young());
         // Two springs in a row.
         let law = grains::law(
             2.0 * e * f / (e + f),
@@ -98,11 +98,11 @@ pub(super) fn pairs(scene: &Scene, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>
 
 /// Pairs of particle models between which no contact is on and that no interface ties: they may go through each other.
 #[derive(Debug, Default)]
-pub struct Strangers(Vec<([usize; 2], [ContactBody; 2])>);
+pub struct ParticlesWithoutContact(Vec<([usize; 2], [ContactBody; 2])>);
 
-impl Strangers {
+impl ParticlesWithoutContact {
     /// Of the models of a scene.
-    pub(super) fn of(scene: &Scene, bodies: &[Body]) -> Result<Self> {
+    pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
         let mut known: BTreeSet<[usize; 2]> = touching(scene)?.into_iter().map(|(_, p)| ordered(p)).collect();
         for (name, i) in &scene.interface {
             known.insert(ordered(super::sides_of(name, i, scene)?));

@@ -1,9 +1,11 @@
 //! Supports, loads, effects and initial states.
 
-use super::kinds::{Body, Kind};
+use super::kinds::Body;
 use super::select;
 use crate::error::{Result, core, key, unknown, value};
-use crate::scene::{Axis, Effect, Field, Initial, Load, Motion, Scene, Spin, Support, TimeShape, Wave};
+use crate::spec::{
+    Axis, Effect, Field, Initial, Load, ModelKind, Motion, SceneSpec, Spin, Support, TimeShape, Wave,
+};
 use arlequin::core::Subdomain;
 use arlequin::core::effect::{
     self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping, SurfaceFacet,
@@ -18,12 +20,12 @@ use std::f64::consts::PI;
 type Traction = Box<dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>>;
 
 /// Index of a model by name.
-pub fn model_index(path: &str, name: &str, scene: &Scene) -> Result<usize> {
+pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
     let found = scene.model.keys().position(|k| k == name);
     found.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
 }
 
-pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &Scene) -> Result<Vec<usize>> {
+pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &SceneSpec) -> Result<Vec<usize>> {
     let Some(names) = names else {
         return Ok((0..scene.model.len()).collect());
     };
@@ -53,7 +55,7 @@ pub(super) struct Attachments {
 
 impl Attachments {
     /// Reads supports, loads and effects of a scene.
-    pub(super) fn of(scene: &Scene, bodies: &mut [Body]) -> Result<Self> {
+    pub(super) fn of(scene: &SceneSpec, bodies: &mut [Body]) -> Result<Self> {
         let mut out = Self::default();
         for (k, s) in scene.support.iter().enumerate() {
             let path = format!("support[{k}]");
@@ -212,9 +214,8 @@ fn load_on_nodes(
     let count = layout.components;
     let mut inertia = vec![0.0; layout.dofs()];
     let one = arlequin::core::weight::Uniform(1.0);
-    let energy = arlequin::core::Weighting::Energy;
     body.model
-        .lumped_inertia(&one, energy, &mut inertia)
+        .lumped_inertia(&one, &mut inertia)
         .map_err(core(path))?;
     let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
     let share = |n: usize| inertia[n * count] / total;
@@ -283,16 +284,13 @@ fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect
     }
     let coefficient = e.bulk_viscosity.map_or(0.0, |b| b.coefficient);
     let m = &body.material;
-    let nu = m.poisson.unwrap_or(0.0);
-    // Dilatational waves: c² = (λ + 2 μ)/ρ.
-    let modulus = m.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu));
-    let impedance = (modulus * m.density).sqrt();
+    let impedance = (m.p_wave_modulus() * m.density()).sqrt();
     let made = BulkViscosity::new(body.field.clone(), coefficient, impedance);
     Ok(Box::new(made.map_err(core(at("bulk_viscosity.coefficient")))?))
 }
 
 /// Models an effect acts on: those named, or all that can have it.
-pub fn effect_models(k: usize, e: &Effect, scene: &Scene) -> Result<Vec<usize>> {
+pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usize>> {
     let path = format!("effect[{k}]");
     let given = e.given();
     if given.len() != 1 {
@@ -305,8 +303,8 @@ pub fn effect_models(k: usize, e: &Effect, scene: &Scene) -> Result<Vec<usize>> 
     }
     let kind = |m: usize| scene.model.values().nth(m).map(|t| t.kind);
     let fits = |m: &usize| match kind(*m) {
-        Some(Kind::Dem) => !e.is_for_solids(),
-        Some(Kind::Chain) => !e.is_for_solids() && !e.is_for_particles(),
+        Some(ModelKind::Dem) => !e.is_for_solids(),
+        Some(ModelKind::Chain) => !e.is_for_solids() && !e.is_for_particles(),
         _ => !e.is_for_particles(),
     };
     let all = model_indices(&path, e.models.as_deref(), scene)?;
@@ -328,7 +326,7 @@ pub fn effect_models(k: usize, e: &Effect, scene: &Scene) -> Result<Vec<usize>> 
 }
 
 /// Initial displacements and velocities of model `m`.
-pub(super) fn initial(scene: &Scene, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
+pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
     let layout = body.model.layout();
     let (mut q, mut v) = (vec![0.0; layout.dofs()], vec![0.0; layout.dofs()]);
     for (k, i) in scene.initial.iter().enumerate() {
@@ -354,7 +352,7 @@ pub(super) fn initial(scene: &Scene, m: usize, body: &Body) -> Result<[Vec<f64>;
                 add(&mut v, field_at(f, x));
             }
             if let Some(w) = &i.wave {
-                let (u, du) = wave_at(w, x, body.bar_speed());
+                let (u, du) = wave_at(w, x, body.material.bar_speed());
                 add(&mut q, u);
                 add(&mut v, du);
             }

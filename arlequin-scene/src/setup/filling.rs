@@ -3,7 +3,7 @@
 pub use crate::error::dem;
 
 use crate::error::{Error, Result, fem, key, value};
-use crate::scene::{DemTable, LooseKind, ModelTable, Protocol, Shape};
+use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::dem_beam::packing::{Container, Loose, Packing, PackingSpec, read_csv, read_vtu};
 use arlequin::dem_beam::{BeamMaterial, Surface};

@@ -4,7 +4,7 @@ use super::drive::time_function;
 use super::filling::dem;
 use crate::error::{Result, key, value};
 use crate::output::packing::PackingLine;
-use crate::scene::{self, CriterionKind, Effect, LooseKind, ModelTable, NotchBox, ObstacleShape};
+use crate::spec::{self, CriterionKind, Effect, LooseKind, ModelTable, NotchBox, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -26,6 +26,17 @@ pub struct Grains {
     pub body: ContactBody,
     /// How the packing came out.
     pub packing: PackingLine,
+}
+
+impl std::fmt::Debug for Grains {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "Grains of {} with effects {:?}",
+            self.body.name(),
+            self.effects.keys()
+        )
+    }
 }
 
 impl Grains {
@@ -87,7 +98,7 @@ fn name(model: &DemModel) -> &str {
     arlequin::core::Model::name(model)
 }
 
-pub(super) fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
+pub(super) fn fracture(path: &str, f: &spec::Fracture) -> Result<Fracture> {
     let scatter = match (f.weibull, f.deviation) {
         (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
         (Some(modulus), None) => Scatter::Weibull { modulus },
@@ -112,7 +123,7 @@ pub(super) fn fracture(path: &str, f: &scene::Fracture) -> Result<Fracture> {
 }
 
 /// The law of a contact of material with the modulus `young` \[Pa\].
-pub(super) fn law(young: f64, c: &scene::Contact) -> ContactLaw {
+pub(super) fn law(young: f64, c: &spec::Contact) -> ContactLaw {
     let base = ContactLaw::elastic(c.modulus.unwrap_or(young));
     ContactLaw {
         // Grains of brittle materials rebound with about half of their speed.
@@ -126,7 +137,7 @@ pub(super) fn law(young: f64, c: &scene::Contact) -> ContactLaw {
 }
 
 /// Shape and motion of an obstacle.
-pub(super) fn obstacle_parts(k: usize, o: &scene::Obstacle) -> Result<(Shape, Motion)> {
+pub(super) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(Shape, Motion)> {
     let path = format!("effect[{k}].obstacle");
     let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
     let shape = match o.shape {
@@ -180,7 +191,7 @@ pub(super) fn obstacle_parts(k: usize, o: &scene::Obstacle) -> Result<(Shape, Mo
     Ok((shape, motion))
 }
 
-fn obstacle(k: usize, o: &scene::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
+fn obstacle(k: usize, o: &spec::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
     let path = format!("effect[{k}].obstacle");
     let (shape, motion) = obstacle_parts(k, o)?;
     let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));

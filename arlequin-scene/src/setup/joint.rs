@@ -1,9 +1,9 @@
 //! Interfaces: overlap, weights, mediator, junction, absorber.
 
 use super::kinds::Body;
-use super::mesh::{Request, View};
+use super::mesh::{Grid, Request};
 use crate::error::{Result, core, key, value};
-use crate::scene::{
+use crate::spec::{
     Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, Shape, WeightTable,
 };
 use arlequin::core::advice::{self, Advice};
@@ -41,7 +41,7 @@ pub(super) struct Joint {
     /// Whether the weights must sum to one.
     pub partition: Partition,
     /// Picture of the mediator.
-    pub view: View,
+    pub grid: Grid,
     /// Damping of what the coarse model cannot carry, on the fine model.
     pub absorber: Option<Absorber<f64>>,
     /// What it is known not to do well.
@@ -90,7 +90,7 @@ pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
     let shape = inset.as_ref().unwrap_or(&shape);
     let request = Request { shape, ..request };
     let mesh = request.mesh()?;
-    let view = View::of_mesh(&mesh);
+    let grid = Grid::of_mesh(&mesh);
     let mediator = Arc::new(FemField::new(mesh));
     let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
     let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
@@ -126,7 +126,7 @@ pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         },
         weights,
         partition: table.partition,
-        view,
+        grid,
         absorber,
         advice,
     })
@@ -255,7 +255,7 @@ pub(super) fn weights(
         Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
     };
     let all = one("", table.profile, table.value, table.epsilon)?;
-    let own = |key: &str, t: &Option<crate::scene::ProfileTable>| match t {
+    let own = |key: &str, t: &Option<crate::spec::ProfileTable>| match t {
         None => Ok(all.clone()),
         Some(t) => one(key, t.profile, t.value, t.epsilon),
     };
@@ -318,7 +318,7 @@ fn absorber(
     let path = format!("{path}.absorber");
     let rate = match (table.rate, table.rate_factor) {
         (Some(r), None) => r,
-        (None, Some(f)) => f * fine.bar_speed() / fine.spacing,
+        (None, Some(f)) => f * fine.material.bar_speed() / fine.spacing,
         _ => return Err(key(path, "needs exactly one of rate [1/s], rate_factor [-]")),
     };
     let resolved: Arc<dyn Interpolation<f64>> = match table.spacing {

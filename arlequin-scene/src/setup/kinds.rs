@@ -1,37 +1,22 @@
 //! The model kinds, in one place: a table of the scene becomes a body.
 //!
-//! A new kind is a variant of [`Kind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
+//! A new kind is a variant of [`ModelKind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
 //! into a table of that name in [`ModelTable`].
 
 use super::grains::Grains;
-use super::mesh::{self, View};
+use super::mesh::{self, Grid};
 use crate::chain::Chain;
 use crate::error::{Result, core, fem, value};
-use crate::scene::{Effect, Material, ModelTable, RoleKind, Shape};
+use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
 use arlequin::core::Model;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::field::Interpolation;
 use arlequin::core::model::{CoarseModel, FineModel};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{Elastic, FemModel};
-use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Kinds of models, by their names in a scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Kind {
-    /// Linear finite elements.
-    Fem,
-    /// Constrained natural elements.
-    Cnem,
-    /// Spheres joined by cohesive beams.
-    Dem,
-    /// Harmonic spring chain along x.
-    Chain,
-}
 
 /// A model and what supports, loads and output need of it.
 pub struct Body {
@@ -40,7 +25,7 @@ pub struct Body {
     /// Its field.
     pub field: Arc<dyn Interpolation<f64>>,
     /// Its picture.
-    pub view: View,
+    pub grid: Grid,
     /// Nodes of the named groups.
     pub groups: BTreeMap<String, Vec<usize>>,
     /// Facets of the named surfaces.
@@ -50,7 +35,7 @@ pub struct Body {
     /// Distance of nodes or particles \[m\].
     pub spacing: f64,
     /// What it is made of.
-    pub material: Material,
+    pub material: Elastic<f64>,
     /// What it looks like.
     pub shape: Shape,
     /// What only particles have.
@@ -65,13 +50,6 @@ impl std::fmt::Debug for Body {
     }
 }
 
-impl Body {
-    /// Speed of long axial waves in a bar of the material \[m/s\].
-    pub fn bar_speed(&self) -> f64 {
-        (self.material.young / self.material.density).sqrt()
-    }
-}
-
 /// Builds the body of `[model.NAME]`; paths are relative to `folder`.
 /// `effects` are the effects on this model with their numbers in the scene; particles need some of them here.
 pub(super) fn body(
@@ -81,16 +59,17 @@ pub(super) fn body(
     effects: &[(usize, &Effect)],
 ) -> Result<Body> {
     let key = format!("model.{name}");
-    check_material(&key, &table.material)?;
+    elastic(&key, &table.material)?;
     match table.kind {
-        Kind::Fem => finite_elements(name, &key, table, folder),
-        Kind::Cnem => super::natural::body(name, &key, table, folder),
-        Kind::Dem => super::particles::body(name, &key, table, folder, effects),
-        Kind::Chain => chain(name, &key, table),
+        ModelKind::Fem => finite_elements(name, &key, table, folder),
+        ModelKind::Cnem => super::natural::body(name, &key, table, folder),
+        ModelKind::Dem => super::particles::body(name, &key, table, folder, effects),
+        ModelKind::Chain => chain(name, &key, table),
     }
 }
 
-fn check_material(key: &str, m: &Material) -> Result<()> {
+/// What a table's material is, Poisson's ratio zero where it says none.
+pub(super) fn elastic(key: &str, m: &Material) -> Result<Elastic<f64>> {
     for (name, x, unit) in [("young", m.young, "Pa"), ("density", m.density, "kg/m³")] {
         if x <= 0.0 {
             let rule = format!("must be positive [{unit}]");
@@ -103,7 +82,7 @@ fn check_material(key: &str, m: &Material) -> Result<()> {
             nu,
             "must lie above -1 and below 0.5; take 0.49 for a nearly incompressible material",
         )),
-        _ => Ok(()),
+        nu => Elastic::new(m.young, nu.unwrap_or(0.0), m.density).map_err(core(&format!("{key}.material"))),
     }
 }
 
@@ -126,23 +105,18 @@ fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<
 /// Refuses what can be seen to be wrong with a table before anything is meshed or packed.
 pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()> {
     let key = format!("model.{name}");
-    check_material(&key, &table.material)?;
+    elastic(&key, &table.material)?;
     match table.kind {
-        Kind::Fem => request(&key, table, folder)?.check(),
-        Kind::Cnem => super::natural::request(&key, table, folder)?.check(),
-        Kind::Dem => super::particles::check(&key, table, folder),
-        Kind::Chain => line(&key, table).map(|_| ()),
+        ModelKind::Fem => request(&key, table, folder)?.check(),
+        ModelKind::Cnem => super::natural::request(&key, table, folder)?.check(),
+        ModelKind::Dem => super::particles::check(&key, table, folder),
+        ModelKind::Chain => line(&key, table).map(|_| ()),
     }
 }
 
 fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let mesh = request(key, table, folder)?.mesh()?;
-    let poisson = match table.shape {
-        Shape::Bar { .. } => table.material.poisson.unwrap_or(0.0),
-        _ => solid_poisson(key, table)?,
-    };
-    let material = Elastic::new(table.material.young, poisson, table.material.density)
-        .map_err(core(&format!("{key}.material")))?;
+    let material = elastic(key, &table.material)?;
     let mut groups = BTreeMap::new();
     let mut surfaces = BTreeMap::new();
     for (n, g) in mesh.groups() {
@@ -153,21 +127,18 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     }
     let boundary = mesh.surface_where(|_| true);
     let warnings = mesh::one_material(&mesh);
-    let view = View::of_mesh(&mesh);
+    let grid = Grid::of_mesh(&mesh);
     let spacing = mesh.spacing();
     let model = FemModel::new(name, mesh, material).map_err(fem(key))?;
     Ok(Body {
         field: model.coarse_field(),
         model: Box::new(model),
-        view,
+        grid,
         groups,
         surfaces,
         boundary,
         spacing,
-        material: Material {
-            poisson: Some(poisson),
-            ..table.material
-        },
+        material,
         shape: table.shape.clone(),
         grains: None,
         warnings,
@@ -175,8 +146,8 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
 }
 
 /// Poisson's ratio, which a solid must have.
-pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<f64> {
-    table.material.poisson.ok_or_else(|| {
+pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<()> {
+    table.material.poisson.map(|_| ()).ok_or_else(|| {
         crate::error::key(
             format!("{key}.material"),
             "a solid needs poisson, Poisson's ratio [-]; add poisson = 0.3 or what the material has",
@@ -214,13 +185,13 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
     let ends = [("x-min", vec![0]), ("x-max", vec![bonds])];
     Ok(Body {
         field: model.fine_field(),
-        view: View::of_line(model.nodes()),
+        grid: Grid::of_line(model.nodes()),
         model: Box::new(model),
         groups: ends.map(|(n, k)| (n.to_owned(), k)).into_iter().collect(),
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material: table.material,
+        material: elastic(key, &table.material)?,
         shape: table.shape.clone(),
         grains: None,
         warnings: Vec::new(),

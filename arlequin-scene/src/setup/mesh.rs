@@ -1,7 +1,7 @@
 //! Shapes become meshes; meshes become pictures.
 
 use crate::error::{Result, fem, value};
-use crate::scene::{Element, Shape};
+use crate::spec::{Element, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// What output draws of a mesh.
 #[derive(Debug, Clone)]
-pub struct View {
+pub struct Grid {
     /// Nodes \[m\].
     pub points: Vec<Point3<f64>>,
     /// Corners of all cells in a row.
@@ -22,7 +22,7 @@ pub struct View {
     pub radii: Vec<f64>,
 }
 
-impl View {
+impl Grid {
     /// Picture of a finite element mesh.
     pub fn of_mesh(mesh: &Mesh<f64>) -> Self {
         Self {

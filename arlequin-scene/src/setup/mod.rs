@@ -14,21 +14,21 @@ mod precheck;
 mod probe;
 mod select;
 
-pub use between::Strangers;
+pub use between::ParticlesWithoutContact;
 pub use drive::{effect_models, model_index};
 pub use grains::cut;
-pub use kinds::{Body, Kind};
-pub use mesh::View;
+pub use kinds::Body;
+pub use mesh::Grid;
 pub use plausible::Bounds;
-pub use probe::Reader;
+pub use probe::ProbeReader;
 
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
-use crate::scene::{Effect, Interface, Material, RoleKind, Scene, StepChoice};
+use crate::spec::{Effect, Interface, ModelKind, RoleKind, SceneSpec, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
+use arlequin::core::material::Elastic;
 use arlequin::core::snapshot::Record;
-use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Partition, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
@@ -37,13 +37,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// What output needs of a model besides its state.
-pub struct Drawn {
+pub struct ModelInfo {
     /// Picture.
-    pub view: View,
+    pub grid: Grid,
     /// Field.
     pub field: Arc<dyn Interpolation<f64>>,
     /// Material.
-    pub material: Material,
+    pub material: Elastic<f64>,
     /// What broke, where bonds can.
     pub breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
@@ -52,10 +52,21 @@ pub struct Drawn {
     pub packing: Option<PackingLine>,
 }
 
-impl Drawn {
+impl std::fmt::Debug for ModelInfo {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let field = self.field.kind();
+        write!(
+            f,
+            "ModelInfo of {} nodes with a {field} field",
+            self.grid.points.len()
+        )
+    }
+}
+
+impl ModelInfo {
     fn of(body: &Body) -> Self {
         Self {
-            view: body.view.clone(),
+            grid: body.grid.clone(),
             field: body.field.clone(),
             material: body.material,
             breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
@@ -78,21 +89,22 @@ pub struct Start {
 }
 
 /// A run that is ready to step.
+#[derive(Debug)]
 pub struct Built {
     /// The run.
     pub run: Coupled<f64>,
     /// Pictures of the models.
-    pub drawn: Vec<Drawn>,
+    pub models: Vec<ModelInfo>,
     /// Pictures of the mediators.
-    pub mediators: Vec<View>,
+    pub mediators: Vec<Grid>,
     /// Probes.
-    pub probes: Vec<Reader>,
+    pub probes: Vec<ProbeReader>,
     /// Steps to make.
     pub steps: usize,
     /// Steps between two frames.
     pub frame_every: usize,
     /// Models of particles between which no contact is on.
-    pub strangers: Strangers,
+    pub without_contact: ParticlesWithoutContact,
     /// What a user should know before the first step: of the bodies, of the interfaces, of the scene as a whole.
     pub warnings: Vec<String>,
     /// What the motion is held against.
@@ -100,12 +112,12 @@ pub struct Built {
 }
 
 /// Builds everything a scene asks for.
-pub fn build(scene: &Scene, folder: &Path) -> Result<Built> {
+pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
     build_from(scene, folder, None)
 }
 
 /// The same with a state of its own to start from.
-pub fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result<Built> {
+pub fn build_from(scene: &SceneSpec, folder: &Path, start: Option<&Start>) -> Result<Built> {
     check_numbers(scene)?;
     check_names(scene)?;
     precheck::scene(scene, folder)?;
@@ -120,18 +132,18 @@ pub fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result
     let probes = scene
         .probe
         .iter()
-        .map(|(n, p)| Reader::new(n, p, scene, &bodies))
+        .map(|(n, p)| ProbeReader::new(n, p, scene, &bodies))
         .collect::<Result<_>>()?;
     let mut attachments = Attachments::of(scene, &mut bodies)?;
     let pairs = between::pairs(scene, &bodies)?;
-    let strangers = Strangers::of(scene, &bodies)?;
+    let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
     for j in &mut joints {
         if let Some(a) = j.absorber.take() {
             attachments.add(j.spec.fine, Box::new(a));
         }
     }
     let (mut warnings, mut bounds) = (Vec::new(), Bounds::default());
-    let mut drawn = Vec::new();
+    let mut models = Vec::new();
     let mut subdomains = Vec::new();
     for (m, body) in bodies.into_iter().enumerate() {
         let name = body.model.name();
@@ -142,7 +154,7 @@ pub fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result
             &body.material,
             !may_leave(scene, m),
         );
-        drawn.push(Drawn::of(&body));
+        models.push(ModelInfo::of(&body));
         let state = match start {
             Some(s) => s.states[m].clone(),
             None => drive::initial(scene, m, &body)?,
@@ -158,7 +170,7 @@ pub fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result
         let name = &j.spec.name;
         warnings.extend(j.advice.iter().map(|a| format!("interface '{name}': {a}")));
     }
-    let mediators = joints.iter().map(|j| j.view.clone()).collect();
+    let mediators = joints.iter().map(|j| j.grid.clone()).collect();
     let specs = joints.into_iter().map(|j| j.spec).collect();
     let begin = start.map_or(0.0, |s| s.time);
     let parts = Parts {
@@ -175,12 +187,12 @@ pub fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result
     }
     let mut built = Built {
         run,
-        drawn,
+        models,
         mediators,
         probes,
         steps,
         frame_every,
-        strangers,
+        without_contact,
         warnings,
         bounds,
     };
@@ -189,7 +201,7 @@ pub fn build_from(scene: &Scene, folder: &Path, start: Option<&Start>) -> Result
     Ok(built)
 }
 
-fn joints_of(scene: &Scene, bodies: &[Body], folder: &Path) -> Result<Vec<Joint>> {
+fn joints_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Joint>> {
     let of = |(name, table): (&String, &Interface)| {
         let [c, f] = sides_of(name, table, scene)?;
         joint::joint(name, table, [(c, &bodies[c]), (f, &bodies[f])], folder)
@@ -198,14 +210,14 @@ fn joints_of(scene: &Scene, bodies: &[Body], folder: &Path) -> Result<Vec<Joint>
 }
 
 /// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds that break.
-fn may_leave(scene: &Scene, m: usize) -> bool {
+fn may_leave(scene: &SceneSpec, m: usize) -> bool {
     let loose = scene.effect.iter().any(|e| e.enabled && e.is_for_particles());
-    let table = scene.model.values().nth(m).filter(|t| t.kind == Kind::Dem);
+    let table = scene.model.values().nth(m).filter(|t| t.kind == ModelKind::Dem);
     table.is_some_and(|t| loose || t.dem.finite_rotations)
 }
 
 /// Effects of a scene on each of its models, with their numbers.
-fn effects_by_model(scene: &Scene) -> Result<Vec<Vec<(usize, &Effect)>>> {
+fn effects_by_model(scene: &SceneSpec) -> Result<Vec<Vec<(usize, &Effect)>>> {
     let mut out = vec![Vec::new(); scene.model.len()];
     for (k, e) in scene.effect.iter().enumerate() {
         for m in effect_models(k, e, scene)? {
@@ -215,7 +227,7 @@ fn effects_by_model(scene: &Scene) -> Result<Vec<Vec<(usize, &Effect)>>> {
     Ok(out)
 }
 
-fn step_of(scene: &Scene) -> TimeStep<f64> {
+fn step_of(scene: &SceneSpec) -> TimeStep<f64> {
     match scene.time.step {
         StepChoice::Fraction(f) => TimeStep::Fraction(f),
         StepChoice::Seconds(s) => TimeStep::Seconds(s),
@@ -226,7 +238,7 @@ fn step_of(scene: &Scene) -> TimeStep<f64> {
 const MANY_STEPS: f64 = 1e13;
 
 /// Whole steps up to the end; a step that ends there up to round-off is the last one.
-fn steps_of(scene: &Scene, begin: f64, dt: f64) -> Result<usize> {
+fn steps_of(scene: &SceneSpec, begin: f64, dt: f64) -> Result<usize> {
     let end = match (scene.time.steps, scene.time.end) {
         (Some(n), _) => return Ok(n),
         (None, end) => end.unwrap_or_default(),
@@ -241,7 +253,7 @@ fn steps_of(scene: &Scene, begin: f64, dt: f64) -> Result<usize> {
 }
 
 /// Steps between two frames: as asked for, or about twenty frames in all.
-fn frames(scene: &Scene, steps: usize, dt: f64) -> usize {
+fn frames(scene: &SceneSpec, steps: usize, dt: f64) -> usize {
     let every = match (scene.output.every, scene.output.interval) {
         (Some(n), _) => n,
         (None, Some(seconds)) => (seconds / dt).round() as usize,
@@ -250,7 +262,7 @@ fn frames(scene: &Scene, steps: usize, dt: f64) -> usize {
     every.max(1)
 }
 
-fn guard(scene: &Scene) -> Guard<f64> {
+fn guard(scene: &SceneSpec) -> Guard<f64> {
     let nodal = scene
         .interface
         .values()
@@ -266,7 +278,7 @@ fn guard(scene: &Scene) -> Guard<f64> {
     }
 }
 
-fn check_numbers(scene: &Scene) -> Result<()> {
+fn check_numbers(scene: &SceneSpec) -> Result<()> {
     match (scene.time.end, scene.time.steps) {
         (Some(t), None) if t <= 0.0 => return Err(value("time.end", t, "must be positive [s]")),
         (None, Some(0)) => return Err(value("time.steps", 0, "must be at least 1")),
@@ -301,7 +313,7 @@ fn check_numbers(scene: &Scene) -> Result<()> {
 }
 
 /// Names become file names and columns.
-fn check_names(scene: &Scene) -> Result<()> {
+fn check_names(scene: &SceneSpec) -> Result<()> {
     let tables = [
         ("model", scene.model.keys().collect::<Vec<_>>()),
         ("interface", scene.interface.keys().collect()),
@@ -320,7 +332,7 @@ fn check_names(scene: &Scene) -> Result<()> {
 }
 
 /// Indices of the coarse and the fine model of an interface.
-fn sides_of(name: &str, table: &Interface, scene: &Scene) -> Result<[usize; 2]> {
+fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 2]> {
     let path = format!("interface.{name}");
     let mut out = [0; 2];
     let wanted = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
@@ -369,17 +381,12 @@ fn subdomain(
             Weights::complement_of(&shares)
         }
     };
-    let role = if coarse.is_empty() {
-        Role::Fine
-    } else {
-        Role::Coarse
-    };
     let free = |j: &&Joint| j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m);
     let partition = joints
         .iter()
         .find(free)
         .map_or(Partition::Checked, |j| j.partition);
-    let subdomain = Subdomain::new(body.model, role, body.field, weights).with_partition(partition);
+    let subdomain = Subdomain::new(body.model, body.field, weights).with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
     subdomain
         .with_initial(q, v)

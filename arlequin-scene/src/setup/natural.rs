@@ -1,13 +1,13 @@
 //! `kind = "cnem"`: the nodes of a mesh carry natural-neighbour functions instead of elements.
 
 use super::kinds::{Body, solid_poisson};
-use super::mesh::{Request, View, one_material};
-use crate::error::{Result, cnem as natural, core, fem, value};
-use crate::scene::{CnemTable, Element, Functions, Masses, Material, ModelTable, Shape};
+use super::mesh::{Grid, Request, one_material};
+use crate::error::{Result, cnem as natural, fem, value};
+use crate::spec::{CnemTable, Element, Functions, Masses, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Kind as Neighbours;
-use arlequin::cnem::{CnemModel, Elastic, Inertia, Options, Stabilisation};
+use arlequin::cnem::{CnemModel, Inertia, Options, Stabilisation};
 use arlequin::core::model::CoarseModel;
 use arlequin::fem_ref::Mesh;
 use arlequin::fem_ref::generate::Rim;
@@ -37,9 +37,7 @@ pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path)
 pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let request = request(key, table, folder)?;
     let mesh = request.mesh()?.into_tetrahedra().map_err(fem(key))?;
-    let poisson = solid_poisson(key, table)?;
-    let at = format!("{key}.material");
-    let material = Elastic::new(table.material.young, poisson, table.material.density).map_err(core(&at))?;
+    let material = super::kinds::elastic(key, &table.material)?;
     let corners: Vec<[usize; 4]> = (0..mesh.element_count())
         .map(|e| [0, 1, 2, 3].map(|k: usize| mesh.element(e)[k] as usize))
         .collect();
@@ -50,7 +48,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     let groups = groups(&mesh, &model);
     let surfaces = surfaces(&mesh, &model, &groups);
     let boundary = model.surface(|_| true).map_err(natural(key))?;
-    let view = View {
+    let grid = Grid {
         points: model.domain().nodes().to_vec(),
         connectivity: model.domain().elements().flatten().map(|v| v as u32).collect(),
         corners: 4,
@@ -60,15 +58,12 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     Ok(Body {
         field: model.coarse_field(),
         model: Box::new(model),
-        view,
+        grid,
         groups,
         surfaces,
         boundary,
         spacing: mesh.spacing(),
-        material: Material {
-            poisson: Some(poisson),
-            ..table.material
-        },
+        material,
         shape: table.shape.clone(),
         grains: None,
         warnings,

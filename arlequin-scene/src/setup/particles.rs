@@ -3,10 +3,10 @@
 use super::filling::{Filling, Recipe, beam, dem};
 use super::grains::{self, Grains};
 use super::kinds::Body;
-use super::mesh::View;
+use super::mesh::Grid;
 use crate::error::{Result, cnem};
 use crate::output::packing::PackingLine;
-use crate::scene::{Effect, ModelTable, ParticleFieldKind, Shape};
+use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Kind as Neighbours;
 use arlequin::core::field::{Interpolation, ParticleField, ShapeRow};
@@ -89,7 +89,7 @@ pub(super) fn body(
         }),
     };
     let bonds = model.body().pairs();
-    let view = View {
+    let grid = Grid {
         points: model.nodes().to_vec(),
         connectivity: bonds.iter().flatten().copied().collect(),
         corners: 2,
@@ -101,11 +101,11 @@ pub(super) fn body(
     Ok(Body {
         groups: groups(&model, &table.shape, &filling),
         field,
-        view,
+        grid,
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material: table.material,
+        material: super::kinds::elastic(key, &table.material)?,
         shape: table.shape.clone(),
         grains: Some(grains),
         warnings,

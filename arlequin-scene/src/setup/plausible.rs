@@ -1,10 +1,11 @@
 //! Warnings of what is possible and yet hardly meant. Each names the number that is odd; nothing here refuses.
 
-use super::{Built, Drawn, Kind, effect_models};
-use crate::scene::{
-    CriterionKind, Effect, Material, ModelTable, OverlapShape, RegionShape, Scene, Shape, TimeShape,
+use super::{Built, ModelInfo, effect_models};
+use crate::spec::{
+    CriterionKind, Effect, ModelKind, ModelTable, OverlapShape, RegionShape, SceneSpec, Shape, TimeShape,
 };
 use arlequin::core::field::ShapeRow;
+use arlequin::core::material::Elastic;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 
@@ -31,7 +32,7 @@ const MILLIMETRES: [f64; 2] = [1.0, 0.1];
 const LOOKS: usize = 2000;
 
 /// What is odd about a scene that has been built.
-pub(super) fn warnings(scene: &Scene, built: &Built) -> Vec<String> {
+pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     let mut out = Vec::new();
     // Unit material: lengths, times and loads are in units of the scene's own, and only their ratios can be odd.
     let one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
@@ -79,8 +80,8 @@ fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
     }
 }
 
-fn strengths(scene: &Scene, out: &mut Vec<String>) {
-    let beams = scene.model.values().filter(|m| m.kind == Kind::Dem);
+fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
+    let beams = scene.model.values().filter(|m| m.kind == ModelKind::Dem);
     // Whatever the effect acts on, the softest beams are the ones to break.
     let young = beams
         .map(|m| m.dem.young.unwrap_or(m.material.young))
@@ -119,11 +120,11 @@ fn millimetres(built: &Built) -> Option<String> {
 }
 
 /// Stresses that loads and body forces give, by the size of the body they act on.
-fn loads(scene: &Scene, built: &Built, out: &mut Vec<String>) {
+fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let size = |v: [f64; 3]| Vector3::from(v).norm();
     let names: Vec<&String> = scene.model.keys().collect();
     let mut judge = |what: String, model: usize, stress: f64| {
-        let young = built.drawn[model].material.young;
+        let young = built.models[model].material.young();
         if stress > STRAIN * young {
             out.push(format!(
                 "{what}: gives model '{}' a stress of about {stress:.1e} Pa, a strain of {:.1e}, which no linear elasticity \
@@ -160,7 +161,7 @@ fn loads(scene: &Scene, built: &Built, out: &mut Vec<String>) {
         let Some(b) = &e.body_force else { continue };
         let a = size(b.acceleration);
         for m in effect_models(k, e, scene).unwrap_or_default() {
-            let stress = built.drawn[m].material.density * a * built.bounds.0[m].extent;
+            let stress = built.models[m].material.density() * a * built.bounds.0[m].extent;
             judge(format!("effect[{k}]: an acceleration of {a:.3e} m/s²"), m, stress);
         }
     }
@@ -168,7 +169,7 @@ fn loads(scene: &Scene, built: &Built, out: &mut Vec<String>) {
 }
 
 /// Prescribed motions beyond the body or faster than its waves.
-fn prescribed(scene: &Scene, built: &Built, names: &[&String], out: &mut Vec<String>) {
+fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec<String>) {
     let supports = scene.support.iter().enumerate();
     for (k, s) in supports {
         let (Some(m), Some(motion)) = (names.iter().position(|n| **n == s.model), &s.motion) else {
@@ -199,19 +200,19 @@ fn prescribed(scene: &Scene, built: &Built, names: &[&String], out: &mut Vec<Str
 }
 
 /// Overlaps of unlike stiffness, or hardly wider than what lies in them.
-fn overlaps(scene: &Scene, built: &Built, out: &mut Vec<String>) {
+fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let at = |name: &String| {
         scene
             .model
             .keys()
             .position(|k| k == name)
-            .map(|m| &built.drawn[m])
+            .map(|m| &built.models[m])
     };
     for (name, i) in &scene.interface {
         let (Some(coarse), Some(fine)) = (at(&i.coarse), at(&i.fine)) else {
             continue;
         };
-        let ratio = coarse.material.young / fine.material.young;
+        let ratio = coarse.material.young() / fine.material.young();
         let ratio = ratio.max(1.0 / ratio);
         if ratio > STIFFNESS {
             out.push(format!(
@@ -247,7 +248,7 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
 }
 
 /// Models that fill the same space and know nothing of each other.
-fn untied(scene: &Scene, built: &Built, out: &mut Vec<String>) {
+fn untied(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let names: Vec<&String> = scene.model.keys().collect();
     let tied = |a: &String, b: &String| {
         let pair = |x: &String, y: &String| (x == a && y == b) || (x == b && y == a);
@@ -267,7 +268,7 @@ fn untied(scene: &Scene, built: &Built, out: &mut Vec<String>) {
             .filter(|(_, first)| !tied(first, second))
         {
             let share =
-                inside(&built.drawn[a], &built.drawn[b]).max(inside(&built.drawn[b], &built.drawn[a]));
+                inside(&built.models[a], &built.models[b]).max(inside(&built.models[b], &built.models[a]));
             if share > 0.0 {
                 out.push(format!(
                     "models '{first}' and '{second}' overlap ({:.1} % of one lies in the other) and no [interface] ties them: \
@@ -280,21 +281,21 @@ fn untied(scene: &Scene, built: &Built, out: &mut Vec<String>) {
 }
 
 /// Share of the cells of a model whose centre lies in another.
-fn inside(of: &Drawn, within: &Drawn) -> f64 {
-    let ([low, high], [from, to]) = (corners(&of.view.points), corners(&within.view.points));
+fn inside(of: &ModelInfo, within: &ModelInfo) -> f64 {
+    let ([low, high], [from, to]) = (corners(&of.grid.points), corners(&within.grid.points));
     let apart = |c: usize| low[c] > to[c] || high[c] < from[c];
-    let cells = of.view.cells();
+    let cells = of.grid.cells();
     if (0..3).any(apart) || cells == 0 {
         return 0.0;
     }
     let every = cells.div_ceil(LOOKS);
     let mut row = ShapeRow::default();
-    let cells = of.view.connectivity.chunks_exact(of.view.corners).step_by(every);
+    let cells = of.grid.connectivity.chunks_exact(of.grid.corners).step_by(every);
     let (mut found, mut all) = (0, 0);
     for cell in cells {
         let sum = cell
             .iter()
-            .fold(Vector3::zeros(), |s, &k| s + of.view.points[k as usize].coords);
+            .fold(Vector3::zeros(), |s, &k| s + of.grid.points[k as usize].coords);
         let centre = Point3::from(sum / cell.len() as f64);
         let near = (0..3).all(|c| centre[c] >= from[c] && centre[c] <= to[c]);
         all += 1;
@@ -330,11 +331,11 @@ struct Bound {
 
 impl Bounds {
     /// Adds a model: its nodes, what it is made of, whether its displacements are taken as small.
-    pub(super) fn add(&mut self, nodes: &[Point3<f64>], shape: &Shape, material: &Material, small: bool) {
+    pub(super) fn add(&mut self, nodes: &[Point3<f64>], shape: &Shape, material: &Elastic<f64>, small: bool) {
         let [low, high] = corners(nodes);
         let size = high - low;
         self.0.push(Bound {
-            wave: wave_speed(material),
+            wave: material.p_wave_speed(),
             extent: size.max(),
             section: match shape {
                 Shape::Bar { section, .. } => *section,
@@ -392,10 +393,4 @@ pub(super) fn corners(nodes: &[Point3<f64>]) -> [Vector3<f64>; 2] {
     nodes
         .iter()
         .fold(ends, |[a, b], x| [a.inf(&x.coords), b.sup(&x.coords)])
-}
-
-/// `√((λ + 2 μ)/ρ)` \[m/s\].
-fn wave_speed(m: &Material) -> f64 {
-    let nu = m.poisson.unwrap_or(0.0);
-    (m.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu)) / m.density).sqrt()
 }

@@ -1,10 +1,10 @@
 //! Everything that can be known from the scene alone is refused here, before anything is meshed, packed or factored.
 
 use super::drive::{self, model_index};
-use super::kinds::{self, Kind};
+use super::kinds;
 use super::{between, effects_by_model, grains, joint, mesh, probe, select, sides_of};
 use crate::error::{Result, core, dem, key, unknown};
-use crate::scene::{Axis, Effect, Interface, ModelTable, ProfileKind, Scene, Selection, Shape};
+use crate::spec::{Axis, Effect, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape};
 use arlequin::core::error::invalid;
 use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::generate::Rim;
@@ -15,7 +15,7 @@ const BOX: [&str; 6] = ["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"];
 const CYLINDER: [&str; 3] = ["x-min", "x-max", "side"];
 
 /// Checks all tables of a scene.
-pub(super) fn scene(scene: &Scene, folder: &Path) -> Result<()> {
+pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
     if scene.model.is_empty() {
         return Err(key("model", "a scene needs at least one model"));
     }
@@ -29,7 +29,7 @@ pub(super) fn scene(scene: &Scene, folder: &Path) -> Result<()> {
     }
     let effects = effects_by_model(scene)?;
     for ((name, table), effects) in scene.model.iter().zip(&effects) {
-        if table.kind == Kind::Dem {
+        if table.kind == ModelKind::Dem {
             grains::check_loose(&format!("model.{name}"), table, effects)?;
         }
     }
@@ -42,7 +42,7 @@ pub(super) fn scene(scene: &Scene, folder: &Path) -> Result<()> {
 }
 
 /// Supports, loads and initial states.
-fn acting(scene: &Scene) -> Result<()> {
+fn acting(scene: &SceneSpec) -> Result<()> {
     for (k, s) in scene.support.iter().enumerate() {
         let path = format!("support[{k}]");
         let table = model(&path, &s.model, scene)?;
@@ -70,7 +70,7 @@ fn acting(scene: &Scene) -> Result<()> {
 }
 
 /// Probes.
-fn watched(scene: &Scene) -> Result<()> {
+fn watched(scene: &SceneSpec) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
         let table = model(&path, &p.model, scene)?;
@@ -92,7 +92,7 @@ fn watched(scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-fn model<'a>(path: &str, name: &str, scene: &'a Scene) -> Result<&'a ModelTable> {
+fn model<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<&'a ModelTable> {
     model_index(&format!("{path}.model"), name, scene)?;
     Ok(&scene.model[name])
 }
@@ -117,7 +117,7 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
     let known: &[&str] = match (&table.shape, table.kind) {
         (Shape::File(_), _) => return Ok(()),
         (Shape::Box { .. }, _) => &BOX,
-        (Shape::Cylinder { .. }, Kind::Dem) | (Shape::Bar { .. }, _) => &CYLINDER[..2],
+        (Shape::Cylinder { .. }, ModelKind::Dem) | (Shape::Bar { .. }, _) => &CYLINDER[..2],
         (Shape::Cylinder { .. }, _) => &CYLINDER,
     };
     if known.contains(&name.as_str()) {

@@ -5,7 +5,7 @@ use super::kinds::Body;
 use super::plausible::corners;
 use super::select;
 use crate::error::{Error, Result, core, key, value};
-use crate::scene::{Probe, Quantity, Scene};
+use crate::spec::{Probe, Quantity, SceneSpec};
 use arlequin::core::Subdomain;
 use arlequin::core::field::ShapeRow;
 use arlequin::core::momentum::Arms;
@@ -13,7 +13,7 @@ use arlequin::core::nalgebra::{Point3, Vector3};
 
 /// A probe, ready to be read.
 #[derive(Debug, Clone)]
-pub struct Reader {
+pub struct ProbeReader {
     /// Name.
     pub name: String,
     /// What it reads.
@@ -24,9 +24,9 @@ pub struct Reader {
     along: Option<Vec<(usize, f64)>>,
 }
 
-impl Reader {
+impl ProbeReader {
     /// Prepares `[probe.NAME]`.
-    pub fn new(name: &str, probe: &Probe, scene: &Scene, bodies: &[Body]) -> Result<Self> {
+    pub fn new(name: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
         let path = format!("probe.{name}");
         let model = model_index(&format!("{path}.model"), &probe.model, scene)?;
         let body = &bodies[model];

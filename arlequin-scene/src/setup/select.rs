@@ -2,7 +2,7 @@
 
 use super::kinds::Body;
 use crate::error::{Result, key, unknown};
-use crate::scene::Selection;
+use crate::spec::Selection;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::Point3;
 

@@ -3,7 +3,8 @@
 use super::choose::Prospect;
 use super::scenario::Scenario;
 use crate::error::{Error, Result, key, value, write as write_error};
-use crate::scene::{JunctionKind, OverlapShape, Scene, Shape, Source};
+use crate::spec::{JunctionKind, OverlapShape, SceneSpec, Shape};
+use crate::{Scene, Source};
 use std::path::Path;
 use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
 
@@ -50,7 +51,7 @@ fn counts(lengths: &[f64], spacing: f64) -> String {
 }
 
 /// What a proposal changes.
-pub(super) fn changes(scene: &Scene, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
+pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
     let c = &p.candidate;
     let [interface, coarse, fine] = &s.names;
     let table = format!("interface.{interface}");
@@ -102,7 +103,7 @@ fn extents(shape: &Shape) -> Vec<f64> {
 }
 
 /// The overlap's border to the coarse model and the end of the fine body, which move together.
-fn moved(scene: &Scene, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
+fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
     let tidy = |x: f64| format!("{x:.9e}").parse::<f64>().unwrap_or(x);
     let place = tidy(s.border + s.inward * overlap);
     let point = |mut x: [f64; 3]| {
@@ -143,33 +144,31 @@ fn moved(scene: &Scene, s: &Scenario, overlap: f64, table: &str, fine: &str) -> 
 }
 
 /// Writes the scene with earlier `--set` values and the changes; what is not changed stays as it is, comments too.
-pub(super) fn write(source: &Source, set: &[String], changes: &[Change], out: &Path) -> Result<()> {
+pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()> {
     if out.exists() {
         let rule = "exists; choose another name, nothing is overwritten";
         return Err(value("--apply", out.display(), rule));
     }
-    let mut document: DocumentMut = source
-        .text
-        .parse()
-        .map_err(|e: toml_edit::TomlError| Error::Syntax {
-            message: e.message().to_owned(),
-            span: e.span(),
-        })?;
-    let given = set
+    let mut document: DocumentMut =
+        scene
+            .source()
+            .text
+            .parse()
+            .map_err(|e: toml_edit::TomlError| Error::Syntax {
+                message: e.message().to_owned(),
+                span: e.span(),
+            })?;
+    let given = scene
+        .changes()
         .iter()
         .filter_map(|s| s.split_once('='))
         .map(|(p, v)| Change::new(p.trim(), v.trim()));
     for change in given.chain(changes.iter().cloned()) {
         put(&mut document, &change)?;
     }
-    let written = Source {
-        path: out.to_owned(),
-        base: None,
-        text: document.to_string(),
-    };
     // What is written must be a scene again.
-    written.scene(&[])?;
-    std::fs::write(out, written.text).map_err(write_error(out))
+    let written = Scene::of(Source::new(out, document.to_string()))?;
+    std::fs::write(out, &written.source().text).map_err(write_error(out))
 }
 
 fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {

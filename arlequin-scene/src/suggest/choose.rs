@@ -3,7 +3,7 @@
 use super::predict::{self, Candidate, Errors, Form, Table};
 use super::scenario::{Scenario, Spectrum};
 use crate::error::Result;
-use crate::scene::{JunctionKind, ProfileKind};
+use crate::spec::{JunctionKind, ProfileKind};
 
 /// Widths of the overlap that are tried, in coarse spacings.
 const WIDTHS: [f64; 5] = [2.0, 3.0, 4.0, 6.0, 8.0];

@@ -3,9 +3,9 @@
 use super::apply::Change;
 use super::choose::Measured;
 use super::scenario::{self, Scenario};
-use crate::Input;
+use crate::PhaseClock;
+use crate::Scene;
 use crate::error::{Result, core};
-use crate::recorder::PhaseClock;
 use crate::setup;
 use arlequin::core::Coupled;
 use std::time::Instant;
@@ -16,13 +16,12 @@ const TRIAL: f64 = 0.3;
 const STRETCH: usize = 10;
 
 /// Builds the scene with changes and makes trial steps; also the end of its run \[s\].
-pub(super) fn measure(input: &Input<'_>, changes: &[Change]) -> Result<(Measured, f64)> {
+pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64)> {
     let begin = Instant::now();
-    let mut set = input.set.to_vec();
-    set.extend(changes.iter().filter_map(Change::assignment));
-    let scene = input.source.scene(&set)?;
-    let s = scenario::scenario(&scene)?;
-    let built = setup::build(&scene, input.source.folder())?;
+    let changes: Vec<String> = changes.iter().filter_map(Change::assignment).collect();
+    let scene = scene.clone().assign(&changes)?;
+    let s = scenario::scenario(scene.spec())?;
+    let built = setup::build(scene.spec(), scene.folder())?;
     let setup = begin.elapsed().as_secs_f64();
     let mut run = built.run;
     let end = s.end.unwrap_or(built.steps as f64 * run.dt());

@@ -10,9 +10,9 @@ mod path;
 mod predict;
 mod scenario;
 
-use crate::Input;
+use crate::Scene;
 use crate::error::{Result, key, value};
-use crate::scene::{Scene, Source};
+use crate::spec::SceneSpec;
 use apply::Change;
 pub use choose::Goal;
 use choose::{CostModel, Prospect, Search};
@@ -55,8 +55,8 @@ impl Proposal {
     ///
     /// # Errors
     /// A file that exists; values that do not fit the scene.
-    pub fn write(&self, input: &Input<'_>, out: &Path) -> Result<()> {
-        apply::write(input.source, input.set, &self.changes, out)
+    pub fn write(&self, scene: &Scene, out: &Path) -> Result<()> {
+        apply::write(scene, &self.changes, out)
     }
 }
 
@@ -85,8 +85,8 @@ pub struct Prediction {
 }
 
 /// Refuses a scene of which nothing can be predicted.
-pub fn readable(scene: &Scene) -> Result<Scenario> {
-    crate::wake::refuse(scene, "suggest")?;
+pub fn readable(scene: &SceneSpec) -> Result<Scenario> {
+    scene.refuse_wake("suggest")?;
     let s = scenario::scenario(scene)?;
     if scene.interface.values().any(|i| i.lumped) {
         let rule = "suggest cannot analyse a lumped interface; remove it";
@@ -96,12 +96,10 @@ pub fn readable(scene: &Scene) -> Result<Scenario> {
 }
 
 /// Error and time of a scene as it is, from trial steps on this machine and the analysis of its overlap.
-pub fn predict_as_given(source: &Source, set: &[String]) -> Result<Prediction> {
-    let scene = source.scene(set)?;
-    let s = readable(&scene)?;
-    let input = Input { source, scene, set };
-    let (m, end) = measure(&input, &[])?;
-    let spectrum = scenario::spectrum(&input.scene, &s, end, None)?;
+pub fn predict_as_given(scene: &Scene) -> Result<Prediction> {
+    let s = readable(scene.spec())?;
+    let (m, end) = measure(scene, &[])?;
+    let spectrum = scenario::spectrum(scene.spec(), &s, end, None)?;
     let (candidate, form) = choose::as_given(&s);
     let tables = predict::tables(&[form])?;
     let errors = predict::errors(&candidate, &tables, &s, &spectrum, end, m.dt);
@@ -119,10 +117,10 @@ pub fn predict_as_given(source: &Source, set: &[String]) -> Result<Prediction> {
 ///
 /// # Errors
 /// Scenes of which nothing can be predicted, goals out of reach, failed trial steps.
-pub fn suggest(input: &Input<'_>, goal: Goal, frequency: Option<f64>) -> Result<Proposal> {
-    let s = readable(&input.scene)?;
-    let (first, end) = measure(input, &[])?;
-    let spectrum = scenario::spectrum(&input.scene, &s, end, frequency)?;
+pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Proposal> {
+    let s = readable(scene.spec())?;
+    let (first, end) = measure(scene, &[])?;
+    let spectrum = scenario::spectrum(scene.spec(), &s, end, frequency)?;
     let search = Search::new(&s, &spectrum, end)?;
     let fraction = s
         .fraction
@@ -130,10 +128,10 @@ pub fn suggest(input: &Input<'_>, goal: Goal, frequency: Option<f64>) -> Result<
     let as_given = CostModel::new(search.given, first, &s, fraction);
     let given = search.predict(&search.given, &as_given, first.dt);
     let costs = CostModel::new(search.given, first, &s, FRACTION);
-    let (chosen, changes) = settle(input, &search, goal, costs)?;
+    let (chosen, changes) = settle(scene, &search, goal, costs)?;
     let absorber = s.absorber || apply::needs_absorber(&chosen);
     Ok(Proposal {
-        scene: input.source.path.display().to_string(),
+        scene: scene.source().path.display().to_string(),
         goal: match goal {
             Goal::Error(e) => format!("least time within an error of {e}"),
             Goal::Time(t) => format!("least error within {t} s"),
@@ -149,7 +147,7 @@ pub fn suggest(input: &Input<'_>, goal: Goal, frequency: Option<f64>) -> Result<
 
 /// Picks, measures what was picked, and picks again with better costs until both agree.
 fn settle(
-    input: &Input<'_>,
+    scene: &Scene,
     search: &Search<'_>,
     goal: Goal,
     mut costs: CostModel,
@@ -157,8 +155,8 @@ fn settle(
     let s = search.scenario;
     let mut proposal = pick(search, goal, &costs)?;
     for round in 1..=ROUNDS {
-        let changes = apply::changes(&input.scene, s, &proposal, FRACTION);
-        let (m, _) = measure(input, &changes)?;
+        let changes = apply::changes(scene.spec(), s, &proposal, FRACTION);
+        let (m, _) = measure(scene, &changes)?;
         costs = CostModel::new(proposal.candidate, m, s, FRACTION);
         let measured = costs.seconds(&proposal.candidate, s, search.end);
         let agreed = (proposal.seconds / measured - 1.0).abs() < AGREED;

@@ -1,7 +1,7 @@
 //! Which ways a signal makes from its source to the probes, through which model and how often through the overlap.
 
 use super::scenario::Scenario;
-use crate::scene::{Quantity, Scene, Selection};
+use crate::spec::{Quantity, SceneSpec, Selection};
 
 /// Most arrivals that are followed; a run with more is judged as if its probes were everywhere.
 const MOST: usize = 64;
@@ -103,8 +103,8 @@ pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) ->
 }
 
 /// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes of motion along the axis \[m\].
-pub(super) fn probes(scene: &Scene, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
-    let place = |p: &crate::scene::Probe| match (&p.at, &p.over) {
+pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
+    let place = |p: &crate::spec::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),
         (_, Some(Selection::Box(low, high))) => Some(0.5 * (low[axis] + high[axis])),
         (_, Some(Selection::Group(name))) => end(scene, &p.model, name, axis),
@@ -123,7 +123,7 @@ pub(super) fn probes(scene: &Scene, axis: usize, border: f64, inward: f64) -> Ve
 }
 
 /// Where a selection of a load lies along the axis \[m\]; none if it is not at one place.
-pub(super) fn place(scene: &Scene, model: &str, at: &Selection, axis: usize) -> Option<f64> {
+pub(super) fn place(scene: &SceneSpec, model: &str, at: &Selection, axis: usize) -> Option<f64> {
     match at {
         Selection::Group(name) => end(scene, model, name, axis),
         Selection::Box(low, high) => {
@@ -134,7 +134,7 @@ pub(super) fn place(scene: &Scene, model: &str, at: &Selection, axis: usize) -> 
 }
 
 /// Coordinate of the end face of a model that a group names.
-fn end(scene: &Scene, model: &str, group: &str, axis: usize) -> Option<f64> {
+fn end(scene: &SceneSpec, model: &str, group: &str, axis: usize) -> Option<f64> {
     let [a, b] = super::scenario::extent(model, scene.model.get(model)?, axis).ok()?;
     let name = ["x", "y", "z"][axis];
     match group.split_once('-') {

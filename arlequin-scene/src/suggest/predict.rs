@@ -4,8 +4,8 @@
 use super::path::{self, Arrival};
 use super::scenario::{Scenario, Spectrum};
 use crate::error::{Error, Result, core};
-use crate::scene::{JunctionKind, ProfileKind, Scene};
 use crate::setup;
+use crate::spec::{JunctionKind, ProfileKind, SceneSpec};
 use arlequin::core::harmonic::{HarmonicOverlap, Port};
 use rayon::prelude::*;
 use std::path::Path;
@@ -96,7 +96,7 @@ fn miniature(f: &Form) -> String {
 
 fn table(f: &Form) -> Result<Table> {
     let text = miniature(f);
-    let scene: Scene = toml::from_str(&text).map_err(|e| Error::System {
+    let scene: SceneSpec = toml::from_str(&text).map_err(|e| Error::System {
         what: "writing the miniature of an overlap",
         message: e.message().to_owned(),
     })?;
@@ -361,7 +361,7 @@ mod tests {
                  [probe.p]\nmodel = \"bar\"\nat = [{x}, 0, 0]\nquantity = \"velocity\"\ncomponent = \"x\"\n"
             )
         });
-        let scene: Scene = toml::from_str(&(miniature(&form) + &more)).expect("a scene");
+        let scene: SceneSpec = toml::from_str(&(miniature(&form) + &more)).expect("a scene");
         let mut s = super::super::scenario::scenario(&scene).expect("a scenario");
         let (h, dt, frequency) = match probe {
             None => (1.0, 0.5, Some(0.01)),

@@ -2,11 +2,11 @@
 
 use super::path::{self, Origin};
 use crate::error::{Error, Result, key};
-use crate::scene::{
-    Interface, JunctionKind, Load, ModelTable, OverlapShape, ProfileKind, Scene, Shape, StepChoice,
+use crate::spec::ModelKind;
+use crate::spec::{
+    Interface, JunctionKind, Load, ModelTable, OverlapShape, ProfileKind, SceneSpec, Shape, StepChoice,
     TimeShape, Wave,
 };
-use crate::setup::Kind;
 use arlequin::cnem::Stabilisation;
 use std::f64::consts::PI;
 
@@ -57,7 +57,7 @@ pub struct Scenario {
 }
 
 /// Reads a scene.
-pub(super) fn scenario(scene: &Scene) -> Result<Scenario> {
+pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
     let mut all = scene.interface.iter();
     let (Some((name, table)), None) = (all.next(), all.next()) else {
         let rule = format!(
@@ -107,7 +107,7 @@ pub(super) fn scenario(scene: &Scene) -> Result<Scenario> {
         absorber: table.absorber.is_some(),
         probes: path::probes(scene, axis, fine[axis], inward),
         elementwise: [elementwise(c), elementwise(f)],
-        particles: f.kind == Kind::Dem,
+        particles: f.kind == ModelKind::Dem,
         speed: (c.material.young / c.material.density).sqrt(),
         end: scene.time.end,
         fraction: match scene.time.step {
@@ -121,8 +121,8 @@ pub(super) fn scenario(scene: &Scene) -> Result<Scenario> {
 /// element-wise strains.
 fn elementwise(m: &ModelTable) -> f64 {
     match (m.kind, m.cnem.stabilisation, Stabilisation::default()) {
-        (Kind::Cnem, Some(share), _) | (Kind::Cnem, None, Stabilisation::SubCells(share)) => share,
-        (Kind::Cnem, None, Stabilisation::None) => 0.0,
+        (ModelKind::Cnem, Some(share), _) | (ModelKind::Cnem, None, Stabilisation::SubCells(share)) => share,
+        (ModelKind::Cnem, None, Stabilisation::None) => 0.0,
         _ => 1.0,
     }
 }
@@ -223,7 +223,12 @@ impl Spectrum {
 
 /// The spectrum of what the scene sends out: of `frequency` \[Hz\] as a pulse that long, else of the shortest pulse, ramp
 /// or wave.
-pub(super) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<f64>) -> Result<Spectrum> {
+pub(super) fn spectrum(
+    scene: &SceneSpec,
+    s: &Scenario,
+    end: f64,
+    frequency: Option<f64>,
+) -> Result<Spectrum> {
     let pulse = |t: f64| (PI * t).sin().powi(2);
     let mut found: Option<(f64, String, Signal, Option<Origin>)> = None;
     let mut offer = |duration: f64, source: String, signal: Signal, origin: Option<Origin>| {
@@ -290,7 +295,7 @@ pub(super) fn spectrum(scene: &Scene, s: &Scenario, end: f64, frequency: Option<
 }
 
 /// Where a load starts its waves, which run both ways.
-fn start(scene: &Scene, s: &Scenario, l: &Load) -> Option<Origin> {
+fn start(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
     let at = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
     Some(Origin {
         at,

@@ -2,7 +2,7 @@
 
 use super::spec::{CurveTable, Reflected, Window};
 use crate::error::{Error, Result, key, unknown};
-use crate::scene::Quantity;
+use crate::spec::Quantity;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;

@@ -16,8 +16,8 @@ pub use spec::{Hook, Mark, SweepFile};
 
 use crate::Progress;
 use crate::error::{Error, Result, key, write};
-use crate::scene::Source;
 use crate::suggest::{self, Prediction};
+use crate::{Scene, Source};
 use kept::Kept;
 use spec::Reference;
 use std::collections::BTreeMap;
@@ -73,16 +73,16 @@ impl Prepared {
     /// What is wrong with the sweep or with the scene of a run.
     pub fn new(source: &Source) -> Result<Self> {
         let file = read(source)?;
-        let members = plan::members(&file, source.folder())?;
+        let members = plan::members(&file, &source.folder)?;
         for m in members.iter().filter(|m| file.suggest && m.swept) {
-            suggest::readable(&Source::read(&m.scene)?.scene(&m.set)?)
+            suggest::readable(Scene::read(&m.scene)?.assign(&m.set)?.spec())
                 .map_err(|e| key("suggest", format!("cannot speak of run '{}': {e}", m.label)))?;
         }
         let mut curves = BTreeMap::new();
         if let Some(Reference::Curves(tables)) = &file.reference {
             for (name, table) in tables {
                 let place = format!("reference.curves.{name}");
-                curves.insert(name.clone(), Curve::new(&place, table, source.folder())?);
+                curves.insert(name.clone(), Curve::new(&place, table, &source.folder)?);
             }
         }
         Ok(Self {
@@ -175,7 +175,7 @@ fn predicted(folder: &Path, m: &Member, reused: bool) -> Result<Prediction> {
     if let Some(known) = kept::read(&path).filter(|_| reused) {
         return Ok(known);
     }
-    let found = suggest::predict_as_given(&Source::read(&m.scene)?, &m.set)?;
+    let found = suggest::predict_as_given(&Scene::read(&m.scene)?.assign(&m.set)?)?;
     kept::put(&path, &found)?;
     Ok(found)
 }

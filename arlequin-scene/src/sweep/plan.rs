@@ -2,7 +2,8 @@
 
 use super::spec::{Axis, Design, Mark, Reference, SweepFile};
 use crate::error::{Result, key, unknown, value};
-use crate::scene::{Scene, Shape, Source};
+use crate::spec::Shape;
+use crate::{Scene, Source};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -285,9 +286,10 @@ fn member(
     mut set: Vec<String>,
     parameters: BTreeMap<String, String>,
 ) -> Result<Member> {
-    let source = Source::read(scene)?;
     let named = |e: crate::error::Error| key(place, format!("run '{label}': {e}"));
-    let read: Scene = source.scene(&set).map_err(named)?;
+    let source = Source::read(scene)?;
+    let read = Scene::of(source).and_then(|s| s.assign(&set)).map_err(named)?;
+    let (source, read) = (read.source(), read.spec());
     // Pictures and frames of a sweep would only cost time and space; a scene that says otherwise by --set keeps them.
     let quiet = |set: &mut Vec<String>, name: &str, text: String| {
         if !set.iter().any(|s| s.starts_with(name)) {
@@ -304,14 +306,14 @@ fn member(
     let mut text = source.text.clone();
     for m in read.model.values() {
         if let Shape::File(path) = &m.shape {
-            let bytes = std::fs::read(source.folder().join(path)).unwrap_or_default();
+            let bytes = std::fs::read(source.folder.join(path)).unwrap_or_default();
             text += &String::from_utf8_lossy(&bytes);
         }
     }
     let roles = read
         .model
         .iter()
-        .map(|(n, m)| (n.clone(), m.role.map(crate::scene::RoleKind::name)));
+        .map(|(n, m)| (n.clone(), m.role.map(crate::spec::RoleKind::name)));
     Ok(Member {
         label: folder_name(label),
         mark: None,

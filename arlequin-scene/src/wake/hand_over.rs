@@ -1,8 +1,8 @@
 //! The state of the sleeping scene becomes that of the scene as given.
 
 use crate::error::{Result, core, value};
-use crate::scene::Wake;
-use crate::setup::{Built, Drawn, Start};
+use crate::setup::{Built, ModelInfo, Start};
+use crate::spec::Wake;
 use arlequin::core::field::{Interpolation, ShapeRow};
 use arlequin::core::model::DofLayout;
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -17,6 +17,7 @@ const REACH: f64 = 0.5;
 const HALVINGS: usize = 50;
 
 /// A model of the scene as given, and where its state comes from.
+#[derive(Debug)]
 struct Target {
     name: String,
     /// Number of the model of the sleeping scene.
@@ -40,6 +41,7 @@ impl Target {
 }
 
 /// Hands the state over.
+#[derive(Debug)]
 pub(super) struct HandOver {
     targets: Vec<Target>,
     carrier: usize,
@@ -55,7 +57,12 @@ struct Placed {
 
 impl HandOver {
     /// Prepares the way from the sleeping scene to the one as given, and tries it with the state at the start.
-    pub(super) fn new(wake: &Wake, awake: &Built, asleep: &Coupled<f64>, drawn: &[Drawn]) -> Result<Self> {
+    pub(super) fn new(
+        wake: &Wake,
+        awake: &Built,
+        asleep: &Coupled<f64>,
+        models: &[ModelInfo],
+    ) -> Result<Self> {
         let names: Vec<&str> = asleep.subdomains().iter().map(|s| s.model().name()).collect();
         let find = |name: &str| {
             let from = if name == wake.model { &wake.by } else { name };
@@ -66,7 +73,7 @@ impl HandOver {
             let source = find(&name);
             Target {
                 source,
-                spacing: drawn[source].spacing,
+                spacing: models[source].spacing,
                 replaces: name == wake.model || name == wake.by,
                 points: s.model().nodes().to_vec(),
                 layout: s.model().layout(),

@@ -1,15 +1,13 @@
 //! The scene as long as the model sleeps.
 
 use crate::error::{Error, Result, key, unknown, value};
-use crate::run::Input;
-use crate::scene::{Effect, Near, Scene, Wake};
-use crate::setup::{Kind, effect_models};
+use crate::scene::Scene;
+use crate::setup::effect_models;
+use crate::spec::{Effect, ModelKind, Near, SceneSpec, Wake};
 
 /// Applies the assignments of `[wake]` and leaves out the sleeping model with everything that is its own.
-pub(super) fn scene(input: &Input<'_>, wake: &Wake) -> Result<Scene> {
-    check(&input.scene, wake)?;
-    let mut assignments = input.set.to_vec();
-    assignments.extend_from_slice(&wake.asleep);
+pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
+    check(awake.spec(), wake)?;
     let own = format!("model.{}.", wake.model);
     for (k, a) in wake.asleep.iter().enumerate() {
         let path = a.split('=').next().unwrap_or_default().trim();
@@ -18,7 +16,8 @@ pub(super) fn scene(input: &Input<'_>, wake: &Wake) -> Result<Scene> {
             return Err(value(format!("wake.asleep[{k}]"), a, rule));
         }
     }
-    let mut scene = input.source.scene(&assignments).map_err(|e| located(e, wake))?;
+    let changed = awake.clone().assign(&wake.asleep);
+    let mut scene = changed.map_err(|e| located(e, wake))?.spec().clone();
     check_acting(&scene, wake)?;
     let (sleeper, all) = (&wake.model, scene.clone());
     scene.model.remove(sleeper);
@@ -38,7 +37,7 @@ pub(super) fn scene(input: &Input<'_>, wake: &Wake) -> Result<Scene> {
         }
     }
     scene.wake = None;
-    Ok(scene)
+    Ok(awake.with_spec(scene))
 }
 
 /// An assignment that does not apply stands in the list, not on the command line.
@@ -52,7 +51,7 @@ fn located(e: Error, wake: &Wake) -> Error {
     }
 }
 
-fn check(scene: &Scene, wake: &Wake) -> Result<()> {
+fn check(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     for (what, name) in [("model", &wake.model), ("by", &wake.by)] {
         if !scene.model.contains_key(name) {
             return Err(unknown(format!("wake.{what}"), name, "model", scene.model.keys()));
@@ -95,7 +94,7 @@ fn check(scene: &Scene, wake: &Wake) -> Result<()> {
 }
 
 /// What acts on the sleeping model would be lost.
-fn check_acting(scene: &Scene, wake: &Wake) -> Result<()> {
+fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     let (sleeper, by) = (&wake.model, &wake.by);
     let lost = |list: &str, k: usize, change: String| {
         let rule = format!(
@@ -127,7 +126,7 @@ fn check_acting(scene: &Scene, wake: &Wake) -> Result<()> {
 }
 
 /// Effect `k` while the model sleeps; none if it has no other to act on.
-fn effect(k: usize, e: &Effect, scene: &Scene, wake: &Wake) -> Result<Option<Effect>> {
+fn effect(k: usize, e: &Effect, scene: &SceneSpec, wake: &Wake) -> Result<Option<Effect>> {
     let (path, sleeper) = (format!("effect[{k}]"), &wake.model);
     if e.enabled && e.prestress.is_some() {
         let rule = "holds the shape at the start, which is another one after [wake]; remove one of the two";
@@ -164,6 +163,6 @@ fn effect(k: usize, e: &Effect, scene: &Scene, wake: &Wake) -> Result<Option<Eff
 }
 
 /// Whether the kind has cells in which a strain can be looked at.
-pub(super) fn has_strain(kind: Kind) -> bool {
-    matches!(kind, Kind::Fem | Kind::Cnem)
+pub(super) fn has_strain(kind: ModelKind) -> bool {
+    matches!(kind, ModelKind::Fem | ModelKind::Cnem)
 }

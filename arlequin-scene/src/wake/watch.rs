@@ -4,16 +4,18 @@ use super::Stage;
 use super::sleep::has_strain;
 use crate::cells::{self, Cell};
 use crate::error::{Result, key, value};
-use crate::scene::{Material, Near, Wake};
-use crate::setup::{Drawn, Kind};
+use crate::setup::ModelInfo;
+use crate::spec::{ModelKind, Near, Wake};
 use arlequin::core::Coupled;
+use arlequin::core::material::Elastic;
 use arlequin::core::nalgebra::{Matrix3, Point3};
 
 /// The criterion and where it is looked at.
+#[derive(Debug)]
 pub(super) struct Watch {
     carrier: usize,
     cells: Vec<Cell>,
-    material: Material,
+    material: Elastic<f64>,
     stress: bool,
     limit: f64,
     every: usize,
@@ -23,7 +25,7 @@ pub(super) struct Watch {
 
 impl Watch {
     /// Prepares the watch over model number `carrier` of the sleeping scene.
-    pub(super) fn new(wake: &Wake, carrier: usize, kind: Kind, drawn: &Drawn) -> Result<Self> {
+    pub(super) fn new(wake: &Wake, carrier: usize, kind: ModelKind, info: &ModelInfo) -> Result<Self> {
         if !has_strain(kind) {
             let rule = "has no elements in which a strain could be looked at; use kind = \"fem\" or \"cnem\"";
             return Err(value("wake.by", &wake.by, rule));
@@ -32,7 +34,7 @@ impl Watch {
             None => true,
             Some(Near::Box { low, high }) => (0..3).all(|k| c.centre[k] >= low[k] && c.centre[k] <= high[k]),
         };
-        let cells: Vec<Cell> = cells::cells("wake.by", drawn)?.into_iter().filter(near).collect();
+        let cells: Vec<Cell> = cells::cells("wake.by", info)?.into_iter().filter(near).collect();
         let Some(first) = cells.first() else {
             let rule = format!(
                 "holds no element centre of '{}'; enlarge it or check the units (m)",
@@ -43,7 +45,7 @@ impl Watch {
         let c = wake.criterion;
         Ok(Self {
             carrier,
-            material: drawn.material,
+            material: info.material,
             stress: c.stress.is_some(),
             limit: c.stress.or(c.strain).unwrap_or(f64::INFINITY),
             every: wake.every,
@@ -89,12 +91,12 @@ impl Watch {
     /// Largest principal strain, or stress `λ tr ε + 2 μ ε` of it; along the line for what moves on one.
     fn value(&self, h: &Matrix3<f64>, count: usize) -> f64 {
         if count == 1 {
-            return h[(0, 0)] * if self.stress { self.material.young } else { 1.0 };
+            return h[(0, 0)] * if self.stress { self.material.young() } else { 1.0 };
         }
         let strain = (h + h.transpose()) * 0.5;
         let top = strain.symmetric_eigenvalues().max();
         if self.stress {
-            let [lambda, mu] = cells::lame(&self.material);
+            let [lambda, mu] = self.material.lame();
             lambda * strain.trace() + 2.0 * mu * top
         } else {
             top
@@ -111,11 +113,7 @@ mod tests {
             carrier: 0,
             cells: Vec::new(),
             // λ = μ = 2/5.
-            material: Material {
-                young: 1.0,
-                poisson: Some(0.25),
-                density: 1.0,
-            },
+            material: Elastic::new(1.0, 0.25, 1.0).expect("material"),
             stress,
             limit: 1.0,
             every: 1,

@@ -4,14 +4,14 @@ use super::check::{Accept, Check};
 use crate::solid::momentum_scale;
 use arlequin::core::observer::Silent;
 use arlequin_scene::error::{Error, Result, core, write};
-use arlequin_scene::scene::Source;
 use arlequin_scene::setup::{self, Built};
 use arlequin_scene::spectrum;
+use arlequin_scene::{Scene, Source};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::hash::{Hash, Hasher};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The scenes, as they ship.
 #[derive(Debug, Clone, Copy)]
@@ -113,18 +113,13 @@ impl RunSpec {
 
     fn attempt(&self) -> Result<Record> {
         let (name, text) = self.deck.text();
-        let source = Source {
-            path: PathBuf::from(name),
-            base: None,
-            text: text.to_owned(),
-        };
-        let scene = source.scene(&self.set)?;
+        let scene = Scene::of(Source::new(name, text))?.assign(&self.set)?;
         let Built {
             mut run,
             probes,
             steps,
             ..
-        } = setup::build(&scene, Path::new("."))?;
+        } = setup::build(scene.spec(), Path::new("."))?;
         let every = steps.div_ceil(SAMPLES).max(1);
         let mut out = Record {
             step: every as f64 * run.dt(),

@@ -1,13 +1,11 @@
-//! What a run will be: everything is built and timed, nothing is run.
+//! What a run will be: sizes, steps, output, memory and time.
 
-use crate::Input;
-use crate::error::Result;
 use crate::output::Frames;
 use crate::output::summary::{self, InterfaceLine, ModelLine};
 use crate::recorder::PhaseClock;
+use crate::run::Prepared;
 use crate::scene::Scene;
-use crate::setup::{self, Built};
-use crate::wake;
+use crate::setup::Built;
 use arlequin::core::Coupled;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -18,7 +16,7 @@ const TRIAL: f64 = 0.3;
 
 /// What a run will be.
 #[derive(Debug, Clone, Serialize)]
-pub struct RunPlan {
+pub struct Preview {
     /// Path of the scene as given.
     pub scene: String,
     /// Its title.
@@ -49,63 +47,57 @@ pub struct RunPlan {
     pub stepping_seconds: Option<f64>,
     /// What a user should know.
     pub warnings: Vec<String>,
-    /// The plan for the time in which a model sleeps.
+    /// The same for the time in which a model sleeps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub asleep: Option<Box<Self>>,
 }
 
-/// Builds a scene and times some of its steps.
-///
-/// # Errors
-/// What is wrong with the scene.
-pub fn check(input: &Input<'_>) -> Result<RunPlan> {
-    let begin = Instant::now();
-    let (asleep, built) = match &input.scene.wake {
-        None => (None, setup::build(&input.scene, input.source.folder())?),
-        Some(w) => {
-            let (scene, asleep, built) = wake::both(input, w)?;
-            (Some((scene, asleep)), built)
-        }
-    };
-    let setup = begin.elapsed().as_secs_f64();
-    let mut out = plan(input, &input.scene, built, setup);
-    out.asleep = asleep.map(|(scene, built)| Box::new(plan(input, &scene, built, setup)));
-    Ok(out)
+impl Prepared {
+    /// What the run will be; makes a few steps that are thrown away to learn their time.
+    pub fn preview(self) -> Preview {
+        let mut out = Preview::of(&self.scene, self.built, self.setup);
+        out.asleep = self
+            .asleep
+            .map(|a| Box::new(Preview::of(&a.scene, a.built, self.setup)));
+        out
+    }
 }
 
-/// The plan of what is built, with trial steps.
-fn plan(input: &Input<'_>, scene: &Scene, built: Built, setup_seconds: f64) -> RunPlan {
-    let Built {
-        mut run,
-        drawn,
-        mediators,
-        steps,
-        frame_every,
-        warnings,
-        ..
-    } = built;
-    let packings: Vec<_> = drawn.iter().map(|d| d.packing.clone()).collect();
-    // Nothing is written: the folder is only a name.
-    let frames = Frames::new(PathBuf::new(), &scene.output.fields, &run, drawn, mediators);
-    let plan = run.plan();
-    let count = 1 + steps.div_ceil(frame_every);
-    RunPlan {
-        scene: input.source.path.display().to_string(),
-        title: scene.title.clone(),
-        models: summary::models(&run, &packings),
-        interface: summary::interfaces(&run, &[]),
-        effects: plan.effects.clone(),
-        dt: plan.dt,
-        critical_dt: plan.critical_dt,
-        steps,
-        end: steps as f64 * plan.dt,
-        frames: count,
-        output_bytes: count * frames.bytes_per_frame(),
-        memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
-        setup_seconds,
-        warnings,
-        asleep: None,
-        stepping_seconds: trial(&mut run, steps),
+impl Preview {
+    fn of(scene: &Scene, built: Built, setup_seconds: f64) -> Self {
+        let Built {
+            mut run,
+            models,
+            mediators,
+            steps,
+            frame_every,
+            warnings,
+            ..
+        } = built;
+        let packings: Vec<_> = models.iter().map(|d| d.packing.clone()).collect();
+        // Nothing is written: the folder is only a name.
+        let fields = &scene.spec().output.fields;
+        let frames = Frames::new(PathBuf::new(), fields, &run, models, mediators);
+        let plan = run.plan();
+        let count = 1 + steps.div_ceil(frame_every);
+        Self {
+            scene: scene.source().path.display().to_string(),
+            title: scene.spec().title.clone(),
+            models: summary::models(&run, &packings),
+            interface: summary::interfaces(&run, &[]),
+            effects: plan.effects.clone(),
+            dt: plan.dt,
+            critical_dt: plan.critical_dt,
+            steps,
+            end: steps as f64 * plan.dt,
+            frames: count,
+            output_bytes: count * frames.bytes_per_frame(),
+            memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
+            setup_seconds,
+            warnings,
+            asleep: None,
+            stepping_seconds: trial(&mut run, steps),
+        }
     }
 }
 

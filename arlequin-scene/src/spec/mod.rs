@@ -6,7 +6,6 @@ mod effect;
 mod fuzz;
 mod interface;
 mod model;
-mod source;
 mod wake;
 
 pub use drive::{
@@ -18,10 +17,9 @@ pub use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
 };
 pub use model::{
-    CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelTable, NotchBox,
+    CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelKind, ModelTable, NotchBox,
     ParticleFieldKind, Protocol, RoleKind, Shape,
 };
-pub use source::Source;
 pub use wake::{Near, Wake};
 
 use serde::Deserialize;
@@ -30,7 +28,7 @@ use std::collections::BTreeMap;
 /// A scene.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Scene {
+pub struct SceneSpec {
     /// One line for reports.
     pub title: Option<String>,
     /// Models by name.

@@ -3,7 +3,7 @@
 #[path = "../../../tests/fuzz/driver.rs"]
 mod driver;
 
-use crate::scene::Source;
+use crate::scene::{Scene, Source};
 use driver::Corpus;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 use std::alloc::System;
@@ -20,11 +20,7 @@ fn read(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else {
         return false;
     };
-    let source = Source {
-        path: "fuzz.toml".into(),
-        base: None,
-        text: text.to_owned(),
-    };
+    let source = Source::new("fuzz.toml", text);
     for path in [
         "model",
         "model.left.shape.box.low[1]",
@@ -44,7 +40,7 @@ fn read(bytes: &[u8]) -> bool {
         &["time.end=1e-3".to_owned()],
         &["a.b.c=1".to_owned(), "model=[]".to_owned()],
     ] {
-        match source.scene(set) {
+        match Scene::of(source.clone()).and_then(|s| s.assign(set)) {
             Ok(_) if set.is_empty() => return true,
             Ok(_) => {}
             Err(e) => assert!(!e.to_string().is_empty()),

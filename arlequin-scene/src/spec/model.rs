@@ -1,15 +1,28 @@
 //! Model tables.
 
-use crate::setup::Kind;
 use serde::Deserialize;
 use std::path::PathBuf;
+
+/// Kinds of models, by their names in a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ModelKind {
+    /// Linear finite elements.
+    Fem,
+    /// Constrained natural elements.
+    Cnem,
+    /// Spheres joined by cohesive beams.
+    Dem,
+    /// Harmonic spring chain along x.
+    Chain,
+}
 
 /// `[model.NAME]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelTable {
     /// Which model.
-    pub kind: Kind,
+    pub kind: ModelKind,
     /// Its part in the coupling; without one it stands alone.
     pub role: Option<RoleKind>,
     /// Its body.

@@ -1,8 +1,10 @@
-//! The text of a scene: reading, `--set`, and where in the text a key stands.
+//! A scene: the text of its file, the changes made to it, and what both say.
 
-use super::Scene;
 use crate::error::{Error, Result, key, value};
+use crate::run::Prepared;
+use crate::spec::SceneSpec;
 use serde::Deserialize;
+use std::fmt::Display;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use toml::Value;
@@ -11,65 +13,36 @@ use toml::de::{DeTable, DeValue};
 /// A scene file and its text.
 #[derive(Debug, Clone)]
 pub struct Source {
-    /// As given on the command line.
+    /// Its path, which names the scene in reports.
     pub path: PathBuf,
-    /// Folder to which its paths are relative, if not that of the file.
-    pub base: Option<PathBuf>,
+    /// Folder to which paths in the scene are relative.
+    pub folder: PathBuf,
     /// Its text.
     pub text: String,
 }
 
 impl Source {
-    /// Reads the text.
-    pub fn read(path: &Path) -> Result<Self> {
+    /// A text that stands, or could stand, in a file.
+    pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
+        let path = path.into();
+        Self {
+            folder: path.parent().unwrap_or_else(|| Path::new(".")).to_owned(),
+            path,
+            text: text.into(),
+        }
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read {
             path: path.to_owned(),
             source,
         })?;
-        Ok(Self {
-            path: path.to_owned(),
-            base: None,
-            text,
-        })
-    }
-
-    /// The scene with assignments `path=value` applied in order.
-    pub fn scene(&self, assignments: &[String]) -> Result<Scene> {
-        self.read_with(assignments).map(|(scene, _)| scene)
-    }
-
-    /// Files that the scene reads, as it names them: the values of all keys `file`.
-    pub fn files(&self, assignments: &[String]) -> Result<Vec<PathBuf>> {
-        let (_, table) = self.read_with(assignments)?;
-        let mut out = Vec::new();
-        collect_files(&Value::Table(table), &mut out);
-        Ok(out)
-    }
-
-    fn read_with(&self, assignments: &[String]) -> Result<(Scene, toml::Table)> {
-        let syntax = |e: toml::de::Error| Error::Syntax {
-            message: e.message().to_owned(),
-            span: e.span(),
-        };
-        let mut table: toml::Table = toml::from_str(&self.text).map_err(syntax)?;
-        // From the text first, as only then errors know their line.
-        let mut scene: Scene = toml::from_str(&self.text).map_err(syntax)?;
-        for assignment in assignments {
-            let bad = |message: String| Error::Set {
-                assignment: assignment.clone(),
-                message,
-            };
-            assign(&mut table, assignment).map_err(bad)?;
-            scene = Scene::deserialize(table.clone()).map_err(|e| bad(e.message().to_owned()))?;
-        }
-        finite("", &Value::Table(table.clone()))?;
-        Ok((scene, table))
-    }
-
-    /// Folder of the file, to which paths in the scene are relative.
-    pub fn folder(&self) -> &Path {
-        let beside = || self.path.parent().unwrap_or_else(|| Path::new("."));
-        self.base.as_deref().unwrap_or_else(beside)
+        Ok(Self::new(path, text))
     }
 
     /// Bytes of the deepest part of a key path that the text has.
@@ -104,6 +77,125 @@ impl Source {
             at = value;
         }
         found
+    }
+}
+
+/// A scene as its file and the changes made to it say; nothing of it is built yet.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    source: Source,
+    changes: Vec<String>,
+    table: toml::Table,
+    spec: SceneSpec,
+}
+
+impl Scene {
+    /// Reads a scene file.
+    ///
+    /// # Errors
+    /// A file that cannot be read; a text that is no scene, with its place.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        Self::of(Source::read(path)?)
+    }
+
+    /// Reads a text; paths in it are relative to the current folder.
+    ///
+    /// # Errors
+    /// A text that is no scene, with its place.
+    pub fn from_text(text: impl Into<String>) -> Result<Self> {
+        Self::of(Source::new("scene", text))
+    }
+
+    /// Understands the text of a file.
+    ///
+    /// # Errors
+    /// A text that is no scene, with its place.
+    pub fn of(source: Source) -> Result<Self> {
+        let syntax = |e: toml::de::Error| Error::Syntax {
+            message: e.message().to_owned(),
+            span: e.span(),
+        };
+        let table: toml::Table = toml::from_str(&source.text).map_err(syntax)?;
+        // From the text, as only then errors know their line.
+        let spec = toml::from_str(&source.text).map_err(syntax)?;
+        let out = Self {
+            source,
+            changes: Vec::new(),
+            table,
+            spec,
+        };
+        out.finite()
+    }
+
+    /// Sets one value by its path, such as `time.end` or `support.0.model`; a text is a TOML value, or else itself.
+    ///
+    /// # Errors
+    /// A path that the scene does not have, a value that it cannot take.
+    pub fn set(self, path: &str, value: impl Display) -> Result<Self> {
+        self.assign(&[format!("{path}={value}")])
+    }
+
+    /// Applies assignments `PATH=VALUE` in their order.
+    ///
+    /// # Errors
+    /// As those of [`Self::set`].
+    pub fn assign(mut self, assignments: &[String]) -> Result<Self> {
+        for assignment in assignments {
+            let bad = |message: String| Error::Set {
+                assignment: assignment.clone(),
+                message,
+            };
+            assign(&mut self.table, assignment).map_err(bad)?;
+            self.spec =
+                SceneSpec::deserialize(self.table.clone()).map_err(|e| bad(e.message().to_owned()))?;
+            self.changes.push(assignment.clone());
+        }
+        self.finite()
+    }
+
+    /// What the scene says, changes included.
+    pub fn spec(&self) -> &SceneSpec {
+        &self.spec
+    }
+
+    /// The same scene with other words in place of its own.
+    pub(crate) fn with_spec(&self, spec: SceneSpec) -> Self {
+        Self { spec, ..self.clone() }
+    }
+
+    /// Its text without the changes.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    /// The changes made to it, in their order.
+    pub fn changes(&self) -> &[String] {
+        &self.changes
+    }
+
+    /// Folder to which paths in the scene are relative.
+    pub fn folder(&self) -> &Path {
+        &self.source.folder
+    }
+
+    /// Files that the scene reads, as it names them: the values of all keys `file`.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut out = Vec::new();
+        collect_files(&Value::Table(self.table.clone()), &mut out);
+        out
+    }
+
+    /// Meshes, packs and couples everything the scene asks for.
+    ///
+    /// # Errors
+    /// What is wrong with the scene: the key, its value, the limit and a way out.
+    pub fn prepare(&self) -> Result<Prepared> {
+        Prepared::new(self)
+    }
+
+    fn finite(self) -> Result<Self> {
+        finite("", &Value::Table(self.table.clone()))?;
+        Ok(self)
     }
 }
 

@@ -1,0 +1,221 @@
+//! Results in a folder: written when the steps have ended, kept as far as they go when a run fails.
+
+use super::session::Session;
+use super::summary::Status;
+use super::{End, Recorded, Results};
+use crate::checkpoint::{self, Checkpoint, Origin};
+use crate::error::{Error, Result};
+use crate::output::summary::{self, Summary, WakeReport};
+use crate::output::{Folder, Place, json, put, tables};
+use crate::scene::Scene;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A folder to run into: checked, with a note of the files that the scene reads.
+#[derive(Debug)]
+pub struct RunFolder {
+    place: Place,
+    origin: Origin,
+}
+
+impl RunFolder {
+    /// The folder `target`, by default `results/` and the name of the scene; `force` replaces earlier results.
+    ///
+    /// # Errors
+    /// A folder that must not be replaced, one with a run that could go on, files of the scene that cannot be read.
+    pub fn new(scene: &Scene, target: Option<&Path>, force: bool) -> Result<Self> {
+        let stem = || scene.source().path.file_stem().unwrap_or_default().to_owned();
+        let target = target.map_or_else(|| Path::new("results").join(stem()), Path::to_owned);
+        let read = scene.files().into_iter().map(|f| scene.folder().join(f));
+        let inputs: Vec<PathBuf> = std::iter::once(scene.source().path.clone()).chain(read).collect();
+        let place = Place::new(&target, force, &inputs);
+        place.check()?;
+        let origin = Origin::of(scene)?;
+        Ok(Self { place, origin })
+    }
+}
+
+/// Where a run writes, and which scene it is of.
+#[derive(Debug)]
+pub(crate) struct Keep {
+    pub(super) folder: Folder,
+    origin: Origin,
+}
+
+impl Keep {
+    pub(super) fn begin(folder: RunFolder) -> Result<Self> {
+        Ok(Self {
+            folder: Folder::begin(folder.place)?,
+            origin: folder.origin,
+        })
+    }
+
+    pub(super) fn reopen(target: &Path, origin: Origin) -> Result<Self> {
+        Ok(Self {
+            folder: Folder::reopen(target)?,
+            origin,
+        })
+    }
+
+    /// Undoes [`Session::put_aside`].
+    pub(super) fn take_back(&self, name: &str) -> Result<()> {
+        self.folder.take_back(name)
+    }
+}
+
+impl Session<'_> {
+    /// Makes the steps that are left and ends the run.
+    pub(crate) fn complete(mut self, observer: &mut dyn super::Observer) -> Result<Results> {
+        let end = self.advance(observer, &mut |_, _| false);
+        self.conclude(end, None)
+    }
+
+    /// Writes a checkpoint, if the run is kept.
+    pub(crate) fn save(&self) -> Result<()> {
+        let Some(keep) = &self.keep else { return Ok(()) };
+        Checkpoint {
+            version: env!("CARGO_PKG_VERSION").into(),
+            origin: keep.origin.clone(),
+            snapshot: self.run.snapshot(),
+            records: self.recorder.records(),
+            wake: self.stage.clone(),
+        }
+        .write(keep.folder.path())
+    }
+
+    /// Takes the state of a checkpoint.
+    pub(crate) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
+        let restored = self.run.restore(&saved.snapshot);
+        restored.map_err(|e| Error::Checkpoint {
+            path: self.folder().unwrap_or(Path::new("")).join(checkpoint::NAME),
+            reason: format!("does not fit the run that its scene gives: {e}"),
+        })?;
+        self.recorder.resume(saved.records)?;
+        self.resumed_at = Some(saved.snapshot.step);
+        Ok(())
+    }
+
+    fn folder(&self) -> Option<&Path> {
+        self.keep.as_ref().map(|k| k.folder.path())
+    }
+
+    /// Writes the results of the steps made, however they ended, and ends the folder.
+    pub(crate) fn conclude(mut self, end: Result<End>, wake: Option<WakeReport>) -> Result<Results> {
+        let written = end.and_then(|end| {
+            if end.goes_on() {
+                self.save()?;
+            }
+            Ok((end, self.finish(end, wake.clone())?))
+        });
+        let (end, summary) = match written {
+            Ok(done) => done,
+            Err(e) => return Err(self.salvage(e, wake)),
+        };
+        let mut folder = None;
+        if let Some(keep) = self.keep {
+            let place = keep.folder.finish(false)?;
+            if end == End::Complete {
+                // Only now: killed in between, the run would have neither results nor a checkpoint.
+                checkpoint::remove(&place)?;
+            }
+            folder = Some(place);
+        }
+        Ok(Results {
+            recorded: self.recorder.into_recorded(summary),
+            asleep: None,
+            run: self.run,
+            breaks: self.breaks,
+            end,
+            planned: self.steps,
+            folder,
+        })
+    }
+
+    /// Writes the results of the steps made and moves them into a folder inside; the folder is free for another run.
+    pub(crate) fn put_aside(mut self, name: &str) -> Result<(Recorded, Option<Keep>)> {
+        let summary = match self.finish(End::Woken, None) {
+            Ok(summary) => summary,
+            Err(e) => return Err(self.salvage(e, None)),
+        };
+        if let Some(keep) = self.keep.take() {
+            match keep.folder.put_aside(name) {
+                Ok(()) => self.keep = Some(keep),
+                Err(e) => return Err(keep.folder.keep(e)),
+            }
+        }
+        Ok((self.recorder.into_recorded(summary), self.keep))
+    }
+
+    /// Keeps what a run computed before it failed: every file that can still be written. A run that made no step has
+    /// nothing.
+    fn salvage(mut self, error: Error, wake: Option<WakeReport>) -> Error {
+        let Some(keep) = self.keep.take().filter(|_| self.run.steps() > 0) else {
+            return error;
+        };
+        self.clock.enter(None);
+        let mut summary = self.summary(Status::Failed(error.to_string()), 0.0);
+        summary.wake = wake;
+        let mut tries = self.files(&keep.folder);
+        tries.push(write_summary(&keep.folder, &summary));
+        let lost: Vec<String> = tries
+            .into_iter()
+            .filter_map(|t| Some(t.err()?.to_string()))
+            .collect();
+        let mut what = format!("the {} steps before are kept", self.run.steps());
+        if !lost.is_empty() {
+            what += &format!(", but for what failed too ({})", lost.join("; "));
+        }
+        let path = keep.folder.path().to_owned();
+        match keep.folder.finish(true) {
+            Ok(place) => error.kept(what, &place),
+            Err(e) => error.kept(format!("{what}; {e};"), &path),
+        }
+    }
+
+    /// Puts together the results of the steps made, and writes them if they are kept.
+    fn finish(&mut self, end: End, wake: Option<WakeReport>) -> Result<Summary> {
+        let after = Instant::now();
+        self.recorder.finish(&self.run)?;
+        if let Some(keep) = &self.keep {
+            self.files(&keep.folder).into_iter().collect::<Result<()>>()?;
+        }
+        for w in summary::findings(&self.run, &self.without_contact) {
+            self.recorder.warn(w);
+        }
+        let mut summary = self.summary(Status::Ended(end), after.elapsed().as_secs_f64());
+        summary.wake = wake;
+        if let Some(keep) = &self.keep {
+            write_summary(&keep.folder, &summary)?;
+        }
+        Ok(summary)
+    }
+
+    /// Writes everything but the summary; each file is tried, whatever became of those before it.
+    fn files(&self, folder: &Folder) -> Vec<Result<()>> {
+        let path = folder.path();
+        let mut tries = vec![
+            tables::write(path, &self.recorder),
+            tables::breaks(path, &self.run, &self.breaks),
+        ];
+        tries.extend(
+            self.recorder
+                .frames
+                .as_ref()
+                .map(|f| f.finish(&path.join("results.pvd"))),
+        );
+        let spec = self.scene.spec();
+        if spec.output.plots {
+            let plots = folder.subfolder("plots");
+            let title = spec.title.as_deref().unwrap_or_default();
+            tries.push(plots.and_then(|p| tables::plot(&p, &self.recorder, title)));
+        }
+        tries
+    }
+}
+
+fn write_summary(folder: &Folder, summary: &Summary) -> Result<()> {
+    put(
+        &folder.path().join("summary.json"),
+        &[json("writing summary.json", summary)?.as_bytes()],
+    )
+}

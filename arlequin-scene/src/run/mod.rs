@@ -1,0 +1,263 @@
+//! A scene that is ready to run, its run in memory or into a folder, and how one that was stopped goes on.
+
+mod folder;
+mod session;
+mod summary;
+
+pub(crate) use folder::Keep;
+pub use folder::RunFolder;
+pub(crate) use session::Session;
+
+use crate::checkpoint::{self, Checkpoint};
+use crate::error::{Error, Result};
+use crate::output::{Folder, summary::Summary};
+use crate::recorder::Table;
+use crate::scene::Scene;
+use crate::setup::{self, Built};
+use crate::wake::{self, Asleep, Stage};
+use arlequin::core::{Coupled, Subdomain};
+use arlequin::dem_beam::fracture::SharedLog;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What hears of a run while it goes on, and may end it.
+pub trait Observer {
+    /// Something a user should know, once, the moment it is known.
+    fn warning(&mut self, _text: &str) {}
+    /// A step is made, one of so many; `Break` ends the run here, and a kept one can go on later.
+    fn step(&mut self, _run: &Coupled<f64>, _planned: usize) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+    /// No more steps follow, or none before a sleeping model wakes; results are put together.
+    fn stepped(&mut self) {}
+}
+
+/// Hears nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Silent;
+
+impl Observer for Silent {}
+
+/// Why the steps ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// All are made.
+    Complete,
+    /// The observer ended them.
+    Interrupted,
+    /// A sleeping model wakes.
+    Woken,
+    /// A bond broke in an overlap, and the scene ends there.
+    IntoOverlap,
+}
+
+impl End {
+    /// Whether [`resume`] can go on from there.
+    fn goes_on(self) -> bool {
+        matches!(self, Self::Interrupted | Self::IntoOverlap)
+    }
+}
+
+/// What was recorded of a run.
+#[derive(Debug, Clone)]
+pub struct Recorded {
+    /// The run in figures, as `summary.json` has them.
+    pub summary: Summary,
+    /// Probes over time; names with unit.
+    pub probes: Table,
+    /// Energy, works and momenta over time \[J, kg m/s\].
+    pub energy: Table,
+    /// Figures of the effects over time.
+    pub effects: Table,
+}
+
+/// What a run leaves.
+#[derive(Debug)]
+pub struct Results {
+    /// What was recorded.
+    pub recorded: Recorded,
+    /// The same of the time in which a model slept, if it woke.
+    pub asleep: Option<Recorded>,
+    /// The run in its last state: displacements, velocities, multipliers.
+    pub run: Coupled<f64>,
+    /// What broke, by model, where bonds can.
+    pub breaks: Vec<Option<SharedLog>>,
+    /// Why the steps ended.
+    pub end: End,
+    /// Steps that were planned.
+    pub planned: usize,
+    /// Folder of the results, if they are kept.
+    pub folder: Option<PathBuf>,
+}
+
+impl Results {
+    /// The run in figures.
+    pub fn summary(&self) -> &Summary {
+        &self.recorded.summary
+    }
+
+    /// Times \[s\] and values of a probe.
+    pub fn probe(&self, name: &str) -> Option<(&[f64], &[f64])> {
+        let k = self.summary().probes.keys().position(|n| n == name)?;
+        Some((&self.recorded.probes.times, &self.recorded.probes.columns[k]))
+    }
+
+    /// A model in its last state.
+    pub fn model(&self, name: &str) -> Option<&Subdomain<f64>> {
+        let all = self.run.subdomains();
+        all.iter().find(|s| s.model().name() == name)
+    }
+}
+
+/// A scene with everything built, ready to run.
+#[derive(Debug)]
+pub struct Prepared {
+    pub(crate) scene: Scene,
+    pub(crate) built: Built,
+    /// The scene as long as a model sleeps.
+    pub(crate) asleep: Option<Asleep>,
+    /// Seconds the set-up took.
+    pub(crate) setup: f64,
+}
+
+impl Prepared {
+    pub(crate) fn new(scene: &Scene) -> Result<Self> {
+        let begin = Instant::now();
+        let (asleep, built) = match &scene.spec().wake {
+            None => (None, setup::build(scene.spec(), scene.folder())?),
+            Some(wake) => {
+                let (asleep, built) = wake::prepare(scene, wake)?;
+                (Some(asleep), built)
+            }
+        };
+        Ok(Self {
+            scene: scene.clone(),
+            built,
+            asleep,
+            setup: begin.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// The coupled models before the first step; as they are once all models are awake.
+    pub fn coupled(&self) -> &Coupled<f64> {
+        &self.built.run
+    }
+
+    /// What a user should know before the first step.
+    pub fn warnings(&self) -> &[String] {
+        &self.built.warnings
+    }
+
+    /// Makes all steps and returns what they gave; writes nothing.
+    ///
+    /// # Errors
+    /// Failures of the run: results that are not finite, energy that grows.
+    pub fn run(self, observer: &mut dyn Observer) -> Result<Results> {
+        self.start(None, observer)
+    }
+
+    /// The same, and writes the results into a folder that appears when the run has ended.
+    ///
+    /// # Errors
+    /// As those of [`Self::run`], with what is kept; files that cannot be written.
+    pub fn run_into(self, folder: RunFolder, observer: &mut dyn Observer) -> Result<Results> {
+        self.start(Some(Keep::begin(folder)?), observer)
+    }
+
+    fn start(self, keep: Option<Keep>, observer: &mut dyn Observer) -> Result<Results> {
+        match self.asleep {
+            Some(asleep) => {
+                // It is built anew from the state at waking; until then its memory is free.
+                drop(self.built);
+                wake::run(&self.scene, asleep, keep, self.setup, None, observer)
+            }
+            None => Session::new(&self.scene, self.built, keep, self.setup)?.complete(observer),
+        }
+    }
+}
+
+/// A run that was killed, interrupted or ended at an overlap, ready to go on.
+#[derive(Debug)]
+pub struct Resumed {
+    prepared: Prepared,
+    target: PathBuf,
+    saved: Checkpoint,
+}
+
+/// Reads the last checkpoint of a folder and builds its scene.
+///
+/// # Errors
+/// A checkpoint that cannot be used: damaged, of another version, of files that have changed since.
+pub fn resume(target: &Path) -> Result<Resumed> {
+    let begin = Instant::now();
+    let place = Folder::left_behind(target);
+    let saved = Checkpoint::read(&place)?;
+    let refuse = |reason: String| {
+        Err(Error::Checkpoint {
+            path: place.join(checkpoint::NAME),
+            reason,
+        })
+    };
+    if place != target && target.exists() {
+        return refuse(format!(
+            "belongs to a run that is to replace {}, which exists; move that away, then resume",
+            target.display()
+        ));
+    }
+    if saved.version != env!("CARGO_PKG_VERSION") {
+        return refuse(format!(
+            "was written by version {}, this is {}; resume it with the version that wrote it",
+            saved.version,
+            env!("CARGO_PKG_VERSION")
+        ));
+    }
+    let scene = saved.origin.scene()?;
+    let mut prepared = match &saved.wake {
+        Some(Stage::Awake { start, .. }) => Prepared {
+            built: setup::build_from(scene.spec(), scene.folder(), Some(start))?,
+            asleep: None,
+            setup: 0.0,
+            scene,
+        },
+        _ => Prepared::new(&scene)?,
+    };
+    prepared.setup = begin.elapsed().as_secs_f64();
+    Ok(Resumed {
+        prepared,
+        target: target.to_owned(),
+        saved,
+    })
+}
+
+impl Resumed {
+    /// Makes the steps that are left and writes the results.
+    ///
+    /// # Errors
+    /// As those of [`Prepared::run_into`].
+    pub fn run(self, observer: &mut dyn Observer) -> Result<Results> {
+        let Self {
+            prepared,
+            target,
+            mut saved,
+        } = self;
+        let keep = Keep::reopen(&target, saved.origin.clone())?;
+        let stage = saved.wake.take();
+        match (prepared.asleep, stage) {
+            (Some(mut asleep), Some(stage)) => {
+                asleep.go_on(&stage);
+                keep.take_back(wake::ASLEEP)?;
+                let setup = prepared.setup;
+                wake::run(&prepared.scene, asleep, Some(keep), setup, Some(saved), observer)
+            }
+            (_, stage) => {
+                let mut session = Session::new(&prepared.scene, prepared.built, Some(keep), prepared.setup)?;
+                session.restore(saved)?;
+                match stage {
+                    Some(Stage::Awake { start, report }) => wake::finish(session, start, *report, observer),
+                    _ => session.complete(observer),
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! A run under way: steps, what records them, what ends them.
+
+use super::folder::Keep;
+use super::{End, Observer};
+use crate::crossing::Crossing;
+use crate::error::Result;
+use crate::output::Frames;
+use crate::output::packing::PackingLine;
+use crate::recorder::{self, PhaseClock, Recorder};
+use crate::scene::Scene;
+use crate::setup::{Bounds, Built, ParticlesWithoutContact};
+use crate::wake::Stage;
+use arlequin::core::Coupled;
+use arlequin::dem_beam::fracture::SharedLog;
+
+/// A run with everything that records it.
+#[derive(Debug)]
+pub(crate) struct Session<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) run: Coupled<f64>,
+    pub(super) steps: usize,
+    pub(super) recorder: Recorder,
+    pub(super) clock: PhaseClock,
+    pub(super) keep: Option<Keep>,
+    pub(super) setup: f64,
+    pub(super) resumed_at: Option<usize>,
+    /// How far a scene with `[wake]` has come, for the checkpoints.
+    pub(crate) stage: Option<Stage>,
+    pub(super) breaks: Vec<Option<SharedLog>>,
+    pub(super) without_contact: ParticlesWithoutContact,
+    pub(super) packings: Vec<Option<PackingLine>>,
+    bounds: Bounds,
+}
+
+impl<'a> Session<'a> {
+    /// Records the state before the first step of a run that took so many seconds to set up.
+    pub(crate) fn new(scene: &'a Scene, built: Built, keep: Option<Keep>, setup: f64) -> Result<Self> {
+        let settings = &scene.spec().output;
+        let breaks = built.models.iter().map(|d| d.breaks.clone()).collect();
+        let packings = built.models.iter().map(|d| d.packing.clone()).collect();
+        let frames = match &keep {
+            None => None,
+            Some(keep) => {
+                let folder = keep.folder.subfolder("vtu")?;
+                let (models, mediators) = (built.models, built.mediators);
+                Some(Frames::new(
+                    folder,
+                    &settings.fields,
+                    &built.run,
+                    models,
+                    mediators,
+                ))
+            }
+        };
+        Ok(Self {
+            recorder: Recorder::new(
+                &built.run,
+                built.probes,
+                frames,
+                settings.probe_every,
+                built.frame_every,
+                built.warnings,
+            )?,
+            scene,
+            run: built.run,
+            steps: built.steps,
+            clock: PhaseClock::new(),
+            keep,
+            setup,
+            resumed_at: None,
+            stage: None,
+            breaks,
+            without_contact: built.without_contact,
+            packings,
+            bounds: built.bounds,
+        })
+    }
+
+    /// The run.
+    pub(crate) fn coupled(&self) -> &Coupled<f64> {
+        &self.run
+    }
+
+    /// Whether the scene asks for checkpoints.
+    pub(crate) fn checkpoints(&self) -> bool {
+        self.scene.spec().output.checkpoint_every.is_some()
+    }
+
+    /// Says a warning the moment it is known, once, and keeps it for the summary.
+    fn warn(&mut self, text: String, observer: &mut dyn Observer) {
+        if self.recorder.warn(text.clone()) {
+            observer.warning(&text);
+        }
+    }
+
+    /// Makes the steps until the observer or `woken`, which may change the stage, ends them before the last.
+    pub(crate) fn advance(
+        &mut self,
+        observer: &mut dyn Observer,
+        woken: &mut dyn FnMut(&Coupled<f64>, &mut Option<Stage>) -> bool,
+    ) -> Result<End> {
+        self.recorder.warnings.iter().for_each(|w| observer.warning(w));
+        let every = self.scene.spec().output.checkpoint_every;
+        let mut end = End::Complete;
+        // Once is enough: the state that follows is as odd.
+        let mut strange = !self.bounds.watch(&self.run).is_empty();
+        let mut crossing = Crossing::since(&self.breaks);
+        for made in self.run.steps() + 1..=self.steps {
+            let energy = recorder::step(&mut self.run, &mut self.clock)?;
+            let sampled = energy.is_some();
+            self.recorder.observe(&mut self.run, energy)?;
+            if sampled && !strange {
+                let odd = self.bounds.watch(&self.run);
+                strange = !odd.is_empty();
+                odd.into_iter().for_each(|w| self.warn(w, observer));
+            }
+            let asked = observer.step(&self.run, self.steps);
+            let (said, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
+            said.into_iter().for_each(|w| self.warn(w, observer));
+            if made == self.steps {
+                break;
+            }
+            if ends {
+                end = End::IntoOverlap;
+                break;
+            }
+            if woken(&self.run, &mut self.stage) {
+                end = End::Woken;
+                break;
+            }
+            if every.is_some_and(|n| made.is_multiple_of(n)) {
+                self.save()?;
+            }
+            if asked.is_break() {
+                end = End::Interrupted;
+                break;
+            }
+        }
+        observer.stepped();
+        self.clock.enter(None);
+        Ok(end)
+    }
+}
