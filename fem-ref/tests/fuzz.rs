@@ -1,10 +1,7 @@
 //! The mesh reader on mutated files, and on headers that announce more than the file holds.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-#[path = "../../tests/fuzz/driver.rs"]
-mod driver;
-
-use driver::Corpus;
+use arlequin_fuzz::Corpus;
 use fem_ref::gmsh;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 use std::alloc::System;
