@@ -43,7 +43,7 @@ pub mod prelude {
         CoarseModel, Complement, Coupled, DofLayout, Elastic, Equilibrium, Error, FineModel, Guard,
         H1Gradient, H1Seminorm, H1Strain, InterfaceOptions, InterfaceSpec, Interpolation, Junction, L2,
         LinearModel, Mediator, Model, Observer, Overlap, ParticleField, Partition, Parts, PrescribedMotion,
-        Primitive, Profile, Ramp, Result, Role, Sampling, Shell, Silent, Slab, State, StepReport, Subdomain,
+        Primitive, Profile, Ramp, Result, Sampling, Shell, Silent, Slab, State, StepReport, Subdomain,
         TimeFunction, TimeStep, Uniform, Weight, Weighting, Weights,
     };
     pub use cnem::{CnemModel, NaturalField};

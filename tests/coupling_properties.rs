@@ -16,7 +16,6 @@ use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Rotation3, Vector3};
 use arlequin::core::observer::Silent;
 use arlequin::core::overlap::Slab;
-use arlequin::core::subdomain::Role;
 use arlequin::core::weight::{Profile, Ramp, Weight};
 use arlequin::core::{Coupled, Error, Model, Sampling, Subdomain, TimeStep, Weights};
 use arlequin::dem_beam::{BeamMaterial, DemModel, Matter};
@@ -225,10 +224,9 @@ impl Case {
             self.body(kinds[1], 1, [2.0, 4.4], true),
         ];
         let sampled = bodies.iter().any(|b| b.1.samples().is_some());
-        let roles = [Role::Coarse, Role::Fine].into_iter().zip([w, rest]);
-        let parts = bodies.into_iter().zip(roles).map(|((model, field), (role, w))| {
+        let parts = bodies.into_iter().zip([w, rest]).map(|((model, field), w)| {
             let v = start(&*model);
-            let s = Subdomain::new(model, role, field, w);
+            let s = Subdomain::new(model, field, w);
             s.with_initial(vec![0.0; v.len()], v).unwrap()
         });
         let spec = InterfaceSpec {

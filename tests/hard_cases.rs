@@ -74,7 +74,6 @@ hard! {
     edge_of_stability: "step at 0.999 and 1.001 of the critical one",
     shock: "a shock of one step",
     inconsistent_start: "initial state that violates the constraint",
-    single_precision: "32-bit numbers",
     restart: "coupled restart in the middle of a wave",
     breaking_bonds: "bonds breaking in the overlap",
     one_particle: "a particle loses all bonds in the overlap",

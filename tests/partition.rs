@@ -14,7 +14,6 @@ use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::{self, Point3};
 use arlequin::core::observer::Silent;
 use arlequin::core::overlap::Slab;
-use arlequin::core::subdomain::Role;
 use arlequin::core::weight::{Profile, Ramp, Uniform, Weight};
 use arlequin::core::{Coupled, Error, Model, Partition, Result, Sampling, Subdomain, TimeStep, Weights};
 use arlequin::dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
@@ -459,7 +458,7 @@ fn particles_that_stick_out_are_tied_and_momenta_stay_exact() {
     let spheres = || {
         let model = packed("left", 0.0, 700);
         let field = NaturalField::from_points(model.nodes(), Kind::Laplace).unwrap();
-        Subdomain::new(Box::new(model), Role::Coarse, Arc::new(field), weights())
+        Subdomain::new(Box::new(model), Arc::new(field), weights())
     };
     for (coarse, core) in [(elements(), 1), (elements(), 2), (spheres(), 1)] {
         let run = grains(coarse, packed("right", 2e-3, 2500), core);

@@ -11,7 +11,7 @@ use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::observer::Silent;
 use arlequin::core::overlap::{Overlap, Primitive, Shell, Slab};
 use arlequin::core::weight::{Complement, Profile, Ramp, Weight};
-use arlequin::core::{Model, Subdomain, Weighting, Weights};
+use arlequin::core::{Model, Subdomain, Weights};
 use arlequin::fem_ref::{ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::noise;
 use proptest::prelude::*;
@@ -164,7 +164,7 @@ proptest! {
         let mut model = FemModel::new("body", mesh, solid::material()).unwrap();
         prop_assert!(conformance::mass(&model, 4.0).unwrap() < 1e-13);
         let w = solid::weights(profile, 0.05);
-        model.set_internal_weight(&*w.internal, Weighting::Energy).unwrap();
+        model.set_internal_weight(&*w.internal).unwrap();
         prop_assert!(conformance::rigid_forces(&mut model).unwrap() < 1e-12);
         prop_assert!(conformance::forces_derive_from_energy(&mut model, 1e-2).unwrap() < 1e-6);
         prop_assert!(conformance::symmetric_forces(&mut model, 1.0).unwrap() < 1e-13);

@@ -67,23 +67,22 @@ impl<T: Real> BlockMatrix<T> {
         }
     }
 
-    /// Subtracts `D K q` from `f` \[N\], with an optional factor `D` per node. Allocates nothing.
-    pub fn subtract_product(&self, q: &[T], factors: Option<&[T]>, f: &mut [T]) {
+    /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
+    pub fn subtract_product(&self, q: &[T], f: &mut [T]) {
         match self.size {
-            1 => self.rows::<1>(q, factors, f),
-            _ => self.rows::<3>(q, factors, f),
+            1 => self.rows::<1>(q, f),
+            _ => self.rows::<3>(q, f),
         }
     }
 
-    fn rows<const C: usize>(&self, q: &[T], factors: Option<&[T]>, f: &mut [T]) {
+    fn rows<const C: usize>(&self, q: &[T], f: &mut [T]) {
         let q = q.as_chunks::<C>().0;
         let work = |chunk: usize, f: &mut [T]| {
             for (k, out) in f.as_chunks_mut::<C>().0.iter_mut().enumerate() {
                 let i = chunk * CHUNK + k;
                 let y = self.row::<C>(i, q);
-                let d = factors.map_or(T::one(), |d| d[i]);
                 for (o, y) in out.iter_mut().zip(y) {
-                    *o -= y * d;
+                    *o -= y;
                 }
             }
         };
@@ -121,36 +120,29 @@ impl<T: Real> BlockMatrix<T> {
         y
     }
 
-    /// `½ qᵀ D K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
-    pub fn energy(&self, q: &[T], factors: Option<&[T]>) -> T {
+    /// `½ qᵀ K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
+    pub fn energy(&self, q: &[T]) -> T {
         let sum = match self.size {
-            1 => self.energy_of::<1>(0..q.len(), q.as_chunks().0, factors),
-            _ => self.energy_of::<3>(0..q.len() / 3, q.as_chunks().0, factors),
+            1 => self.energy_of::<1>(0..q.len(), q.as_chunks().0),
+            _ => self.energy_of::<3>(0..q.len() / 3, q.as_chunks().0),
         };
         sum * T::of(0.5)
     }
 
-    fn energy_of<const C: usize>(&self, rows: Range<usize>, q: &[[T; C]], factors: Option<&[T]>) -> T {
+    fn energy_of<const C: usize>(&self, rows: Range<usize>, q: &[[T; C]]) -> T {
         if rows.len() <= CHUNK {
             return rows.fold(T::zero(), |sum, i| {
                 let y = self.row::<C>(i, q);
-                let dot = y.iter().zip(&q[i]).fold(T::zero(), |s, (a, b)| s + *a * *b);
-                sum + dot * factors.map_or(T::one(), |d| d[i])
+                sum + y.iter().zip(&q[i]).fold(T::zero(), |s, (a, b)| s + *a * *b)
             });
         }
         let middle = rows.start + rows.len() / 2;
         let (low, high) = (rows.start..middle, middle..rows.end);
         let values = (self.starts[rows.end] - self.starts[rows.start]) * C * C;
         let (a, b) = if values < SERIAL {
-            (
-                self.energy_of::<C>(low, q, factors),
-                self.energy_of::<C>(high, q, factors),
-            )
+            (self.energy_of::<C>(low, q), self.energy_of::<C>(high, q))
         } else {
-            rayon::join(
-                || self.energy_of::<C>(low, q, factors),
-                || self.energy_of::<C>(high, q, factors),
-            )
+            rayon::join(|| self.energy_of::<C>(low, q), || self.energy_of::<C>(high, q))
         };
         a + b
     }
@@ -213,17 +205,11 @@ mod tests {
         let mut expected = vec![1.0; 12];
         csr.iter().for_each(|(v, (i, j))| expected[i] -= v * q[j]);
         let mut f = vec![1.0; 12];
-        m.subtract_product(&q, None, &mut f);
+        m.subtract_product(&q, &mut f);
         for (a, b) in f.iter().zip(&expected) {
             assert!((a - b).abs() < 1e-13);
         }
         let work: f64 = q.iter().zip(&expected).map(|(q, f)| 0.5 * q * (1.0 - f)).sum();
-        assert!((m.energy(&q, None) - work).abs() < 1e-12 * work.abs());
-        let factors = [0.5, 1.0, 2.0, 0.0];
-        let mut g = vec![1.0; 12];
-        m.subtract_product(&q, Some(&factors), &mut g);
-        for k in 0..12 {
-            assert!((1.0 - g[k] - factors[k / 3] * (1.0 - f[k])).abs() < 1e-13);
-        }
+        assert!((m.energy(&q) - work).abs() < 1e-12 * work.abs());
     }
 }

@@ -6,7 +6,7 @@ use crate::coupled::Coupled;
 use crate::effect::{Instant, PairEffect};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{DofLayout, Model};
-use crate::weight::{Uniform, Weight, Weighting};
+use crate::weight::{Uniform, Weight};
 use crate::{Real, Result};
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
@@ -186,7 +186,7 @@ pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T
 pub fn mass<T: Real>(model: &dyn Model<T>, expected: T) -> Result<T> {
     let layout = model.layout();
     let mut m = vec![T::zero(); layout.dofs()];
-    model.lumped_inertia(&Uniform(T::one()), Weighting::Energy, &mut m)?;
+    model.lumped_inertia(&Uniform(T::one()), &mut m)?;
     if m.iter().any(|m| !m.is_finite() || *m <= T::zero()) {
         return Ok(T::of(f64::from(f32::MAX)));
     }

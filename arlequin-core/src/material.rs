@@ -71,6 +71,17 @@ impl<T: Real> Elastic<T> {
         [lambda, mu]
     }
 
+    /// P-wave modulus `λ + 2 μ = E (1 − ν) / ((1 + ν)(1 − 2ν))` \[Pa\].
+    pub fn p_wave_modulus(&self) -> T {
+        let (one, two) = (T::one(), T::of(2.0));
+        self.young * (one - self.poisson) / ((one + self.poisson) * (one - two * self.poisson))
+    }
+
+    /// Speed of dilatational waves, `c = √((λ + 2 μ)/ρ)` \[m/s\].
+    pub fn p_wave_speed(&self) -> T {
+        (self.p_wave_modulus() / self.density).sqrt()
+    }
+
     /// Speed of long axial waves in a bar, `c = √(E/ρ)` \[m/s\].
     pub fn bar_speed(&self) -> T {
         (self.young / self.density).sqrt()

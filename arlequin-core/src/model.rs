@@ -5,7 +5,7 @@ use crate::field::Interpolation;
 use crate::geometry::Sample;
 use crate::momentum::Arms;
 use crate::snapshot::Record;
-use crate::weight::{Weight, Weighting};
+use crate::weight::Weight;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use sprs::CsMat;
@@ -100,21 +100,18 @@ pub trait Model<T: Real>: Send {
     /// Reference positions of the nodes \[m\].
     fn nodes(&self) -> &[Point3<T>];
 
-    /// Writes the lumped inertia of every unknown \[kg, kg m²\], weighted by `weight`.
-    ///
-    /// With [`Weighting::Energy`] each integration cell (element, bond) contributes its mass times the **mean** of the
-    /// weight over the cell; with [`Weighting::Nodal`] the node's whole mass is multiplied by the weight at the node.
+    /// Writes the lumped inertia of every unknown \[kg, kg m²\]: each integration cell (element, bond) contributes its
+    /// mass times the **mean** of the weight over the cell.
     ///
     /// # Errors
     /// Whatever keeps the model from doing so.
-    fn lumped_inertia(&self, weight: &dyn Weight<T>, weighting: Weighting, out: &mut [T]) -> Result<()>;
+    fn lumped_inertia(&self, weight: &dyn Weight<T>, out: &mut [T]) -> Result<()>;
 
-    /// Stores the weight `α` of the internal energy, by the same rule as [`Model::lumped_inertia`]: element means, or
-    /// (nodal) a factor on the assembled nodal force.
+    /// Stores the weight `α` of the internal energy, by its means over the cells like [`Model::lumped_inertia`].
     ///
     /// # Errors
     /// Whatever keeps the model from doing so.
-    fn set_internal_weight(&mut self, alpha: &dyn Weight<T>, weighting: Weighting) -> Result<()>;
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> Result<()>;
 
     /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`; torques are those on spins, about fixed axes.
     /// Must not allocate.
@@ -138,7 +135,7 @@ pub trait Model<T: Real>: Send {
         Arms::Reference
     }
 
-    /// Weighted internal energy \[J\]; minus its gradient are the internal forces (with energy weighting), that with
+    /// Weighted internal energy \[J\]; minus its gradient are the internal forces, that with
     /// respect to rotations at those reached last.
     fn internal_energy(&self, q: &[T]) -> T;
 

@@ -9,23 +9,14 @@ use crate::observer::Phase;
 use crate::parallel;
 use crate::scalar::check_finite;
 use crate::snapshot::Record;
-use crate::weight::Weights;
-use crate::{Error, Real, Result};
+use crate::weight::{Weighting, Weights};
+use crate::{Error, NodallyWeighted, Real, Result};
 use std::sync::Arc;
 
 pub use crate::motion::PrescribedMotion;
 
 /// Hears what a step is doing.
 pub(crate) type Announce<'a> = dyn FnMut(Phase) + Send + 'a;
-
-/// The part a subdomain plays in its interfaces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
-    /// Receives the weight `f`.
-    Coarse,
-    /// Receives `1 − f`.
-    Fine,
-}
 
 /// What left a model that evolves.
 #[derive(Debug, Clone, Copy)]
@@ -39,7 +30,6 @@ pub(crate) struct Evolved<T> {
 /// One model with everything the coupled run knows of it.
 pub struct Subdomain<T: Real> {
     model: Box<dyn Model<T>>,
-    role: Role,
     field: Arc<dyn Interpolation<T>>,
     weights: Weights<T>,
     pub(crate) partition: Partition,
@@ -72,7 +62,6 @@ impl<T: Real> std::fmt::Debug for Subdomain<T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Subdomain")
             .field("model", &self.model.name())
-            .field("role", &self.role)
             .finish_non_exhaustive()
     }
 }
@@ -81,22 +70,21 @@ impl<T: Real> Subdomain<T> {
     /// A model in the coarse role.
     pub fn coarse(model: impl CoarseModel<T> + 'static, weights: Weights<T>) -> Self {
         let field = model.coarse_field();
-        Self::new(Box::new(model), Role::Coarse, field, weights)
+        Self::new(Box::new(model), field, weights)
     }
 
     /// A model in the fine role.
     pub fn fine(model: impl FineModel<T> + 'static, weights: Weights<T>) -> Self {
         let field = model.fine_field();
-        Self::new(Box::new(model), Role::Fine, field, weights)
+        Self::new(Box::new(model), field, weights)
     }
 
     /// A model with an explicitly chosen field.
-    pub fn new(
-        mut model: Box<dyn Model<T>>,
-        role: Role,
-        field: Arc<dyn Interpolation<T>>,
-        weights: Weights<T>,
-    ) -> Self {
+    pub fn new(model: Box<dyn Model<T>>, field: Arc<dyn Interpolation<T>>, weights: Weights<T>) -> Self {
+        let mut model = match weights.weighting {
+            Weighting::Energy => model,
+            Weighting::Nodal => Box::new(NodallyWeighted::new(model)),
+        };
         let n = model.layout().dofs();
         let work = T::zero();
         let evolved = model.evolving().map(|e| Evolved {
@@ -105,7 +93,6 @@ impl<T: Real> Subdomain<T> {
         });
         let zeros = || vec![T::zero(); n];
         Self {
-            role,
             field,
             weights,
             partition: Partition::Checked,
@@ -196,10 +183,6 @@ impl<T: Real> Subdomain<T> {
     pub(crate) fn model_mut(&mut self) -> &mut dyn Model<T> {
         &mut *self.model
     }
-    /// The role.
-    pub fn role(&self) -> Role {
-        self.role
-    }
     /// The displacement field that interfaces and probes see.
     pub fn field(&self) -> &Arc<dyn Interpolation<T>> {
         &self.field
@@ -232,13 +215,12 @@ impl<T: Real> Subdomain<T> {
     /// Weights the model, computes its inertia and attaches the effects.
     pub(crate) fn prepare(&mut self) -> Result<()> {
         let layout = self.model.layout();
-        let mode = self.weights.weighting;
-        self.model.set_internal_weight(&*self.weights.internal, mode)?;
+        self.model.set_internal_weight(&*self.weights.internal)?;
         if let Some(memory) = self.memory.take() {
             self.model.restore(&memory)?;
         }
         self.model
-            .lumped_inertia(&*self.weights.kinetic, mode, &mut self.inertia)?;
+            .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
         check_finite("weighted inertia", &self.inertia)?;
         let top = self.inertia[..layout.translations()]
             .iter()

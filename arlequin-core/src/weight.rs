@@ -25,8 +25,8 @@ pub enum Weighting {
     /// weighted energy and leaves the critical step as it is for any weight.
     #[default]
     Energy,
-    /// Nodal forces and masses are multiplied by the weight at the node. Not conservative; kept for comparison with
-    /// the literature.
+    /// Nodal forces and masses are multiplied by the weight at the node, see [`crate::NodallyWeighted`]. Not conservative;
+    /// kept for comparison with the literature.
     Nodal,
 }
 

@@ -2,7 +2,6 @@
 
 use crate::error::{Result, core};
 use crate::setup::ModelInfo;
-use crate::spec::Material;
 use arlequin::core::field::ShapeRow;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 
@@ -50,11 +49,4 @@ pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
         .chunks_exact(d.grid.corners)
         .map(one)
         .collect()
-}
-
-/// `λ = E ν/((1 + ν)(1 − 2ν))` and `μ = E/(2(1 + ν))` \[Pa\].
-pub(crate) fn lame(material: &Material) -> [f64; 2] {
-    let nu = material.poisson.unwrap_or(0.0);
-    let mu = material.young / (2.0 * (1.0 + nu));
-    [material.young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), mu]
 }

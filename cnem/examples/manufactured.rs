@@ -11,7 +11,7 @@ mod common;
 
 use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::model::Model;
-use arlequin_core::weight::{Weight, Weighting};
+use arlequin_core::weight::Weight;
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Kind;
@@ -60,7 +60,7 @@ fn costs(kind: Kind) {
     };
     let mut model = CnemModel::new("cube", domain, silica(), options).unwrap();
     let made = start.elapsed();
-    model.set_internal_weight(&Fall, Weighting::Energy).unwrap();
+    model.set_internal_weight(&Fall).unwrap();
     let weighted = start.elapsed();
     let n = model.nodes().len();
     println!(

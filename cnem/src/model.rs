@@ -24,7 +24,7 @@ use arlequin_core::field::Interpolation;
 use arlequin_core::material::Elastic;
 use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
 use arlequin_core::sprs::CsMat;
-use arlequin_core::weight::{Weight, Weighting};
+use arlequin_core::weight::Weight;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -74,8 +74,6 @@ pub struct CnemModel {
     smoothing: Smoothing,
     sub: SubCells,
     forces: MatrixFree,
-    /// `α(x_I)` with nodal weighting.
-    factors: Option<Vec<f64>>,
     /// Where cells do not keep their mass.
     spread: Option<Spread>,
     neighbours: Neighbours,
@@ -127,7 +125,6 @@ impl CnemModel {
             options,
             smoothing,
             sub,
-            factors: None,
             spread,
             neighbours,
         };
@@ -244,13 +241,10 @@ impl CnemModel {
         Ok(found)
     }
 
-    /// Masses of the nodes \[kg\], those of the cells multiplied by their `factors`.
-    fn masses(&self, factors: Option<&[f64]>) -> Vec<f64> {
-        let cells = self.cells.volumes().iter();
-        let mut masses: Vec<f64> = cells.map(|v| self.material.density() * v).collect();
-        if let Some(factors) = factors {
-            masses.iter_mut().zip(factors).for_each(|(m, w)| *m *= w);
-        }
+    /// Masses of the nodes \[kg\] from those of the cells, weighted by their `means`.
+    fn masses(&self, means: &[f64]) -> Vec<f64> {
+        let cells = self.cells.volumes().iter().zip(means);
+        let masses: Vec<f64> = cells.map(|(v, w)| self.material.density() * v * w).collect();
         match &self.spread {
             Some(spread) => spread.gathered(&masses),
             None => masses,
@@ -307,73 +301,41 @@ impl Model<f64> for CnemModel {
         self.domain().nodes()
     }
 
-    fn lumped_inertia(
-        &self,
-        weight: &dyn Weight<f64>,
-        weighting: Weighting,
-        out: &mut [f64],
-    ) -> arlequin_core::Result<()> {
+    fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
-        let masses = match weighting {
-            Weighting::Energy => self.masses(Some(&self.cell_means(weight))),
-            Weighting::Nodal => {
-                let mut masses = self.masses(None);
-                let nodes = masses.iter_mut().zip(self.nodes());
-                nodes.for_each(|(m, x)| *m *= weight.at(x));
-                masses
-            }
-        };
+        let masses = self.masses(&self.cell_means(weight));
         out.chunks_exact_mut(3)
             .zip(masses)
             .for_each(|(out, m)| out.fill(m));
         arlequin_core::scalar::check_finite("weighted inertia", out)
     }
 
-    fn set_internal_weight(
-        &mut self,
-        alpha: &dyn Weight<f64>,
-        weighting: Weighting,
-    ) -> arlequin_core::Result<()> {
-        let (means, factors) = match weighting {
-            Weighting::Energy => (self.cell_means(alpha), None),
-            Weighting::Nodal => (
-                vec![1.0; self.cells.len()],
-                Some(self.nodes().iter().map(|x| alpha.at(x)).collect::<Vec<_>>()),
-            ),
-        };
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
+        let means = self.cell_means(alpha);
         arlequin_core::scalar::check_finite("cell weights", &means)?;
-        arlequin_core::scalar::check_finite("nodal weights", factors.as_deref().unwrap_or_default())?;
         self.forces.set_weights(means);
-        self.factors = factors;
         Ok(())
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
-        let factors = self.factors.as_deref();
-        self.forces
-            .subtract_product(&self.smoothing, &self.sub, q, factors, f);
+        self.forces.subtract_product(&self.smoothing, &self.sub, q, f);
         Ok(())
     }
 
-    /// `½ qᵀ K_α q` \[J\]; with nodal weighting `½ Σ_i α(x_i) q_i · (K q)_i`, which no force derives from. `q` must
-    /// have the length of the layout.
+    /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        self.forces
-            .energy(&self.smoothing, &self.sub, q, self.factors.as_deref())
+        self.forces.energy(&self.smoothing, &self.sub, q)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        match self.factors {
-            None => Some(self),
-            Some(_) => None,
-        }
+        Some(self)
     }
 }
 
 impl LinearModel<f64> for CnemModel {
-    /// `K_α` with energy weighting; with nodal weighting the unweighted `K`. Assembled here.
+    /// `K_α`, assembled here.
     fn stiffness(&self) -> CsMat<f64> {
         let weights = self.forces.weights();
         stiffness(&self.smoothing, &self.sub, &self.material, weights).to_csr()

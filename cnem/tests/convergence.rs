@@ -9,7 +9,7 @@ mod common;
 
 use arlequin_core::Real;
 use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::{Uniform, Weighting};
+use arlequin_core::weight::Uniform;
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Kind;
@@ -55,9 +55,7 @@ fn saw_teeth(domain: &Domain, stabilisation: Stabilisation, count: usize) -> Vec
     );
     let n = model.layout().dofs();
     let mut mass = vec![0.0; n];
-    model
-        .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut mass)
-        .unwrap();
+    model.lumped_inertia(&Uniform(1.0), &mut mass).unwrap();
     let mut a = vec![0.0; n * n];
     for (v, (i, j)) in model.stiffness().iter() {
         a[i + n * j] = v / (mass[i] * mass[j]).sqrt();

@@ -9,7 +9,7 @@
 mod common;
 
 use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::{Uniform, Weighting};
+use arlequin_core::weight::Uniform;
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::{Kind, Scratch};
@@ -183,9 +183,7 @@ fn each_lip_has_its_own_unknowns_and_the_front_is_shared() {
     }
     let model = model(domain);
     let mut mass = vec![0.0; model.layout().dofs()];
-    model
-        .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut mass)
-        .unwrap();
+    model.lumped_inertia(&Uniform(1.0), &mut mass).unwrap();
     assert!((mass.iter().sum::<f64>() / 3.0 - 1.0).abs() < 1e-13);
 }
 
@@ -200,9 +198,7 @@ fn masses_around_centroids_stay_on_their_side_of_a_crack() {
     };
     let model = CnemModel::new("body", domain, unit(), options).unwrap();
     let mut mass = vec![0.0; model.layout().dofs()];
-    model
-        .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut mass)
-        .unwrap();
+    model.lumped_inertia(&Uniform(1.0), &mut mass).unwrap();
     let mut halves = [(0.0, Vector3::zeros()); 2];
     for (i, (m, x)) in mass.iter().step_by(3).zip(model.nodes()).enumerate() {
         let half = &mut halves[usize::from(x.x > 0.5 || (x.x == 0.5 && !below.contains(&i)))];

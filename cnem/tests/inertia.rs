@@ -9,8 +9,9 @@
 mod beam;
 mod common;
 
+use arlequin_core::NodallyWeighted;
 use arlequin_core::model::Model;
-use arlequin_core::weight::{Uniform, Weight, Weighting};
+use arlequin_core::weight::{Uniform, Weight};
 use beam::{THICK, cylinder, percent, study};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
@@ -24,10 +25,17 @@ const CENTROIDS: Options = Options {
     inertia: Inertia::Centroids,
 };
 
-fn masses(domain: &Domain, options: Options, weight: &dyn Weight<f64>, weighting: Weighting) -> Vec<f64> {
-    let model = CnemModel::new("body", domain.clone(), silica(), options).unwrap();
+fn masses(domain: &Domain, options: Options, weight: &dyn Weight<f64>) -> Vec<f64> {
+    masses_of(&model(domain, options), weight)
+}
+
+fn model(domain: &Domain, options: Options) -> CnemModel {
+    CnemModel::new("body", domain.clone(), silica(), options).unwrap()
+}
+
+fn masses_of(model: &dyn Model<f64>, weight: &dyn Weight<f64>) -> Vec<f64> {
     let mut out = vec![0.0; model.layout().dofs()];
-    model.lumped_inertia(weight, weighting, &mut out).unwrap();
+    model.lumped_inertia(weight, &mut out).unwrap();
     assert!(
         out.chunks(3)
             .all(|m| m.iter().all(|c| c.to_bits() == m[0].to_bits()))
@@ -74,7 +82,7 @@ fn centroid_masses_keep_the_total_and_the_first_moments() {
         let domain = Domain::new(&nodes, &Surface::convex_hull()).unwrap();
         let (first, _) = moments(&domain);
         let [own, spread] = [Options::default(), CENTROIDS].map(|options| {
-            let m = masses(&domain, options, &Uniform(1.0), Weighting::Energy);
+            let m = masses(&domain, options, &Uniform(1.0));
             assert!((m.iter().sum::<f64>() / 2200.0 - 1.0).abs() < 1e-13);
             assert!(m.iter().all(|m| *m > 0.0));
             let found: Vector3<f64> = m.iter().zip(domain.nodes()).map(|(m, x)| x.coords * *m).sum();
@@ -93,14 +101,16 @@ fn weighted_centroid_masses_add_up() {
         block([4, 4, 4], 0.25, 0.3, 1, |_, _, _| true),
         block([4, 4, 3], 0.25, 0.3, 2, |i, j, _| i < 2 || j < 2),
     ] {
-        for weighting in [Weighting::Energy, Weighting::Nodal] {
-            let whole = masses(&domain, CENTROIDS, &Uniform(1.0), weighting);
-            let [a, b] = [&Ramp as &dyn Weight<f64>, &Rest].map(|w| masses(&domain, CENTROIDS, w, weighting));
+        let energy: Box<dyn Model<f64>> = Box::new(model(&domain, CENTROIDS));
+        let nodal: Box<dyn Model<f64>> = Box::new(NodallyWeighted::new(Box::new(model(&domain, CENTROIDS))));
+        for (model, is_nodal) in [(energy, false), (nodal, true)] {
+            let whole = masses_of(&*model, &Uniform(1.0));
+            let [a, b] = [&Ramp as &dyn Weight<f64>, &Rest].map(|w| masses_of(&*model, w));
             for ((a, b), m) in a.iter().zip(&b).zip(&whole) {
                 assert!(*a > 0.0 && *b > 0.0 && ((a + b) / m - 1.0).abs() < 1e-12);
             }
             // Of a linear weight: that of the body, whose first moment is exact with energy weighting.
-            if weighting == Weighting::Energy {
+            if !is_nodal {
                 let expected = 0.25 * 2200.0 * domain.volume() + 0.5 * moments(&domain).0.x;
                 assert!((a.iter().sum::<f64>() / expected - 1.0).abs() < 1e-12);
             }
@@ -120,7 +130,7 @@ fn centroid_masses_turn_coarse_cylinders_at_the_right_frequency() {
         let domain = shape.domain().unwrap();
         let (_, exact) = moments(&domain);
         let [own, spread] = [Options::default(), CENTROIDS].map(|options| {
-            let m = masses(&domain, options, &Uniform(1.0), Weighting::Energy);
+            let m = masses(&domain, options, &Uniform(1.0));
             let polar: f64 = m
                 .iter()
                 .zip(domain.nodes())
@@ -175,10 +185,8 @@ fn small_weights_with_centroid_masses() {
     let mut model = CnemModel::new("bar", domain, silica(), CENTROIDS).unwrap();
     let mut mass = vec![0.0; model.layout().dofs()];
     let mut step = |weight: &dyn Weight<f64>| {
-        model.set_internal_weight(weight, Weighting::Energy).unwrap();
-        model
-            .lumped_inertia(weight, Weighting::Energy, &mut mass)
-            .unwrap();
+        model.set_internal_weight(weight).unwrap();
+        model.lumped_inertia(weight, &mut mass).unwrap();
         let inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
         model.critical_step(&inverse).unwrap()
     };

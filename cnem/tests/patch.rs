@@ -8,10 +8,10 @@
 
 mod common;
 
-use arlequin_core::conformance;
 use arlequin_core::geometry::Cell;
 use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::{Uniform, Weight, Weighting};
+use arlequin_core::weight::{Uniform, Weight};
+use arlequin_core::{NodallyWeighted, conformance};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Kind;
@@ -159,7 +159,7 @@ fn conforms_to_the_core() {
             let volume = domain.volume();
             let mut model = CnemModel::new("body", domain.clone(), silica(), options).unwrap();
             assert!(conformance::mass(&model, 2200.0 * volume).unwrap() < 1e-12);
-            model.set_internal_weight(&Wave, Weighting::Energy).unwrap();
+            model.set_internal_weight(&Wave).unwrap();
             let rigid = conformance::rigid_forces(&mut model).unwrap();
             assert!(rigid < 1e-11, "{name} {options:?}: {rigid:e}");
             assert!(
@@ -204,7 +204,7 @@ fn weights_are_means_over_the_voronoi_cells() {
         let model = CnemModel::new("body", domain, silica(), Options::default()).unwrap();
         let n = model.layout().dofs();
         let mut mass = vec![0.0; n];
-        model.lumped_inertia(&Ramp, Weighting::Energy, &mut mass).unwrap();
+        model.lumped_inertia(&Ramp, &mut mass).unwrap();
         // A linear weight: the mass is that of the volume with the weight at its centroid.
         let nodes = model.nodes();
         let (mut expected, mut total) = (0.0, 0.0);
@@ -220,9 +220,10 @@ fn weights_are_means_over_the_voronoi_cells() {
             "{name}: {:e}",
             sum / expected - 1.0
         );
-        model.lumped_inertia(&Ramp, Weighting::Nodal, &mut mass).unwrap();
         let middle = nodes.len() / 2;
         let nodal = 2200.0 * model.cells().volumes()[middle] * (0.25 + 0.5 * nodes[middle].x);
+        let model = NodallyWeighted::new(Box::new(model));
+        model.lumped_inertia(&Ramp, &mut mass).unwrap();
         assert!((mass[3 * middle] / nodal - 1.0).abs() < 1e-14 && total > 0.0);
     }
 }
@@ -236,16 +237,15 @@ fn nodal_weighting_scales_forces() {
     let u: Vec<f64> = (0..n).map(|_| next()).collect();
     let (mut f, mut g) = (vec![0.0; n], vec![0.0; n]);
     model.add_internal_forces(&u, &mut f).unwrap();
-    model.set_internal_weight(&Ramp, Weighting::Nodal).unwrap();
+    let mut model = NodallyWeighted::new(Box::new(model));
+    model.set_internal_weight(&Ramp).unwrap();
     assert!(model.as_linear().is_none());
     model.add_internal_forces(&u, &mut g).unwrap();
     for i in 0..n {
         let w = Ramp.at(&model.nodes()[i / 3]);
         assert!((g[i] - w * f[i]).abs() <= 1e-14 * largest(&f));
     }
-    model
-        .set_internal_weight(&Uniform(0.5), Weighting::Energy)
-        .unwrap();
+    model.set_internal_weight(&Uniform(0.5)).unwrap();
     g.fill(0.0);
     model.add_internal_forces(&u, &mut g).unwrap();
     let scale = largest(&f);
@@ -264,7 +264,7 @@ fn forces_with(threads: usize) -> (Vec<u64>, u64) {
     pool.install(|| {
         let domain = block([10, 10, 8], 0.1, 0.3, 1, |_, _, _| true);
         let mut model = CnemModel::new("block", domain, silica(), Options::default()).unwrap();
-        model.set_internal_weight(&Wave, Weighting::Energy).unwrap();
+        model.set_internal_weight(&Wave).unwrap();
         let mut next = noise(11);
         let u: Vec<f64> = (0..model.layout().dofs()).map(|_| next()).collect();
         let mut f = vec![0.0; u.len()];
@@ -323,14 +323,14 @@ fn small_weights_shorten_the_step() {
     let domain = block([8, 4, 4], 0.125, 0.2, 1, |_, _, _| true);
     let mut model = CnemModel::new("bar", domain, silica(), Options::default()).unwrap();
     let mut mass = vec![0.0; model.layout().dofs()];
-    let mut step = |weight: &dyn Weight<f64>, weighting| {
-        model.set_internal_weight(weight, weighting).unwrap();
-        model.lumped_inertia(weight, weighting, &mut mass).unwrap();
+    let mut step = |weight: &dyn Weight<f64>| {
+        model.set_internal_weight(weight).unwrap();
+        model.lumped_inertia(weight, &mut mass).unwrap();
         let inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
         model.critical_step(&inverse).unwrap()
     };
-    let free = step(&Uniform(1.0), Weighting::Energy);
-    let ratios = [0.05, 0.005, 0.0005].map(|e| step(&Fall(e), Weighting::Energy) / free);
+    let free = step(&Uniform(1.0));
+    let ratios = [0.05, 0.005, 0.0005].map(|e| step(&Fall(e)) / free);
     println!("critical step with smallest weight 0.05, 0.005, 0.0005: {ratios:?}");
     assert!(ratios[0] > 0.5);
 }

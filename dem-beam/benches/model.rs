@@ -5,7 +5,7 @@
 
 use arlequin_core::observer::Silent;
 use arlequin_core::weight::Weight;
-use arlequin_core::{Coupled, Guard, Model, Partition, Subdomain, TimeStep, Weighting, Weights};
+use arlequin_core::{Coupled, Guard, Model, Partition, Subdomain, TimeStep, Weights};
 use dem_beam::{BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter};
 use nalgebra::Point3;
 use std::sync::Arc;
@@ -44,7 +44,7 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
         Ok(if finite { m.with_finite_rotations() } else { m })
     };
     let mut model = make()?;
-    model.set_internal_weight(&Along, Weighting::Energy)?;
+    model.set_internal_weight(&Along)?;
     let n = model.layout().dofs();
     let q: Vec<f64> = (0..n)
         .map(|i| (i as f64).sin() * if i < n / 2 { 1e-9 } else { 1e-4 })

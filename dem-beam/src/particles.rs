@@ -172,7 +172,10 @@ impl BondedParticles {
             bond.scale = w / bond.axis.norm();
         }
         self.weights.copy_from_slice(weights);
-        self.apply_mass_factors(&self.mean_over_bonds(weights, |_| 1.0));
+        for (i, w) in self.mean_over_bonds(weights, |_| 1.0).into_iter().enumerate() {
+            self.mass[i] = self.full_mass[i] * w;
+        }
+        self.inertia = sphere_inertia(&self.mass, &self.radii);
         Ok(())
     }
 
@@ -191,38 +194,6 @@ impl BondedParticles {
             d => s / f64::from(d),
         };
         sum.iter().enumerate().map(mean).collect()
-    }
-
-    /// Multiplies the unweighted mass and inertia of each particle by `factor`, leaving the
-    /// bonds: for weighting rules that set masses by themselves.
-    ///
-    /// # Errors
-    /// [`Error::LengthMismatch`], [`Error::NotFinite`].
-    pub fn set_mass_factors(&mut self, factor: &[f64]) -> Result<()> {
-        expect_len("mass factors", factor.len(), self.positions.len())?;
-        for (i, &f) in factor.iter().enumerate() {
-            finite("mass factor", "particle", i, f)?;
-        }
-        self.apply_mass_factors(factor);
-        Ok(())
-    }
-
-    fn apply_mass_factors(&mut self, factor: &[f64]) {
-        for (i, &f) in factor.iter().enumerate() {
-            self.mass[i] = self.full_mass[i] * f;
-        }
-        self.inertia = sphere_inertia(&self.mass, &self.radii);
-    }
-
-    /// Multiplies every rotational inertia by `factor` (> 0). Rotations set the critical step;
-    /// slowing them lengthens it and moves the low modes little. 1 is exact, and the default.
-    ///
-    /// # Errors
-    /// [`Error::OutOfRange`] if `factor` is not finite and positive.
-    pub fn scale_inertia(&mut self, factor: f64) -> Result<()> {
-        positive("inertia factor", factor)?;
-        self.inertia.iter_mut().for_each(|i| *i *= factor);
-        Ok(())
     }
 
     /// Takes the stiffness of a bond away; masses stay.

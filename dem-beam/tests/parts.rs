@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::Model;
-use arlequin_core::weight::{Uniform, Weighting};
+use arlequin_core::weight::Uniform;
 use dem_beam::calibrate::{Bar, measure};
 use dem_beam::homogenise::bulk;
 use dem_beam::packing::{Cut, Loose, Part, narrow};
@@ -205,15 +205,11 @@ fn loose_spheres_are_refused_with_their_number_or_kept_as_grains() {
     let n = model.layout().dofs();
     let mut inertia = vec![0.0; n];
     let quarter = Uniform(0.25);
-    model
-        .lumped_inertia(&quarter, Weighting::Energy, &mut inertia)
-        .unwrap();
+    model.lumped_inertia(&quarter, &mut inertia).unwrap();
     let sum: f64 = inertia[..n / 2].iter().sum();
     assert!((sum / (3.0 * 0.25 * DENSITY * 8e-9) - 1.0).abs() < 1e-12);
     // No force on it, and a step that is that of the bonds.
-    model
-        .set_internal_weight(&Uniform(1.0), Weighting::Energy)
-        .unwrap();
+    model.set_internal_weight(&Uniform(1.0)).unwrap();
     let q: Vec<f64> = (0..n).map(|k| 1e-9 * (k as f64).sin()).collect();
     let mut f = vec![0.0; n];
     model.add_internal_forces(&q, &mut f).unwrap();

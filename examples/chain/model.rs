@@ -9,7 +9,7 @@ use arlequin::core::model::DofLayout;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::sprs::{CsMat, TriMat};
 use arlequin::core::weight::Weight;
-use arlequin::core::{Error, FineModel, LinearModel, Model, Result, Weighting};
+use arlequin::core::{Error, FineModel, LinearModel, Model, Result};
 use arlequin::fem_ref::FemField;
 use std::sync::Arc;
 
@@ -24,7 +24,6 @@ pub(crate) struct Chain {
     mass: f64,
     stiffness: Vec<f64>,
     bond_weight: Vec<f64>,
-    node_weight: Vec<f64>,
     field: Arc<FemField<f64>>,
 }
 
@@ -60,15 +59,13 @@ impl Chain {
             .collect();
         // Between two masses the field is linear: the natural neighbours of a point on a line.
         let field = Arc::new(FemField::on_line(nodes.clone(), 1.0)?);
-        let (stiffness, bond_weight, node_weight) =
-            (vec![stiffness; bonds], vec![1.0; bonds], vec![1.0; bonds + 1]);
+        let (stiffness, bond_weight) = (vec![stiffness; bonds], vec![1.0; bonds]);
         Ok(Self {
             name: name.to_owned(),
             nodes,
             mass,
             stiffness,
             bond_weight,
-            node_weight,
             field,
         })
     }
@@ -86,14 +83,9 @@ impl Chain {
         }
     }
 
-    /// Stiffness of each bond and factor on its force at both ends.
-    fn bonds(&self) -> impl Iterator<Item = (f64, [f64; 2])> + '_ {
-        let ends = self.node_weight.windows(2);
-        self.bond_weight
-            .iter()
-            .zip(&self.stiffness)
-            .zip(ends)
-            .map(|((w, k), n)| (w * k, [n[0], n[1]]))
+    /// Weighted stiffness of each bond.
+    fn bonds(&self) -> impl Iterator<Item = f64> + '_ {
+        self.bond_weight.iter().zip(&self.stiffness).map(|(w, k)| w * k)
     }
 }
 
@@ -115,50 +107,36 @@ impl Model<f64> for Chain {
         &self.nodes
     }
 
-    fn lumped_inertia(&self, weight: &dyn Weight<f64>, weighting: Weighting, out: &mut [f64]) -> Result<()> {
+    fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
         out.fill(0.0);
         for b in 0..self.bond_weight.len() {
             let mean = weight.mean(&self.bond(b));
             for k in [b, b + 1] {
-                let w = if weighting == Weighting::Energy {
-                    mean
-                } else {
-                    weight.at(&self.nodes[k])
-                };
-                out[k] += 0.5 * self.mass * w;
+                out[k] += 0.5 * self.mass * mean;
             }
         }
         Ok(())
     }
 
-    fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>, weighting: Weighting) -> Result<()> {
-        let energy = weighting == Weighting::Energy;
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> Result<()> {
         self.bond_weight = (0..self.bond_weight.len())
-            .map(|b| if energy { alpha.mean(&self.bond(b)) } else { 1.0 })
-            .collect();
-        self.node_weight = self
-            .nodes
-            .iter()
-            .map(|x| if energy { 1.0 } else { alpha.at(x) })
+            .map(|b| alpha.mean(&self.bond(b)))
             .collect();
         Ok(())
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
-        for (b, (k, [left, right])) in self.bonds().enumerate() {
+        for (b, k) in self.bonds().enumerate() {
             let tension = k * (q[b + 1] - q[b]);
-            f[b] += left * tension;
-            f[b + 1] -= right * tension;
+            f[b] += tension;
+            f[b + 1] -= tension;
         }
         Ok(())
     }
 
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        let weight = |n: [f64; 2]| 0.5 * (n[0] + n[1]);
-        self.bonds()
-            .zip(q.windows(2))
-            .map(|((k, n), q)| 0.5 * k * weight(n) * (q[1] - q[0]).powi(2))
-            .sum()
+        let bonds = self.bonds().zip(q.windows(2));
+        bonds.map(|(k, q)| 0.5 * k * (q[1] - q[0]).powi(2)).sum()
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
@@ -170,14 +148,9 @@ impl LinearModel<f64> for Chain {
     fn stiffness(&self) -> CsMat<f64> {
         let n = self.nodes.len();
         let mut t = TriMat::new((n, n));
-        for (b, (k, [left, right])) in self.bonds().enumerate() {
-            for (i, j, v) in [
-                (b, b, left),
-                (b, b + 1, -left),
-                (b + 1, b, -right),
-                (b + 1, b + 1, right),
-            ] {
-                t.add_triplet(i, j, k * v);
+        for (b, k) in self.bonds().enumerate() {
+            for (i, j, v) in [(b, b, k), (b, b + 1, -k), (b + 1, b, -k), (b + 1, b + 1, k)] {
+                t.add_triplet(i, j, v);
             }
         }
         t.to_csr()

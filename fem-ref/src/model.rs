@@ -1,9 +1,7 @@
 //! The finite element model: weighted stiffness, lumped mass, both roles of the coupling.
 //!
 //! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_e α_e K_e` and `M_β,i = Σ_e β_e ρ ∫_e N_i dV`, where `α_e` and `β_e` are
-//! the means of the weights over the element. With nodal weighting, kept for comparison with the literature, the
-//! unweighted force and mass of node `i` are multiplied by `α(x_i)` and `β(x_i)`; such a model has no symmetric
-//! stiffness and is therefore not offered as a linear one.
+//! the means of the weights over the element.
 
 use crate::element::{self, ElementKind};
 use crate::error::{Error, Result};
@@ -15,7 +13,7 @@ use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::field::Interpolation;
 use arlequin_core::material::Elastic;
 use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
-use arlequin_core::weight::{Weight, Weighting};
+use arlequin_core::weight::Weight;
 use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::CsMat;
@@ -30,8 +28,6 @@ pub struct FemModel<T: Real> {
     /// Unweighted lumped mass contributions `ρ ∫ N_i dV` \[kg\], per element and corner.
     masses: Vec<T>,
     stiffness: BlockMatrix<T>,
-    /// `α(x_i)` with nodal weighting.
-    factors: Option<Vec<T>>,
 }
 
 impl<T: Real> FemModel<T> {
@@ -65,7 +61,6 @@ impl<T: Real> FemModel<T> {
             field: Arc::new(FemField::new(mesh)),
             material,
             masses,
-            factors: None,
         })
     }
 
@@ -142,19 +137,11 @@ impl<T: Real> Model<T> for FemModel<T> {
         self.mesh().nodes()
     }
 
-    fn lumped_inertia(
-        &self,
-        weight: &dyn Weight<T>,
-        weighting: Weighting,
-        out: &mut [T],
-    ) -> arlequin_core::Result<()> {
+    fn lumped_inertia(&self, weight: &dyn Weight<T>, out: &mut [T]) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
         let (mesh, c) = (self.mesh(), self.layout().components);
         let corners = mesh.kind().corners();
-        let means = match weighting {
-            Weighting::Energy => self.element_means(weight),
-            Weighting::Nodal => vec![T::one(); mesh.element_count()],
-        };
+        let means = self.element_means(weight);
         out.fill(T::zero());
         for (slot, (&node, mass)) in mesh.connectivity().iter().zip(&self.masses).enumerate() {
             let m = *mass * means[slot / corners];
@@ -162,57 +149,35 @@ impl<T: Real> Model<T> for FemModel<T> {
                 .iter_mut()
                 .for_each(|o| *o += m);
         }
-        if weighting == Weighting::Nodal {
-            for (x, out) in mesh.nodes().iter().zip(out.chunks_exact_mut(c)) {
-                let w = weight.at(x);
-                out.iter_mut().for_each(|o| *o *= w);
-            }
-        }
         arlequin_core::scalar::check_finite("weighted inertia", out)
     }
 
-    fn set_internal_weight(
-        &mut self,
-        alpha: &dyn Weight<T>,
-        weighting: Weighting,
-    ) -> arlequin_core::Result<()> {
-        let (means, factors) = match weighting {
-            Weighting::Energy => (self.element_means(alpha), None),
-            Weighting::Nodal => (
-                vec![T::one(); self.mesh().element_count()],
-                Some(self.nodes().iter().map(|x| alpha.at(x)).collect::<Vec<T>>()),
-            ),
-        };
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> arlequin_core::Result<()> {
+        let means = self.element_means(alpha);
         arlequin_core::scalar::check_finite("element weights", &means)?;
-        arlequin_core::scalar::check_finite("nodal weights", factors.as_deref().unwrap_or_default())?;
         kernel::assemble(&mut self.stiffness, self.field.mesh(), &self.material, &means);
-        self.factors = factors;
         Ok(())
     }
 
     fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
-        self.stiffness.subtract_product(q, self.factors.as_deref(), f);
+        self.stiffness.subtract_product(q, f);
         Ok(())
     }
 
-    /// `½ qᵀ K_α q` \[J\]; with nodal weighting `½ Σ_i α(x_i) q_i · (K q)_i`, which no force derives from. `q` must
-    /// have the length of the layout.
+    /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[T]) -> T {
-        self.stiffness.energy(q, self.factors.as_deref())
+        self.stiffness.energy(q)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
-        match self.factors {
-            None => Some(self),
-            Some(_) => None,
-        }
+        Some(self)
     }
 }
 
 impl<T: Real> LinearModel<T> for FemModel<T> {
-    /// `K_α` with element weighting; with nodal weighting the unweighted `K`.
+    /// `K_α`.
     fn stiffness(&self) -> CsMat<T> {
         self.stiffness.to_csr()
     }

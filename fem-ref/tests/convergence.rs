@@ -13,7 +13,7 @@ use arlequin_core::geometry::Sample;
 use arlequin_core::model::{LinearModel, Model};
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin_core::sprs::CsMat;
-use arlequin_core::weight::{Uniform, Weighting};
+use arlequin_core::weight::Uniform;
 use common::{free_part, noise, silica, solve};
 use fem_ref::generate::{self, Cylinder, Rim};
 use fem_ref::{Elastic, ElementKind, FemModel};
@@ -119,9 +119,7 @@ fn axial_frequencies(shape: &Cylinder<f64>, kind: ElementKind) -> (usize, [f64; 
         fixed[3 * n + 2] |= p.z.abs() < 1e-9;
     }
     let mut mass = vec![0.0; dofs];
-    model
-        .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut mass)
-        .unwrap();
+    model.lumped_inertia(&Uniform(1.0), &mut mass).unwrap();
     let (k, free) = free_part(&model.stiffness(), &fixed);
     let m: Vec<f64> = free.iter().map(|&i| mass[i]).collect();
     let length = shape.ends[1] - shape.ends[0];

@@ -3,14 +3,12 @@
 
 use arlequin_core::model::Model;
 use arlequin_core::nalgebra::Point3;
-use arlequin_core::weight::{Uniform, Weighting};
+use arlequin_core::weight::Uniform;
 use fem_ref::{Elastic, ElementKind, FemModel, generate, gmsh};
 
 fn masses(model: &FemModel<f64>) -> Vec<f64> {
     let mut m = vec![0.0; model.layout().dofs()];
-    model
-        .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut m)
-        .unwrap();
+    model.lumped_inertia(&Uniform(1.0), &mut m).unwrap();
     m.into_iter().step_by(3).collect()
 }
 

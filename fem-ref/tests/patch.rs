@@ -7,11 +7,12 @@
 
 mod common;
 
+use arlequin_core::NodallyWeighted;
 use arlequin_core::Real;
 use arlequin_core::geometry::Cell;
 use arlequin_core::model::{LinearModel, Model};
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3, center};
-use arlequin_core::weight::{Uniform, Weight, Weighting};
+use arlequin_core::weight::{Uniform, Weight};
 use common::{jittered, largest, noise, silica, solve};
 use fem_ref::{Elastic, ElementKind, FemModel, Mesh, generate};
 use proptest::prelude::*;
@@ -88,7 +89,7 @@ proptest! {
     #[test]
     fn rigid_motions_carry_no_force(seed in 1u64..10_000, hex in any::<bool>(), amount in 0.0..0.2f64) {
         let mut model = FemModel::new("free", jittered(SOLIDS[usize::from(hex)], amount, seed), silica()).unwrap();
-        model.set_internal_weight(&Wave, Weighting::Energy).unwrap();
+        model.set_internal_weight(&Wave).unwrap();
         let spin = Matrix3::new(0.0, -0.3, 0.2, 0.3, 0.0, -0.5, -0.2, 0.5, 0.0);
         let u = linear(&spin, model.nodes());
         let mut f = vec![0.0; u.len()];
@@ -101,7 +102,7 @@ proptest! {
     #[test]
     fn forces_derive_from_a_symmetric_energy(seed in 1u64..10_000, hex in any::<bool>()) {
         let mut model = FemModel::new("free", jittered(SOLIDS[usize::from(hex)], 0.15, seed), silica()).unwrap();
-        model.set_internal_weight(&Wave, Weighting::Energy).unwrap();
+        model.set_internal_weight(&Wave).unwrap();
         let mut next = noise(seed + 1);
         let n = model.layout().dofs();
         let (u, v): (Vec<f64>, Vec<f64>) = (0..n).map(|_| (next(), next())).unzip();
@@ -140,16 +141,17 @@ fn weights_enter_as_element_means() {
     let mesh = generate::bar(0.0, 2.0, 2, 3.0).unwrap();
     let mut model = FemModel::new("bar", mesh, Elastic::new(8.0, 0.0, 2.0).unwrap()).unwrap();
     let mut mass = vec![0.0; 3];
-    model.lumped_inertia(&Step, Weighting::Energy, &mut mass).unwrap();
+    model.lumped_inertia(&Step, &mut mass).unwrap();
     assert_eq!(mass, [0.75, 2.25, 1.5]);
-    model.set_internal_weight(&Step, Weighting::Energy).unwrap();
+    model.set_internal_weight(&Step).unwrap();
     let mut f = vec![0.0; 3];
     model.add_internal_forces(&[0.0, 1.0, 0.0], &mut f).unwrap();
     assert_eq!(f, [6.0, -18.0, 12.0]);
     assert_eq!(model.internal_energy(&[0.0, 1.0, 0.0]), 9.0);
-    model.lumped_inertia(&Step, Weighting::Nodal, &mut mass).unwrap();
+    let mut model = NodallyWeighted::new(Box::new(model));
+    model.lumped_inertia(&Step, &mut mass).unwrap();
     assert_eq!(mass, [0.75, 3.0, 1.5]);
-    model.set_internal_weight(&Step, Weighting::Nodal).unwrap();
+    model.set_internal_weight(&Step).unwrap();
     f.fill(0.0);
     model.add_internal_forces(&[0.0, 1.0, 0.0], &mut f).unwrap();
     assert_eq!(f, [6.0, -24.0, 12.0]);
@@ -163,9 +165,7 @@ fn mass_of_a_warped_mesh_is_that_of_its_volume() {
         let expected = 2200.0 * mesh.volume();
         let model = FemModel::new("cube", mesh, silica()).unwrap();
         let mut mass = vec![0.0; model.layout().dofs()];
-        model
-            .lumped_inertia(&Uniform(0.5), Weighting::Energy, &mut mass)
-            .unwrap();
+        model.lumped_inertia(&Uniform(0.5), &mut mass).unwrap();
         assert!(mass.iter().all(|m| *m > 0.0));
         let total: f64 = mass.iter().step_by(3).sum();
         assert!((total / (0.5 * expected) - 1.0).abs() < 1e-13);
@@ -181,7 +181,7 @@ fn forces_with(threads: usize, kind: ElementKind) -> (Vec<u64>, u64) {
         let mesh = generate::block(kind, Point3::origin(), Point3::new(1.0, 0.7, 0.6), [20, 14, 13]).unwrap();
         assert!(mesh.nodes().len() > 4000);
         let mut model = FemModel::new("block", mesh, silica()).unwrap();
-        model.set_internal_weight(&Wave, Weighting::Energy).unwrap();
+        model.set_internal_weight(&Wave).unwrap();
         let mut next = noise(11);
         let u: Vec<f64> = (0..model.layout().dofs()).map(|_| next()).collect();
         let mut f = vec![0.0; u.len()];
@@ -255,9 +255,7 @@ fn cube_energy_and_step<T: Real>() -> (f64, f64) {
         .flat_map(|x| [x.x * T::of(0.1), T::zero(), T::zero()])
         .collect();
     let mut mass = vec![T::zero(); u.len()];
-    model
-        .lumped_inertia(&Uniform(T::one()), Weighting::Energy, &mut mass)
-        .unwrap();
+    model.lumped_inertia(&Uniform(T::one()), &mut mass).unwrap();
     let inverse: Vec<T> = mass.iter().map(|m| T::one() / *m).collect();
     let energy = model.internal_energy(&u);
     (energy.as_f64(), model.critical_step(&inverse).unwrap().as_f64())

@@ -270,8 +270,7 @@ impl<'a, T: Real> Group<'a, T> {
         let s = self.members[m].subdomain;
         let count = s.model().layout().translations();
         let mut whole = vec![T::zero(); s.model().layout().dofs()];
-        s.model()
-            .lumped_inertia(&Uniform(T::one()), Weighting::Energy, &mut whole)?;
+        s.model().lumped_inertia(&Uniform(T::one()), &mut whole)?;
         let sum = |x: &[T]| x[..count].iter().copied().sum::<T>();
         Ok(sum(s.inertia()) / sum(&whole))
     }

@@ -49,7 +49,7 @@ impl<T: Real> System<T> {
     /// Stiffness, loads and supports of a subdomain whose unknowns begin at `start`.
     fn add(&mut self, s: &mut Subdomain<T>, start: usize, t: T) -> Result<()> {
         let Some(linear) = s.model().as_linear() else {
-            let what = "be solved statically: it is not linear".into();
+            let what = "be solved statically: it is not linear, or weighted at its nodes".into();
             return Err(Error::Unsupported {
                 model: s.model().name().into(),
                 what,

@@ -28,8 +28,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
     fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let layout = to.model.layout();
         let mut force = vec![T::zero(); layout.dofs()];
-        to.model
-            .lumped_inertia(&*to.weights.external, to.weights.weighting, &mut force)?;
+        to.model.lumped_inertia(&*to.weights.external, &mut force)?;
         for (i, m) in force.iter_mut().enumerate() {
             *m *= if i < layout.translations() {
                 self.0[i % layout.components]

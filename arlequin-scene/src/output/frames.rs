@@ -5,7 +5,8 @@ use super::vtu::{self, Array, Entry};
 use crate::cells::{self, Cell};
 use crate::error::{Error, Result, write};
 use crate::setup::{Grid, ModelInfo};
-use crate::spec::{Material, OutputField};
+use crate::spec::OutputField;
+use arlequin::core::material::Elastic;
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
@@ -24,7 +25,7 @@ pub struct Frames {
 #[derive(Debug)]
 struct Painter {
     grid: Grid,
-    material: Material,
+    material: Elastic<f64>,
     /// Empty if the energy density is not wanted or the field has no gradient.
     centres: Vec<Cell>,
     weights: Vec<Array>,
@@ -217,9 +218,9 @@ impl Painter {
     fn density(&self, cell: &Cell, q: &[f64], count: usize) -> f64 {
         let h = cell.gradient(q, count);
         if count == 1 {
-            return 0.5 * self.material.young * h[(0, 0)] * h[(0, 0)];
+            return 0.5 * self.material.young() * h[(0, 0)] * h[(0, 0)];
         }
-        let [lambda, mu] = cells::lame(&self.material);
+        let [lambda, mu] = self.material.lame();
         let strain = (h + h.transpose()) * 0.5;
         0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
     }

@@ -80,7 +80,7 @@ pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f
         let (Some(first), Some(second)) = (body(bodies, a), body(bodies, b)) else {
             continue;
         };
-        let [e, f] = [a, b].map(|m| bodies[m].material.young);
+        let [e, f] = [a, b].map(|m| bodies[m].material.young());
         // Two springs in a row.
         let law = grains::law(
             2.0 * e * f / (e + f),

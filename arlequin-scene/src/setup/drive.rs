@@ -214,9 +214,8 @@ fn load_on_nodes(
     let count = layout.components;
     let mut inertia = vec![0.0; layout.dofs()];
     let one = arlequin::core::weight::Uniform(1.0);
-    let energy = arlequin::core::Weighting::Energy;
     body.model
-        .lumped_inertia(&one, energy, &mut inertia)
+        .lumped_inertia(&one, &mut inertia)
         .map_err(core(path))?;
     let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
     let share = |n: usize| inertia[n * count] / total;
@@ -285,10 +284,7 @@ fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect
     }
     let coefficient = e.bulk_viscosity.map_or(0.0, |b| b.coefficient);
     let m = &body.material;
-    let nu = m.poisson.unwrap_or(0.0);
-    // Dilatational waves: c² = (λ + 2 μ)/ρ.
-    let modulus = m.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu));
-    let impedance = (modulus * m.density).sqrt();
+    let impedance = (m.p_wave_modulus() * m.density()).sqrt();
     let made = BulkViscosity::new(body.field.clone(), coefficient, impedance);
     Ok(Box::new(made.map_err(core(at("bulk_viscosity.coefficient")))?))
 }
@@ -356,7 +352,7 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
                 add(&mut v, field_at(f, x));
             }
             if let Some(w) = &i.wave {
-                let (u, du) = wave_at(w, x, body.bar_speed());
+                let (u, du) = wave_at(w, x, body.material.bar_speed());
                 add(&mut q, u);
                 add(&mut v, du);
             }

@@ -318,7 +318,7 @@ fn absorber(
     let path = format!("{path}.absorber");
     let rate = match (table.rate, table.rate_factor) {
         (Some(r), None) => r,
-        (None, Some(f)) => f * fine.bar_speed() / fine.spacing,
+        (None, Some(f)) => f * fine.material.bar_speed() / fine.spacing,
         _ => return Err(key(path, "needs exactly one of rate [1/s], rate_factor [-]")),
     };
     let resolved: Arc<dyn Interpolation<f64>> = match table.spacing {

@@ -35,7 +35,7 @@ pub struct Body {
     /// Distance of nodes or particles \[m\].
     pub spacing: f64,
     /// What it is made of.
-    pub material: Material,
+    pub material: Elastic<f64>,
     /// What it looks like.
     pub shape: Shape,
     /// What only particles have.
@@ -50,13 +50,6 @@ impl std::fmt::Debug for Body {
     }
 }
 
-impl Body {
-    /// Speed of long axial waves in a bar of the material \[m/s\].
-    pub fn bar_speed(&self) -> f64 {
-        (self.material.young / self.material.density).sqrt()
-    }
-}
-
 /// Builds the body of `[model.NAME]`; paths are relative to `folder`.
 /// `effects` are the effects on this model with their numbers in the scene; particles need some of them here.
 pub(super) fn body(
@@ -66,7 +59,7 @@ pub(super) fn body(
     effects: &[(usize, &Effect)],
 ) -> Result<Body> {
     let key = format!("model.{name}");
-    check_material(&key, &table.material)?;
+    elastic(&key, &table.material)?;
     match table.kind {
         ModelKind::Fem => finite_elements(name, &key, table, folder),
         ModelKind::Cnem => super::natural::body(name, &key, table, folder),
@@ -75,7 +68,8 @@ pub(super) fn body(
     }
 }
 
-fn check_material(key: &str, m: &Material) -> Result<()> {
+/// What a table's material is, Poisson's ratio zero where it says none.
+pub(super) fn elastic(key: &str, m: &Material) -> Result<Elastic<f64>> {
     for (name, x, unit) in [("young", m.young, "Pa"), ("density", m.density, "kg/m³")] {
         if x <= 0.0 {
             let rule = format!("must be positive [{unit}]");
@@ -88,7 +82,7 @@ fn check_material(key: &str, m: &Material) -> Result<()> {
             nu,
             "must lie above -1 and below 0.5; take 0.49 for a nearly incompressible material",
         )),
-        _ => Ok(()),
+        nu => Elastic::new(m.young, nu.unwrap_or(0.0), m.density).map_err(core(&format!("{key}.material"))),
     }
 }
 
@@ -111,7 +105,7 @@ fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<
 /// Refuses what can be seen to be wrong with a table before anything is meshed or packed.
 pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()> {
     let key = format!("model.{name}");
-    check_material(&key, &table.material)?;
+    elastic(&key, &table.material)?;
     match table.kind {
         ModelKind::Fem => request(&key, table, folder)?.check(),
         ModelKind::Cnem => super::natural::request(&key, table, folder)?.check(),
@@ -122,12 +116,7 @@ pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()>
 
 fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let mesh = request(key, table, folder)?.mesh()?;
-    let poisson = match table.shape {
-        Shape::Bar { .. } => table.material.poisson.unwrap_or(0.0),
-        _ => solid_poisson(key, table)?,
-    };
-    let material = Elastic::new(table.material.young, poisson, table.material.density)
-        .map_err(core(&format!("{key}.material")))?;
+    let material = elastic(key, &table.material)?;
     let mut groups = BTreeMap::new();
     let mut surfaces = BTreeMap::new();
     for (n, g) in mesh.groups() {
@@ -149,10 +138,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         surfaces,
         boundary,
         spacing,
-        material: Material {
-            poisson: Some(poisson),
-            ..table.material
-        },
+        material,
         shape: table.shape.clone(),
         grains: None,
         warnings,
@@ -160,8 +146,8 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
 }
 
 /// Poisson's ratio, which a solid must have.
-pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<f64> {
-    table.material.poisson.ok_or_else(|| {
+pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<()> {
+    table.material.poisson.map(|_| ()).ok_or_else(|| {
         crate::error::key(
             format!("{key}.material"),
             "a solid needs poisson, Poisson's ratio [-]; add poisson = 0.3 or what the material has",
@@ -205,7 +191,7 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material: table.material,
+        material: elastic(key, &table.material)?,
         shape: table.shape.clone(),
         grains: None,
         warnings: Vec::new(),

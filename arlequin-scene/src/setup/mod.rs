@@ -24,11 +24,11 @@ pub use probe::ProbeReader;
 
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
-use crate::spec::{Effect, Interface, Material, ModelKind, RoleKind, SceneSpec, StepChoice};
+use crate::spec::{Effect, Interface, ModelKind, RoleKind, SceneSpec, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
+use arlequin::core::material::Elastic;
 use arlequin::core::snapshot::Record;
-use arlequin::core::subdomain::Role;
 use arlequin::core::{Coupled, Guard, Partition, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
@@ -43,7 +43,7 @@ pub struct ModelInfo {
     /// Field.
     pub field: Arc<dyn Interpolation<f64>>,
     /// Material.
-    pub material: Material,
+    pub material: Elastic<f64>,
     /// What broke, where bonds can.
     pub breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
@@ -381,17 +381,12 @@ fn subdomain(
             Weights::complement_of(&shares)
         }
     };
-    let role = if coarse.is_empty() {
-        Role::Fine
-    } else {
-        Role::Coarse
-    };
     let free = |j: &&Joint| j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m);
     let partition = joints
         .iter()
         .find(free)
         .map_or(Partition::Checked, |j| j.partition);
-    let subdomain = Subdomain::new(body.model, role, body.field, weights).with_partition(partition);
+    let subdomain = Subdomain::new(body.model, body.field, weights).with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
     subdomain
         .with_initial(q, v)

@@ -2,12 +2,12 @@
 
 use super::kinds::{Body, solid_poisson};
 use super::mesh::{Grid, Request, one_material};
-use crate::error::{Result, cnem as natural, core, fem, value};
-use crate::spec::{CnemTable, Element, Functions, Masses, Material, ModelTable, Shape};
+use crate::error::{Result, cnem as natural, fem, value};
+use crate::spec::{CnemTable, Element, Functions, Masses, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Kind as Neighbours;
-use arlequin::cnem::{CnemModel, Elastic, Inertia, Options, Stabilisation};
+use arlequin::cnem::{CnemModel, Inertia, Options, Stabilisation};
 use arlequin::core::model::CoarseModel;
 use arlequin::fem_ref::Mesh;
 use arlequin::fem_ref::generate::Rim;
@@ -37,9 +37,7 @@ pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path)
 pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let request = request(key, table, folder)?;
     let mesh = request.mesh()?.into_tetrahedra().map_err(fem(key))?;
-    let poisson = solid_poisson(key, table)?;
-    let at = format!("{key}.material");
-    let material = Elastic::new(table.material.young, poisson, table.material.density).map_err(core(&at))?;
+    let material = super::kinds::elastic(key, &table.material)?;
     let corners: Vec<[usize; 4]> = (0..mesh.element_count())
         .map(|e| [0, 1, 2, 3].map(|k: usize| mesh.element(e)[k] as usize))
         .collect();
@@ -65,10 +63,7 @@ pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         surfaces,
         boundary,
         spacing: mesh.spacing(),
-        material: Material {
-            poisson: Some(poisson),
-            ..table.material
-        },
+        material,
         shape: table.shape.clone(),
         grains: None,
         warnings,

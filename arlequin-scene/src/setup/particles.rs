@@ -105,7 +105,7 @@ pub(super) fn body(
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material: table.material,
+        material: super::kinds::elastic(key, &table.material)?,
         shape: table.shape.clone(),
         grains: Some(grains),
         warnings,

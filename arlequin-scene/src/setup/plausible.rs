@@ -2,10 +2,10 @@
 
 use super::{Built, ModelInfo, effect_models};
 use crate::spec::{
-    CriterionKind, Effect, Material, ModelKind, ModelTable, OverlapShape, RegionShape, SceneSpec, Shape,
-    TimeShape,
+    CriterionKind, Effect, ModelKind, ModelTable, OverlapShape, RegionShape, SceneSpec, Shape, TimeShape,
 };
 use arlequin::core::field::ShapeRow;
+use arlequin::core::material::Elastic;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 
@@ -124,7 +124,7 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let size = |v: [f64; 3]| Vector3::from(v).norm();
     let names: Vec<&String> = scene.model.keys().collect();
     let mut judge = |what: String, model: usize, stress: f64| {
-        let young = built.models[model].material.young;
+        let young = built.models[model].material.young();
         if stress > STRAIN * young {
             out.push(format!(
                 "{what}: gives model '{}' a stress of about {stress:.1e} Pa, a strain of {:.1e}, which no linear elasticity \
@@ -161,7 +161,7 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
         let Some(b) = &e.body_force else { continue };
         let a = size(b.acceleration);
         for m in effect_models(k, e, scene).unwrap_or_default() {
-            let stress = built.models[m].material.density * a * built.bounds.0[m].extent;
+            let stress = built.models[m].material.density() * a * built.bounds.0[m].extent;
             judge(format!("effect[{k}]: an acceleration of {a:.3e} m/s²"), m, stress);
         }
     }
@@ -212,7 +212,7 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
         let (Some(coarse), Some(fine)) = (at(&i.coarse), at(&i.fine)) else {
             continue;
         };
-        let ratio = coarse.material.young / fine.material.young;
+        let ratio = coarse.material.young() / fine.material.young();
         let ratio = ratio.max(1.0 / ratio);
         if ratio > STIFFNESS {
             out.push(format!(
@@ -331,11 +331,11 @@ struct Bound {
 
 impl Bounds {
     /// Adds a model: its nodes, what it is made of, whether its displacements are taken as small.
-    pub(super) fn add(&mut self, nodes: &[Point3<f64>], shape: &Shape, material: &Material, small: bool) {
+    pub(super) fn add(&mut self, nodes: &[Point3<f64>], shape: &Shape, material: &Elastic<f64>, small: bool) {
         let [low, high] = corners(nodes);
         let size = high - low;
         self.0.push(Bound {
-            wave: wave_speed(material),
+            wave: material.p_wave_speed(),
             extent: size.max(),
             section: match shape {
                 Shape::Bar { section, .. } => *section,
@@ -393,10 +393,4 @@ pub(super) fn corners(nodes: &[Point3<f64>]) -> [Vector3<f64>; 2] {
     nodes
         .iter()
         .fold(ends, |[a, b], x| [a.inf(&x.coords), b.sup(&x.coords)])
-}
-
-/// `√((λ + 2 μ)/ρ)` \[m/s\].
-fn wave_speed(m: &Material) -> f64 {
-    let nu = m.poisson.unwrap_or(0.0);
-    (m.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu)) / m.density).sqrt()
 }

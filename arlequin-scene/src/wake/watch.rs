@@ -5,8 +5,9 @@ use super::sleep::has_strain;
 use crate::cells::{self, Cell};
 use crate::error::{Result, key, value};
 use crate::setup::ModelInfo;
-use crate::spec::{Material, ModelKind, Near, Wake};
+use crate::spec::{ModelKind, Near, Wake};
 use arlequin::core::Coupled;
+use arlequin::core::material::Elastic;
 use arlequin::core::nalgebra::{Matrix3, Point3};
 
 /// The criterion and where it is looked at.
@@ -14,7 +15,7 @@ use arlequin::core::nalgebra::{Matrix3, Point3};
 pub(super) struct Watch {
     carrier: usize,
     cells: Vec<Cell>,
-    material: Material,
+    material: Elastic<f64>,
     stress: bool,
     limit: f64,
     every: usize,
@@ -90,12 +91,12 @@ impl Watch {
     /// Largest principal strain, or stress `λ tr ε + 2 μ ε` of it; along the line for what moves on one.
     fn value(&self, h: &Matrix3<f64>, count: usize) -> f64 {
         if count == 1 {
-            return h[(0, 0)] * if self.stress { self.material.young } else { 1.0 };
+            return h[(0, 0)] * if self.stress { self.material.young() } else { 1.0 };
         }
         let strain = (h + h.transpose()) * 0.5;
         let top = strain.symmetric_eigenvalues().max();
         if self.stress {
-            let [lambda, mu] = cells::lame(&self.material);
+            let [lambda, mu] = self.material.lame();
             lambda * strain.trace() + 2.0 * mu * top
         } else {
             top
@@ -112,11 +113,7 @@ mod tests {
             carrier: 0,
             cells: Vec::new(),
             // λ = μ = 2/5.
-            material: Material {
-                young: 1.0,
-                poisson: Some(0.25),
-                density: 1.0,
-            },
+            material: Elastic::new(1.0, 0.25, 1.0).expect("material"),
             stress,
             limit: 1.0,
             every: 1,

@@ -87,20 +87,19 @@ fn add_traction(f: &mut [f64; 3], s: &Sym, b: [f64; 3]) {
     f[2] += s[4] * b[0] + s[3] * b[1] + s[2] * b[2];
 }
 
-/// `σ(a) : b`.
-fn product(a: &[f64; 9], b: &[f64; 9], lame: [f64; 2]) -> f64 {
-    let s = stress(a, lame);
-    let shear = s[3] * (b[5] + b[7]) + s[4] * (b[2] + b[6]) + s[5] * (b[1] + b[3]);
-    s[0] * b[0] + s[1] * b[4] + s[2] * b[8] + shear
+/// `σ(g) : g`.
+fn product(g: &[f64; 9], lame: [f64; 2]) -> f64 {
+    let s = stress(g, lame);
+    let shear = s[3] * (g[5] + g[7]) + s[4] * (g[2] + g[6]) + s[5] * (g[1] + g[3]);
+    s[0] * g[0] + s[1] * g[4] + s[2] * g[8] + shear
 }
 
-/// Gradient of a tetrahedron, displacements multiplied by `factor`.
+/// Gradient of a tetrahedron.
 #[inline]
-fn linear(sub: &SubCells, t: usize, q: &[[f64; 3]], factor: impl Fn(usize) -> f64) -> [f64; 9] {
+fn linear(sub: &SubCells, t: usize, q: &[[f64; 3]]) -> [f64; 9] {
     let mut out = [0.0; 9];
     for (&k, g) in sub.tets[t].iter().zip(&sub.gradients[t]) {
-        let k = k as usize;
-        add_outer(&mut out, &q[k].map(|u| u * factor(k)), [g.x, g.y, g.z]);
+        add_outer(&mut out, &q[k as usize], [g.x, g.y, g.z]);
     }
     out
 }
@@ -154,23 +153,22 @@ impl MatrixFree {
         &self.alpha
     }
 
-    /// Subtracts `D K q` from `f` \[N\], with an optional factor `D` per node. Allocates nothing.
+    /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
     pub(crate) fn subtract_product(
         &mut self,
         smoothing: &Smoothing,
         sub: &SubCells,
         q: &[f64],
-        factors: Option<&[f64]>,
         f: &mut [f64],
     ) {
         let (q, lame, alpha) = (q.as_chunks::<3>().0, self.lame, &self.alpha);
         let n = q.len();
         let Buffers { tets, cells } = &mut self.buffers;
         each(tets, n, |t, s| {
-            *s = stress(&linear(sub, t, q, |_| 1.0), lame).map(|v| v * sub.weights[t]);
+            *s = stress(&linear(sub, t, q), lame).map(|v| v * sub.weights[t]);
         });
         each(cells, n, |i, out| {
-            let s = stress(&gradient(&self.rows, i, q, |_| 1.0), lame);
+            let s = stress(&gradient(&self.rows, i, q), lame);
             let mut sum = s.map(|v| v * (smoothing.volumes[i] + sub.sums[i]));
             for &at in self.corners.row(i) {
                 let t = &tets[at as usize / 4];
@@ -196,56 +194,36 @@ impl MatrixFree {
                 let g = &sub.gradients[t][corner];
                 add_traction(&mut y, &tets[t], [g.x, g.y, g.z]);
             }
-            let d = factors.map_or(1.0, |d| d[j]);
-            (0..3).for_each(|a| f[a] -= y[a] * d);
+            (0..3).for_each(|a| f[a] -= y[a]);
         });
     }
 
-    /// `½ qᵀ D K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
-    pub(crate) fn energy(
-        &self,
-        smoothing: &Smoothing,
-        sub: &SubCells,
-        q: &[f64],
-        factors: Option<&[f64]>,
-    ) -> f64 {
+    /// `½ qᵀ K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
+    pub(crate) fn energy(&self, smoothing: &Smoothing, sub: &SubCells, q: &[f64]) -> f64 {
         let q = q.as_chunks::<3>().0;
-        let cell = |i: usize| match factors {
-            None => self.cell_energy(smoothing, sub, q, i, |_| 1.0),
-            Some(d) => self.cell_energy(smoothing, sub, q, i, |k| d[k]),
-        };
-        0.5 * tree(0..q.len(), &cell)
+        0.5 * tree(0..q.len(), &|i| self.cell_energy(smoothing, sub, q, i))
     }
 
-    /// `α_I [V_I σ(G_I) : G_I + Σ_T∋I w_T σ(G_I − H_T) : (G_I − H_T)]`, the second factors with displacements `D q`.
-    fn cell_energy(
-        &self,
-        smoothing: &Smoothing,
-        sub: &SubCells,
-        q: &[[f64; 3]],
-        i: usize,
-        d: impl Fn(usize) -> f64 + Copy,
-    ) -> f64 {
-        let g = gradient(&self.rows, i, q, |_| 1.0);
-        let gd = gradient(&self.rows, i, q, d);
-        let mut sum = smoothing.volumes[i] * product(&g, &gd, self.lame);
+    /// `α_I [V_I σ(G_I) : G_I + Σ_T∋I w_T σ(G_I − H_T) : (G_I − H_T)]`.
+    fn cell_energy(&self, smoothing: &Smoothing, sub: &SubCells, q: &[[f64; 3]], i: usize) -> f64 {
+        let g = gradient(&self.rows, i, q);
+        let mut sum = smoothing.volumes[i] * product(&g, self.lame);
         for &at in self.corners.row(i) {
             let t = at as usize / 4;
-            let (mut h, mut hd) = (linear(sub, t, q, |_| 1.0), linear(sub, t, q, d));
-            (0..9).for_each(|c| (h[c], hd[c]) = (g[c] - h[c], gd[c] - hd[c]));
-            sum += sub.weights[t] * product(&h, &hd, self.lame);
+            let mut h = linear(sub, t, q);
+            (0..9).for_each(|c| h[c] = g[c] - h[c]);
+            sum += sub.weights[t] * product(&h, self.lame);
         }
         sum * self.alpha[i]
     }
 }
 
-/// Smoothed gradient of a cell, displacements multiplied by `factor`.
+/// Smoothed gradient of a cell.
 #[inline]
-fn gradient(rows: &Rows, cell: usize, q: &[[f64; 3]], factor: impl Fn(usize) -> f64) -> [f64; 9] {
+fn gradient(rows: &Rows, cell: usize, q: &[[f64; 3]]) -> [f64; 9] {
     let mut out = [0.0; 9];
     for &(k, b) in rows.row(cell) {
-        let k = k as usize;
-        add_outer(&mut out, &q[k].map(|u| u * factor(k)), b);
+        add_outer(&mut out, &q[k as usize], b);
     }
     out
 }

@@ -5,7 +5,7 @@
 use super::common::{lowest, silica, solve};
 use arlequin_core::Real;
 use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::{Uniform, Weighting};
+use arlequin_core::weight::Uniform;
 use cnem::generate::Cylinder;
 use cnem::{CnemModel, Options};
 use nalgebra::Vector3;
@@ -89,9 +89,7 @@ fn end_motion(model: &CnemModel, length: f64, u: &[f64]) -> (Vector3<f64>, f64) 
 
 fn mass_of(model: &CnemModel) -> Vec<f64> {
     let mut mass = vec![0.0; model.layout().dofs()];
-    model
-        .lumped_inertia(&Uniform(1.0), Weighting::Energy, &mut mass)
-        .unwrap();
+    model.lumped_inertia(&Uniform(1.0), &mut mass).unwrap();
     mass
 }
 

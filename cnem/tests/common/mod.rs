@@ -222,8 +222,7 @@ pub(crate) fn mms(domain: Domain, options: cnem::Options) -> [f64; 2] {
     let mut mass = vec![0.0; model.layout().dofs()];
     // The density is one: the loads go with the masses, as those of a body force do.
     let one = arlequin_core::weight::Uniform(1.0);
-    let energy = arlequin_core::weight::Weighting::Energy;
-    model.lumped_inertia(&one, energy, &mut mass).unwrap();
+    model.lumped_inertia(&one, &mut mass).unwrap();
     for (x, v) in model.nodes().iter().zip(mass.iter().step_by(3)) {
         let (exact, _, s) = manufactured(x);
         u.extend(exact.iter());

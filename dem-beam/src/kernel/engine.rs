@@ -1,6 +1,6 @@
 //! One pass over all blocks: forces of the bonds, and the look at their strengths.
 
-use super::lanes::{Job, LANES, Lanes, Portable, Row, add_interleaved, eight, scale};
+use super::lanes::{Job, LANES, Lanes, Portable, Row, add_interleaved, eight};
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
 use super::screen::{Blind, Look, Screen, Screened, Watcher};
@@ -94,8 +94,6 @@ pub(crate) trait Posed: Law {
 pub(crate) struct Sink<'a> {
     pub(crate) linear: &'a mut [f64],
     pub(crate) angular: &'a mut [f64],
-    /// One factor per particle (nodal weights).
-    pub(crate) factors: Option<&'a [f64]>,
 }
 
 /// Strengths to look at on the way, and a mark per block with a bond that may have reached its own.
@@ -108,20 +106,12 @@ impl<W: Screened> Pass<'_, W> {
             return self.add_from(0, rows, sink, marks);
         }
         const SIZE: usize = CHUNK * LANES;
-        let factors = sink.factors;
         let parts = sink
             .linear
             .par_chunks_mut(3 * SIZE)
             .zip(sink.angular.par_chunks_mut(3 * SIZE));
         let part = |c: usize, (linear, angular), marks: Option<Marks<'_>>| {
-            let linear: &mut [f64] = linear;
-            let factors = factors.map(|f| &f[c * SIZE..c * SIZE + linear.len() / 3]);
-            let part = Sink {
-                linear,
-                angular,
-                factors,
-            };
-            self.add_from(c * CHUNK, rows, part, marks);
+            self.add_from(c * CHUNK, rows, Sink { linear, angular }, marks);
         };
         match marks {
             None => parts.enumerate().for_each(|(c, to)| part(c, to, None)),
@@ -269,17 +259,7 @@ impl<W: Screened> AddForces<'_, '_, W> {
             }
         }
         let f = gather::<L, W, K, FETCH>(l, self.pass, k, self.rows, block, look);
-        let mut force = [f[0], f[1], f[2]];
-        let mut torque = [f[3], f[4], f[5]];
-        if let Some(factors) = self.sink.factors {
-            let part = &factors[b * LANES..factors.len().min((b + 1) * LANES)];
-            let mut w = [0.0; LANES];
-            w[..part.len()].copy_from_slice(part);
-            let w = l.load(&w);
-            force = scale(l, force, w);
-            torque = scale(l, torque, w);
-        }
-        add_interleaved(l, force, linear);
-        add_interleaved(l, torque, angular);
+        add_interleaved(l, [f[0], f[1], f[2]], linear);
+        add_interleaved(l, [f[3], f[4], f[5]], angular);
     }
 }

@@ -80,10 +80,9 @@ impl DemModel {
             let readers = [&self.reader(before), &self.reader(now)];
             released = fracture.release(&self.body, &mut step, readers, |b| self.in_overlap(b));
             let blocks = self.sever(&mut fracture);
-            let factors = self.factors.as_deref();
             match &self.kernel {
-                Kernel::Linear(k) => k.again(&blocks, step.f, factors),
-                Kernel::Finite(k) => k.again(&blocks, step.f, factors),
+                Kernel::Linear(k) => k.again(&blocks, step.f),
+                Kernel::Finite(k) => k.again(&blocks, step.f),
             }
         }
         self.fracture = Some(fracture);

@@ -101,39 +101,27 @@ impl<W: Screened> Gather<W> {
 
     /// Adds forces and torques at positions that become the reached ones; all in the layout of the model. With `marks` it
     /// looks at strengths on the way.
-    pub(crate) fn advance(
-        &mut self,
-        q: &[f64],
-        f: &mut [f64],
-        factors: Option<&[f64]>,
-        marks: Option<Marks<'_>>,
-    ) {
+    pub(crate) fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
         let n = q.len() / 6;
         let parallel = n > LARGE && rayon::current_num_threads() > 1;
         if parallel {
             // One entry into the pool for both passes.
-            rayon::scope(|_| self.passes(q, f, factors, marks, true));
+            rayon::scope(|_| self.passes(q, f, marks, true));
         } else {
-            self.passes(q, f, factors, marks, false);
+            self.passes(q, f, marks, false);
         }
     }
 
     /// The same at any positions, without going there.
-    pub(crate) fn add(
-        &mut self,
-        q: &[f64],
-        f: &mut [f64],
-        factors: Option<&[f64]>,
-        marks: Option<Marks<'_>>,
-    ) {
+    pub(crate) fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
         if W::TURNS {
             self.tried.copy_from_slice(&self.rows);
             self.tried_at.copy_from_slice(&self.reached);
             self.swap();
-            self.advance(q, f, factors, marks);
+            self.advance(q, f, marks);
             self.swap();
         } else {
-            self.advance(q, f, factors, marks);
+            self.advance(q, f, marks);
         }
     }
 
@@ -142,14 +130,7 @@ impl<W: Screened> Gather<W> {
         std::mem::swap(&mut self.reached, &mut self.tried_at);
     }
 
-    fn passes(
-        &mut self,
-        q: &[f64],
-        f: &mut [f64],
-        factors: Option<&[f64]>,
-        marks: Option<Marks<'_>>,
-        parallel: bool,
-    ) {
+    fn passes(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, parallel: bool) {
         let n = q.len() / 6;
         let (u, th) = q.split_at(3 * n);
         let (isa, rows) = (self.isa, &mut self.rows[..n]);
@@ -168,11 +149,7 @@ impl<W: Screened> Gather<W> {
             W::write_rows(isa, rows, u, th, &mut self.reached);
         }
         let (linear, angular) = f.split_at_mut(3 * n);
-        let sink = Sink {
-            linear,
-            angular,
-            factors,
-        };
+        let sink = Sink { linear, angular };
         self.pass().add_forces(&self.rows, sink, marks, parallel);
     }
 
@@ -218,7 +195,7 @@ impl<W: Screened> Gather<W> {
     }
 
     /// Writes the forces of single blocks again, at the positions reached last.
-    pub(crate) fn again(&self, blocks: &[usize], f: &mut [f64], factors: Option<&[f64]>) {
+    pub(crate) fn again(&self, blocks: &[usize], f: &mut [f64]) {
         let n = f.len() / 6;
         let (linear, angular) = f.split_at_mut(3 * n);
         for &b in blocks {
@@ -227,11 +204,7 @@ impl<W: Screened> Gather<W> {
             let (linear, angular) = (&mut linear[range.clone()], &mut angular[range]);
             linear.fill(0.0);
             angular.fill(0.0);
-            let sink = Sink {
-                linear,
-                angular,
-                factors: factors.map(|f| &f[particles]),
-            };
+            let sink = Sink { linear, angular };
             self.pass().add_from(b, &self.rows, sink, None);
         }
     }
@@ -281,7 +254,7 @@ mod tests {
         let mut plain = vec![Twist::zero(); x.len()];
         assert!(body.add_forces(x, &mut plain).is_ok());
         let mut fast = vec![0.0; 6 * x.len()];
-        gather.add(&flat(x), &mut fast, None, None);
+        gather.add(&flat(x), &mut fast, None);
         let (plain, half) = (flat(&plain), fast.len() / 2);
         let part = |range: std::ops::Range<usize>| {
             let size = plain[range.clone()].iter().fold(0.0_f64, |a, f| a.max(f.abs()));

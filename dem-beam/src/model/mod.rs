@@ -49,7 +49,7 @@ use arlequin_core::momentum::Arms;
 use arlequin_core::parallel;
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
-use arlequin_core::weight::{Weight, Weighting};
+use arlequin_core::weight::Weight;
 use forces::Gather;
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
@@ -76,8 +76,6 @@ pub struct DemModel {
     volume: f64,
     field: Arc<ParticleField<f64>>,
     kernel: Kernel,
-    /// `alpha(x_i)` with nodal weighting.
-    factors: Option<Vec<f64>>,
     packing: Option<PackingReport>,
     fracture: Option<FractureState>,
     /// Strengths that are compared at the end only, in a run without fracture.
@@ -180,7 +178,6 @@ impl DemModel {
             places,
             volume,
             kernel: Kernel::Linear(Gather::new(&body)),
-            factors: None,
             packing: None,
             fracture: None,
             watched: None,
@@ -194,17 +191,6 @@ impl DemModel {
     pub fn with_finite_rotations(mut self) -> Self {
         self.kernel = Kernel::Finite(Gather::new(&self.body));
         self
-    }
-
-    /// Multiplies every rotational inertia by `factor` (> 0): lengthens the critical step and moves
-    /// the low modes little. 1 is exact, and the default.
-    ///
-    /// # Errors
-    /// [`Error::OutOfRange`] if `factor` is not finite and positive.
-    pub fn with_scaled_inertia(mut self, factor: f64) -> Result<Self> {
-        crate::error::positive("inertia factor", factor)?;
-        self.inertia.iter_mut().for_each(|i| *i *= factor);
-        Ok(self)
     }
 
     /// Whether rotations may be large.
@@ -270,7 +256,6 @@ impl DemModel {
                 Kernel::Linear(_) => None,
                 Kernel::Finite(k) => Some(k.reached()),
             },
-            factors: self.factors.as_deref(),
             rigidity: *self.body.rigidity(),
         }
     }
@@ -310,19 +295,11 @@ impl Model<f64> for DemModel {
         self.field.samples()
     }
 
-    fn lumped_inertia(
-        &self,
-        weight: &dyn Weight<f64>,
-        weighting: Weighting,
-        out: &mut [f64],
-    ) -> arlequin_core::Result<()> {
+    fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
-        let factors = match weighting {
-            Weighting::Energy => self.mass_factors(weight)?,
-            Weighting::Nodal => self.nodal(weight)?,
-        };
+        let means = self.particle_means(weight)?;
         let (linear, angular) = out.split_at_mut(3 * self.nodes.len());
-        for (i, w) in factors.iter().enumerate() {
+        for (i, w) in means.iter().enumerate() {
             linear[3 * i..3 * i + 3].fill(w * self.mass[i]);
             angular[3 * i..3 * i + 3].fill(w * self.inertia[i]);
         }
@@ -330,17 +307,9 @@ impl Model<f64> for DemModel {
     }
 
     /// Orientations begin anew from rest.
-    fn set_internal_weight(
-        &mut self,
-        alpha: &dyn Weight<f64>,
-        weighting: Weighting,
-    ) -> arlequin_core::Result<()> {
-        let (bonds, factors) = match weighting {
-            Weighting::Energy => (self.bond_means(alpha)?, None),
-            Weighting::Nodal => (vec![1.0; self.body.pairs().len()], Some(self.nodal(alpha)?)),
-        };
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
+        let bonds = self.bond_means(alpha)?;
         self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
-        self.factors = factors;
         self.spare_overlap();
         self.kernel = match self.kernel {
             Kernel::Linear(_) => Kernel::Linear(Gather::new(&self.body)),
@@ -352,11 +321,10 @@ impl Model<f64> for DemModel {
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
-        let factors = self.factors.as_deref();
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
         match &mut self.kernel {
-            Kernel::Linear(k) => k.add(q, f, factors, marks),
-            Kernel::Finite(k) => k.add(q, f, factors, marks),
+            Kernel::Linear(k) => k.add(q, f, marks),
+            Kernel::Finite(k) => k.add(q, f, marks),
         }
         Ok(())
     }
@@ -364,11 +332,10 @@ impl Model<f64> for DemModel {
     fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
-        let factors = self.factors.as_deref();
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
         match &mut self.kernel {
-            Kernel::Linear(k) => k.advance(q, f, factors, marks),
-            Kernel::Finite(k) => k.advance(q, f, factors, marks),
+            Kernel::Linear(k) => k.advance(q, f, marks),
+            Kernel::Finite(k) => k.advance(q, f, marks),
         }
         Ok(())
     }
@@ -381,8 +348,7 @@ impl Model<f64> for DemModel {
         }
     }
 
-    /// Sum of the weighted bond energies \[J\]; with nodal weighting bonds carry the mean of `alpha`
-    /// at their ends, and no force derives from the sum. `q` must have the length of the layout.
+    /// Sum of the weighted bond energies \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         let reader = self.reader(q);
         parallel::sum(self.body.pairs().len(), &|bonds| {
@@ -395,24 +361,13 @@ impl Model<f64> for DemModel {
     /// vectors. Under the finite-rotation law this is the step of the undeformed body.
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
-        let n = self.nodes.len();
-        // D K with diagonal D has the eigenvalues of D^1/2 K D^1/2: nodal factors join the masses.
-        let factor = |dof: usize| {
-            self.factors
-                .as_ref()
-                .map_or(1.0, |w| w[dof % (3 * n) / 3].max(0.0))
-        };
-        let root: Vec<f64> = inverse_inertia
-            .iter()
-            .enumerate()
-            .map(|(dof, m)| (m * factor(dof)).sqrt())
-            .collect();
+        let root: Vec<f64> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
         let mut tangent = None;
         let kernel = match &mut self.kernel {
             Kernel::Linear(k) => k,
             Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
         };
-        let top = spectrum::largest(&root, &mut |q, f| kernel.add(q, f, None, None));
+        let top = spectrum::largest(&root, &mut |q, f| kernel.add(q, f, None));
         match top {
             Ok(top) if top > 0.0 => Ok(2.0 / top.sqrt()),
             Ok(_) => Ok(f64::from(f32::MAX)),
@@ -450,9 +405,9 @@ impl Model<f64> for DemModel {
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        match (&self.kernel, &self.factors) {
-            (Kernel::Linear(_), None) => Some(self),
-            _ => None,
+        match &self.kernel {
+            Kernel::Linear(_) => Some(self),
+            Kernel::Finite(_) => None,
         }
     }
 }
@@ -474,8 +429,7 @@ impl Watching<f64> for DemModel {
 }
 
 impl LinearModel<f64> for DemModel {
-    /// The weighted stiffness of the small-rotation law, displacements and rotations; with nodal
-    /// weighting the unweighted one.
+    /// The weighted stiffness of the small-rotation law, displacements and rotations.
     fn stiffness(&self) -> CsMat<f64> {
         stiffness::assemble(&self.body)
     }

@@ -13,8 +13,6 @@ pub(crate) struct Reader<'a> {
     pub(crate) q: &'a [f64],
     /// Where orientations start from, if rotations are finite.
     pub(crate) reached: Option<Reached<'a>>,
-    /// Nodal factors, if any.
-    pub(crate) factors: Option<&'a [f64]>,
     /// Section rigidities.
     pub(crate) rigidity: BeamRigidity,
 }
@@ -51,13 +49,9 @@ impl Reader<'_> {
     pub(crate) fn energy(&self, body: &BondedParticles, b: usize) -> f64 {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = &body.bonds()[b];
-        let energy = match self.poses([i, j]) {
+        match self.poses([i, j]) {
             Some([a, b]) => finite::energy(bond, &self.rigidity, &a, &b),
             None => bond.energy(&self.rigidity, &self.twist(i), &self.twist(j)),
-        };
-        match self.factors {
-            Some(w) => 0.5 * (w[i] + w[j]) * energy,
-            None => energy,
         }
     }
 
@@ -69,13 +63,6 @@ impl Reader<'_> {
             Some([a, b]) => finite::wrenches(bond, &self.rigidity, &a, &b),
             None => bond.wrenches(&self.rigidity, &self.twist(i), &self.twist(j)),
         };
-        let mut forces = [fi, fj];
-        if let Some(w) = self.factors {
-            for (f, w) in forces.iter_mut().zip([w[i], w[j]]) {
-                f.linear *= w;
-                f.angular *= w;
-            }
-        }
-        (self.energy(body, b), forces)
+        (self.energy(body, b), [fi, fj])
     }
 }

@@ -14,10 +14,7 @@ const WHOLE: f64 = 1.0 - 1e-9;
 impl DemModel {
     /// Whether bond `b` lies in an overlap, wholly or in part: it carries a share of the energy only.
     pub(super) fn in_overlap(&self, b: usize) -> bool {
-        match &self.factors {
-            Some(w) => self.body.pairs()[b].iter().any(|i| w[*i as usize] < WHOLE),
-            None => self.body.weights()[b] < WHOLE,
-        }
+        self.body.weights()[b] < WHOLE
     }
 
     /// Particles that lost all bonds in an overlap, and pieces that parted there by more than a particle radius.

@@ -23,14 +23,8 @@ impl DemModel {
         Ok(means)
     }
 
-    pub(super) fn nodal(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
-        let values: Vec<f64> = self.nodes.iter().map(|x| weight.at(x)).collect();
-        arlequin_core::scalar::check_finite("nodal weights", &values)?;
-        Ok(values)
-    }
-
     /// Means over the bonds of each particle; a loose one takes the weight of its place.
-    pub(super) fn mass_factors(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
+    pub(super) fn particle_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
         let alone = |i: usize| weight.at(&self.nodes[i]).max(0.0);
         Ok(self.body.mean_over_bonds(&self.bond_means(weight)?, alone))
     }

@@ -166,7 +166,7 @@ pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: E
         .collect();
     let still = vec![0.0; stretched.len()];
     let mut model = cloud.model()?.with_fracture(spec)?;
-    model.set_internal_weight(&*fine.internal, fine.weighting)?;
+    model.set_internal_weight(&*fine.internal)?;
     let (log, weights) = (model.break_log(), model.body().weights().to_vec());
     let places = model.places().to_vec();
     let n = model.layout().dofs();

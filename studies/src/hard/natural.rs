@@ -53,11 +53,7 @@ fn tetrahedra(domain: &Domain) -> Result<f64> {
     };
     let mut model = FemModel::new("tetrahedra", mesh, material()?)?;
     let mut inertia = vec![0.0; model.layout().dofs()];
-    model.lumped_inertia(
-        &arlequin::core::weight::Uniform(1.0),
-        arlequin::core::Weighting::Energy,
-        &mut inertia,
-    )?;
+    model.lumped_inertia(&arlequin::core::weight::Uniform(1.0), &mut inertia)?;
     let inverse: Vec<f64> = inertia.iter().map(|m| 1.0 / m).collect();
     model.critical_step(&inverse)
 }

@@ -5,8 +5,7 @@ use arlequin::core::model::{DofLayout, FineModel, Model};
 use arlequin::core::momentum::Arms;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::observer::Silent;
-use arlequin::core::subdomain::Role;
-use arlequin::core::weight::{Weight, Weighting, Weights};
+use arlequin::core::weight::{Weight, Weights};
 use arlequin::core::{Coupled, Result, Subdomain, TimeStep};
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, DemModel};
@@ -40,11 +39,11 @@ impl Model<f64> for Forgetful {
     fn nodes(&self) -> &[Point3<f64>] {
         self.0.nodes()
     }
-    fn lumped_inertia(&self, w: &dyn Weight<f64>, mode: Weighting, out: &mut [f64]) -> Result<()> {
-        self.0.lumped_inertia(w, mode, out)
+    fn lumped_inertia(&self, w: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
+        self.0.lumped_inertia(w, out)
     }
-    fn set_internal_weight(&mut self, w: &dyn Weight<f64>, mode: Weighting) -> Result<()> {
-        self.0.set_internal_weight(w, mode)
+    fn set_internal_weight(&mut self, w: &dyn Weight<f64>) -> Result<()> {
+        self.0.set_internal_weight(w)
     }
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
         self.0.add_internal_forces(q, f)
@@ -71,7 +70,7 @@ fn spinning(wrap: fn(DemModel) -> Box<dyn Model<f64>>) -> Result<Coupled<f64>> {
     }
     (0..model.nodes().len()).for_each(|_| v.extend(SPIN.iter()));
     let field = model.fine_field();
-    let side = Subdomain::new(wrap(model), Role::Fine, field, Weights::uncoupled());
+    let side = Subdomain::new(wrap(model), field, Weights::uncoupled());
     let side = side.with_initial(vec![0.0; v.len()], v)?;
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.9), None)
 }
