@@ -3,9 +3,6 @@
 
 pub mod calibrate;
 mod cells;
-#[allow(dead_code, reason = "the example offers more than a scene asks for")]
-#[path = "../../examples/chain/model.rs"]
-mod chain;
 mod checkpoint;
 mod crossing;
 pub mod effects;
