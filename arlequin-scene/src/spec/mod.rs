@@ -2,8 +2,6 @@
 
 mod drive;
 mod effect;
-#[cfg(test)]
-mod fuzz;
 mod interface;
 mod model;
 mod wake;

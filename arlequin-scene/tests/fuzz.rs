@@ -1,7 +1,7 @@
 //! The scene parser on mutated scenes: text, spans of errors, assignments.
 
-use crate::scene::{Scene, Source};
-use arlequin_fuzz::Corpus;
+use arlequin_scene::{Scene, Source};
+use reader_fuzz::Corpus;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 use std::alloc::System;
 use std::sync::Mutex;

@@ -1,4 +1,4 @@
-//! Feeds mutated files to a reader: no panic, no hang, bounded allocation.
+//! Feeds mutated files to a reader: no panic, no hang, bounded allocation. For the tests of crates that own readers.
 //!
 //! Seeds are the files of a corpus folder; bytes, lines, tokens and numbers of them are changed, and pieces of one put
 //! into another. Some hundred cases run in every test; `ARLEQUIN_FUZZ_SECONDS=3600` runs as long as that with new
