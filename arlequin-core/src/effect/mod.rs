@@ -20,7 +20,7 @@ pub use bulk_viscosity::BulkViscosity;
 pub use law::ForceLaw;
 pub use load::{Load, SurfaceFacet};
 pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
-pub use simple::{BodyForce, LocalDamping, MassDamping, Prestress, StiffnessDamping};
+pub use simple::*;
 
 use crate::model::{Arms, Model};
 use crate::record::Record;
