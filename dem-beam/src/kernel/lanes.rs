@@ -31,7 +31,7 @@ pub(crate) const LANES: usize = 8;
 /// Eight numbers, aligned to a cache line.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C, align(64))]
-pub(crate) struct Row(pub(crate) [f64; LANES]);
+pub(crate) struct CacheLine(pub(crate) [f64; LANES]);
 
 /// Element-wise arithmetic on eight lanes. Values are tokens of a detected instruction set.
 pub(crate) trait Lanes: Copy + Send + Sync {
@@ -57,7 +57,7 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn max(self, a: Self::V, b: Self::V) -> Self::V;
     /// Vector k holds entry k of the eight rows.
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES];
-    /// Row k holds lane k of the eight vectors.
+    /// CacheLine k holds lane k of the eight vectors.
     fn untranspose(self, v: [Self::V; LANES]) -> [[f64; LANES]; LANES];
     /// `x0 y0 z0 x1 y1 ...` of three vectors.
     #[inline(always)]
@@ -70,7 +70,7 @@ pub(crate) trait Lanes: Copy + Send + Sync {
         ]
     }
     /// Starts fetching a row; any address will do.
-    fn prefetch(self, row: *const Row);
+    fn prefetch(self, row: *const CacheLine);
 }
 
 /// Work for [`Lanes::run`]; implementations must be `#[inline(always)]` to be compiled for it.
@@ -142,7 +142,7 @@ impl Lanes for Portable {
         eight!(r => eight!(c => v[c][r]))
     }
     #[inline(always)]
-    fn prefetch(self, _row: *const Row) {}
+    fn prefetch(self, _row: *const CacheLine) {}
 }
 
 /// Three lanes-wide coordinates.

@@ -1,6 +1,6 @@
 //! The lanes of AVX-512 (one register a vector) and AVX2 with FMA (two).
 
-use super::lanes::{Job, LANES, Lanes, Row, eight};
+use super::lanes::{CacheLine, Job, LANES, Lanes, eight};
 use core::arch::x86_64::{__m256d, __m512d};
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, cast};
@@ -130,7 +130,7 @@ impl Lanes for Wide512 {
         ]
     }
     #[inline(always)]
-    fn prefetch(self, row: *const Row) {
+    fn prefetch(self, row: *const CacheLine) {
         self.0
             .sse
             ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(row.cast());
@@ -251,7 +251,7 @@ impl Lanes for Wide256 {
         eight!(k => cast(t[k]))
     }
     #[inline(always)]
-    fn prefetch(self, row: *const Row) {
+    fn prefetch(self, row: *const CacheLine) {
         self.0
             .sse
             ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(row.cast());

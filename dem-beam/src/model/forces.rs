@@ -2,7 +2,7 @@
 
 use crate::bond::BeamRigidity;
 use crate::kernel::engine::{Isa, Marks, Pass, Posed, Sink};
-use crate::kernel::lanes::{LANES, Row};
+use crate::kernel::lanes::{CacheLine, LANES};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
 use crate::kernel::screen::Screened;
@@ -20,7 +20,7 @@ const CHUNK: usize = 1_024;
 
 impl Posed for Linear {
     #[inline]
-    fn write_rows(_: Isa, rows: &mut [Row], u: &[f64], th: &[f64], _: &mut [f64]) {
+    fn write_rows(_: Isa, rows: &mut [CacheLine], u: &[f64], th: &[f64], _: &mut [f64]) {
         let Some((last, rows)) = rows.split_last_mut() else {
             return;
         };
@@ -39,7 +39,7 @@ impl Posed for Finite {
     const TURNS: bool = true;
 
     #[inline]
-    fn write_rows(isa: Isa, rows: &mut [Row], u: &[f64], th: &[f64], reached: &mut [f64]) {
+    fn write_rows(isa: Isa, rows: &mut [CacheLine], u: &[f64], th: &[f64], reached: &mut [f64]) {
         isa.run(Turn { rows, u, th, reached });
     }
 }
@@ -47,7 +47,7 @@ impl Posed for Finite {
 /// Orientations of the particles as they were reached last.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reached<'a> {
-    rows: &'a [Row],
+    rows: &'a [CacheLine],
     th: &'a [f64],
 }
 
@@ -67,10 +67,10 @@ impl Reached<'_> {
 pub(crate) struct Gather<W: Posed> {
     layout: Layout<W>,
     /// Particles at the positions reached last, and their rotation unknowns there.
-    rows: Vec<Row>,
+    rows: Vec<CacheLine>,
     reached: Vec<f64>,
     /// The same for positions that are only tried; empty for a law whose rows follow from its unknowns alone.
-    tried: Vec<Row>,
+    tried: Vec<CacheLine>,
     tried_at: Vec<f64>,
     rigidity: BeamRigidity,
     isa: Isa,
@@ -80,7 +80,7 @@ impl<W: Screened> Gather<W> {
     /// `body` must be numbered for locality already. Nothing has turned yet.
     pub(crate) fn new(body: &BondedParticles) -> Self {
         let layout = Layout::new(body);
-        let mut upright = Row::default();
+        let mut upright = CacheLine::default();
         let turns = if W::TURNS {
             upright.0[3] = 1.0;
             3 * body.len()

@@ -39,7 +39,7 @@ use crate::fracture::state::FractureState;
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
-use crate::particles::{BondedParticles, Grains, Matter};
+use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Sample;
@@ -106,12 +106,17 @@ impl DemModel {
         // In the packing's numbers first, so that errors name what the caller knows.
         let body = BondedParticles::of_packing(packing, beam, density)?;
         let volumes = packing.volumes();
-        let grains = Grains {
+        let contents = Contents {
             volumes: &volumes,
             loose: packing.loose,
             period: None,
         };
-        let mut model = Self::of_body(name, &body, &grains, [density, packing.volume], beam)?;
+        let matter = Matter {
+            beam,
+            density,
+            volume: packing.volume,
+        };
+        let mut model = Self::of_body(name, &body, &contents, &matter)?;
         model.packing = Some(packing.report.clone());
         Ok(model)
     }
@@ -130,22 +135,16 @@ impl DemModel {
         // In the caller's numbers first, so that errors name what the caller knows.
         let body = BondedParticles::new(positions.to_vec(), radii.to_vec(), pairs.to_vec(), matter)?;
         let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
-        let grains = Grains {
+        let contents = Contents {
             volumes: &volumes,
             loose: false,
             period: None,
         };
-        Self::of_body(name, &body, &grains, [matter.density, matter.volume], matter.beam)
+        Self::of_body(name, &body, &contents, matter)
     }
 
     /// A body in the caller's numbers.
-    fn of_body(
-        name: &str,
-        body: &BondedParticles,
-        grains: &Grains<'_>,
-        [density, volume]: [f64; 2],
-        beam: BeamMaterial,
-    ) -> Result<Self> {
+    fn of_body(name: &str, body: &BondedParticles, contents: &Contents<'_>, matter: &Matter) -> Result<Self> {
         let (positions, radii, pairs) = (body.positions(), body.radii(), body.pairs());
         let order = block_order(positions, pairs);
         let mut places = vec![0_u32; order.len()];
@@ -163,12 +162,13 @@ impl DemModel {
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
         let radii = order.iter().map(|&i| radii[i as usize]).collect();
         let nodes: Vec<Point3<f64>> = centres.iter().map(|x| Point3::from(*x)).collect();
-        let volumes: Vec<f64> = order.iter().map(|&i| grains.volumes[i as usize]).collect();
-        let grains = Grains {
+        let volumes: Vec<f64> = order.iter().map(|&i| contents.volumes[i as usize]).collect();
+        let contents = Contents {
             volumes: &volumes,
-            ..*grains
+            ..*contents
         };
-        let body = BondedParticles::with_volumes(centres, radii, pairs, density, beam, &grains)?;
+        let body =
+            BondedParticles::with_volumes(centres, radii, pairs, matter.density, matter.beam, &contents)?;
         let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
             name: name.to_owned(),
@@ -178,7 +178,7 @@ impl DemModel {
             inertia: body.inertia().to_vec(),
             order,
             places,
-            volume,
+            volume: matter.volume,
             kernel: Kernel::Linear(Gather::new(&body)),
             packing: None,
             fracture: None,
