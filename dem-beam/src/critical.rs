@@ -19,9 +19,6 @@ use crate::particles::BondedParticles;
 use arlequin_core::spectrum;
 use nalgebra::Matrix6;
 
-/// Relative residual at which the largest Ritz value is taken.
-pub(crate) const SETTLED: f64 = 1e-4;
-
 /// Diagonal blocks of the stiffness.
 pub(crate) fn diagonal_blocks(body: &BondedParticles) -> Vec<Matrix6<f64>> {
     let mut out = vec![Matrix6::zeros(); body.len()];
@@ -64,11 +61,18 @@ pub fn lanczos(body: &BondedParticles) -> Result<f64> {
     let inertia = body.mass().iter().chain(body.inertia());
     let root: Vec<f64> = inertia.flat_map(|m| [root(m); 3]).collect();
     let mut bonds = Gather::<Linear>::new(body);
-    let top = spectrum::largest_ritz(&root, SETTLED, &mut |q, f| {
+    step_of(largest(&root, &mut bonds)?)
+}
+
+/// Relative residual at which the largest Ritz value is taken.
+const SETTLED: f64 = 1e-4;
+
+/// Upper estimate of the largest eigenvalue of `R K R`, `R = diag(root)`, for the bonds' stiffness `K`.
+pub(crate) fn largest(root: &[f64], bonds: &mut Gather<Linear>) -> arlequin_core::Result<f64> {
+    spectrum::largest_ritz(root, SETTLED, &mut |q, f| {
         bonds.add(q, f, None);
         Ok(())
-    });
-    step_of(top?)
+    })
 }
 
 fn step_of(lambda: f64) -> Result<f64> {

@@ -174,6 +174,22 @@ pub(crate) fn axpy<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
     ]
 }
 
+/// `c - a s`.
+#[inline(always)]
+pub(crate) fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
+    [
+        l.nmadd(a[0], s, c[0]),
+        l.nmadd(a[1], s, c[1]),
+        l.nmadd(a[2], s, c[2]),
+    ]
+}
+
+/// Three coordinates from memory.
+#[inline(always)]
+pub(crate) fn load3<L: Lanes>(l: L, x: &[[f64; LANES]; 3]) -> Vec3<L> {
+    [l.load(&x[0]), l.load(&x[1]), l.load(&x[2])]
+}
+
 /// `a s`.
 #[inline(always)]
 pub(crate) fn scale<L: Lanes>(l: L, a: Vec3<L>, s: L::V) -> Vec3<L> {

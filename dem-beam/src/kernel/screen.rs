@@ -17,7 +17,7 @@
 //! multiplied by a length where that saves a division.
 
 use super::engine::Posed;
-use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, sum};
+use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, sum};
 use super::law::{Finite, FiniteNear, FiniteReady, FiniteSlot, Law, Linear, LinearSlot, turned_axes};
 use crate::fracture::Criterion;
 use crate::fracture::criterion::Section;
@@ -190,11 +190,7 @@ impl Screened for Linear {
         &[du, tj]: &[Vec3<L>; 2],
         share: Option<L::V>,
     ) -> L::V {
-        let p: Vec3<L> = [
-            l.load(&slot.axis[0]),
-            l.load(&slot.axis[1]),
-            l.load(&slot.axis[2]),
-        ];
+        let p: Vec3<L> = load3(l, &slot.axis);
         let strain = dot(l, p, du);
         if matches!(t.criterion, Criterion::Axial) {
             return l.sub(t.shared(l, l.mul(t.young, strain), share), t.one);
@@ -291,16 +287,6 @@ fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
         Some(s) => Some(l.mul(s, s)),
         None => None,
     }
-}
-
-/// `c - a s`.
-#[inline(always)]
-fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
-    [
-        l.nmadd(a[0], s, c[0]),
-        l.nmadd(a[1], s, c[1]),
-        l.nmadd(a[2], s, c[2]),
-    ]
 }
 
 /// Something that sees every slot while forces are gathered.

@@ -369,11 +369,7 @@ impl Model<f64> for DemModel {
             Kernel::Linear(k) => k,
             Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
         };
-        let top = spectrum::largest_ritz(&root, critical::SETTLED, &mut |q, f| {
-            kernel.add(q, f, None);
-            Ok(())
-        })?;
-        Ok(spectrum::step_of(top))
+        Ok(spectrum::step_of(critical::largest(&root, kernel)?))
     }
 
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {

@@ -1,9 +1,6 @@
-//! Couples a third-party model, the spring chain of `model.rs`, with a finite-element bar, and sends a pulse through.
+//! Couples a third-party model, the spring chain of this crate, with a finite-element bar, and sends a pulse through.
 //!
 //! `cargo run --release --example chain`
-
-#[allow(dead_code, reason = "other users of the model vary its springs")]
-mod model;
 
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
 use arlequin::core::junction::L2;
@@ -13,6 +10,7 @@ use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
+use spring_chain::Chain;
 use std::sync::Arc;
 
 #[allow(clippy::print_stdout, reason = "an example shows its results")]
@@ -27,7 +25,7 @@ fn main() -> Result<()> {
         generate::bar(-800.0, 0.0, 80, 1.0)?,
         Elastic::new(1.0, 0.0, 1.0)?,
     )?;
-    let chain = model::Chain::new("chain", -40.0, 1.0, 640, 1.0, 1.0)?;
+    let chain = Chain::new("chain", -40.0, 1.0, 640, 1.0, 1.0)?;
 
     // A pulse of half width 100 that runs to the left at speed 1.
     let pulse = |x: f64| {

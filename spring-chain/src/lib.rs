@@ -18,7 +18,7 @@ const MOST_BONDS: usize = 1 << 24;
 
 /// Equal masses joined by equal springs along x.
 #[derive(Debug, Clone)]
-pub(crate) struct Chain {
+pub struct Chain {
     name: String,
     nodes: Vec<Point3<f64>>,
     mass: f64,
@@ -28,9 +28,9 @@ pub(crate) struct Chain {
 }
 
 impl Chain {
-    /// Chain of `bonds` springs of stiffness `C` [N/m] from `x0` [m] with spacing `r` [m]; `mass` [kg] per particle
+    /// Chain of `bonds` springs of stiffness `C` \[N/m\] from `x0` \[m\] with spacing `r` \[m\]; `mass` \[kg\] per particle
     /// (half at the ends).
-    pub(crate) fn new(name: &str, x0: f64, r: f64, bonds: usize, mass: f64, stiffness: f64) -> Result<Self> {
+    pub fn new(name: &str, x0: f64, r: f64, bonds: usize, mass: f64, stiffness: f64) -> Result<Self> {
         for (what, value) in [
             ("chain spacing", r),
             ("chain mass", mass),
@@ -70,8 +70,8 @@ impl Chain {
         })
     }
 
-    /// The same chain with a stiffness [N/m] of its own for every bond.
-    pub(crate) fn with_stiffness(mut self, of_bond: impl Fn(usize) -> f64) -> Self {
+    /// The same chain with a stiffness \[N/m\] of its own for every bond.
+    pub fn with_stiffness(mut self, of_bond: impl Fn(usize) -> f64) -> Self {
         self.stiffness = (0..self.stiffness.len()).map(of_bond).collect();
         self
     }
