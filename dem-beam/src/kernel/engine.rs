@@ -111,6 +111,7 @@ impl<W: Screened> Pass<'_, W> {
         if !parallel {
             return self.add_from(0, rows, sink, marks);
         }
+        // Chunks are whole blocks: no two threads write the forces of one particle.
         const SIZE: usize = CHUNK * LANES;
         let parts = sink
             .linear
@@ -215,6 +216,7 @@ fn gather<L: Lanes, W: Law, K: Visitor<L, W>, const FETCH: bool>(
     let own = l.transpose(eight!(r => mine[r].0));
     let ready = W::ready(l, &own);
     visitor.begin(&ready);
+    // Sums run slot after slot, in the order of storage: the same bits for any number of threads.
     let mut acc = [l.splat(0.0); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
     let mut before: Option<(usize, &W::Slot, W::Near<L>)> = None;

@@ -150,6 +150,7 @@ impl Law for Linear {
         let q = dot(l, p, p);
         let b = l.mul(l.mul(k.bending2, s), q);
         let b3 = l.mul(b, k.three);
+        // `th_i + th_j` serves force and torque: two additions instead of a second pass over the rotations.
         let both = sum(l, ti, tj);
         let lever = axpy(l, du, l.mul(k.two, q), cross(l, p, both));
         let stretch = l.mul(l.mul(l.madd(k.minus_bending12, q, k.axial), s), dot(l, p, du));

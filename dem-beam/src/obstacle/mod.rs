@@ -12,7 +12,7 @@
 mod near;
 mod shape;
 
-pub use shape::{Motion, Shape};
+pub use shape::{Motion, RigidShape};
 
 use crate::bond::Twist;
 use crate::contact::budget::{BudgetedLaw, End};
@@ -48,7 +48,7 @@ pub struct Obstacle(Body);
 #[derive(Debug)]
 struct Body {
     name: String,
-    shape: Shape,
+    shape: RigidShape,
     motion: Motion,
     law: BudgetedLaw,
     grains: Grains,
@@ -82,7 +82,13 @@ impl Obstacle {
     ///
     /// # Errors
     /// [`crate::Error::OutOfRange`] for parameters that make no sense.
-    pub fn new(name: &str, model: &DemModel, shape: Shape, motion: Motion, law: ContactLaw) -> Result<Self> {
+    pub fn new(
+        name: &str,
+        model: &DemModel,
+        shape: RigidShape,
+        motion: Motion,
+        law: ContactLaw,
+    ) -> Result<Self> {
         law.check()?;
         let shape = shape.checked()?;
         if let Motion::Free { mass, .. } = &motion {
