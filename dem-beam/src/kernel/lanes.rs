@@ -25,6 +25,20 @@ macro_rules! eight {
 }
 pub(crate) use eight;
 
+/// Methods of [`Lanes`] on vectors, one per line: `name(s, a, b) => value;` with the lanes `s`.
+macro_rules! elementwise {
+    ($($name:ident($s:ident, $($x:ident),*) => $e:expr;)*) => {
+        $(
+            #[inline(always)]
+            fn $name(self, $($x: Self::V),*) -> Self::V {
+                let $s = self;
+                $e
+            }
+        )*
+    };
+}
+pub(crate) use elementwise;
+
 /// Lanes per vector, particles per block.
 pub(crate) const LANES: usize = 8;
 
@@ -100,38 +114,16 @@ impl Lanes for Portable {
     fn store(self, x: Self::V) -> [f64; LANES] {
         x
     }
-    #[inline(always)]
-    fn add(self, a: Self::V, b: Self::V) -> Self::V {
-        eight!(k => a[k] + b[k])
-    }
-    #[inline(always)]
-    fn sub(self, a: Self::V, b: Self::V) -> Self::V {
-        eight!(k => a[k] - b[k])
-    }
-    #[inline(always)]
-    fn mul(self, a: Self::V, b: Self::V) -> Self::V {
-        eight!(k => a[k] * b[k])
-    }
-    #[inline(always)]
-    fn recip(self, a: Self::V) -> Self::V {
-        eight!(k => a[k].recip())
-    }
-    #[inline(always)]
-    fn sqrt(self, a: Self::V) -> Self::V {
-        eight!(k => a[k].sqrt())
-    }
-    // Not `mul_add`: without the instruction it is a library call, ten times slower.
-    #[inline(always)]
-    fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        eight!(k => a[k] * b[k] + c[k])
-    }
-    #[inline(always)]
-    fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        eight!(k => c[k] - a[k] * b[k])
-    }
-    #[inline(always)]
-    fn max(self, a: Self::V, b: Self::V) -> Self::V {
-        eight!(k => if a[k] > b[k] { a[k] } else { b[k] })
+    elementwise! {
+        add(_s, a, b) => eight!(k => a[k] + b[k]);
+        sub(_s, a, b) => eight!(k => a[k] - b[k]);
+        mul(_s, a, b) => eight!(k => a[k] * b[k]);
+        recip(_s, a) => eight!(k => a[k].recip());
+        sqrt(_s, a) => eight!(k => a[k].sqrt());
+        // Not `mul_add`: without the instruction it is a library call, ten times slower.
+        madd(_s, a, b, c) => eight!(k => a[k] * b[k] + c[k]);
+        nmadd(_s, a, b, c) => eight!(k => c[k] - a[k] * b[k]);
+        max(_s, a, b) => eight!(k => if a[k] > b[k] { a[k] } else { b[k] });
     }
     #[inline(always)]
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES] {
