@@ -52,16 +52,10 @@ use arlequin_core::snapshot::Record;
 use arlequin_core::spectrum;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::Weight;
-use forces::Gather;
+use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
 use std::sync::Arc;
-
-#[derive(Debug)]
-enum Kernel {
-    Linear(Gather<Linear>),
-    Finite(Gather<Finite>),
-}
 
 /// Spheres joined by cohesive beams, ready to be coupled.
 #[derive(Debug)]
@@ -77,7 +71,7 @@ pub struct DemModel {
     places: Vec<u32>,
     volume: f64,
     field: Arc<ParticleField<f64>>,
-    kernel: Kernel,
+    kernel: Box<dyn BondForces>,
     packing: Option<PackingReport>,
     fracture: Option<FractureState>,
     /// Strengths that are compared at the end only, in a run without fracture.
@@ -179,7 +173,7 @@ impl DemModel {
             order,
             places,
             volume: matter.volume,
-            kernel: Kernel::Linear(Gather::new(&body)),
+            kernel: Box::new(Gather::<Linear>::new(&body)),
             packing: None,
             fracture: None,
             watched: None,
@@ -191,14 +185,14 @@ impl DemModel {
     /// The same body under the finite-rotation law; see the module text.
     #[must_use]
     pub fn with_finite_rotations(mut self) -> Self {
-        self.kernel = Kernel::Finite(Gather::new(&self.body));
+        self.kernel = Box::new(Gather::<Finite>::new(&self.body));
         self
     }
 
     /// Whether rotations may be large.
     #[must_use]
     pub fn has_finite_rotations(&self) -> bool {
-        matches!(self.kernel, Kernel::Finite(_))
+        self.kernel.reached().is_some()
     }
 
     /// Particles and bonds in the model's numbers; bond weights as last set.
@@ -237,13 +231,6 @@ impl DemModel {
         self.field.clone()
     }
 
-    fn kernel_facts(&self) -> (&'static str, usize) {
-        match &self.kernel {
-            Kernel::Linear(k) => (k.isa_name(), k.bond_bytes()),
-            Kernel::Finite(k) => (k.isa_name(), k.bond_bytes()),
-        }
-    }
-
     fn named(&self, error: &Error) -> arlequin_core::Error {
         match error {
             Error::Core(e) => e.clone(),
@@ -254,10 +241,7 @@ impl DemModel {
     fn reader<'a>(&'a self, q: &'a [f64]) -> Reader<'a> {
         Reader {
             q,
-            reached: match &self.kernel {
-                Kernel::Linear(_) => None,
-                Kernel::Finite(k) => Some(k.reached()),
-            },
+            reached: self.kernel.reached(),
             rigidity: *self.body.rigidity(),
         }
     }
@@ -313,10 +297,7 @@ impl Model<f64> for DemModel {
         let bonds = self.bond_means(alpha)?;
         self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
         self.spare_overlap();
-        self.kernel = match self.kernel {
-            Kernel::Linear(_) => Kernel::Linear(Gather::new(&self.body)),
-            Kernel::Finite(_) => Kernel::Finite(Gather::new(&self.body)),
-        };
+        self.kernel = self.kernel.renewed(&self.body);
         Ok(())
     }
 
@@ -324,10 +305,7 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        match &mut self.kernel {
-            Kernel::Linear(k) => k.add(q, f, marks),
-            Kernel::Finite(k) => k.add(q, f, marks),
-        }
+        self.kernel.add(q, f, marks);
         Ok(())
     }
 
@@ -335,10 +313,7 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        match &mut self.kernel {
-            Kernel::Linear(k) => k.advance(q, f, marks),
-            Kernel::Finite(k) => k.advance(q, f, marks),
-        }
+        self.kernel.advance(q, f, marks);
         Ok(())
     }
 
@@ -364,12 +339,12 @@ impl Model<f64> for DemModel {
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
         let root: Vec<f64> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
-        let mut tangent = None;
-        let kernel = match &mut self.kernel {
-            Kernel::Linear(k) => k,
-            Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
+        let top = if self.has_finite_rotations() {
+            critical::largest(&root, &mut Gather::<Linear>::new(&self.body))
+        } else {
+            critical::largest(&root, &mut *self.kernel)
         };
-        Ok(spectrum::step_of(critical::largest(&root, kernel)?))
+        Ok(spectrum::step_of(top?))
     }
 
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {
@@ -389,12 +364,8 @@ impl Model<f64> for DemModel {
     }
 
     fn effects(&self) -> &[&'static str] {
-        match (&self.fracture, &self.kernel) {
-            (Some(_), Kernel::Finite(_)) => &["fracture", "finite-rotations"],
-            (Some(_), Kernel::Linear(_)) => &["fracture"],
-            (None, Kernel::Finite(_)) => &["finite-rotations"],
-            (None, Kernel::Linear(_)) => &[],
-        }
+        let all = &["fracture", "finite-rotations"];
+        &all[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
@@ -402,10 +373,7 @@ impl Model<f64> for DemModel {
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        match &self.kernel {
-            Kernel::Linear(_) => Some(self),
-            Kernel::Finite(_) => None,
-        }
+        (!self.has_finite_rotations()).then_some(self as _)
     }
 }
 
