@@ -14,7 +14,7 @@
 
 use crate::error::{Error, Result};
 use crate::kernel::law::Linear;
-use crate::model::forces::Gather;
+use crate::model::forces::{BondForces, Gather};
 use crate::particles::BondedParticles;
 use arlequin_core::spectrum;
 use nalgebra::Matrix6;
@@ -68,7 +68,7 @@ pub fn lanczos(body: &BondedParticles) -> Result<f64> {
 const SETTLED: f64 = 1e-4;
 
 /// Upper estimate of the largest eigenvalue of `R K R`, `R = diag(root)`, for the bonds' stiffness `K`.
-pub(crate) fn largest(root: &[f64], bonds: &mut Gather<Linear>) -> arlequin_core::Result<f64> {
+pub(crate) fn largest(root: &[f64], bonds: &mut dyn BondForces) -> arlequin_core::Result<f64> {
     spectrum::largest_ritz(root, SETTLED, &mut |q, f| {
         bonds.add(q, f, None);
         Ok(())

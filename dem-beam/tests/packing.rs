@@ -146,6 +146,9 @@ fn reproducible_cached_and_through_csv() {
     assert!(again.pairs == one.pairs);
     let bad = read_csv(&mut "x,y,z,r\n1,2,3\n".as_bytes());
     assert!(matches!(bad, Err(Error::Parse { line: 2, .. })));
+    let mixed = "x [m] y z r\n# words\n\n 1, 2;3\t4\n\n\n0,0,0,one\n";
+    let bad = read_csv(&mut mixed.as_bytes());
+    assert!(matches!(bad, Err(Error::Parse { line: 7, .. })), "{bad:?}");
     let nan = read_csv(&mut "0,0,0,1\n1,NaN,3,1\n".as_bytes());
     assert!(matches!(nan, Err(Error::NotFinite { index: 1, .. })));
 }
