@@ -13,6 +13,9 @@ const STORED: usize = 80;
 /// Most steps of [`largest_ritz`]; about sixty settle the top of the spectrum.
 const LEAN: usize = 300;
 
+/// Relative residual at which its largest Ritz value is taken.
+const RESIDUAL: f64 = 1e-4;
+
 /// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; infinite if nothing moves. A nonlinear model gives its own in
 /// [`crate::Model::critical_step`].
 ///
@@ -57,17 +60,12 @@ pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddFo
 }
 
 /// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`: not below the largest eigenvalue by more than the
-/// relative `tolerance`, in memory of a few vectors. At most `steps` steps, or 300; zero if nothing moves.
+/// relative 1e-4, in memory of a few vectors; zero if nothing moves.
 ///
 /// # Errors
 /// Those of `add_forces`, which adds `−K q`.
-pub fn largest_ritz<T: Real>(
-    root: &[T],
-    tolerance: T,
-    steps: Option<usize>,
-    add_forces: &mut AddForces<'_, T>,
-) -> Result<T> {
-    let limit = steps.unwrap_or(LEAN).min(root.len());
+pub fn largest_ritz<T: Real>(root: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
+    let limit = LEAN.min(root.len());
     let (mut last, mut top) = (vec![T::zero(); root.len()], T::zero());
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
         let alpha = t.diagonal[t.diagonal.len() - 1];
@@ -86,7 +84,7 @@ pub fn largest_ritz<T: Real>(
         let (value, end) = t.top_ritz();
         let rest = if invariant { T::zero() } else { t.rest * end.abs() };
         top = value + rest;
-        Ok(rest <= tolerance * value || invariant)
+        Ok(rest <= T::of(RESIDUAL) * value || invariant)
     })?;
     Ok(top.max(T::zero()))
 }

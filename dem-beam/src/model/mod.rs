@@ -29,6 +29,7 @@ mod weights;
 
 pub use report::DemReport;
 pub use select::LoadShare;
+pub(crate) use select::TOUCH;
 
 use crate::bond::BeamMaterial;
 use crate::error::{Error, Result};
@@ -61,16 +62,13 @@ enum Kernel {
     Finite(Gather<Finite>),
 }
 
-/// Relative residual at which the largest Ritz value is taken.
-const RESIDUAL: f64 = 1e-4;
-
 /// Spheres joined by cohesive beams, ready to be coupled.
 #[derive(Debug)]
 pub struct DemModel {
     name: String,
     body: BondedParticles,
     nodes: Vec<Point3<f64>>,
-    /// Unweighted mass (kg) and rotational inertia (kg m^2).
+    /// Unweighted mass \[kg\] and rotational inertia \[kg m²\].
     mass: Vec<f64>,
     inertia: Vec<f64>,
     /// Packing number of each particle, and the inverse.
@@ -87,7 +85,7 @@ pub struct DemModel {
 }
 
 impl DemModel {
-    /// A packing of beams `beam` and density `density` (kg/m^3), which times the volume each sphere stands for is its mass.
+    /// A packing of beams `beam` and density `density` \[kg/m³\], which times the volume each sphere stands for is its mass.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -117,7 +115,7 @@ impl DemModel {
         Ok(model)
     }
 
-    /// Any spheres (m) with given bonds.
+    /// Any spheres \[m\] with given bonds.
     ///
     /// # Errors
     /// As [`BondedParticles::new`], with the numbers given.
@@ -220,13 +218,13 @@ impl DemModel {
         &self.places
     }
 
-    /// Unweighted masses (kg).
+    /// Unweighted masses \[kg\].
     #[must_use]
     pub fn masses(&self) -> &[f64] {
         &self.mass
     }
 
-    /// Unweighted rotational inertias (kg m^2).
+    /// Unweighted rotational inertias \[kg m²\].
     #[must_use]
     pub fn inertias(&self) -> &[f64] {
         &self.inertia
@@ -370,7 +368,7 @@ impl Model<f64> for DemModel {
             Kernel::Linear(k) => k,
             Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
         };
-        let top = spectrum::largest_ritz(&root, RESIDUAL, None, &mut |q, f| {
+        let top = spectrum::largest_ritz(&root, &mut |q, f| {
             kernel.add(q, f, None);
             Ok(())
         })?;
