@@ -28,14 +28,12 @@ pub struct BlockMatrix<T> {
 impl<T: Real> BlockMatrix<T> {
     /// The zero matrix with blocks of `size` (3 or 1) where the pattern says: block row `i` has the ascending block
     /// columns `columns[starts[i]..starts[i + 1]]`.
-    #[must_use]
     pub fn zeros(size: usize, starts: Vec<usize>, columns: Vec<u32>) -> Self {
         let values = vec![T::zero(); columns.len() * size * size];
         Self::new(size, starts, columns, values)
     }
 
     /// The matrix of a pattern (see [`BlockMatrix::zeros`]) with its `values`, block after block, each by rows.
-    #[must_use]
     pub fn new(size: usize, starts: Vec<usize>, columns: Vec<u32>, values: Vec<T>) -> Self {
         debug_assert_eq!(values.len(), columns.len() * size * size);
         Self {

@@ -15,7 +15,6 @@ const CHUNK: usize = 4_096;
 const LARGE: usize = 4 * CHUNK;
 
 /// Whether loops over `n` unknowns are worth more than one thread.
-#[must_use]
 pub fn pays(n: usize) -> bool {
     n >= LARGE && rayon::current_num_threads() > 1
 }

@@ -192,6 +192,7 @@ impl Error {
     }
 
     /// The same, and what is kept where.
+    #[must_use]
     pub fn kept(self, what: impl Into<String>, place: &Path) -> Self {
         Self::Kept {
             source: Box::new(self),
