@@ -1,17 +1,9 @@
-//! Couples a third-party model, the spring chain of this crate, with a finite-element bar, and sends a pulse through.
+//! Couples a third-party model, the crate `spring-chain`, with a finite-element bar, and sends a pulse through.
 //!
 //! `cargo run --release --example chain`
 
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::L2;
-use arlequin::core::nalgebra::Point3;
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
+use arlequin::prelude::*;
 use spring_chain::Chain;
-use std::sync::Arc;
 
 #[allow(clippy::print_stdout, reason = "an example shows its results")]
 fn main() -> Result<()> {
@@ -38,14 +30,8 @@ fn main() -> Result<()> {
         .map(|x| (pulse(x + 0.5) - pulse(x - 0.5)).max(-1.0))
         .collect();
 
-    let interface = InterfaceSpec {
-        name: "overlap".into(),
-        coarse: 0,
-        fine: 1,
-        mediator: Arc::new(FemField::new(generate::bar(-40.0, 0.0, 4, 1.0)?)),
-        junction: Box::new(L2),
-        options: InterfaceOptions::default(),
-    };
+    let mediator = Arc::new(FemField::new(generate::bar(-40.0, 0.0, 4, 1.0)?));
+    let interface = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
     let subdomains = vec![
         Subdomain::coarse(bar, coarse),
         Subdomain::fine(chain, fine).with_initial(q, v)?,

@@ -49,6 +49,7 @@ use arlequin_core::model::{
 use arlequin_core::momentum::Arms;
 use arlequin_core::parallel;
 use arlequin_core::snapshot::Record;
+use arlequin_core::spectrum;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::Weight;
 use forces::Gather;
@@ -368,12 +369,7 @@ impl Model<f64> for DemModel {
             Kernel::Linear(k) => k,
             Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
         };
-        let top = critical::largest(&root, &mut |q, f| kernel.add(q, f, None));
-        Ok(if top > 0.0 {
-            2.0 / top.sqrt()
-        } else {
-            f64::from(f32::MAX)
-        })
+        Ok(spectrum::step_of(critical::largest(&root, kernel)?))
     }
 
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {
