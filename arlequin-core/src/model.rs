@@ -36,6 +36,10 @@ impl DofLayout {
     pub fn dofs(&self) -> usize {
         self.translations() + self.rotations
     }
+    /// Whether every node has three rotations.
+    pub fn turns(&self) -> bool {
+        self.rotations == 3 * self.nodes
+    }
 }
 
 /// Displacements \[m\] (and rotations \[rad\]), velocities (and spins) and accelerations of one model.

@@ -109,9 +109,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
         let gamma = &*to.weights.external;
         let weigh = |dof: usize| match dof {
             d if d < layout.translations() => gamma.at(&to.model.nodes()[d / layout.components]),
-            d if layout.rotations == 3 * layout.nodes => {
-                gamma.at(&to.model.nodes()[(d - layout.translations()) / 3])
-            }
+            d if layout.turns() => gamma.at(&to.model.nodes()[(d - layout.translations()) / 3]),
             _ => T::one(),
         };
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
