@@ -55,6 +55,18 @@ pub enum Error {
         /// What it must satisfy.
         rule: String,
     },
+    /// The same for an option of an interface.
+    #[error("interface '{interface}': {name} = {value}: {rule}")]
+    InvalidOption {
+        /// Name of the interface.
+        interface: String,
+        /// Name of the option.
+        name: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must satisfy.
+        rule: String,
+    },
     /// A number is NaN or infinite.
     #[error("{what}: entry {index} is not a finite number; check the input that feeds it")]
     NotFinite {
@@ -405,6 +417,16 @@ pub fn invalid(name: &str, value: impl std::fmt::Display, rule: &str) -> Error {
     Error::InvalidParameter {
         name: name.to_owned(),
         value: value.to_string(),
+        rule: rule.to_owned(),
+    }
+}
+
+/// Shorthand for [`Error::InvalidOption`].
+pub(crate) fn invalid_option(interface: &str, name: &'static str, value: &str, rule: &str) -> Error {
+    Error::InvalidOption {
+        interface: interface.to_owned(),
+        name,
+        value: value.to_owned(),
         rule: rule.to_owned(),
     }
 }

@@ -35,6 +35,10 @@ impl DofLayout {
     pub fn dofs(&self) -> usize {
         self.nodes * (self.components + self.rotations)
     }
+    /// Whether every node has three rotations.
+    pub fn turns(&self) -> bool {
+        self.rotations == 3
+    }
     /// The node of an unknown.
     pub fn node_of(&self, dof: usize) -> usize {
         match dof.checked_sub(self.translations()) {

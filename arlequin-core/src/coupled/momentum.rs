@@ -169,7 +169,7 @@ impl<T: Real> Body<T> {
 /// Momenta of one subdomain about a point.
 fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Sums<T> {
     let layout = s.model().layout();
-    let (d, turns) = (layout.components, layout.rotations == 3);
+    let (d, turns) = (layout.components, layout.turns());
     let (nodes, m, state) = (s.model().nodes(), s.inertia(), s.state());
     let first = layout.translations();
     let part = |range: std::ops::Range<usize>| {

@@ -65,8 +65,9 @@ pub(super) fn assemble<T: Real>(
         Sampling::Projection => (projection(spec, sides, &cells, components)?, total),
         Sampling::Intersection => {
             if sides.iter().any(|s| s.field.samples().is_some()) {
-                return Err(crate::error::invalid(
-                    &format!("interface '{}': sampling", spec.name),
+                return Err(crate::error::invalid_option(
+                    &spec.name,
+                    "sampling",
                     "intersection",
                     "a particle-quadrature field exists at the particles only; use 'particles' sampling",
                 ));
@@ -78,8 +79,9 @@ pub(super) fn assemble<T: Real>(
                 .into_iter()
                 .find_map(|m| Some((m, sides[m].field.samples()?)));
             let Some((m, samples)) = found else {
-                return Err(crate::error::invalid(
-                    &format!("interface '{}': sampling", spec.name),
+                return Err(crate::error::invalid_option(
+                    &spec.name,
+                    "sampling",
                     "particles",
                     &format!(
                         "neither '{}' nor '{}' has integration points of its own; use 'intersection'",

@@ -257,8 +257,9 @@ impl<T: Real> Interface<T> {
             });
         }
         if spec.options.lumped && spec.junction.needs() != Needs::Values {
-            return Err(crate::error::invalid(
-                &format!("interface '{}': lumped", spec.name),
+            return Err(crate::error::invalid_option(
+                &spec.name,
+                "lumped",
                 spec.junction.name(),
                 "only a junction of values (L2) may be lumped; lumping an H1 junction diverges",
             ));

@@ -127,7 +127,7 @@ fn support(path: &str, s: &Support, body: &Body) -> Result<PrescribedMotion<f64>
         .flat_map(|n| components.iter().map(move |c| n * count + c))
         .collect();
     let layout = body.model.layout();
-    if s.components.is_none() && s.motion.is_none() && layout.rotations == 3 {
+    if s.components.is_none() && s.motion.is_none() && layout.turns() {
         // A clamp holds rotations too.
         let first = layout.translations();
         dofs.extend(nodes.iter().flat_map(|n| (0..3).map(move |c| first + 3 * n + c)));
@@ -376,7 +376,7 @@ fn spin(path: &str, s: &Spin, body: &Body, v: &mut [f64]) -> Result<()> {
         let turn = rate.cross(&(x - centre));
         v.iter_mut().zip(turn.iter()).for_each(|(v, t)| *v += t);
     }
-    if layout.rotations == 3 {
+    if layout.turns() {
         for (k, v) in v[layout.translations()..].iter_mut().enumerate() {
             *v += rate[k % 3];
         }

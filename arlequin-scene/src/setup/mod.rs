@@ -4,7 +4,7 @@ mod between;
 mod drive;
 pub mod filling;
 mod grains;
-mod joint;
+mod interface;
 mod kinds;
 mod mesh;
 mod natural;
@@ -32,7 +32,7 @@ use arlequin::core::snapshot::Record;
 use arlequin::core::{Coupled, Guard, Partition, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
-use joint::Joint;
+use interface::BuiltInterface;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -121,90 +121,103 @@ pub fn build_from(scene: &SceneSpec, folder: &Path, start: Option<&Start>) -> Re
     check_numbers(scene)?;
     check_names(scene)?;
     precheck::scene(scene, folder)?;
-    let effects = effects_by_model(scene)?;
-    let mut bodies: Vec<Body> = scene
-        .model
-        .iter()
-        .enumerate()
-        .map(|(m, (name, table))| kinds::body(name, table, folder, &effects[m]))
-        .collect::<Result<_>>()?;
-    let mut joints = joints_of(scene, &bodies, folder)?;
-    let probes = scene
-        .probe
-        .iter()
-        .map(|(n, p)| ProbeReader::new(n, p, scene, &bodies))
-        .collect::<Result<_>>()?;
-    let mut attachments = Attachments::of(scene, &mut bodies)?;
+    let mut bodies = bodies_of(scene, folder)?;
+    let mut interfaces = interfaces_of(scene, &bodies, folder)?;
+    let probes = scene.probe.iter();
+    let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies));
+    let probes = probes.collect::<Result<_>>()?;
+    let attachments = Attachments::of(scene, &mut bodies)?;
     let pairs = between::pairs(scene, &bodies)?;
     let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
-    for j in &mut joints {
-        if let Some(a) = j.absorber.take() {
-            attachments.add(j.spec.fine, Box::new(a));
-        }
-    }
-    let (mut warnings, mut bounds) = (Vec::new(), Bounds::default());
-    let mut models = Vec::new();
-    let mut subdomains = Vec::new();
-    for (m, body) in bodies.into_iter().enumerate() {
+    let mut bounds = Bounds::default();
+    let mut warnings = Vec::new();
+    for (m, body) in bodies.iter().enumerate() {
         let name = body.model.name();
         warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
-        bounds.add(
-            body.model.nodes(),
-            &body.shape,
-            &body.material,
-            !may_leave(scene, m),
-        );
-        models.push(ModelInfo::of(&body));
-        let state = match start {
-            Some(s) => s.states[m].clone(),
-            None => drive::initial(scene, m, &body)?,
-        };
-        let memory = start.and_then(|s| s.memories.get(m).cloned().flatten());
-        let made = subdomain(m, body, state, &joints, &mut attachments)?;
-        subdomains.push(match memory {
-            Some(of) => made.with_memory(of),
-            None => made,
-        });
+        let small = !may_leave(scene, m);
+        bounds.add(body.model.nodes(), &body.shape, &body.material, small);
     }
-    for j in &joints {
+    for j in &interfaces {
         let name = &j.spec.name;
         warnings.extend(j.advice.iter().map(|a| format!("interface '{name}': {a}")));
     }
-    let mediators = joints.iter().map(|j| j.grid.clone()).collect();
-    let specs = joints.into_iter().map(|j| j.spec).collect();
+    let models = bodies.iter().map(ModelInfo::of).collect();
+    let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
+    let states = states_of(scene, &bodies, start)?;
     let parts = Parts {
         start: begin,
-        subdomains,
-        interfaces: specs,
+        subdomains: subdomains_of(bodies, states, &mut interfaces, attachments)?,
+        interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
     };
     let run = Coupled::of(parts, step_of(scene), Some(guard(scene))).map_err(located)?;
-    let steps = steps_of(scene, begin, run.dt())?;
-    let frame_every = frames(scene, steps, run.dt());
     for i in run.interfaces().iter().map(|i| i.report()) {
         warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
     }
+    let steps = steps_of(scene, begin, run.dt())?;
     let mut built = Built {
-        run,
         models,
         mediators,
         probes,
         steps,
-        frame_every,
+        frame_every: frames(scene, steps, run.dt()),
         without_contact,
         warnings,
         bounds,
+        run,
     };
     let odd = plausible::warnings(scene, &built);
     built.warnings.extend(odd);
     Ok(built)
 }
 
-fn joints_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Joint>> {
+fn bodies_of(scene: &SceneSpec, folder: &Path) -> Result<Vec<Body>> {
+    let effects = effects_by_model(scene)?;
+    let tables = scene.model.iter().zip(&effects);
+    tables
+        .map(|((name, table), e)| kinds::body(name, table, folder, e))
+        .collect()
+}
+
+/// Displacements and velocities of a model at the start, and what it remembers.
+type Begin = ([Vec<f64>; 2], Option<Record<f64>>);
+
+fn states_of(scene: &SceneSpec, bodies: &[Body], start: Option<&Start>) -> Result<Vec<Begin>> {
+    let of = |(m, body): (usize, &Body)| {
+        Ok(match start {
+            Some(s) => (s.states[m].clone(), s.memories.get(m).cloned().flatten()),
+            None => (drive::initial(scene, m, body)?, None),
+        })
+    };
+    bodies.iter().enumerate().map(of).collect()
+}
+
+fn subdomains_of(
+    bodies: Vec<Body>,
+    states: Vec<Begin>,
+    interfaces: &mut [BuiltInterface],
+    mut attachments: Attachments,
+) -> Result<Vec<Subdomain<f64>>> {
+    for j in &mut *interfaces {
+        if let Some(a) = j.absorber.take() {
+            attachments.add(j.spec.fine, Box::new(a));
+        }
+    }
+    let of = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
+        let made = subdomain(m, body, state, interfaces, &mut attachments)?;
+        Ok(match memory {
+            Some(of) => made.with_memory(of),
+            None => made,
+        })
+    };
+    bodies.into_iter().zip(states).enumerate().map(of).collect()
+}
+
+fn interfaces_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<BuiltInterface>> {
     let of = |(name, table): (&String, &Interface)| {
         let [c, f] = sides_of(name, table, scene)?;
-        joint::joint(name, table, [(c, &bodies[c]), (f, &bodies[f])], folder)
+        interface::interface(name, table, [(c, &bodies[c]), (f, &bodies[f])], folder)
     };
     scene.interface.iter().map(of).collect()
 }
@@ -362,10 +375,10 @@ fn subdomain(
     m: usize,
     body: Body,
     [q, v]: [Vec<f64>; 2],
-    joints: &[Joint],
+    joints: &[BuiltInterface],
     attachments: &mut Attachments,
 ) -> Result<Subdomain<f64>> {
-    let partners = |side: fn(&Joint) -> usize| -> Vec<Weights<f64>> {
+    let partners = |side: fn(&BuiltInterface) -> usize| -> Vec<Weights<f64>> {
         let mine = joints.iter().filter(|j| side(j) == m);
         mine.map(|j| j.weights.clone()).collect()
     };
@@ -384,7 +397,9 @@ fn subdomain(
             Weights::complement_of(&shares)
         }
     };
-    let free = |j: &&Joint| j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m);
+    let free = |j: &&BuiltInterface| {
+        j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m)
+    };
     let partition = joints
         .iter()
         .find(free)
@@ -422,16 +437,11 @@ fn located(source: arlequin::core::Error) -> Error {
         Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
             format!("model.{model}")
         }
-        // Messages that begin with "interface 'NAME': key".
-        Core::InvalidParameter { name, .. } => match name.strip_prefix("interface '") {
-            Some(rest) => rest.replacen("': ", ".", 1),
-            None => "model".to_owned(),
-        },
+        Core::InvalidOption {
+            interface: i, name, ..
+        } => interface(i, name),
+        Core::InvalidParameter { .. } => "model".to_owned(),
         _ => "interface".to_owned(),
-    };
-    let key = match &source {
-        Core::InvalidParameter { name, .. } if name.starts_with("interface '") => format!("interface.{key}"),
-        _ => key,
     };
     Error::Core { key, source }
 }

@@ -2,14 +2,13 @@
 
 use super::drive::{self, model_index};
 use super::kinds;
-use super::{between, effects_by_model, grains, joint, mesh, probe, select, sides_of};
+use super::{between, effects_by_model, grains, interface, probe, select, sides_of};
 use crate::error::{Result, core, dem, key, unknown};
 use crate::spec::{
     Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
 };
 use arlequin::core::error::invalid;
 use arlequin::core::nalgebra::Point3;
-use arlequin::fem_ref::generate::Rim;
 use std::path::Path;
 
 /// Groups of boxes and of cylinders.
@@ -152,10 +151,10 @@ fn corners(shape: &Shape) -> Option<Vec<Point3<f64>>> {
 
 fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &Path) -> Result<()> {
     let path = format!("interface.{name}");
-    let overlap = joint::overlap(&format!("{path}.overlap"), &table.overlap)?;
+    let overlap = interface::overlap(&format!("{path}.overlap"), &table.overlap)?;
     if let (Some(coarse), Some(fine)) = (corners(&models[0].shape), corners(&models[1].shape)) {
         let names = [&table.coarse, &table.fine];
-        joint::check_sense(&path, &table.overlap, names, [&coarse, &fine])?;
+        interface::check_sense(&path, &table.overlap, names, [&coarse, &fine])?;
     }
     // What lies in the mediator's space is known once there is one.
     let mut weight = table.weight.clone();
@@ -170,8 +169,8 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
     {
         own.profile = known(own.profile);
     }
-    joint::weights(&path, &weight, &overlap, &[], [false; 2])?;
-    joint::junction(&path, table, 1.0)?;
+    interface::weights(&path, &weight, &overlap, &[], [false; 2])?;
+    interface::junction(&path, table, 1.0)?;
     if let Some(a) = &table.absorber
         && a.rate.is_some() == a.rate_factor.is_some()
     {
@@ -179,22 +178,8 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         return Err(key(format!("{path}.absorber"), rule));
     }
     let at = format!("{path}.mediator");
-    let shape = match &table.mediator.shape {
-        Some(s) => s.clone(),
-        None => joint::derived_shape(&at, &table.overlap, models.map(|m| &m.shape))?,
-    };
-    let given = table.mediator.spacing.is_some() || table.mediator.divisions.is_some();
-    let is_file = matches!(shape, Shape::File(_));
-    mesh::Request {
-        key: &at,
-        shape: &shape,
-        spacing: table.mediator.spacing.or((!given && !is_file).then_some(1.0)),
-        divisions: table.mediator.divisions.as_deref(),
-        element: table.mediator.element,
-        rim: Rim::Inscribed,
-        folder,
-    }
-    .check()
+    let shape = interface::mediator_shape(&at, table, models.map(|m| &m.shape))?;
+    interface::mediator(&at, table, &shape, 1.0, folder).check()
 }
 
 /// Numbers of an effect, whatever it acts on.

@@ -145,7 +145,7 @@ impl HandOver {
                 Ok([value_and_turn(&at, &state.q, d), value_and_turn(&at, &state.v, d)])
             })
             .collect::<Result<_>>()?;
-        let turns = t.layout.rotations == 3;
+        let turns = t.layout.turns();
         let first = t.layout.translations();
         let mut out = [vec![0.0; t.layout.dofs()], vec![0.0; t.layout.dofs()]];
         for (k, row) in rows.iter().enumerate() {

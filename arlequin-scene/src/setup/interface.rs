@@ -33,7 +33,7 @@ const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
 };
 
 /// An interface before it is handed to the core.
-pub(super) struct Joint {
+pub(super) struct BuiltInterface {
     /// For the core.
     pub spec: InterfaceSpec<f64>,
     /// Weights of the coarse model in this overlap.
@@ -52,43 +52,29 @@ pub(super) struct Joint {
 pub(super) type Sides<'a> = [(usize, &'a Body); 2];
 
 /// Builds `[interface.NAME]`.
-pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Path) -> Result<Joint> {
+pub(super) fn interface(
+    name: &str,
+    table: &Interface,
+    sides: Sides<'_>,
+    folder: &Path,
+) -> Result<BuiltInterface> {
     let path = format!("interface.{name}");
     let overlap = overlap(&format!("{path}.overlap"), &table.overlap)?;
     let names = [&table.coarse, &table.fine];
     let points = sides.map(|s| s.1.model.nodes());
     check_sense(&path, &table.overlap, names, points)?;
     let mediator_path = format!("{path}.mediator");
-    let shape = match &table.mediator.shape {
-        Some(s) => s.clone(),
-        None => derived_shape(&mediator_path, &table.overlap, sides.map(|s| &s.1.shape))?,
-    };
-    let is_file = matches!(shape, Shape::File(_));
-    let coarse_spacing = sides[0].1.spacing;
-    let given = table.mediator.spacing.is_some() || table.mediator.divisions.is_some();
-    let request = Request {
-        key: &mediator_path,
-        shape: &shape,
-        spacing: table
-            .mediator
-            .spacing
-            .or((!given && !is_file).then_some(coarse_spacing)),
-        divisions: table.mediator.divisions.as_deref(),
-        element: table.mediator.element,
-        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
-        rim: Rim::Inscribed,
-        folder,
-    };
-    let mut inset = None;
-    for (_, body) in sides
+    let mut shape = mediator_shape(&mediator_path, table, sides.map(|s| &s.1.shape))?;
+    let hulls = sides
         .iter()
-        .filter(|s| table.mediator.shape.is_none() && is_hull(s.1))
-    {
-        let shape = inset.as_ref().unwrap_or(&shape);
-        inset = Some(within_hull(Request { shape, ..request }, body)?);
+        .filter(|s| table.mediator.shape.is_none() && is_hull(s.1));
+    for (_, body) in hulls {
+        shape = within_hull(
+            mediator(&mediator_path, table, &shape, sides[0].1.spacing, folder),
+            body,
+        )?;
     }
-    let shape = inset.as_ref().unwrap_or(&shape);
-    let request = Request { shape, ..request };
+    let request = mediator(&mediator_path, table, &shape, sides[0].1.spacing, folder);
     let mesh = request.mesh()?;
     let grid = Grid::of_mesh(&mesh);
     let mediator = Arc::new(FemField::new(mesh));
@@ -99,30 +85,16 @@ pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
         _ => None,
     };
-    let width = overlap.linear_position().map(|(g, _)| 1.0 / g.norm());
-    let mut advice = Vec::new();
-    if brittle[1] {
-        let floor = floors(&table.weight, brittle)[1];
-        let on = absorber.is_some();
-        advice = advice::breakage(width, mediator.spacing(), floor, on);
-    }
-    if absorber.is_some() && table.absorber.is_some() {
-        let jump = match table.weight.profile {
-            ProfileKind::Constant => table.weight.value.map_or(0.0, |v| v.max(1.0 - v)),
-            _ => 0.0,
-        };
-        advice.extend(advice::absorber(width, jump, coarse_spacing, sides[1].1.spacing));
-    }
+    let advice = advise(table, sides, &*overlap, mediator.spacing(), absorber.is_some());
     let junction = junction(&path, table, mediator.spacing())?;
-    let options = options(table, sides);
-    Ok(Joint {
+    Ok(BuiltInterface {
         spec: InterfaceSpec {
             name: name.to_owned(),
             coarse: sides[0].0,
             fine: sides[1].0,
             mediator,
             junction,
-            options,
+            options: options(table, sides),
         },
         weights,
         partition: table.partition,
@@ -130,6 +102,60 @@ pub(super) fn joint(name: &str, table: &Interface, sides: Sides<'_>, folder: &Pa
         absorber,
         advice,
     })
+}
+
+/// The mediator's body: as given, or what overlap and models leave.
+pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2]) -> Result<Shape> {
+    match &table.mediator.shape {
+        Some(s) => Ok(s.clone()),
+        None => derived_shape(path, &table.overlap, models),
+    }
+}
+
+/// The mediator's mesh, with elements as long as those of the coarse model \[m\] by default.
+pub(super) fn mediator<'a>(
+    key: &'a str,
+    table: &'a Interface,
+    shape: &'a Shape,
+    coarse: f64,
+    folder: &'a Path,
+) -> Request<'a> {
+    let t = &table.mediator;
+    let free = t.divisions.is_none() && !matches!(shape, Shape::File(_));
+    Request {
+        key,
+        shape,
+        spacing: t.spacing.or(free.then_some(coarse)),
+        divisions: t.divisions.as_deref(),
+        element: t.element,
+        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
+        rim: Rim::Inscribed,
+        folder,
+    }
+}
+
+/// What the interface is known not to do well.
+fn advise(
+    table: &Interface,
+    [coarse, fine]: Sides<'_>,
+    overlap: &dyn Overlap<f64>,
+    spacing: f64,
+    absorbs: bool,
+) -> Vec<Advice> {
+    let width = overlap.linear_position().map(|(g, _)| 1.0 / g.norm());
+    let brittle = [coarse, fine].map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
+    let mut out = Vec::new();
+    if brittle[1] {
+        out = advice::breakage(width, spacing, floors(&table.weight, brittle)[1], absorbs);
+    }
+    if absorbs && table.absorber.is_some() {
+        let jump = match table.weight.profile {
+            ProfileKind::Constant => table.weight.value.map_or(0.0, |v| v.max(1.0 - v)),
+            _ => 0.0,
+        };
+        out.extend(advice::absorber(width, jump, coarse.1.spacing, fine.1.spacing));
+    }
+    out
 }
 
 /// Refuses a slab whose two points are exchanged: the coarse model then has its own region where the fine one should have
@@ -345,7 +371,7 @@ fn absorber(
 
 /// Whether a field ends at the hull of particle centres, about a radius inside the body.
 fn is_hull(body: &Body) -> bool {
-    body.model.kind() == "dem" && body.field.samples().is_none()
+    body.grains.is_some() && body.field.samples().is_none()
 }
 
 /// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
@@ -420,7 +446,7 @@ fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
 }
 
 /// The slab's part of the space both models share.
-pub(super) fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
+fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
     let give = || {
         key(
             path,
