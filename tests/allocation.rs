@@ -8,7 +8,7 @@ mod support;
 
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
-use arlequin::cnem::natural::{Kind, Scratch};
+use arlequin::cnem::natural::{Interpolant, Scratch};
 use arlequin::core::junction::{H1Gradient, H1Strain, Junction};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::observer::Silent;
@@ -34,7 +34,7 @@ fn natural_neighbours() {
     };
     let domain = Domain::new(&cloud(2000, 1.0), &Surface::convex_hull()).unwrap();
     let points = cloud(500, 0.7);
-    for kind in [Kind::Sibson, Kind::Laplace] {
+    for kind in [Interpolant::Sibson, Interpolant::Laplace] {
         let mut scratch = Scratch::new();
         let mut evaluate = || {
             points.iter().for_each(|x| {

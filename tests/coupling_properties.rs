@@ -6,7 +6,7 @@
 
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
-use arlequin::cnem::natural::Kind as Neighbours;
+use arlequin::cnem::natural::Interpolant;
 use arlequin::cnem::{self, CnemModel, NaturalField, Options};
 use arlequin::core::conformance;
 use arlequin::core::field::Interpolation;
@@ -161,7 +161,7 @@ impl Case {
                 let field: Arc<dyn Interpolation<f64>> = if self.particles && alone {
                     model.particle_field()
                 } else {
-                    let natural = NaturalField::from_points(model.nodes(), Neighbours::Laplace);
+                    let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace);
                     Arc::new(natural.unwrap())
                 };
                 (Box::new(model), field)
@@ -188,7 +188,7 @@ impl Case {
         match self.mediator {
             2 => {
                 let points = self.points(x, self.counts(), seed);
-                Arc::new(NaturalField::from_points(&points, Neighbours::Sibson).unwrap())
+                Arc::new(NaturalField::from_points(&points, Interpolant::Sibson).unwrap())
             }
             tets => Arc::new(FemField::new(self.mesh(tets == 1, x, self.counts(), seed))),
         }

@@ -6,7 +6,7 @@
 mod support;
 
 use arlequin::cnem::NaturalField;
-use arlequin::cnem::natural::Kind;
+use arlequin::cnem::natural::Interpolant;
 use arlequin::core::conformance;
 use arlequin::core::geometry::Cell;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
@@ -457,7 +457,7 @@ fn particles_that_stick_out_are_tied_and_momenta_stay_exact() {
     };
     let spheres = || {
         let model = packed("left", 0.0, 700);
-        let field = NaturalField::from_points(model.nodes(), Kind::Laplace).unwrap();
+        let field = NaturalField::from_points(model.nodes(), Interpolant::Laplace).unwrap();
         Subdomain::new(Box::new(model), Arc::new(field), weights())
     };
     for (coarse, core) in [(elements(), 1), (elements(), 2), (spheres(), 1)] {

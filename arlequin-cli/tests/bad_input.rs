@@ -241,7 +241,7 @@ fn interfaces() {
                 &nodes_out,
                 &["projection sampling) field; trim the mediator"],
             ),
-            (weight, &lumped, &["only the L2 junction may be lumped"]),
+            (weight, &lumped, &["only a junction of values (L2) may be lumped"]),
             (weight, &particles, &["has integration points of its own"]),
             (
                 weight,

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use std::collections::HashMap;
 
 /// One evaluation of shape functions: `u(x) = Σ_k values[k] u[nodes[k]]`. Owned and reused by the caller.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ShapeRow<T: Real> {
     /// Nodes with a non-zero shape function.
     pub nodes: Vec<usize>,

@@ -145,9 +145,7 @@ pub trait Model<T: Real>: Send {
     /// # Errors
     /// Those of the internal forces.
     fn critical_step(&mut self, inverse_inertia: &[T]) -> Result<T> {
-        crate::spectrum::critical_step(self.layout().dofs(), inverse_inertia, &mut |q, f| {
-            self.add_internal_forces(q, f)
-        })
+        crate::spectrum::critical_step(inverse_inertia, &mut |q, f| self.add_internal_forces(q, f))
     }
 
     /// The model as one that changes itself as it moves (bonds that break), if it does. Only then the state before the

@@ -1,83 +1,167 @@
 //! Highest frequency of a model by Lanczos iteration, and the critical step of velocity Verlet from it.
 
+use crate::effect::dot;
 use crate::{Real, Result};
+use nalgebra::DMatrix;
 
 /// Adds the internal forces at a displacement.
 pub type AddForces<'a, T> = dyn FnMut(&[T], &mut [T]) -> Result<()> + 'a;
 
-const STEPS: usize = 80;
+/// Most steps with all vectors stored.
+const STORED: usize = 80;
+
+/// Most steps of [`largest_ritz`]; about sixty settle the top of the spectrum.
+const LEAN: usize = 300;
 
 /// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; infinite if nothing moves. A nonlinear model gives its own in
 /// [`crate::Model::critical_step`].
 ///
-/// Lanczos on the symmetric operator `M^{-1/2} K M^{-1/2}` with a fixed start vector (so that the result is
-/// reproducible) and full reorthogonalisation. `inverse_inertia = 0` marks prescribed unknowns.
-///
 /// # Errors
 /// Those of `add_forces`.
-pub fn critical_step<T: Real>(
-    dofs: usize,
-    inverse_inertia: &[T],
-    add_forces: &mut AddForces<'_, T>,
-) -> Result<T> {
-    let top = largest_eigenvalue(dofs, inverse_inertia, add_forces)?;
-    Ok(if top > T::zero() {
-        T::of(2.0) / top.sqrt()
-    } else {
-        T::of(f64::from(f32::MAX))
-    })
+pub fn critical_step<T: Real>(inverse_inertia: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
+    Ok(step_of(largest_eigenvalue(inverse_inertia, add_forces)?))
 }
 
-/// Largest eigenvalue `ω²` of `M⁻¹K` \[1/s²\], where `add_forces` adds `−K q`.
+/// `2/√λ` \[s\] for the largest `λ = ω²` \[1/s²\].
+pub fn step_of<T: Real>(largest: T) -> T {
+    if largest > T::zero() {
+        T::of(2.0) / largest.sqrt()
+    } else {
+        T::of(f64::from(f32::MAX))
+    }
+}
+
+/// Largest eigenvalue `ω²` of `M⁻¹K` \[1/s²\], where `add_forces` adds `−K q`; `inverse_inertia = 0` marks prescribed
+/// unknowns. To round-off for most models, in memory of up to 80 vectors, each made orthogonal to all before it.
 ///
 /// # Errors
 /// Those of `add_forces`.
-pub fn largest_eigenvalue<T: Real>(
-    dofs: usize,
-    inverse_inertia: &[T],
-    add_forces: &mut AddForces<'_, T>,
-) -> Result<T> {
+pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
     let root: Vec<T> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
     let mut basis: Vec<Vec<T>> = Vec::new();
-    let (mut diagonal, mut off) = (Vec::new(), Vec::new());
-    let mut v: Vec<T> = (0..dofs)
-        .map(|i| {
-            if root[i] > T::zero() {
-                scatter(i)
-            } else {
-                T::zero()
-            }
-        })
-        .collect();
-    if normalise(&mut v) <= T::zero() {
-        return Ok(T::zero());
-    }
-    let (mut q, mut f) = (vec![T::zero(); dofs], vec![T::zero(); dofs]);
     let mut top = T::zero();
-    for step in 0..STEPS.min(dofs) {
-        (0..dofs).for_each(|i| q[i] = root[i] * v[i]);
-        f.fill(T::zero());
-        add_forces(&q, &mut f)?;
-        let mut w: Vec<T> = (0..dofs).map(|i| -root[i] * f[i]).collect();
-        diagonal.push(dot(&w, &v));
-        basis.push(std::mem::take(&mut v));
-        for _ in 0..2 {
-            for b in &basis {
-                let c = dot(&w, b);
-                (0..dofs).for_each(|i| w[i] -= c * b[i]);
-            }
+    let orthogonal = &mut |w: &mut [T], v: Vec<T>, _: &Tridiagonal<T>| {
+        basis.push(v);
+        for b in basis.iter().chain(&basis) {
+            let c = dot(w, b);
+            w.iter_mut().zip(b).for_each(|(w, b)| *w -= c * *b);
         }
+    };
+    lanczos(&root, STORED, add_forces, orthogonal, &mut |t| {
         let previous = top;
-        top = tridiagonal_top(&diagonal, &off)?;
-        let rest = normalise(&mut w);
-        let settled = step > 20 && (top - previous).abs() <= top * T::of(1e-10);
-        if settled || rest <= top * T::epsilon() * T::of(16.0) {
+        top = t.top()?;
+        let settled = t.diagonal.len() > 21 && (top - previous).abs() <= top * T::of(1e-10);
+        Ok(settled || t.rest <= top * T::epsilon() * T::of(16.0))
+    })?;
+    Ok(top)
+}
+
+/// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`: not below the largest eigenvalue by more than the
+/// relative `tolerance`, in memory of a few vectors. At most 300 steps; zero if nothing moves.
+///
+/// # Errors
+/// Those of `add_forces`, which adds `−K q`.
+pub fn largest_ritz<T: Real>(root: &[T], tolerance: T, add_forces: &mut AddForces<'_, T>) -> Result<T> {
+    let limit = LEAN.min(root.len());
+    let (mut last, mut top) = (vec![T::zero(); root.len()], T::zero());
+    let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
+        let alpha = t.diagonal[t.diagonal.len() - 1];
+        let beta = t.off.last().copied().unwrap_or_else(T::zero);
+        for ((w, v), l) in w.iter_mut().zip(&v).zip(&last) {
+            *w -= alpha * *v + beta * *l;
+        }
+        last = v;
+    };
+    lanczos(root, limit, add_forces, orthogonal, &mut |t| {
+        let step = t.diagonal.len();
+        let invariant = t.rest <= T::of(1e-14) * t.diagonal[step - 1].abs();
+        if !(invariant || step.is_multiple_of(10) || step == limit) {
+            return Ok(false);
+        }
+        let (value, end) = t.top_ritz();
+        let rest = if invariant { T::zero() } else { t.rest * end.abs() };
+        top = value + rest;
+        Ok(rest <= tolerance * value || invariant)
+    })?;
+    Ok(top.max(T::zero()))
+}
+
+/// The projected operator: a symmetric tridiagonal matrix, and the norm of what the next vector was made of.
+struct Tridiagonal<T> {
+    diagonal: Vec<T>,
+    off: Vec<T>,
+    rest: T,
+}
+
+/// Lanczos iteration on the symmetric `R K R` from a fixed start (so that the result is reproducible) until `settled`.
+/// `orthogonal` takes the vector the step began with, and takes out of the new one what must not be in it.
+fn lanczos<T: Real>(
+    root: &[T],
+    limit: usize,
+    add_forces: &mut AddForces<'_, T>,
+    orthogonal: &mut dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>),
+    settled: &mut dyn FnMut(&Tridiagonal<T>) -> Result<bool>,
+) -> Result<()> {
+    let n = root.len();
+    let moves = |i: usize| {
+        if root[i] > T::zero() {
+            scatter(i)
+        } else {
+            T::zero()
+        }
+    };
+    let mut v: Vec<T> = (0..n).map(moves).collect();
+    if normalise(&mut v) <= T::zero() {
+        return Ok(());
+    }
+    let mut t = Tridiagonal {
+        diagonal: Vec::new(),
+        off: Vec::new(),
+        rest: T::zero(),
+    };
+    let (mut q, mut w) = (vec![T::zero(); n], vec![T::zero(); n]);
+    for _ in 0..limit.min(n) {
+        (0..n).for_each(|i| q[i] = root[i] * v[i]);
+        w.fill(T::zero());
+        add_forces(&q, &mut w)?;
+        w.iter_mut().zip(root).for_each(|(w, r)| *w *= -*r);
+        t.diagonal.push(dot(&w, &v));
+        orthogonal(&mut w, v, &t);
+        t.rest = normalise(&mut w);
+        if settled(&t)? {
             break;
         }
-        off.push(rest);
-        v = w;
+        t.off.push(t.rest);
+        v = w.clone();
     }
-    Ok(top)
+    Ok(())
+}
+
+impl<T: Real> Tridiagonal<T> {
+    fn dense(&self) -> DMatrix<T> {
+        let n = self.diagonal.len();
+        DMatrix::from_fn(n, n, |r, c| match r.abs_diff(c) {
+            0 => self.diagonal[r],
+            1 => self.off[r.min(c)],
+            _ => T::zero(),
+        })
+    }
+
+    /// The largest eigenvalue.
+    fn top(&self) -> Result<T> {
+        let n = self.diagonal.len();
+        Ok(T::symmetric_eigen(n, self.dense().as_slice())?.values[n - 1])
+    }
+
+    /// The largest eigenvalue and the last entry of its unit vector.
+    fn top_ritz(&self) -> (T, T) {
+        let eigen = self.dense().symmetric_eigen();
+        let k = eigen.eigenvalues.imax();
+        (
+            eigen.eigenvalues[k],
+            eigen.eigenvectors[(self.diagonal.len() - 1, k)],
+        )
+    }
 }
 
 /// A fixed, well-spread sequence in (−1, 1), free of any symmetry of the model.
@@ -86,27 +170,10 @@ fn scatter<T: Real>(i: usize) -> T {
     T::of(2.0 * (x * 7.31 + 0.137 * x * x).fract() - 0.9)
 }
 
-fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::zero(), |s, (x, y)| s + *x * *y)
-}
-
 fn normalise<T: Real>(v: &mut [T]) -> T {
     let norm = dot(v, v).sqrt();
     if norm > T::zero() {
         v.iter_mut().for_each(|x| *x /= norm);
     }
     norm
-}
-
-fn tridiagonal_top<T: Real>(diagonal: &[T], off: &[T]) -> Result<T> {
-    let n = diagonal.len();
-    let mut dense = vec![T::zero(); n * n];
-    for i in 0..n {
-        dense[i * n + i] = diagonal[i];
-        if i > 0 {
-            dense[i * n + i - 1] = off[i - 1];
-            dense[(i - 1) * n + i] = off[i - 1];
-        }
-    }
-    Ok(T::symmetric_eigen(n, &dense)?.values[n - 1])
 }

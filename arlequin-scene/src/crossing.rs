@@ -1,7 +1,7 @@
 //! Cracks that run into an overlap: said when it happens, kept for the summary, and a reason to end where wanted.
 
 use crate::setup;
-use crate::spec::{Effect, SceneSpec};
+use crate::spec::{Effect, EffectKind, SceneSpec};
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{SharedLog, locked};
 use serde::Serialize;
@@ -87,7 +87,7 @@ fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<
 /// Whether an effect of the scene ends the run at the first break of model `m` in an overlap.
 fn stops(scene: &SceneSpec, m: usize) -> bool {
     let of = |(k, e): (usize, &Effect)| {
-        let stops = e.enabled && e.fracture.as_ref().is_some_and(|f| f.stop_at_overlap);
+        let stops = e.enabled && matches!(&e.kind, EffectKind::Fracture(f) if f.stop_at_overlap);
         stops && setup::effect_models(k, e, scene).is_ok_and(|models| models.contains(&m))
     };
     scene.effect.iter().enumerate().any(of)

@@ -121,7 +121,7 @@ fn variants(scene: &SceneSpec) -> Vec<(String, SceneSpec)> {
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
         let mut off = scene.clone();
         off.effect[k].enabled = false;
-        out.push((format!("effect[{k}].{}", e.given().join(", ")), off));
+        out.push((format!("effect[{k}].{}", e.kind.key()), off));
     }
     for (name, _) in scene.model.iter().filter(|(_, m)| m.dem.finite_rotations) {
         let mut off = scene.clone();

@@ -1,11 +1,44 @@
-//! Scenes as a library: read a file, change values, build what it asks for, run it, keep the results. Prints nothing and
-//! ends no process; see the command line for both.
+//! Scenes as a library: read a file, change values, build what it asks for, run it. Nothing is printed, and nothing is
+//! written but by [`Prepared::run_into`], which keeps results in a folder.
+//!
+//! ```
+//! use arlequin_scene::{Scene, Silent};
+//!
+//! # fn main() -> arlequin_scene::Result<()> {
+//! // A steel bar of 1 m, held at one end and pulled at the other by 1 kN from time zero on.
+//! let scene = Scene::from_text(r#"
+//! [model.bar]
+//! kind = "fem"
+//! shape.bar = { from = 0.0, to = 1.0, section = 1e-4 }
+//! spacing = 0.01
+//! material = { young = 210e9, density = 7800.0 }
+//! [[support]]
+//! model = "bar"
+//! where = "x-min"
+//! [[load]]
+//! model = "bar"
+//! where = "x-max"
+//! force = [1e3, 0.0, 0.0]
+//! time = "step"
+//! [time]
+//! end = 1e-3
+//! [probe.tip]
+//! model = "bar"
+//! where = "x-max"
+//! component = "x"
+//! "#)?;
+//! let results = scene.set("time.end", 3.854e-4)?.prepare()?.run(&mut Silent)?;
+//! // After a wave has run there and back, the tip has moved twice as far as at rest: 2 F L/(E A).
+//! let tip = &results.summary().probes["tip"];
+//! assert!((tip.last / (2.0 * 1e3 / (210e9 * 1e-4)) - 1.0).abs() < 0.02);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! [`SceneSpec`] has every key of a scene with its meaning and unit.
 
 pub mod calibrate;
 mod cells;
-#[allow(dead_code, reason = "the example offers more than a scene asks for")]
-#[path = "../../examples/chain/model.rs"]
-mod chain;
 mod checkpoint;
 mod crossing;
 pub mod effects;

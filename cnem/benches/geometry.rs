@@ -5,7 +5,7 @@
 use cnem::constraint::Surface;
 use cnem::delaunay::Delaunay;
 use cnem::domain::Domain;
-use cnem::natural::{Kind, Scratch};
+use cnem::natural::{Interpolant, Scratch};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use nalgebra::Point3;
@@ -121,7 +121,11 @@ fn shape<const LAPLACE: usize>(bencher: Bencher, gradients: bool) {
     let Ok(domain) = Domain::new(&random(10_000), &Surface::convex_hull()) else {
         return;
     };
-    let kind = if LAPLACE == 1 { Kind::Laplace } else { Kind::Sibson };
+    let kind = if LAPLACE == 1 {
+        Interpolant::Laplace
+    } else {
+        Interpolant::Sibson
+    };
     let mut r = noise(7);
     let queries: Vec<_> = (0..20_000)
         .map(|_| Point3::new(r(), r(), r()).map(|c| 0.05 + 0.9 * c))

@@ -15,7 +15,7 @@ mod beam;
 mod common;
 
 use beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
-use cnem::natural::Kind;
+use cnem::natural::Interpolant;
 use cnem::{Inertia, Options, Stabilisation};
 
 fn row(options: Options, sizes: [f64; 4]) {
@@ -58,7 +58,7 @@ fn main() {
     };
     for sizes in sets {
         println!("beam {}", if sizes[0] == 0.0 { 'A' } else { 'B' });
-        for kind in [Kind::Laplace, Kind::Sibson] {
+        for kind in [Interpolant::Laplace, Interpolant::Sibson] {
             for amount in [0.0, 0.05, 0.1, 0.2] {
                 print!("{kind:8?} a {amount:.2} ");
                 let stabilisation = if amount > 0.0 {

@@ -14,7 +14,7 @@ use arlequin_core::model::Model;
 use arlequin_core::weight::Weight;
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
-use cnem::natural::Kind;
+use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation, generate};
 use common::{mms, silica};
 use nalgebra::Point3;
@@ -50,7 +50,7 @@ impl Weight<f64> for Fall {
     }
 }
 
-fn costs(kind: Kind) {
+fn costs(kind: Interpolant) {
     let start = Instant::now();
     let domain = cube(20, 0.2);
     let meshed = start.elapsed();
@@ -89,9 +89,9 @@ fn costs(kind: Kind) {
 }
 
 fn main() {
-    costs(Kind::Laplace);
-    costs(Kind::Sibson);
-    for kind in [Kind::Laplace, Kind::Sibson] {
+    costs(Interpolant::Laplace);
+    costs(Interpolant::Sibson);
+    for kind in [Interpolant::Laplace, Interpolant::Sibson] {
         for stabilisation in [
             Stabilisation::None,
             Stabilisation::SubCells(0.05),

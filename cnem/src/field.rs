@@ -7,7 +7,7 @@ use crate::constraint::Surface;
 use crate::delaunay::linear_gradients;
 use crate::domain::Domain;
 use crate::error::{Result, parameter};
-use crate::natural::{Kind, Scratch};
+use crate::natural::{Interpolant, Scratch};
 use arlequin_core::field::{Interpolation, ShapeRow, outside};
 use arlequin_core::geometry::{Cell, Polyhedron};
 use arlequin_core::mediator::Mediator;
@@ -22,7 +22,7 @@ const NEAR: f64 = 1e-9;
 #[derive(Debug)]
 pub struct NaturalField {
     domain: Domain,
-    kind: Kind,
+    kind: Interpolant,
     /// Tetrahedron of every cell; none with Voronoi cells.
     elements: Vec<u32>,
     /// Voronoi cells of the nodes where they are asked for.
@@ -45,7 +45,7 @@ impl Clone for NaturalField {
 
 impl NaturalField {
     /// Field on the nodes of a domain.
-    pub fn new(domain: Domain, kind: Kind) -> Self {
+    pub fn new(domain: Domain, kind: Interpolant) -> Self {
         Self {
             elements: domain.element_ids(),
             bodies: None,
@@ -59,10 +59,10 @@ impl NaturalField {
     ///
     /// ```
     /// use arlequin_core::field::{Interpolation, ShapeRow};
-    /// use cnem::{NaturalField, natural::Kind};
+    /// use cnem::{NaturalField, natural::Interpolant};
     /// use nalgebra::Point3;
     /// let corner = |i: u32| Point3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
-    /// let field = NaturalField::from_points(&(0..8).map(corner).collect::<Vec<_>>(), Kind::Laplace)?;
+    /// let field = NaturalField::from_points(&(0..8).map(corner).collect::<Vec<_>>(), Interpolant::Laplace)?;
     /// let mut row = ShapeRow::default();
     /// field.shape_at(&Point3::new(0.25, 0.5, 0.5), false, &mut row)?;
     /// assert!((row.values.iter().sum::<f64>() - 1.0).abs() < 1e-14);
@@ -71,7 +71,7 @@ impl NaturalField {
     ///
     /// # Errors
     /// Those of [`Domain::new`].
-    pub fn from_points(points: &[Point3<f64>], kind: Kind) -> Result<Self> {
+    pub fn from_points(points: &[Point3<f64>], kind: Interpolant) -> Result<Self> {
         Ok(Self::new(Domain::new(points, &Surface::convex_hull())?, kind))
     }
 
@@ -80,7 +80,7 @@ impl NaturalField {
     /// # Errors
     /// Those of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where points would have to be inserted;
     /// [`crate::Error::Parameter`] where cracks would split nodes.
-    pub fn within(points: &[Point3<f64>], surface: &Surface, kind: Kind) -> Result<Self> {
+    pub fn within(points: &[Point3<f64>], surface: &Surface, kind: Interpolant) -> Result<Self> {
         let domain = Domain::with_limit(points, surface, 0)?;
         match domain.copies().count() {
             0 => Ok(Self::new(domain, kind)),
@@ -98,7 +98,7 @@ impl NaturalField {
     }
 
     /// Which shape functions.
-    pub fn shape_kind(&self) -> Kind {
+    pub fn interpolant(&self) -> Interpolant {
         self.kind
     }
 

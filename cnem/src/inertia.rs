@@ -1,7 +1,7 @@
 //! Which nodes carry the mass of a cell.
 
 use crate::domain::Domain;
-use crate::natural::{Kind, Scratch};
+use crate::natural::{Interpolant, Scratch};
 use crate::voronoi::Voronoi;
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ pub(crate) struct Spread(Vec<Vec<(u32, f64)>>);
 
 impl Spread {
     /// That of [`Inertia::Centroids`].
-    pub(crate) fn centroids(domain: &Domain, cells: &Voronoi, kind: Kind) -> Self {
+    pub(crate) fn centroids(domain: &Domain, cells: &Voronoi, kind: Interpolant) -> Self {
         let shares = |scratch: &mut Scratch, i: usize| {
             let own = vec![(i as u32, 1.0)];
             let Ok(row) = domain.shape(kind, &centroid(domain, cells, i), scratch) else {

@@ -15,7 +15,7 @@
 //! ```
 //! use cnem::constraint::Surface;
 //! use cnem::domain::Domain;
-//! use cnem::natural::{Kind, Scratch};
+//! use cnem::natural::{Interpolant, Scratch};
 //! use nalgebra::Point3;
 //!
 //! let grid: Vec<_> =
@@ -24,7 +24,7 @@
 //!
 //! // One scratch per thread; the row is valid until the next evaluation.
 //! let mut scratch = Scratch::new();
-//! let row = domain.shape_with_gradients(Kind::Sibson, &Point3::new(0.3, 0.9, 1.2), &mut scratch)?;
+//! let row = domain.shape_with_gradients(Interpolant::Sibson, &Point3::new(0.3, 0.9, 1.2), &mut scratch)?;
 //! let x: f64 = row.nodes.iter().zip(&row.values).map(|(&v, w)| w * grid[v].x).sum();
 //! assert!((x - 0.3).abs() < 1e-14);
 //!

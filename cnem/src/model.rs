@@ -16,7 +16,7 @@ use crate::domain::{Domain, Neighbours};
 use crate::error::{Error, Result, parameter};
 use crate::field::NaturalField;
 use crate::inertia::{Inertia, Spread};
-use crate::natural::Kind;
+use crate::natural::Interpolant;
 use crate::scni::{BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells, stiffness};
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
@@ -46,7 +46,7 @@ const STRAINS: [(&str, [usize; 2]); 6] = [
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// Shape functions.
-    pub kind: Kind,
+    pub kind: Interpolant,
     /// Cure of the spurious modes.
     pub stabilisation: Stabilisation,
     /// Nodes that carry the mass of a cell.
@@ -56,7 +56,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            kind: Kind::Laplace,
+            kind: Interpolant::Laplace,
             stabilisation: Stabilisation::default(),
             inertia: Inertia::default(),
         }

@@ -12,7 +12,7 @@ use arlequin_core::model::{LinearModel, Model};
 use arlequin_core::weight::Uniform;
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
-use cnem::natural::Kind;
+use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation, generate};
 use common::mms;
 use nalgebra::Point3;
@@ -25,7 +25,11 @@ fn cube(steps: usize, jitter: f64) -> Domain {
 
 #[test]
 fn manufactured_solution_converges() {
-    for (kind, jitter) in [(Kind::Laplace, 0.0), (Kind::Laplace, 0.2), (Kind::Sibson, 0.2)] {
+    for (kind, jitter) in [
+        (Interpolant::Laplace, 0.0),
+        (Interpolant::Laplace, 0.2),
+        (Interpolant::Sibson, 0.2),
+    ] {
         let options = Options {
             kind,
             ..Options::default()

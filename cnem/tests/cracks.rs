@@ -12,7 +12,7 @@ use arlequin_core::model::{LinearModel, Model};
 use arlequin_core::weight::Uniform;
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
-use cnem::natural::{Kind, Scratch};
+use cnem::natural::{Interpolant, Scratch};
 use cnem::{CnemModel, Elastic, Inertia, Options, generate};
 use common::{noise, solve};
 use nalgebra::{Point3, Vector3};
@@ -254,7 +254,7 @@ fn a_field_on_given_points_refuses_nodes_that_a_crack_splits() {
         .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
         .collect();
     let surface = Surface::convex_hull().with_cracks(crack);
-    let error = cnem::NaturalField::within(&points, &surface, Kind::Laplace).err();
+    let error = cnem::NaturalField::within(&points, &surface, Interpolant::Laplace).err();
     assert!(
         matches!(
             error,
@@ -277,7 +277,7 @@ fn functions_on_a_lip_are_those_of_its_side() {
     for k in 0..400 {
         let offset = if k % 2 == 0 { 1e-12 } else { 0.2 } * next();
         let x = Point3::new(1.0 + offset, 0.5 * (1.0 + next()), 0.25 * (1.0 + next()));
-        for kind in [Kind::Sibson, Kind::Laplace] {
+        for kind in [Interpolant::Sibson, Interpolant::Laplace] {
             let row = domain.shape(kind, &x, &mut s).unwrap();
             let mut moment = Vector3::zeros();
             for (&v, &w) in row.nodes.iter().zip(&row.values) {

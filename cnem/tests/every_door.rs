@@ -7,7 +7,7 @@ mod common;
 use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::geometry::Cell;
 use cnem::NaturalField;
-use cnem::natural::Kind;
+use cnem::natural::Interpolant;
 use common::{block, noise};
 use nalgebra::{Point3, Vector3};
 
@@ -48,7 +48,7 @@ fn places(field: &dyn Interpolation<f64>) -> Vec<(Option<usize>, Point3<f64>)> {
 
 #[test]
 fn values_sum_to_one_and_place_the_point_through_every_door() {
-    for kind in [Kind::Sibson, Kind::Laplace] {
+    for kind in [Interpolant::Sibson, Interpolant::Laplace] {
         let domain = block([4, 4, 4], 0.25, 0.3, 3, |_, _, _| true);
         let field = NaturalField::new(domain, kind);
         let fields: [Box<dyn Interpolation<f64>>; 2] = [
@@ -80,7 +80,7 @@ fn values_sum_to_one_and_place_the_point_through_every_door() {
 fn the_middle_of_a_cube_belongs_to_its_corners_by_an_eighth_and_that_of_a_face_by_a_quarter() {
     let corner = |i: u32| Point3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
     let points: Vec<_> = (0..8).map(corner).collect();
-    for kind in [Kind::Sibson, Kind::Laplace] {
+    for kind in [Interpolant::Sibson, Interpolant::Laplace] {
         let field = NaturalField::from_points(&points, kind).unwrap();
         let mut row = ShapeRow::default();
         for (x, share) in [

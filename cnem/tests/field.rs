@@ -9,7 +9,7 @@ use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::geometry::Cell;
 use arlequin_core::mediator::Mediator;
 use cnem::NaturalField;
-use cnem::natural::Kind;
+use cnem::natural::Interpolant;
 use common::{block, noise};
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -38,7 +38,7 @@ fn probes(field: &dyn Interpolation<f64>) -> Vec<Point3<f64>> {
 
 #[test]
 fn shapes_conform() {
-    for kind in [Kind::Sibson, Kind::Laplace] {
+    for kind in [Interpolant::Sibson, Interpolant::Laplace] {
         let fields = [
             NaturalField::from_points(&random(200, 1), kind).unwrap(),
             NaturalField::new(block([4, 4, 3], 0.3, 0.3, 2, |i, j, _| i < 2 || j < 2), kind),
@@ -56,7 +56,7 @@ fn shapes_conform() {
 
 #[test]
 fn points_in_a_cell_need_no_search() {
-    let field = NaturalField::from_points(&random(200, 3), Kind::Sibson).unwrap();
+    let field = NaturalField::from_points(&random(200, 3), Interpolant::Sibson).unwrap();
     let (mut a, mut b) = (ShapeRow::default(), ShapeRow::default());
     for (k, cell) in field.cells().iter().enumerate() {
         let mut samples = Vec::new();
@@ -72,7 +72,10 @@ fn points_in_a_cell_need_no_search() {
 
 #[test]
 fn outside_is_an_error_but_round_off_is_not() {
-    let field = NaturalField::new(block([3, 3, 3], 1.0, 0.2, 1, |_, _, _| true), Kind::Laplace);
+    let field = NaturalField::new(
+        block([3, 3, 3], 1.0, 0.2, 1, |_, _, _| true),
+        Interpolant::Laplace,
+    );
     let mut row = ShapeRow::default();
     for (off, good) in [(1e-14, true), (1e-11, true), (1e-6, false), (0.5, false)] {
         let x = Point3::new(3.0 + off, 1.3, 1.7);
@@ -99,7 +102,7 @@ fn outside_is_an_error_but_round_off_is_not() {
 
 #[test]
 fn many_threads_share_a_field() {
-    let field = NaturalField::from_points(&random(300, 5), Kind::Sibson).unwrap();
+    let field = NaturalField::from_points(&random(300, 5), Interpolant::Sibson).unwrap();
     let points = probes(&field);
     let value = |x: &Point3<f64>| {
         let mut row = ShapeRow::default();
@@ -114,7 +117,7 @@ fn many_threads_share_a_field() {
 #[test]
 fn mediator_cells_fill_the_overlap() {
     let points = random(120, 7);
-    let mediator = NaturalField::from_points(&points, Kind::Sibson).unwrap();
+    let mediator = NaturalField::from_points(&points, Interpolant::Sibson).unwrap();
     assert!(mediator.spacing() > 0.1 && mediator.spacing() < 1.5);
     let volume: f64 = mediator.cells().iter().map(Cell::measure).sum();
     assert!((volume / mediator.domain().volume() - 1.0).abs() < 1e-12);
@@ -131,7 +134,7 @@ fn mediator_cells_fill_the_overlap() {
     // Re-entrant bodies have cells that are not convex: they come in parts.
     let block = block([4, 4, 3], 0.3, 0.3, 2, |i, j, _| i < 2 || j < 2);
     let volume = block.volume();
-    let voronoi = NaturalField::new(block, Kind::Laplace)
+    let voronoi = NaturalField::new(block, Interpolant::Laplace)
         .with_voronoi_cells()
         .unwrap();
     let sum: f64 = voronoi.cells().iter().map(Cell::measure).sum();

@@ -8,7 +8,7 @@ use arlequin_core::geometry::Cell;
 use arlequin_core::model::{LinearModel, Model};
 use arlequin_core::weight::Weight;
 use cnem::generate::Cylinder;
-use cnem::natural::Kind;
+use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation};
 use common::{block, largest, noise, silica};
 use nalgebra::{Point3, center};
@@ -54,7 +54,7 @@ fn assembled(model: &CnemModel) -> (Vec<f64>, f64) {
 fn forces_and_energy_are_those_of_the_assembled_stiffness() {
     // An L, with nodes off the grid.
     let domain = block([4, 4, 3], 0.25, 0.2, 9, |i, j, _| i < 2 || j < 2);
-    for kind in [Kind::Sibson, Kind::Laplace] {
+    for kind in [Interpolant::Sibson, Interpolant::Laplace] {
         for stabilisation in [Stabilisation::None, Stabilisation::default()] {
             let options = Options {
                 kind,

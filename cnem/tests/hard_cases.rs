@@ -2,7 +2,7 @@
 
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
-use cnem::natural::{Kind, Scratch};
+use cnem::natural::{Interpolant, Scratch};
 use cnem::{Error, Result};
 use nalgebra::{Point3, Vector3};
 
@@ -62,7 +62,7 @@ fn assert_sound(domain: &Domain, volume: f64) {
     for t in domain.elements() {
         let p = t.map(|v| nodes[v].coords);
         let x = Point3::from(p[0] * 0.1 + p[1] * 0.2 + p[2] * 0.3 + p[3] * 0.4);
-        for kind in [Kind::Sibson, Kind::Laplace] {
+        for kind in [Interpolant::Sibson, Interpolant::Laplace] {
             let row = domain.shape(kind, &x, &mut s).expect("inside");
             let mut moment: Vector3<f64> = Vector3::zeros();
             for (&v, &w) in row.nodes.iter().zip(&row.values) {
@@ -198,14 +198,14 @@ fn two_disjoint_bodies() -> Result<()> {
     let domain = Domain::new(&points, &Surface::boundary([skin(0), skin(8)].concat()))?;
     assert_sound(&domain, 2.0);
     let mut s = Scratch::new();
-    let row = domain.shape(Kind::Sibson, &Point3::new(0.97, 0.5, 0.5), &mut s)?;
+    let row = domain.shape(Interpolant::Sibson, &Point3::new(0.97, 0.5, 0.5), &mut s)?;
     assert!(
         row.nodes
             .iter()
             .zip(&row.values)
             .all(|(&v, &w)| w <= 0.0 || domain.nodes()[v].x <= 1.0)
     );
-    let between = domain.shape(Kind::Sibson, &Point3::new(1.25, 0.5, 0.5), &mut s);
+    let between = domain.shape(Interpolant::Sibson, &Point3::new(1.25, 0.5, 0.5), &mut s);
     assert!(matches!(between, Err(Error::OutsideDomain { .. })));
     Ok(())
 }

@@ -20,7 +20,7 @@ use common::{block, mms, silica};
 use nalgebra::{Point3, Vector3};
 
 const CENTROIDS: Options = Options {
-    kind: cnem::natural::Kind::Laplace,
+    kind: cnem::natural::Interpolant::Laplace,
     stabilisation: cnem::Stabilisation::SubCells(0.1),
     inertia: Inertia::Centroids,
 };

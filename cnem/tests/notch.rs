@@ -10,7 +10,7 @@ mod common;
 use arlequin_core::model::{LinearModel, Model};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
-use cnem::natural::{Kind, Scratch};
+use cnem::natural::{Interpolant, Scratch};
 use cnem::{CnemModel, Options, Stabilisation};
 use common::{largest, noise, silica, solve};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -97,7 +97,7 @@ fn a_v_notch_keeps_its_nodes_and_passes_the_patch_test() {
         assert!((domain.volume() / (4.0 * (16.0 - 2.0 * half)) - 1.0).abs() < 1e-13);
         let closure = domain.voronoi().unwrap().closure(&domain);
         assert!(closure.volume < 1e-13 && closure.area < 1e-13, "{closure:?}");
-        for kind in [Kind::Laplace, Kind::Sibson] {
+        for kind in [Interpolant::Laplace, Interpolant::Sibson] {
             let stabilisation = if seed == 0 {
                 Stabilisation::default()
             } else {
@@ -130,7 +130,7 @@ fn functions_beside_a_notch_see_no_node_behind_it() {
     let (mut asked, mut near) = (0, 0);
     while asked < 600 {
         let x = Point3::new(r(), 3.0 + r(), 2.0 + 1.9 * r());
-        for kind in [Kind::Laplace, Kind::Sibson] {
+        for kind in [Interpolant::Laplace, Interpolant::Sibson] {
             let Ok(row) = domain.shape(kind, &x, &mut s) else {
                 continue;
             };

@@ -14,7 +14,7 @@ use arlequin_core::weight::{Uniform, Weight};
 use arlequin_core::{NodallyWeighted, conformance};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
-use cnem::natural::Kind;
+use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation, generate};
 use common::{block, largest, noise, silica, solve};
 use nalgebra::{Matrix3, Point3, Vector3, center};
@@ -70,7 +70,7 @@ fn coarse_crack() -> Domain {
 
 fn all_options() -> Vec<Options> {
     let mut out = Vec::new();
-    for kind in [Kind::Sibson, Kind::Laplace] {
+    for kind in [Interpolant::Sibson, Interpolant::Laplace] {
         for stabilisation in [Stabilisation::None, Stabilisation::default()] {
             out.push(Options {
                 kind,

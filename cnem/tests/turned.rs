@@ -11,7 +11,7 @@ use arlequin_core::model::{LinearModel, Model};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::generate::Cylinder;
-use cnem::natural::{Kind, Scratch};
+use cnem::natural::{Interpolant, Scratch};
 use cnem::{CnemModel, Elastic, Error, NaturalField, Options, Stabilisation};
 use common::bodies::{Body, Map, all, grid_hull, rings, voxels};
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
@@ -300,7 +300,7 @@ fn points_on_the_surface_are_inside() {
                 let (u, v) = (0.5 + 0.5 * next(), 0.5 + 0.5 * next());
                 let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
                 let x = a + (b - a) * u + (c - a) * v;
-                let row = domain.shape(Kind::Laplace, &x, &mut scratch).unwrap();
+                let row = domain.shape(Interpolant::Laplace, &x, &mut scratch).unwrap();
                 let pairs = row.nodes.iter().zip(&row.values);
                 let off: Vector3<f64> = pairs.map(|(&v, w)| (domain.nodes()[v] - x) * *w).sum();
                 assert!(off.norm() < 1e-13 * (1.0 + size), "{} {off}", body.name);
@@ -335,7 +335,7 @@ fn turned_lines_and_planes_are_named_as_exact_ones() {
             Domain::new(&plane, &hull).err(),
             Some(Error::AllCoplanar { nodes: 25 })
         );
-        let field = NaturalField::from_points(&plane, Kind::Laplace).err();
+        let field = NaturalField::from_points(&plane, Interpolant::Laplace).err();
         assert_eq!(field, Some(Error::AllCoplanar { nodes: 25 }));
     }
 }

@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, reason = "an example shows its results")]
 
 use dem_beam::calibrate::{Bar, Spread, tension_test};
+use dem_beam::packing::size::sphere_count;
 use dem_beam::statics::{Equilibrium, StaticProblem};
 use dem_beam::{BeamMaterial, BondedParticles, Container, Error, Held, PackingSpec};
 use nalgebra::Vector3;
@@ -16,8 +17,7 @@ fn main() -> Result<(), Error> {
         let diameter: f64 = 2.0 * HALF / across;
         let length = 20e-3;
         let (container, area) = section(square, length)?;
-        let sphere = std::f64::consts::PI / 6.0 * diameter.powi(3) * 1.0625;
-        let count = (0.615 * area * length / sphere).round() as usize;
+        let count = sphere_count(area * length, diameter).round() as usize;
         let bar = Bar {
             start: 0.0,
             length,

@@ -25,7 +25,7 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 /// Elastic constants of the beams and the ratio of beam to mean particle radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BeamMaterial {
-    /// Young's modulus `E_mu` of a beam (Pa).
+    /// Young's modulus `E_mu` of a beam \[Pa\].
     pub young: f64,
     /// Poisson's ratio `nu_mu` of a beam; enters through `G = E/2(1+nu)`.
     pub poisson: f64,
@@ -41,7 +41,7 @@ impl BeamMaterial {
         radius_ratio: 0.71,
     };
 
-    /// Rigidities of all beams of a packing with mean particle radius `mean_radius` (m).
+    /// Rigidities of all beams of a packing with mean particle radius `mean_radius` \[m\].
     ///
     /// # Errors
     /// [`Error::OutOfRange`] for a modulus, ratio or radius that is not positive, or a
@@ -57,11 +57,11 @@ impl BeamMaterial {
         positive("beam radius ratio", self.radius_ratio)?;
         positive("mean particle radius", mean_radius)?;
         if !(self.poisson > -1.0 && self.poisson <= 0.5) {
-            return Err(Error::OutOfRange {
-                name: "beam Poisson's ratio",
-                value: self.poisson,
-                range: "(-1, 0.5]",
-            });
+            return Err(Error::out_of_range(
+                "beam Poisson's ratio",
+                self.poisson,
+                "(-1, 0.5]",
+            ));
         }
         let radius = self.radius_ratio * mean_radius;
         let area = std::f64::consts::PI * radius * radius;
@@ -77,15 +77,15 @@ impl BeamMaterial {
 /// What a beam section resists with; the same for all bonds of a packing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BeamRigidity {
-    /// `E S` (N).
+    /// `E S` \[N\].
     pub axial: f64,
-    /// `E I` (N m^2).
+    /// `E I` \[N m²\].
     pub bending: f64,
-    /// `G I_O`, `I_O = 2 I` (N m^2).
+    /// `G I_O`, `I_O = 2 I` \[N m²\].
     pub torsion: f64,
 }
 
-/// One bond, ready for use: `axis = n/l` (1/m) and `scale = w l` (m), `w` the weight.
+/// One bond, ready for use: `axis = n/l` \[1/m\] and `scale = w l` \[m\], `w` the weight.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LinearBond {
     /// `n/l`, from the first particle to the second.
@@ -94,7 +94,7 @@ pub struct LinearBond {
     pub scale: f64,
 }
 
-/// Displacement (m) and rotation (rad) of a particle, or force (N) and torque (N m) on it.
+/// Displacement \[m\] and rotation \[rad\] of a particle, or force \[N\] and torque \[N m\] on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Twist {
     /// Translation or force.
@@ -115,7 +115,7 @@ impl Twist {
 }
 
 impl LinearBond {
-    /// The bond between two centres (m) with weight `weight` (1 for a bond on its own).
+    /// The bond between two centres \[m\] with weight `weight` (1 for a bond on its own).
     ///
     /// # Errors
     /// [`Error::ZeroLengthBond`] (as bond 0) if the centres coincide or are not finite.
@@ -163,7 +163,7 @@ impl LinearBond {
         )
     }
 
-    /// Elastic energy (J), never negative for a weight >= 0.
+    /// Elastic energy \[J\], never negative for a weight >= 0.
     #[must_use]
     pub fn energy(&self, k: &BeamRigidity, i: &Twist, j: &Twist) -> f64 {
         let (p, s) = (self.axis, self.scale);

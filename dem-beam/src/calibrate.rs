@@ -8,9 +8,9 @@
 
 use crate::bond::BeamMaterial;
 use crate::error::{Error, Result, finite, positive};
+use crate::model::TOUCH;
 use crate::packing::Packing;
 use crate::particles::BondedParticles;
-use crate::statics::Held;
 use crate::statics::StaticProblem;
 use nalgebra::{Matrix3, Vector3};
 
@@ -21,16 +21,16 @@ pub struct Bar {
     pub start: f64,
     /// Length.
     pub length: f64,
-    /// Area of the section (m^2).
+    /// Area of the section \[m²\].
     pub area: f64,
 }
 
 /// What a tension test shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Elasticity {
-    /// Young's modulus over the whole bar (Pa).
+    /// Young's modulus over the whole bar \[Pa\].
     pub young: f64,
-    /// Young's modulus from the strain of the gauge section (Pa).
+    /// Young's modulus from the strain of the gauge section \[Pa\].
     pub young_gauge: f64,
     /// Poisson's ratio from the gauge section.
     pub poisson: f64,
@@ -75,40 +75,47 @@ const TOLERANCE: f64 = 1e-6;
 /// Most iterations: twenty times what a bar of 200 000 particles takes.
 const ITERATIONS: usize = 50_000;
 
+/// Particles that touch the two end faces of a bar.
+///
+/// # Errors
+/// [`Error::OutOfRange`] for the bar, or if no particle touches an end.
+pub(crate) fn end_layers(body: &BondedParticles, bar: &Bar) -> Result<[Vec<usize>; 2]> {
+    positive("bar length", bar.length)?;
+    positive("bar section", bar.area)?;
+    let gap = TOUCH * body.mean_radius();
+    let mut ends = [Vec::new(), Vec::new()];
+    for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
+        let (along, near) = (x.x - bar.start, r + gap);
+        if along < near {
+            ends[0].push(i);
+        } else if bar.length - along < near {
+            ends[1].push(i);
+        }
+    }
+    let names = ["particles at the first end", "particles at the second end"];
+    match names.into_iter().zip(&ends).find(|(_, end)| end.is_empty()) {
+        None => Ok(ends),
+        Some((name, _)) => Err(Error::out_of_range(name, 0.0, "values >= 1")),
+    }
+}
+
 /// Measures E and nu of a bar.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] for the bar, or if no particle touches an end;
 /// [`Error::NoConvergence`] of the solve.
 pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
-    positive("bar length", bar.length)?;
-    positive("bar section", bar.area)?;
-    let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
+    let ends = end_layers(body, bar)?;
     let mut problem = StaticProblem::free(body.len());
-    let mut side: Vec<f64> = vec![0.0; body.len()];
-    for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
-        let along = x.x - bar.start;
-        // Touching: within a twentieth of a radius, the gap that bonds bridge as well.
-        let near = r + 0.05 * mean;
-        if along < near {
-            side[i] = -1.0;
-        } else if bar.length - along < near {
-            side[i] = 1.0;
-        }
-        problem.held[i].linear[0] = side[i] != 0.0;
-        // An affine start: nearly the solution.
-        problem.start[i].linear.x = STRAIN * along;
+    // An affine start: nearly the solution.
+    for (start, x) in problem.start.iter_mut().zip(body.positions()) {
+        start.linear.x = STRAIN * (x.x - bar.start);
     }
-    for (name, s) in [
-        ("particles at the first end", -1.0_f64),
-        ("particles at the second end", 1.0),
-    ] {
-        if !side.iter().any(|x| x.total_cmp(&s).is_eq()) {
-            return Err(Error::OutOfRange {
-                name,
-                value: 0.0,
-                range: "values >= 1",
-            });
+    let mut side = vec![0.0; body.len()];
+    for (end, s) in ends.iter().zip([-1.0, 1.0]) {
+        for &i in end {
+            side[i] = s;
+            problem.held[i].linear[0] = true;
         }
     }
     let done = problem.solve(body, TOLERANCE, ITERATIONS)?;
@@ -149,11 +156,11 @@ fn gradient(points: impl Iterator<Item = (Vector3<f64>, f64)> + Clone) -> Result
         a += d * d.transpose();
         b += d * (u - mean);
     }
-    a.try_inverse().map(|a| a * b).ok_or(Error::OutOfRange {
-        name: "particles in the gauge section",
-        value: count,
-        range: "at least four that are not coplanar",
-    })
+    a.try_inverse().map(|a| a * b).ok_or(Error::out_of_range(
+        "particles in the gauge section",
+        count,
+        "at least four that are not coplanar",
+    ))
 }
 
 /// Mean and standard deviation.
@@ -182,9 +189,9 @@ impl Spread {
 /// Elasticity over several packings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Statistics {
-    /// Young's modulus over the whole bar (Pa).
+    /// Young's modulus over the whole bar \[Pa\].
     pub young: Spread,
-    /// Young's modulus of the gauge section (Pa).
+    /// Young's modulus of the gauge section \[Pa\].
     pub young_gauge: Spread,
     /// Poisson's ratio.
     pub poisson: Spread,
@@ -236,7 +243,7 @@ pub struct Calibration {
     pub tests: usize,
 }
 
-/// Finds `E_mu` and the beam radius ratio for a wanted E (Pa) and nu of bars, by [`beam_for`].
+/// Finds `E_mu` and the beam radius ratio for a wanted E \[Pa\] and nu of bars, by [`beam_for`].
 ///
 /// # Errors
 /// Those of [`beam_for`] and [`measure`].
@@ -266,7 +273,7 @@ pub const RATIOS: [f64; 2] = [0.2, 1.5];
 /// How near the wanted Poisson's ratio is met: below any seed spread.
 const NEAR: f64 = 1e-4;
 
-/// Finds the beams for a wanted E (Pa) and nu, whatever `test` measures them by: it gives E (Pa) and nu that beams
+/// Finds the beams for a wanted E \[Pa\] and nu, whatever `test` measures them by: it gives E \[Pa\] and nu that beams
 /// lead to. nu depends on the radius ratio alone and falls with it; E is proportional to that of the beams.
 ///
 /// # Errors
@@ -327,22 +334,5 @@ pub fn beam_for(
     })
 }
 
-/// Modulus of the beams while their radius is sought (Pa); the law is linear, so any value does.
+/// Modulus of the beams while their radius is sought \[Pa\]; the law is linear, so any value does.
 const UNIT: f64 = 1e9;
-
-/// Clamp of the particles that touch the plane `x = at` from above, all components.
-#[must_use]
-pub fn clamp_layer(body: &BondedParticles, at: f64) -> Vec<Held> {
-    let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
-    let spheres = body.positions().iter().zip(body.radii());
-    let touches = |x: &Vector3<f64>, r: f64| x.x - at < r + 0.05 * mean;
-    spheres
-        .map(|(x, r)| {
-            if touches(x, *r) {
-                Held::ALL
-            } else {
-                Held::default()
-            }
-        })
-        .collect()
-}

@@ -14,9 +14,9 @@ pub enum Error {
         first: usize,
         /// Larger particle number.
         second: usize,
-        /// Distance of the centres (m).
+        /// Distance of the centres \[m\].
         distance: f64,
-        /// Smallest accepted distance (m).
+        /// Smallest accepted distance \[m\].
         limit: f64,
     },
     /// A particle without size has neither mass nor rotational inertia.
@@ -24,7 +24,7 @@ pub enum Error {
     BadRadius {
         /// Particle number.
         particle: usize,
-        /// The radius found (m).
+        /// The radius found \[m\].
         radius: f64,
     },
     /// A coordinate, weight or load is NaN or infinite.
@@ -51,9 +51,9 @@ pub enum Error {
         first: usize,
         /// Second particle.
         second: usize,
-        /// Length found (m).
+        /// Length found \[m\].
         length: f64,
-        /// Smallest accepted length (m).
+        /// Smallest accepted length \[m\].
         limit: f64,
     },
     /// A particle no bond holds: it would fly away at the first push.
@@ -103,9 +103,9 @@ pub enum Error {
          {limit}: narrow the radius distribution"
     )]
     RadiusRatio {
-        /// Smallest radius (m).
+        /// Smallest radius \[m\].
         smallest: f64,
-        /// Largest radius (m).
+        /// Largest radius \[m\].
         largest: f64,
         /// Their ratio.
         ratio: f64,
@@ -121,9 +121,9 @@ pub enum Error {
     ContainerTooSmall {
         /// Number of particles asked for.
         count: usize,
-        /// Largest diameter they would have (m).
+        /// Largest diameter they would have \[m\].
         diameter: f64,
-        /// Smallest width of the container (m).
+        /// Smallest width of the container \[m\].
         width: f64,
     },
     /// Spheres nearly as wide as the body: no packing of them has bonds in all directions.
@@ -135,9 +135,9 @@ pub enum Error {
     TooFewAcross {
         /// Number of spheres.
         count: usize,
-        /// Their mean diameter (m).
+        /// Their mean diameter \[m\].
         diameter: f64,
-        /// Narrowest width of the body (m).
+        /// Narrowest width of the body \[m\].
         width: f64,
         /// Width over diameter.
         across: f64,
@@ -150,9 +150,9 @@ pub enum Error {
     OutsideContainer {
         /// Particle number.
         particle: usize,
-        /// Depth by which the sphere passes the wall (m).
+        /// Depth by which the sphere passes the wall \[m\].
         excess: f64,
-        /// Largest accepted depth (m).
+        /// Largest accepted depth \[m\].
         limit: f64,
     },
     /// A periodic box in which a sphere would meet its own image.
@@ -161,9 +161,9 @@ pub enum Error {
          particles"
     )]
     PeriodTooShort {
-        /// Shortest edge (m).
+        /// Shortest edge \[m\].
         shortest: f64,
-        /// Shortest accepted edge (m).
+        /// Shortest accepted edge \[m\].
         limit: f64,
     },
     /// A periodic packing where a body with a surface is needed.
@@ -190,7 +190,7 @@ pub enum Error {
     /// A closed surface with (almost) nothing inside, or turned inside out.
     #[error("the surface encloses {volume:e} m3: orient its triangles outwards")]
     NoVolume {
-        /// Signed volume (m3).
+        /// Signed volume \[m³\].
         volume: f64,
     },
     /// The packing did not jam at the wanted overlap.
@@ -265,7 +265,7 @@ pub enum Error {
         body: usize,
         /// Bodies within the surface.
         bodies: usize,
-        /// Volume of the body (m3).
+        /// Volume of the body \[m³\].
         volume: f64,
         /// What is wrong.
         source: Box<Self>,
@@ -283,7 +283,7 @@ pub enum Error {
         first: usize,
         /// Number of the second body, from 1.
         second: usize,
-        /// A point in both (m).
+        /// A point in both \[m\].
         point: [f64; 3],
     },
     /// A bar that stretches without breaking apart.
@@ -294,7 +294,7 @@ pub enum Error {
     NotBroken {
         /// Strain reached.
         strain: f64,
-        /// Highest stress (Pa).
+        /// Highest stress \[Pa\].
         stress: f64,
     },
     /// An iterative solver stopped short.
@@ -320,9 +320,9 @@ pub enum Error {
         100.0 * limit
     )]
     AxialWave {
-        /// Young's modulus over the whole bar (Pa).
+        /// Young's modulus over the whole bar \[Pa\].
         whole: f64,
-        /// Young's modulus of the gauge section (Pa).
+        /// Young's modulus of the gauge section \[Pa\].
         gauge: f64,
         /// Relative difference.
         difference: f64,
@@ -345,14 +345,6 @@ pub enum Error {
         thin: f64,
         /// Radius ratios tried.
         ratios: [f64; 2],
-    },
-    /// The time step is above what the fastest mode allows.
-    #[error("time step {step:e} s is above the critical step {critical:e} s: use at most 0.9 of it")]
-    StepTooLarge {
-        /// Step asked for (s).
-        step: f64,
-        /// Critical step (s).
-        critical: f64,
     },
     /// Selected particles cannot carry a load.
     #[error("load on {count} particles: {reason}")]
@@ -385,9 +377,9 @@ pub enum Error {
         first: usize,
         /// Larger particle number.
         second: usize,
-        /// Distance of the centres (m).
+        /// Distance of the centres \[m\].
         distance: f64,
-        /// Smallest accepted distance: the larger radius (m).
+        /// Smallest accepted distance: the larger radius \[m\].
         limit: f64,
     },
     /// The bytes of a file are not what its format asks for.
@@ -434,13 +426,17 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
+    pub(crate) fn out_of_range(name: &'static str, value: f64, range: &'static str) -> Self {
+        Self::OutOfRange { name, value, range }
+    }
+
     /// A triangle that names a vertex that does not exist.
     pub(crate) fn no_vertex(vertex: u32) -> Self {
-        Self::OutOfRange {
-            name: "vertex number of a triangle",
-            value: f64::from(vertex),
-            range: "numbers below the number of vertices",
-        }
+        Self::out_of_range(
+            "vertex number of a triangle",
+            f64::from(vertex),
+            "numbers below the number of vertices",
+        )
     }
 }
 
@@ -463,10 +459,6 @@ pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
     if value.is_finite() && value > 0.0 {
         Ok(())
     } else {
-        Err(Error::OutOfRange {
-            name,
-            value,
-            range: "finite values > 0",
-        })
+        Err(Error::out_of_range(name, value, "finite values > 0"))
     }
 }

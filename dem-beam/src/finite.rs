@@ -11,7 +11,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 /// Where a particle is relative to its place at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
-    /// Displacement of the centre (m).
+    /// Displacement of the centre \[m\].
     pub displacement: Vector3<f64>,
     /// Rotation since rest.
     pub rotation: UnitQuaternion<f64>,
@@ -51,7 +51,7 @@ impl Deformed {
     }
 }
 
-/// Elastic energy of a bond between two particles (J).
+/// Elastic energy of a bond between two particles \[J\].
 #[must_use]
 pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
     let Deformed {

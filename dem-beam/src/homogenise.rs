@@ -23,13 +23,13 @@ const ITERATIONS: usize = 50_000;
 /// Effective stiffness of a periodic sample and what it says.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bulk {
-    /// Stiffness in Voigt's order (Pa).
+    /// Stiffness in Voigt's order \[Pa\].
     pub stiffness: Matrix6<f64>,
-    /// Young's modulus of the isotropic part (Pa).
+    /// Young's modulus of the isotropic part \[Pa\].
     pub young: f64,
     /// Poisson's ratio of the isotropic part.
     pub poisson: f64,
-    /// Young's moduli along the axes (Pa): their differences show a preferred direction.
+    /// Young's moduli along the axes \[Pa\]: their differences show a preferred direction.
     pub young_axes: [f64; 3],
     /// Norm of the stiffness without its isotropic part over the norm of that part, both as
     /// fourth-order tensors: 0 when isotropic.
@@ -170,7 +170,7 @@ fn anisotropy(c: &Matrix6<f64>) -> f64 {
 /// Bulk elasticity over several packings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BulkStatistics {
-    /// Young's modulus (Pa).
+    /// Young's modulus \[Pa\].
     pub young: Spread,
     /// Poisson's ratio.
     pub poisson: Spread,

@@ -41,25 +41,25 @@ pub struct BondedParticles {
 pub struct Matter {
     /// Beams.
     pub beam: BeamMaterial,
-    /// Mass density of the body (kg/m^3).
+    /// Mass density of the body \[kg/m³\].
     pub density: f64,
-    /// Volume of the body the particles stand for (m^3); their masses sum to `density * volume`.
+    /// Volume of the body the particles stand for \[m³\]; their masses sum to `density * volume`.
     pub volume: f64,
 }
 
 /// What spheres have besides centres, radii and bonds.
 #[derive(Debug)]
 pub(crate) struct Grains<'a> {
-    /// Volume each stands for (m^3).
+    /// Volume each stands for \[m³\].
     pub(crate) volumes: &'a [f64],
     /// Whether some may have no bond.
     pub(crate) loose: bool,
-    /// Edges of the periodic box (m).
+    /// Edges of the periodic box \[m\].
     pub(crate) period: Option<[f64; 3]>,
 }
 
 impl BondedParticles {
-    /// Joins spheres at `positions` (m) with radii `radii` (m) by beams between `pairs`.
+    /// Joins spheres at `positions` \[m\] with radii `radii` \[m\] by beams between `pairs`.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`], [`Error::NotFinite`], [`Error::BadRadius`],
@@ -161,11 +161,7 @@ impl BondedParticles {
         for (b, &w) in weights.iter().enumerate() {
             finite("weight", "bond", b, w)?;
             if w < 0.0 {
-                return Err(Error::OutOfRange {
-                    name: "bond weight",
-                    value: w,
-                    range: "values >= 0",
-                });
+                return Err(Error::out_of_range("bond weight", w, "values >= 0"));
             }
         }
         for (bond, &w) in self.bonds.iter_mut().zip(weights) {
@@ -213,16 +209,22 @@ impl BondedParticles {
         self.positions.is_empty()
     }
 
-    /// Centres (m).
+    /// Centres \[m\].
     #[must_use]
     pub fn positions(&self) -> &[Vector3<f64>] {
         &self.positions
     }
 
-    /// Radii (m).
+    /// Radii \[m\].
     #[must_use]
     pub fn radii(&self) -> &[f64] {
         &self.radii
+    }
+
+    /// Mean radius \[m\].
+    #[must_use]
+    pub fn mean_radius(&self) -> f64 {
+        self.radii.iter().sum::<f64>() / self.radii.len() as f64
     }
 
     /// Ends of each bond.
@@ -243,13 +245,13 @@ impl BondedParticles {
         &self.weights
     }
 
-    /// Masses, weights included (kg).
+    /// Masses, weights included \[kg\].
     #[must_use]
     pub fn mass(&self) -> &[f64] {
         &self.mass
     }
 
-    /// Rotational inertias, weights included (kg m^2).
+    /// Rotational inertias, weights included \[kg m²\].
     #[must_use]
     pub fn inertia(&self) -> &[f64] {
         &self.inertia
@@ -286,7 +288,7 @@ impl BondedParticles {
         Ok(())
     }
 
-    /// Elastic energy of all bonds (J).
+    /// Elastic energy of all bonds \[J\].
     ///
     /// # Errors
     /// [`Error::LengthMismatch`].
@@ -322,11 +324,7 @@ pub(crate) fn expect_len(what: &'static str, found: usize, expected: usize) -> R
 pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result<()> {
     expect_len("radii", radii.len(), positions.len())?;
     if positions.is_empty() {
-        return Err(Error::OutOfRange {
-            name: "number of particles",
-            value: 0.0,
-            range: "values >= 1",
-        });
+        return Err(Error::out_of_range("number of particles", 0.0, "values >= 1"));
     }
     for (i, p) in positions.iter().enumerate() {
         for c in p.iter() {

@@ -20,9 +20,9 @@ type Six = Vector6<f64>;
 /// An equilibrium.
 #[derive(Debug, Clone)]
 pub struct Equilibrium {
-    /// Displacements (m) and rotations (rad).
+    /// Displacements \[m\] and rotations \[rad\].
     pub displacements: Vec<Twist>,
-    /// Forces (N) and torques (N m) of the supports on the particles; zero where free.
+    /// Forces \[N\] and torques \[N m\] of the supports on the particles; zero where free.
     pub reactions: Vec<Twist>,
     /// Iterations of the solver.
     pub iterations: usize,

@@ -11,8 +11,8 @@
 //! over body strength is a number of the packing, of the criterion and of the scatter alone.
 
 use crate::bond::{BeamMaterial, Twist};
-use crate::calibrate::Bar;
-use crate::error::{Error, Result, positive};
+use crate::calibrate::{Bar, end_layers};
+use crate::error::{Error, Result};
 use crate::fracture::{Criterion, Fracture, locked};
 use crate::model::DemModel;
 use crate::packing::Packing;
@@ -35,7 +35,7 @@ const GIVEN_UP: f64 = 12.0;
 const WINDOW: f64 = 0.2;
 /// A bar has broken when its force has fallen to this part of the highest.
 const FALLEN: f64 = 0.5;
-/// Density (kg/m^3): results do not depend on it.
+/// Density \[kg/m³\]: results do not depend on it.
 const DENSITY: f64 = 1000.0;
 /// Residual and most iterations of the static solution.
 const SOLVE: (f64, usize) = (1e-6, 50_000);
@@ -43,19 +43,19 @@ const SOLVE: (f64, usize) = (1e-6, 50_000);
 /// What a bar showed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Strength {
-    /// Highest mean stress over the section (Pa).
+    /// Highest mean stress over the section \[Pa\].
     pub peak: f64,
-    /// Stress at which the first bond breaks (Pa).
+    /// Stress at which the first bond breaks \[Pa\].
     pub first: f64,
     /// Mean strain at the peak.
     pub strain: f64,
-    /// Young's modulus before anything breaks (Pa).
+    /// Young's modulus before anything breaks \[Pa\].
     pub young: f64,
     /// Bonds broken up to the peak.
     pub broken: usize,
     /// Bonds in all.
     pub bonds: usize,
-    /// Nominal stress of the beams (Pa): their strength; for [`Criterion::Energy`] the axial stress `√(2 E_b G/d)` at
+    /// Nominal stress of the beams \[Pa\]: their strength; for [`Criterion::Energy`] the axial stress `√(2 E_b G/d)` at
     /// which a beam of a mean diameter `d` holds the energy per section `G`.
     pub beam: f64,
 }
@@ -79,25 +79,23 @@ pub fn strength_test(
     bar: &Bar,
     fracture: Fracture,
 ) -> Result<Strength> {
-    positive("bar length", bar.length)?;
-    positive("bar section", bar.area)?;
     packing.connected("a strength test")?;
     let model = DemModel::new("bar", packing, beam, DENSITY)?.with_fracture(fracture)?;
     let rest = Rest::new(&model, bar)?;
     let load = rest.load(&model);
     if !(load.is_finite() && load > 0.0) {
-        return Err(Error::OutOfRange {
-            name: "load of the bonds under tension",
-            value: load,
-            range: "finite values > 0: the bar must carry tension",
-        });
+        return Err(Error::out_of_range(
+            "load of the bonds under tension",
+            load,
+            "finite values > 0: the bar must carry tension",
+        ));
     }
     // The energy per section grows with the square of the elongation.
     let first = match fracture.criterion {
         Criterion::Energy => load.sqrt().recip(),
         _ => load.recip(),
     };
-    let diameter = 2.0 * model.body().radii().iter().sum::<f64>() / model.body().len() as f64;
+    let diameter = 2.0 * model.body().mean_radius();
     let nominal = match fracture.criterion {
         Criterion::Energy => (2.0 * beam.young * fracture.strength / diameter).sqrt(),
         _ => fracture.strength,
@@ -122,7 +120,7 @@ pub fn strength_test(
 
 /// The bar in equilibrium under a small elongation.
 struct Rest {
-    /// Unknowns of the model: displacements (m), then rotations.
+    /// Unknowns of the model: displacements \[m\], then rotations.
     q: Vec<f64>,
     /// Particles at the two ends.
     ends: [Vec<usize>; 2],
@@ -134,31 +132,13 @@ struct Rest {
 impl Rest {
     fn new(model: &DemModel, bar: &Bar) -> Result<Self> {
         let body = model.body();
-        let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
+        let ends = end_layers(body, bar)?;
         let elongation = 1e-4 * bar.length;
         let mut problem = StaticProblem::free(body.len());
-        let mut ends = [Vec::new(), Vec::new()];
-        for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
-            let along = x.x - bar.start;
-            let near = r + 0.05 * mean;
-            problem.start[i].linear.x = elongation * (along / bar.length - 0.5);
-            if along < near {
-                ends[0].push(i);
-            } else if bar.length - along < near {
-                ends[1].push(i);
-            }
+        for (start, x) in problem.start.iter_mut().zip(body.positions()) {
+            start.linear.x = elongation * ((x.x - bar.start) / bar.length - 0.5);
         }
-        for (end, (name, side)) in ends.iter().zip([
-            ("particles at the first end", -0.5),
-            ("particles at the second end", 0.5),
-        ]) {
-            if end.is_empty() {
-                return Err(Error::OutOfRange {
-                    name,
-                    value: 0.0,
-                    range: "values >= 1",
-                });
-            }
+        for (end, side) in ends.iter().zip([-0.5, 0.5]) {
             for &i in end {
                 problem.held[i].linear[0] = true;
                 problem.start[i].linear.x = side * elongation;
@@ -189,11 +169,11 @@ impl Rest {
 }
 
 struct Pull {
-    /// Elongation at the first broken bond (m).
+    /// Elongation at the first broken bond \[m\].
     first: f64,
-    /// Of a wave along the bar (s).
+    /// Of a wave along the bar \[s\].
     transit: f64,
-    /// Time of the stiffness damping (s).
+    /// Time of the stiffness damping \[s\].
     damping: f64,
 }
 
@@ -266,7 +246,7 @@ impl Pull {
     }
 }
 
-/// Work of the ends so far (J).
+/// Work of the ends so far \[J\].
 fn supplied(run: &Coupled<f64>) -> f64 {
     let all = run.works();
     all.iter().find(|w| w.name == "supports").map_or(0.0, |w| w.work)

@@ -1,12 +1,9 @@
 //! The readers of surfaces and spheres on mutated files.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-#[path = "../../tests/fuzz/driver.rs"]
-mod driver;
-
 use dem_beam::Surface;
 use dem_beam::packing::{read_csv, read_vtu};
-use driver::Corpus;
+use reader_fuzz::Corpus;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 use std::alloc::System;
 use std::sync::Mutex;

@@ -139,7 +139,7 @@ fn worst(a: &[Twist], b: &[Twist]) -> (f64, f64) {
 #[test]
 fn linear_invariant_does_not_drift() {
     let model = model(packing());
-    let dt = 0.9 * critical::lanczos(model.body(), 60).unwrap();
+    let dt = 0.9 * critical::lanczos(model.body()).unwrap();
     let start = random(model.nodes().len(), 1.0, 1e4);
     let mut d = Motion::new(model, dt, &start);
     let h = d.invariant();
@@ -153,7 +153,7 @@ fn linear_invariant_does_not_drift() {
 #[test]
 fn critical_step_is_critical_and_bounds_are_safe() {
     let body = model(packing()).body().clone();
-    let exact = critical::lanczos(&body, 60).unwrap();
+    let exact = critical::lanczos(&body).unwrap();
     let bound = critical::block_bound(&body).unwrap();
     let ratio = bound / exact;
     assert!(ratio > 0.70 && ratio < 0.82, "{ratio}");
@@ -178,11 +178,10 @@ fn critical_step_is_critical_and_bounds_are_safe() {
     };
     assert!(!grows(0.999 * exact) && !grows(bound));
     assert!(grows(1.003 * exact) && grows(springs));
-    assert!(critical::check_step(springs, exact).is_err());
     // Energy weighting keeps the block bound for any weight: element and mass shrink together.
     let mut weighted = body.clone();
     weighted.set_weights(&vec![1e-6; body.pairs().len()]).unwrap();
-    let same = critical::lanczos(&weighted, 60).unwrap() / exact;
+    let same = critical::lanczos(&weighted).unwrap() / exact;
     assert!((same - 1.0).abs() < 1e-6, "{same}");
 }
 

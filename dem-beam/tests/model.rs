@@ -218,7 +218,7 @@ fn steep_weights_leave_the_critical_step() {
     };
     let alone = step(&mut m, &Uniform(1.0));
     let body = packing().bonded(BeamMaterial::SILICA, 2200.0).unwrap();
-    let lanczos = critical::lanczos(&body, 80).unwrap();
+    let lanczos = critical::lanczos(&body).unwrap();
     assert!((alone / lanczos - 1.0).abs() < 1e-4, "{alone} {lanczos}");
     for (low, least) in [
         (0.5, 0.9999),

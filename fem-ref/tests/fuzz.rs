@@ -1,11 +1,8 @@
 //! The mesh reader on mutated files, and on headers that announce more than the file holds.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-#[path = "../../tests/fuzz/driver.rs"]
-mod driver;
-
-use driver::Corpus;
 use fem_ref::gmsh;
+use reader_fuzz::Corpus;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 use std::alloc::System;
 use std::sync::Mutex;

@@ -5,7 +5,6 @@
 //!        alpha = 1/2 or linear; junctions L2, H1 seminorm (pinned), H1 with l = 1
 //! RESULT u(3)
 
-use crate::chain::Chain;
 use arlequin::core::effect::Load;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
 use arlequin::core::junction::{H1Gradient, H1Seminorm, Junction, L2};
@@ -16,6 +15,7 @@ use arlequin::core::time::TimeFunction;
 use arlequin::core::weight::{Profile, Ramp};
 use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
+use spring_chain::Chain;
 use std::sync::Arc;
 
 /// One row of the table.

@@ -3,9 +3,6 @@
 
 pub mod bauman;
 pub mod cantilever;
-#[allow(dead_code, reason = "the example offers more than the decks ask for")]
-#[path = "../../examples/chain/model.rs"]
-mod chain;
 pub mod checks;
 pub mod claims;
 pub mod hard;

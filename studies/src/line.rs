@@ -2,7 +2,6 @@
 //! `[−L_O, 0]`, coarse bar nodes at `−h j` to the left, particles at `−L_O + j` to the right, P1 mediator of equal
 //! elements.
 
-use crate::chain::Chain;
 use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
 use arlequin::core::junction::{H1Gradient, Junction, L2};
 use arlequin::core::nalgebra::Point3;
@@ -10,6 +9,7 @@ use arlequin::core::overlap::Slab;
 use arlequin::core::weight::{Profile, Ramp, Weight};
 use arlequin::core::{Coupled, Partition, Result, Subdomain, TimeStep, Weighting, Weights};
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
+use spring_chain::Chain;
 use std::sync::Arc;
 
 /// Left subdomain: the coarse bar. Right subdomain: the fine chain.

@@ -101,7 +101,7 @@ impl<T: Real> EffectSpec<T> for BulkViscosity<T> {
         let dofs = to.inertia.len();
         // 1 % for what the iteration leaves out.
         let top_rate = T::of(1.01)
-            * spectrum::largest_eigenvalue(dofs, to.inverse_inertia, &mut |v, f| {
+            * spectrum::largest_eigenvalue(to.inverse_inertia, &mut |v, f| {
                 cells.iter().for_each(|c| c.add(v, f));
                 Ok(())
             })?;

@@ -20,7 +20,7 @@ pub use law::ForceLaw;
 pub use load::{Load, SurfaceFacet};
 pub(crate) use pair::Pair;
 pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
-pub use simple::{BodyForce, LocalDamping, MassDamping, Prestress, StiffnessDamping};
+pub use simple::*;
 
 use crate::model::Model;
 use crate::momentum::Arms;

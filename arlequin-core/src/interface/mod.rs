@@ -148,7 +148,7 @@ pub struct InterfaceReport {
     pub multipliers: usize,
     /// Independent ones.
     pub rank: usize,
-    /// Condition number of `A` (Lanczos estimate; of the retained modes where some were dropped).
+    /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
     pub condition: f64,
     /// Measure of the overlap \[m³\].
     pub measure: f64,

@@ -3,18 +3,17 @@
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown, value};
 use crate::setup::cut;
-use crate::setup::filling::{Filling, Recipe, beam, dem, mean_sphere, spec};
+use crate::setup::filling::{Filling, Recipe, beam, dem, spec};
 use crate::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, NotchBox, Shape};
 use crate::{Scene, Source};
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
+use arlequin::dem_beam::packing::size::{JAMMED_PERIODIC, mean_sphere_volume};
 use arlequin::dem_beam::{BeamMaterial, Packing};
 use std::path::{Path, PathBuf};
 
 /// Spheres of a periodic sample: isotropic to a per cent.
 const PERIODIC: usize = 8000;
-/// Volume fraction at which they jam.
-const JAMMED: f64 = 0.64;
 /// Shortest bar in mean diameters: shorter ones have no middle that does not feel the ends.
 const SHORTEST: f64 = 8.0;
 
@@ -248,7 +247,7 @@ fn periodic(wanted: &Wanted, at: String, table: &ModelTable) -> Result<Sample> {
     }
     let count = wanted.count.unwrap_or(PERIODIC);
     let diameter = table.spacing.unwrap_or(1e-3);
-    let edge = (count as f64 * mean_sphere(diameter) / JAMMED).cbrt();
+    let edge = (count as f64 * mean_sphere_volume(diameter) / JAMMED_PERIODIC).cbrt();
     let container = Container::periodic(edge).map_err(dem(&at))?;
     let first = table.dem.seed.unwrap_or(1);
     let recipes = (first..).take(wanted.seeds as usize).map(|seed| {

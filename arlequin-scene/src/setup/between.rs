@@ -4,7 +4,7 @@ use super::grains;
 use super::kinds::Body;
 use super::model_index;
 use crate::error::{Result, dem, key};
-use crate::spec::{Effect, ModelKind, SceneSpec};
+use crate::spec::{Effect, EffectKind, ModelKind, SceneSpec};
 use arlequin::core::Coupled;
 use arlequin::core::effect::{Finding, PairSpec};
 use arlequin::dem_beam::{ContactBetween, ContactBody};
@@ -19,13 +19,13 @@ pub(super) fn sides(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Option<[u
         return Ok(None);
     };
     let path = format!("effect[{k}].between");
-    if e.contact.is_none() {
+    let EffectKind::Contact(_) = e.kind else {
         let rule = format!(
             "is for contact; {} acts on single models, name them in models",
-            e.given()[0]
+            e.kind.key()
         );
         return Err(key(path, rule));
-    }
+    };
     if e.models.is_some() {
         return Err(key(path, "excludes models; remove one of the two"));
     }
@@ -77,15 +77,14 @@ fn body(bodies: &[Body], m: usize) -> Option<&ContactBody> {
 pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>> {
     let mut out = Vec::new();
     for (k, [a, b]) in touching(scene)? {
-        let (Some(first), Some(second)) = (body(bodies, a), body(bodies, b)) else {
+        let (EffectKind::Contact(contact), Some(first), Some(second)) =
+            (&scene.effect[k].kind, body(bodies, a), body(bodies, b))
+        else {
             continue;
         };
         let [e, f] = [a, b].map(|m| bodies[m].material.young());
         // Two springs in a row.
-        let law = grains::law(
-            2.0 * e * f / (e + f),
-            &scene.effect[k].contact.unwrap_or_default(),
-        );
+        let law = grains::law(2.0 * e * f / (e + f), contact);
         let made = ContactBetween::new(first.clone(), second.clone(), law);
         let made = made.map_err(dem(format!("effect[{k}].contact")))?;
         out.push(PairSpec {

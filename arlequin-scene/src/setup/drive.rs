@@ -4,7 +4,8 @@ use super::kinds::Body;
 use super::select;
 use crate::error::{Result, core, key, unknown, value};
 use crate::spec::{
-    Axis, Effect, Field, Initial, Load, ModelKind, Motion, SceneSpec, Spin, Support, TimeShape, Wave,
+    Axis, Bearer, Effect, EffectKind, Field, Initial, Load, ModelKind, Motion, SceneSpec, Spin, Support,
+    TimeShape, Wave,
 };
 use arlequin::core::Subdomain;
 use arlequin::core::effect::{
@@ -18,6 +19,9 @@ use std::f64::consts::PI;
 
 /// Traction \[Pa\] on a facet.
 type Traction = Box<dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>>;
+
+/// An effect before it is attached to a model.
+pub(super) type Chosen = Box<dyn effect::EffectSpec<f64>>;
 
 /// Index of a model by name.
 pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
@@ -48,9 +52,9 @@ pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunctio
 #[derive(Default)]
 pub(super) struct Attachments {
     supports: BTreeMap<usize, Vec<PrescribedMotion<f64>>>,
-    effects: BTreeMap<usize, Vec<Box<dyn effect::EffectSpec<f64>>>>,
+    effects: BTreeMap<usize, Vec<Chosen>>,
     /// Effects that must come after all others.
-    last: BTreeMap<usize, Vec<Box<dyn effect::EffectSpec<f64>>>>,
+    last: BTreeMap<usize, Vec<Chosen>>,
 }
 
 impl Attachments {
@@ -70,20 +74,14 @@ impl Attachments {
             out.add(m, Box::new(load(&path, &name, l, &bodies[m])?));
         }
         for (k, e) in scene.effect.iter().enumerate() {
-            let path = format!("effect[{k}]");
             for m in effect_models(k, e, scene)? {
-                let body = &mut bodies[m];
-                match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
-                    Some(made) => out.add(m, made),
-                    None if e.enabled && !e.is_for_particles() => {
-                        let made = body_effect(&path, e, body)?;
-                        if e.local_damping.is_some() {
-                            out.last.entry(m).or_default().push(made);
-                        } else {
-                            out.add(m, made);
-                        }
-                    }
-                    None => {}
+                let Some(made) = on_body(k, e, &mut bodies[m])? else {
+                    continue;
+                };
+                if let EffectKind::LocalDamping(_) = e.kind {
+                    out.last.entry(m).or_default().push(made);
+                } else {
+                    out.add(m, made);
                 }
             }
         }
@@ -91,7 +89,7 @@ impl Attachments {
     }
 
     /// Adds an effect on model `m`.
-    pub(super) fn add(&mut self, m: usize, effect: Box<dyn effect::EffectSpec<f64>>) {
+    pub(super) fn add(&mut self, m: usize, effect: Chosen) {
         self.effects.entry(m).or_default().push(effect);
     }
 
@@ -256,70 +254,73 @@ fn nodal_torque(
 }
 
 /// An effect that needs to know no body; none for the others.
-pub(super) fn plain_effect(path: &str, e: &Effect) -> Result<Option<Box<dyn effect::EffectSpec<f64>>>> {
-    let at = |name: &str| format!("{path}.{name}");
-    if let Some(b) = &e.body_force {
-        let made = BodyForce::new(Vector3::from(b.acceleration));
-        return Ok(Some(Box::new(made.map_err(core(path))?)));
-    }
-    if let Some(d) = &e.mass_damping {
-        let made = MassDamping::new(d.rate);
-        return Ok(Some(Box::new(made.map_err(core(at("mass_damping.rate")))?)));
-    }
-    if let Some(d) = &e.stiffness_damping {
-        let made = StiffnessDamping::new(d.time);
-        return Ok(Some(Box::new(made.map_err(core(at("stiffness_damping.time")))?)));
-    }
-    if let Some(d) = &e.local_damping {
-        let made = LocalDamping::new(d.share);
-        return Ok(Some(Box::new(made.map_err(core(at("local_damping.share")))?)));
-    }
-    Ok(e.prestress.is_some().then(|| Box::new(Prestress) as _))
+pub(super) fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
+    let at = |name: &str| core(format!("effect[{k}].{}.{name}", e.kind.key()));
+    Ok(Some(match &e.kind {
+        EffectKind::BodyForce(b) => {
+            let made = BodyForce::new(Vector3::from(b.acceleration));
+            Box::new(made.map_err(core(format!("effect[{k}]")))?)
+        }
+        EffectKind::MassDamping(d) => Box::new(MassDamping::new(d.rate).map_err(at("rate"))?),
+        EffectKind::StiffnessDamping(d) => Box::new(StiffnessDamping::new(d.time).map_err(at("time"))?),
+        EffectKind::LocalDamping(d) => Box::new(LocalDamping::new(d.share).map_err(at("share"))?),
+        EffectKind::Prestress(_) => Box::new(Prestress),
+        EffectKind::BulkViscosity(_)
+        | EffectKind::Fracture(_)
+        | EffectKind::Contact(_)
+        | EffectKind::Obstacle(_) => return Ok(None),
+    }))
 }
 
-fn body_effect(path: &str, e: &Effect, body: &mut Body) -> Result<Box<dyn effect::EffectSpec<f64>>> {
-    let at = |name: &str| format!("{path}.{name}");
-    if let Some(made) = plain_effect(path, e)? {
-        return Ok(made);
+/// Effect `k` on a body; none if it is off, or part of the model as fracture is.
+fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
+    if !e.enabled {
+        return Ok(None);
     }
-    let coefficient = e.bulk_viscosity.map_or(0.0, |b| b.coefficient);
-    let m = &body.material;
-    let impedance = (m.p_wave_modulus() * m.density()).sqrt();
-    let made = BulkViscosity::new(body.field.clone(), coefficient, impedance);
-    Ok(Box::new(made.map_err(core(at("bulk_viscosity.coefficient")))?))
+    if let Some(made) = simple_effect(k, e)? {
+        return Ok(Some(made));
+    }
+    let path = format!("effect[{k}].{}", e.kind.key());
+    match &e.kind {
+        EffectKind::BulkViscosity(b) => {
+            let m = &body.material;
+            let impedance = (m.p_wave_modulus() * m.density()).sqrt();
+            let made = BulkViscosity::new(body.field.clone(), b.coefficient, impedance);
+            Ok(Some(Box::new(made.map_err(core(format!("{path}.coefficient")))?)))
+        }
+        EffectKind::Fracture(_) => Ok(None),
+        _ => match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
+            None => Err(key(path, "is made for no model; remove it")),
+            made => Ok(made),
+        },
+    }
 }
 
 /// Models an effect acts on: those named, or all that can have it.
 pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usize>> {
     let path = format!("effect[{k}]");
-    let given = e.given();
-    if given.len() != 1 {
-        let rule = "needs exactly one of body_force, mass_damping, stiffness_damping, local_damping, bulk_viscosity, \
-                    prestress, fracture, contact, obstacle";
-        return Err(key(path, rule));
-    }
     if super::between::sides(k, e, scene)?.is_some() {
         return Ok(Vec::new());
     }
-    let kind = |m: usize| scene.model.values().nth(m).map(|t| t.kind);
-    let fits = |m: &usize| match kind(*m) {
-        Some(ModelKind::Dem) => !e.is_for_solids(),
-        Some(ModelKind::Chain) => !e.is_for_solids() && !e.is_for_particles(),
-        _ => !e.is_for_particles(),
+    let (what, bearer) = (e.kind.key(), e.kind.bearer());
+    let kinds: Vec<ModelKind> = scene.model.values().map(|t| t.kind).collect();
+    let fits = |m: &usize| match bearer {
+        Bearer::Any => true,
+        Bearer::Solids => kinds[*m].is_solid(),
+        Bearer::Particles => kinds[*m] == ModelKind::Dem,
     };
     let all = model_indices(&path, e.models.as_deref(), scene)?;
     if let (Some(names), Some(at)) = (&e.models, all.iter().position(|m| !fits(m))) {
-        let wanted = if e.is_for_particles() {
-            "kind = \"dem\""
-        } else {
-            "kind = \"fem\" or \"cnem\""
+        let wanted = match bearer {
+            Bearer::Particles => "kind = \"dem\"",
+            _ => "kind = \"fem\" or \"cnem\"",
         };
-        let rule = format!("{} needs {wanted}, which model '{}' is not", given[0], names[at]);
+        let rule = format!("{what} needs {wanted}, which model '{}' is not", names[at]);
         return Err(key(format!("{path}.models[{at}]"), rule));
     }
     let fitting: Vec<usize> = all.into_iter().filter(fits).collect();
     if fitting.is_empty() {
-        let rule = format!("no model of the scene can have {}; remove it", given[0]);
+        let rule = format!("no model of the scene can have {what}; remove it");
         return Err(key(path, rule));
     }
     Ok(fitting)

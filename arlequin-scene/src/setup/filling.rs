@@ -5,6 +5,7 @@ pub use crate::error::dem;
 use crate::error::{Error, Result, fem, key, value};
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::Vector3;
+use arlequin::dem_beam::packing::size::sphere_count;
 use arlequin::dem_beam::packing::{Container, Loose, Packing, PackingSpec, read_csv, read_vtu};
 use arlequin::dem_beam::{BeamMaterial, Surface};
 use arlequin::fem_ref::gmsh;
@@ -15,8 +16,6 @@ use std::path::{Path, PathBuf};
 /// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per particle:
 /// beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
-/// Volume fraction at which polydisperse spheres jam.
-const JAMMED: f64 = 0.615;
 /// Most spheres of a packing.
 const MOST: f64 = 1.3e8;
 
@@ -180,17 +179,12 @@ fn fate(kind: LooseKind) -> Loose {
     }
 }
 
-/// Mean volume of spheres of mean diameter `h`, with radii uniform within a quarter of the mean.
-pub fn mean_sphere(h: f64) -> f64 {
-    std::f64::consts::PI / 6.0 * h.powi(3) * (1.0 + 0.25f64.powi(2))
-}
-
 fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize> {
     let volume = container.volume();
     match (table.dem.count, table.spacing) {
         (Some(n), None) => Ok(n),
         (None, Some(h)) if h > 0.0 => {
-            let n = (JAMMED * volume / mean_sphere(h)).round();
+            let n = sphere_count(volume, h).round();
             if n > MOST {
                 let (low, high) = container.bounds();
                 let e = high - low;

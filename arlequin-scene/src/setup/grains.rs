@@ -4,7 +4,7 @@ use super::drive::time_function;
 use super::filling::dem;
 use crate::error::{Result, key, value};
 use crate::output::packing::PackingLine;
-use crate::spec::{self, CriterionKind, Effect, LooseKind, ModelTable, NotchBox, ObstacleShape};
+use crate::spec::{self, CriterionKind, Effect, EffectKind, LooseKind, ModelTable, NotchBox, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::fracture::SharedLog;
@@ -50,7 +50,9 @@ impl Grains {
         let mut breaks = None;
         let mut brittle = false;
         for (k, e) in effects {
-            let Some(f) = &e.fracture else { continue };
+            let EffectKind::Fracture(f) = &e.kind else {
+                continue;
+            };
             brittle = true;
             let path = format!("effect[{k}].fracture");
             let spec = fracture(&path, f)?;
@@ -67,7 +69,7 @@ impl Grains {
         let mut made: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
         let mut touching = false;
         for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
-            if let Some(c) = &e.contact {
+            if let EffectKind::Contact(c) = &e.kind {
                 let path = format!("effect[{k}].contact");
                 if std::mem::replace(&mut touching, true) {
                     let rule = format!("model '{}' has two; keep one", name(&model));
@@ -76,7 +78,7 @@ impl Grains {
                 let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
                 made.insert(*k, Box::new(contact));
             }
-            if let Some(o) = &e.obstacle {
+            if let EffectKind::Obstacle(o) = &e.kind {
                 made.insert(*k, Box::new(obstacle(*k, o, &model, table)?));
             }
         }
@@ -207,7 +209,7 @@ fn obstacle(k: usize, o: &spec::Obstacle, model: &DemModel, table: &ModelTable) 
 
 /// Refuses loose grains without contact: they would pass through everything.
 pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Effect)]) -> Result<()> {
-    let touches = |e: &Effect| e.enabled && e.contact.as_ref().is_some();
+    let touches = |e: &Effect| e.enabled && matches!(e.kind, EffectKind::Contact(_));
     if table.dem.loose == LooseKind::Drop || effects.iter().any(|(_, e)| touches(e)) {
         return Ok(());
     }

@@ -5,7 +5,6 @@
 
 use super::grains::Grains;
 use super::mesh::{self, Grid};
-use crate::chain::Chain;
 use crate::error::{Result, core, fem, value};
 use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
 use arlequin::core::Model;
@@ -14,6 +13,7 @@ use arlequin::core::field::Interpolation;
 use arlequin::core::model::{CoarseModel, FineModel};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{Elastic, FemModel};
+use spring_chain::Chain;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;

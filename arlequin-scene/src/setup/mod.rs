@@ -24,7 +24,7 @@ pub use probe::ProbeReader;
 
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
-use crate::spec::{Effect, Interface, ModelKind, RoleKind, SceneSpec, StepChoice};
+use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec, StepChoice};
 use arlequin::core::coupled::Parts;
 use arlequin::core::field::Interpolation;
 use arlequin::core::material::Elastic;
@@ -211,7 +211,10 @@ fn joints_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Jo
 
 /// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds that break.
 fn may_leave(scene: &SceneSpec, m: usize) -> bool {
-    let loose = scene.effect.iter().any(|e| e.enabled && e.is_for_particles());
+    let loose = scene
+        .effect
+        .iter()
+        .any(|e| e.enabled && e.kind.bearer() == Bearer::Particles);
     let table = scene.model.values().nth(m).filter(|t| t.kind == ModelKind::Dem);
     table.is_some_and(|t| loose || t.dem.finite_rotations)
 }

@@ -6,7 +6,7 @@ use crate::error::{Result, cnem as natural, fem, value};
 use crate::spec::{CnemTable, Element, Functions, Masses, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
-use arlequin::cnem::natural::Kind as Neighbours;
+use arlequin::cnem::natural::Interpolant;
 use arlequin::cnem::{CnemModel, Inertia, Options, Stabilisation};
 use arlequin::core::model::CoarseModel;
 use arlequin::fem_ref::Mesh;
@@ -75,8 +75,8 @@ fn options(table: &CnemTable) -> Options {
     Options {
         kind: match table.functions {
             None => default.kind,
-            Some(Functions::Sibson) => Neighbours::Sibson,
-            Some(Functions::Laplace) => Neighbours::Laplace,
+            Some(Functions::Sibson) => Interpolant::Sibson,
+            Some(Functions::Laplace) => Interpolant::Laplace,
         },
         stabilisation: match table.stabilisation {
             None => default.stabilisation,

@@ -8,7 +8,7 @@ use crate::error::{Result, cnem};
 use crate::output::packing::PackingLine;
 use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
-use arlequin::cnem::natural::Kind as Neighbours;
+use arlequin::cnem::natural::Interpolant;
 use arlequin::core::field::{Interpolation, ParticleField, ShapeRow};
 use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -80,7 +80,7 @@ pub(super) fn body(
         model
     };
     let (model, grains) = Grains::of(model, table, effects, line)?;
-    let natural = NaturalField::from_points(model.nodes(), Neighbours::Laplace).map_err(cnem(key))?;
+    let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace).map_err(cnem(key))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
         ParticleFieldKind::Natural => Arc::new(natural),
         ParticleFieldKind::Particles => Arc::new(ParticlePoints {

@@ -2,7 +2,8 @@
 
 use super::{Built, ModelInfo, effect_models};
 use crate::spec::{
-    CriterionKind, Effect, ModelKind, ModelTable, OverlapShape, RegionShape, SceneSpec, Shape, TimeShape,
+    CriterionKind, Effect, EffectKind, ModelKind, ModelTable, OverlapShape, RegionShape, SceneSpec, Shape,
+    TimeShape,
 };
 use arlequin::core::field::ShapeRow;
 use arlequin::core::material::Elastic;
@@ -87,7 +88,9 @@ fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
         .map(|m| m.dem.young.unwrap_or(m.material.young))
         .fold(f64::INFINITY, f64::min);
     for (k, e) in scene.effect.iter().enumerate() {
-        let Some(f) = &e.fracture else { continue };
+        let EffectKind::Fracture(f) = &e.kind else {
+            continue;
+        };
         let (x, range, what) = match f.criterion {
             CriterionKind::Energy => (f.strength, ENERGY, "J/m²"),
             _ => (f.strength / young, BREAKING, "of Young's modulus"),
@@ -158,7 +161,9 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
         judge(format!("load[{k}]: a {what}"), m, factor * stress);
     }
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
-        let Some(b) = &e.body_force else { continue };
+        let EffectKind::BodyForce(b) = &e.kind else {
+            continue;
+        };
         let a = size(b.acceleration);
         for m in effect_models(k, e, scene).unwrap_or_default() {
             let stress = built.models[m].material.density() * a * built.bounds.0[m].extent;

@@ -4,7 +4,9 @@ use super::drive::{self, model_index};
 use super::kinds;
 use super::{between, effects_by_model, grains, joint, mesh, probe, select, sides_of};
 use crate::error::{Result, core, dem, key, unknown};
-use crate::spec::{Axis, Effect, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape};
+use crate::spec::{
+    Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
+};
 use arlequin::core::error::invalid;
 use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::generate::Rim;
@@ -197,31 +199,20 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
 
 /// Numbers of an effect, whatever it acts on.
 fn effect(k: usize, e: &Effect) -> Result<()> {
-    let path = format!("effect[{k}]");
-    if let Some(f) = &e.fracture {
-        grains::fracture(&format!("{path}.fracture"), f)?;
+    let path = format!("effect[{k}].{}", e.kind.key());
+    match &e.kind {
+        EffectKind::Fracture(f) => grains::fracture(&path, f).map(|_| ()),
+        EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
+        EffectKind::Obstacle(o) => {
+            grains::obstacle_parts(k, o)?;
+            let law = grains::law(1.0, &o.contact);
+            law.check().map_err(dem(format!("{path}.contact")))
+        }
+        EffectKind::BulkViscosity(b) if b.coefficient < 0.0 => {
+            let rule = "must not be negative [-]; the usual one is 0.06";
+            let wrong = invalid("bulk viscosity coefficient", b.coefficient, rule);
+            Err(core(format!("{path}.coefficient"))(wrong))
+        }
+        _ => drive::simple_effect(k, e).map(|_| ()),
     }
-    if let Some(c) = &e.contact {
-        let at = format!("{path}.contact");
-        grains::law(1.0, c).check().map_err(dem(at))?;
-    }
-    if let Some(o) = &e.obstacle {
-        grains::obstacle_parts(k, o)?;
-        let at = format!("{path}.obstacle.contact");
-        grains::law(1.0, &o.contact).check().map_err(dem(at))?;
-    }
-    if let Some(b) = &e.bulk_viscosity
-        && b.coefficient < 0.0
-    {
-        let (name, at) = (
-            "bulk viscosity coefficient",
-            format!("{path}.bulk_viscosity.coefficient"),
-        );
-        return Err(core(at)(invalid(
-            name,
-            b.coefficient,
-            "must not be negative [-]; the usual one is 0.06",
-        )));
-    }
-    drive::plain_effect(&path, e).map(|_| ())
 }

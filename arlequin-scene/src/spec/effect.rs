@@ -1,72 +1,112 @@
 //! `[[effect]]`: what acts on the models beside supports and loads.
 
 use super::drive::TimeShape;
-use serde::Deserialize;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 
-/// `[[effect]]`: exactly one of the effects.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// `[[effect]]`.
+#[derive(Debug, Clone)]
 pub struct Effect {
     /// On which models; all that can have it by default.
     pub models: Option<Vec<String>>,
     /// The two models a contact is between; in place of `models`.
     pub between: Option<Vec<String>>,
     /// Whether it is on.
-    #[serde(default = "yes")]
     pub enabled: bool,
+    /// The effect itself.
+    pub kind: EffectKind,
+}
+
+/// Models that can have an effect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bearer {
+    /// Any.
+    Any,
+    /// Solids of finite or natural elements.
+    Solids,
+    /// Particles.
+    Particles,
+}
+
+/// One line per effect: its key in a scene, its type, the models that can have it.
+macro_rules! effects {
+    ($($(#[$doc:meta])* $key:ident: $kind:ident, $bearer:ident;)*) => {
+        /// The effects of scenes.
+        #[derive(Debug, Clone)]
+        pub enum EffectKind {
+            $($(#[$doc])* $kind($kind),)*
+        }
+
+        impl EffectKind {
+            const KEYS: &[&str] = &[$(stringify!($key)),*];
+
+            /// Its key in a scene.
+            pub fn key(&self) -> &'static str {
+                match self { $(Self::$kind(_) => stringify!($key),)* }
+            }
+
+            /// Models that can have it.
+            pub fn bearer(&self) -> Bearer {
+                match self { $(Self::$kind(_) => Bearer::$bearer,)* }
+            }
+        }
+
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Table {
+            models: Option<Vec<String>>,
+            between: Option<Vec<String>>,
+            #[serde(default = "yes")]
+            enabled: bool,
+            $($key: Option<$kind>,)*
+        }
+
+        impl Table {
+            /// The effect, if exactly one is given.
+            fn effect(self) -> Option<Effect> {
+                let given = [$(self.$key.map(EffectKind::$kind)),*];
+                let mut given = given.into_iter().flatten();
+                let (Some(kind), None) = (given.next(), given.next()) else { return None };
+                Some(Effect { models: self.models, between: self.between, enabled: self.enabled, kind })
+            }
+        }
+    };
+}
+
+effects! {
     /// Body force.
-    pub body_force: Option<BodyForce>,
+    body_force: BodyForce, Any;
     /// Mass-proportional damping.
-    pub mass_damping: Option<MassDamping>,
+    mass_damping: MassDamping, Any;
     /// Stiffness-proportional damping.
-    pub stiffness_damping: Option<StiffnessDamping>,
+    stiffness_damping: StiffnessDamping, Any;
     /// Local damping.
-    pub local_damping: Option<LocalDamping>,
+    local_damping: LocalDamping, Any;
     /// Bulk viscosity.
-    pub bulk_viscosity: Option<BulkViscosity>,
+    bulk_viscosity: BulkViscosity, Solids;
     /// Initial displacements count as equilibrium.
-    pub prestress: Option<Prestress>,
+    prestress: Prestress, Any;
     /// Bonds that break.
-    pub fracture: Option<Fracture>,
+    fracture: Fracture, Particles;
     /// Contact between unbonded particles.
-    pub contact: Option<Contact>,
+    contact: Contact, Particles;
     /// A rigid body.
-    pub obstacle: Option<Obstacle>,
+    obstacle: Obstacle, Particles;
 }
 
 fn yes() -> bool {
     true
 }
 
-impl Effect {
-    /// Names of the effects that are given.
-    pub fn given(&self) -> Vec<&'static str> {
-        let all = [
-            ("body_force", self.body_force.is_some()),
-            ("mass_damping", self.mass_damping.is_some()),
-            ("stiffness_damping", self.stiffness_damping.is_some()),
-            ("local_damping", self.local_damping.is_some()),
-            ("bulk_viscosity", self.bulk_viscosity.is_some()),
-            ("prestress", self.prestress.is_some()),
-            ("fracture", self.fracture.is_some()),
-            ("contact", self.contact.is_some()),
-            ("obstacle", self.obstacle.is_some()),
-        ];
-        all.into_iter()
-            .filter(|(_, given)| *given)
-            .map(|(n, _)| n)
-            .collect()
-    }
-
-    /// Whether only particles can have it.
-    pub fn is_for_particles(&self) -> bool {
-        self.fracture.is_some() || self.contact.is_some() || self.obstacle.is_some()
-    }
-
-    /// Whether only solids of finite or natural elements can have it.
-    pub fn is_for_solids(&self) -> bool {
-        self.bulk_viscosity.is_some()
-    }
+/// Reads all `[[effect]]`.
+pub(super) fn effects<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Effect>, D::Error> {
+    let tables = Vec::<Table>::deserialize(deserializer)?;
+    let one = |(k, table): (usize, Table)| {
+        let keys = EffectKind::KEYS.join(", ");
+        let wrong = || D::Error::custom(format!("effect[{k}]: needs exactly one of {keys}"));
+        table.effect().ok_or_else(wrong)
+    };
+    tables.into_iter().enumerate().map(one).collect()
 }
 
 /// A constant acceleration field.

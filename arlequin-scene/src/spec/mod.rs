@@ -2,8 +2,6 @@
 
 mod drive;
 mod effect;
-#[cfg(test)]
-mod fuzz;
 mod interface;
 mod model;
 mod wake;
@@ -12,7 +10,7 @@ pub use drive::{
     Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Spin, Support, TimeShape,
     Wave,
 };
-pub use effect::{Contact, CriterionKind, Effect, Fracture, Obstacle, ObstacleShape};
+pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
 pub use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
 };
@@ -45,7 +43,7 @@ pub struct SceneSpec {
     #[serde(default)]
     pub load: Vec<Load>,
     /// Body forces and damping.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "effect::effects")]
     pub effect: Vec<Effect>,
     /// Initial displacements and velocities.
     #[serde(default)]

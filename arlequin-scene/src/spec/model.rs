@@ -17,6 +17,13 @@ pub enum ModelKind {
     Chain,
 }
 
+impl ModelKind {
+    /// Whether it has elements with a strain.
+    pub fn is_solid(self) -> bool {
+        matches!(self, Self::Fem | Self::Cnem)
+    }
+}
+
 /// `[model.NAME]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]

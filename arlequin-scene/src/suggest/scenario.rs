@@ -8,6 +8,7 @@ use crate::spec::{
     TimeShape, Wave,
 };
 use arlequin::cnem::Stabilisation;
+use arlequin::dem_beam::packing::size::mean_diameter;
 use std::f64::consts::PI;
 
 /// Samples of a signal from which its spectrum is read.
@@ -176,7 +177,7 @@ fn spacings(
                 Shape::Cylinder { length, radius, .. } => PI * radius * radius * length,
                 _ => return None,
             };
-            Some((0.615 * volume * 6.0 / (PI * n as f64)).cbrt())
+            Some(mean_diameter(volume, n as f64))
         });
         let given = m.spacing.or(divided).or(counted);
         given.ok_or_else(|| key(format!("model.{name}"), "suggest needs its spacing [m]; give it"))

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, key, unknown, value};
 use crate::scene::Scene;
 use crate::setup::effect_models;
-use crate::spec::{Effect, ModelKind, Near, SceneSpec, Wake};
+use crate::spec::{Bearer, Effect, EffectKind, Near, SceneSpec, Wake};
 
 /// Applies the assignments of `[wake]` and leaves out the sleeping model with everything that is its own.
 pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
@@ -118,7 +118,7 @@ fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     if let Some(k) = scene.initial.iter().position(|i| only(&i.models)) {
         return lost("initial", k, format!("models=['{by}']"));
     }
-    let forced = |e: &Effect| e.enabled && e.body_force.is_some() && only(&e.models);
+    let forced = |e: &Effect| e.enabled && matches!(e.kind, EffectKind::BodyForce(_)) && only(&e.models);
     if let Some(k) = scene.effect.iter().position(forced) {
         return lost("effect", k, format!("models=['{by}']"));
     }
@@ -128,7 +128,7 @@ fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
 /// Effect `k` while the model sleeps; none if it has no other to act on.
 fn effect(k: usize, e: &Effect, scene: &SceneSpec, wake: &Wake) -> Result<Option<Effect>> {
     let (path, sleeper) = (format!("effect[{k}]"), &wake.model);
-    if e.enabled && e.prestress.is_some() {
+    if e.enabled && matches!(e.kind, EffectKind::Prestress(_)) {
         let rule = "holds the shape at the start, which is another one after [wake]; remove one of the two";
         return Err(key(format!("{path}.prestress"), rule));
     }
@@ -140,11 +140,14 @@ fn effect(k: usize, e: &Effect, scene: &SceneSpec, wake: &Wake) -> Result<Option
     let others = effect_models(k, e, scene)?
         .into_iter()
         .filter(|m| Some(*m) != mine);
-    if e.enabled && e.obstacle.is_some() {
+    if e.enabled && matches!(e.kind, EffectKind::Obstacle(_)) {
         let rule = "would touch nothing while the model sleeps, and [wake] does not hand its motion over; remove one";
         return Err(key(format!("{path}.obstacle"), rule));
     }
-    if let (true, Some(m)) = (e.is_for_particles() && e.enabled, others.clone().next()) {
+    if let (true, Some(m)) = (
+        e.kind.bearer() == Bearer::Particles && e.enabled,
+        others.clone().next(),
+    ) {
         let name = scene.model.keys().nth(m).map_or("", String::as_str);
         let rule = format!(
             "acts on '{name}', whose broken bonds and contacts [wake] does not hand over; name '{sleeper}' alone in \
@@ -160,9 +163,4 @@ fn effect(k: usize, e: &Effect, scene: &SceneSpec, wake: &Wake) -> Result<Option
         names.retain(|n| n != sleeper);
     }
     Ok(Some(kept))
-}
-
-/// Whether the kind has cells in which a strain can be looked at.
-pub(super) fn has_strain(kind: ModelKind) -> bool {
-    matches!(kind, ModelKind::Fem | ModelKind::Cnem)
 }

@@ -1,7 +1,6 @@
 //! Looks at the carrier until the criterion is met.
 
 use super::Stage;
-use super::sleep::has_strain;
 use crate::cells::{self, Cell};
 use crate::error::{Result, key, value};
 use crate::setup::ModelInfo;
@@ -26,7 +25,7 @@ pub(super) struct Watch {
 impl Watch {
     /// Prepares the watch over model number `carrier` of the sleeping scene.
     pub(super) fn new(wake: &Wake, carrier: usize, kind: ModelKind, info: &ModelInfo) -> Result<Self> {
-        if !has_strain(kind) {
+        if !kind.is_solid() {
             let rule = "has no elements in which a strain could be looked at; use kind = \"fem\" or \"cnem\"";
             return Err(value("wake.by", &wake.by, rule));
         }

@@ -3,7 +3,7 @@
 use super::{Domain, ON_BOUNDARY, largest_coordinate};
 use crate::circumcentre::circumcentre;
 use crate::error::{Error, Result};
-use crate::natural::{Kind, Scratch};
+use crate::natural::{Interpolant, Scratch};
 use nalgebra::{Point3, Vector3};
 
 /// Distance from a sphere, relative to its radius, at which a node lies on it.
@@ -96,7 +96,7 @@ impl Domain {
         let (mut scratch, mut sum, mut count) = (Scratch::new(), 0, 0);
         for t in elements.iter().step_by(step) {
             let middle = t.iter().map(|&v| self.nodes()[v].coords).sum::<Vector3<f64>>() * 0.25;
-            if let Ok(row) = self.shape(Kind::Laplace, &middle.into(), &mut scratch) {
+            if let Ok(row) = self.shape(Interpolant::Laplace, &middle.into(), &mut scratch) {
                 sum += row.nodes.len();
                 count += 1;
             }

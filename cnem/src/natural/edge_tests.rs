@@ -12,7 +12,10 @@ fn weights_beside_a_re_entrant_edge_follow_the_visible_nodes() {
         let mut s = Scratch::new();
         let mut largest: [f64; 2] = [0.0; 2];
         for (radius, z) in [(0.03, 2.1), (0.06, 2.5), (0.09, 1.7), (0.2, 2.3), (0.4, 2.5)] {
-            for (at, kind) in [Kind::Laplace, Kind::Sibson].into_iter().enumerate() {
+            for (at, kind) in [Interpolant::Laplace, Interpolant::Sibson]
+                .into_iter()
+                .enumerate()
+            {
                 let mut last: Option<Vec<f64>> = None;
                 for k in 1..1500 {
                     // From one wall through the material to the other.

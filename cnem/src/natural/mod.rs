@@ -37,6 +37,7 @@ use crate::constraint::{depth, key};
 use crate::domain::Domain;
 use crate::error::Result;
 use crate::tet::FACES;
+use arlequin_core::field::ShapeRow;
 use nalgebra::{Point3, Vector3};
 
 /// How far outside an edge or face, in its own barycentric coordinates, a point on its line or plane still counts as on it.
@@ -44,22 +45,11 @@ const BESIDE: f64 = 1e-9;
 
 /// Which natural-neighbour function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Kind {
+pub enum Interpolant {
     /// Stolen volumes; C1 except at the nodes.
     Sibson,
     /// Facet area over distance (non-Sibsonian); C0, cheaper.
     Laplace,
-}
-
-/// Shape functions at one point: `u(x) = sum values[k] u[nodes[k]]`.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Row {
-    /// Nodes with a (possibly zero) value.
-    pub nodes: Vec<usize>,
-    /// Values (no unit).
-    pub values: Vec<f64>,
-    /// Gradients (1/m); empty unless asked for.
-    pub gradients: Vec<Vector3<f64>>,
 }
 
 /// How often which branch was taken.
@@ -81,7 +71,7 @@ pub struct Counters {
 /// except beside re-entrant edges and crack fronts.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
-    row: Row,
+    row: ShapeRow<f64>,
     counters: Counters,
     near: Vec<u32>,
     cavity: cavity::Cavity,
@@ -103,21 +93,8 @@ impl Scratch {
     }
 
     /// The row of the last successful evaluation.
-    pub fn row(&self) -> &Row {
+    pub fn row(&self) -> &ShapeRow<f64> {
         &self.row
-    }
-}
-
-impl Row {
-    fn clear(&mut self) {
-        self.nodes.clear();
-        self.values.clear();
-        self.gradients.clear();
-    }
-
-    fn push(&mut self, node: u32, value: f64) {
-        self.nodes.push(node as usize);
-        self.values.push(value);
     }
 }
 
@@ -134,7 +111,12 @@ impl Domain {
     ///
     /// # Errors
     /// `OutsideDomain`.
-    pub fn shape<'s>(&self, kind: Kind, x: &Point3<f64>, scratch: &'s mut Scratch) -> Result<&'s Row> {
+    pub fn shape<'s>(
+        &self,
+        kind: Interpolant,
+        x: &Point3<f64>,
+        scratch: &'s mut Scratch,
+    ) -> Result<&'s ShapeRow<f64>> {
         self.evaluate(kind, x, scratch, false)
     }
 
@@ -144,14 +126,20 @@ impl Domain {
     /// `OutsideDomain`.
     pub fn shape_with_gradients<'s>(
         &self,
-        kind: Kind,
+        kind: Interpolant,
         x: &Point3<f64>,
         scratch: &'s mut Scratch,
-    ) -> Result<&'s Row> {
+    ) -> Result<&'s ShapeRow<f64>> {
         self.evaluate(kind, x, scratch, true)
     }
 
-    fn evaluate<'s>(&self, kind: Kind, x: &Point3<f64>, s: &'s mut Scratch, slopes: bool) -> Result<&'s Row> {
+    fn evaluate<'s>(
+        &self,
+        kind: Interpolant,
+        x: &Point3<f64>,
+        s: &'s mut Scratch,
+        slopes: bool,
+    ) -> Result<&'s ShapeRow<f64>> {
         let tet = self.locate(x, &mut s.near)?;
         Ok(self.shape_within(kind, x, tet, s, slopes))
     }
@@ -159,12 +147,12 @@ impl Domain {
     /// As `evaluate`, for a point known to lie in a tetrahedron of the domain.
     pub(crate) fn shape_within<'s>(
         &self,
-        kind: Kind,
+        kind: Interpolant,
         x: &Point3<f64>,
         tet: u32,
         s: &'s mut Scratch,
         slopes: bool,
-    ) -> &'s Row {
+    ) -> &'s ShapeRow<f64> {
         s.cavity.fit(self);
         let place = self.place(tet, x);
         if matches!(place, Place::Free) {
@@ -278,7 +266,7 @@ impl Domain {
 
 impl Domain {
     /// Fills the row for a point strictly inside the domain, in the tetrahedron `start`.
-    fn in_cavity(&self, kind: Kind, x: &Point3<f64>, start: u32, s: &mut Scratch, slopes: bool) {
+    fn in_cavity(&self, kind: Interpolant, x: &Point3<f64>, start: u32, s: &mut Scratch, slopes: bool) {
         s.counters.cavities += 1;
         s.row.clear();
         // A hull has no re-entrant edge; what looks like one there is round-off.
@@ -300,7 +288,7 @@ impl Domain {
     }
 
     /// The linear functions of one tetrahedron, or of a thick one behind it.
-    fn linear(&self, x: &Point3<f64>, tet: u32, row: &mut Row, slopes: bool) {
+    fn linear(&self, x: &Point3<f64>, tet: u32, row: &mut ShapeRow<f64>, slopes: bool) {
         row.clear();
         let thick = self.thick(tet, x);
         if thick != tet {
@@ -322,7 +310,7 @@ impl Domain {
             let outward = (b - a).cross(&(c - a));
             let value = (-outward.dot(&(x - a)) / six).max(0.0);
             sum += value;
-            row.push(t.v[slot], value);
+            row.push(t.v[slot] as usize, value);
             if slopes {
                 row.gradients.push(-outward / six);
             }
@@ -332,7 +320,7 @@ impl Domain {
 }
 
 /// Sets a value in a row, which may already hold the node (then it is searched).
-fn set(row: &mut Row, node: u32, value: f64, search: bool) {
+fn set(row: &mut ShapeRow<f64>, node: u32, value: f64, search: bool) {
     let at = if search {
         row.nodes.iter().position(|&v| v == node as usize)
     } else {
@@ -341,7 +329,7 @@ fn set(row: &mut Row, node: u32, value: f64, search: bool) {
     match at {
         Some(k) => row.values[k] = value,
         None => {
-            row.push(node, value);
+            row.push(node as usize, value);
             if search {
                 row.gradients.push(Vector3::zeros());
             }

@@ -1,6 +1,6 @@
 //! Limits on a flat patch of constrained faces: 2D natural neighbours of the patch.
 
-use super::Kind;
+use super::Interpolant;
 use crate::constraint::key;
 use crate::domain::Domain;
 use nalgebra::{Point3, Vector2, Vector3};
@@ -44,7 +44,14 @@ fn circumcentre(o: &Vector2<f64>, p: &Vector2<f64>, q: &Vector2<f64>) -> Vector2
 impl Domain {
     /// Weights of the nodes of the patch around `face`, which holds `x`, as seen from the side of it on which `tet` is.
     /// False if the linear ones had to be used.
-    pub(super) fn on_patch(&self, kind: Kind, x: &Point3<f64>, face: u32, tet: u32, s: &mut Planar) -> bool {
+    pub(super) fn on_patch(
+        &self,
+        kind: Interpolant,
+        x: &Point3<f64>,
+        face: u32,
+        tet: u32,
+        s: &mut Planar,
+    ) -> bool {
         let corners = self.corners_of(tet).map(|v| self.delaunay.points[v] - x);
         let side = self.side_towards(face, &corners.into_iter().sum());
         let v = self.face_on_side(face, side);
@@ -146,7 +153,7 @@ impl Planar {
     }
 
     /// Stolen areas and their moments; false if the cavity is not star-shaped.
-    fn weigh(&mut self, kind: Kind) -> bool {
+    fn weigh(&mut self, kind: Interpolant) -> bool {
         let count = self.nodes.len();
         self.area.clear();
         self.area.resize(count, 0.0);
@@ -188,8 +195,8 @@ impl Planar {
         for i in 0..count {
             let n = &self.rel[i];
             self.weights.push(match kind {
-                Kind::Laplace => self.area[i],
-                Kind::Sibson => n.norm_squared() * self.area[i] - 2.0 * n.dot(&self.moment[i]),
+                Interpolant::Laplace => self.area[i],
+                Interpolant::Sibson => n.norm_squared() * self.area[i] - 2.0 * n.dot(&self.moment[i]),
             });
         }
         true

@@ -40,7 +40,7 @@ pub(crate) fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
 }
 
 /// Values by clipping with the bisectors of `nodes` only.
-fn by_clipping(kind: Kind, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec<f64> {
+fn by_clipping(kind: Interpolant, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec<f64> {
     let rel: Vec<_> = nodes.iter().map(|p| p - x).collect();
     let mut order: Vec<usize> = (0..rel.len()).collect();
     order.sort_by(|&a, &b| rel[a].norm_squared().total_cmp(&rel[b].norm_squared()));
@@ -55,8 +55,8 @@ fn by_clipping(kind: Kind, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec<f64> {
         assert_ne!(*tag, u64::MAX, "cell is bounded");
         let i = *tag as usize;
         values[i] += match kind {
-            Kind::Laplace => sum.area.norm() / rel[i].norm(),
-            Kind::Sibson => {
+            Interpolant::Laplace => sum.area.norm() / rel[i].norm(),
+            Interpolant::Sibson => {
                 let mut stolen = cell.clone();
                 for &j in &order {
                     if j != i {
@@ -73,7 +73,7 @@ fn by_clipping(kind: Kind, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec<f64> {
 }
 
 /// Unity, linear precision, sign; returns the largest defect.
-pub(super) fn defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
+pub(super) fn defect(domain: &Domain, x: &Point3<f64>, row: &ShapeRow<f64>) -> f64 {
     let mut sum = -1.0;
     let mut moment: Vector3<f64> = Vector3::zeros();
     let mut negative = 0.0_f64;
@@ -85,7 +85,7 @@ pub(super) fn defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
     moment.amax().max(sum.abs()).max(negative)
 }
 
-fn gradient_defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
+fn gradient_defect(domain: &Domain, x: &Point3<f64>, row: &ShapeRow<f64>) -> f64 {
     let mut sum: Vector3<f64> = Vector3::zeros();
     let mut moment: nalgebra::Matrix3<f64> = -nalgebra::Matrix3::identity();
     for (&v, g) in row.nodes.iter().zip(&row.gradients) {
@@ -96,7 +96,7 @@ fn gradient_defect(domain: &Domain, x: &Point3<f64>, row: &Row) -> f64 {
 }
 
 /// Largest difference to clipping with all nodes (convex domains).
-fn difference(domain: &Domain, kind: Kind, x: &Point3<f64>, s: &mut Scratch) -> f64 {
+fn difference(domain: &Domain, kind: Interpolant, x: &Point3<f64>, s: &mut Scratch) -> f64 {
     let row = domain.shape(kind, x, s).expect("inside").clone();
     assert!(defect(domain, x, &row) < 1e-12, "{:?}", defect(domain, x, &row));
     let mut expected = by_clipping(kind, domain.nodes(), x);
@@ -122,7 +122,7 @@ fn values_equal_clipping_on_random_and_degenerate_sets() {
         let mut r = noise(17);
         for _ in 0..100 {
             let x = Point3::new(r(), r(), r()).map(|c| 0.2 + 0.6 * c);
-            for kind in [Kind::Laplace, Kind::Sibson] {
+            for kind in [Interpolant::Laplace, Interpolant::Sibson] {
                 let d = difference(&domain, kind, &x, &mut s);
                 assert!(d < 1e-10, "{name} {kind:?} {x}: {d:e}");
             }
@@ -138,7 +138,7 @@ fn gradients_equal_finite_differences() {
     let mut r = noise(23);
     for _ in 0..40 {
         let x = Point3::new(r(), r(), r()).map(|c| 0.2 + 0.6 * c);
-        for kind in [Kind::Laplace, Kind::Sibson] {
+        for kind in [Interpolant::Laplace, Interpolant::Sibson] {
             let row = domain
                 .shape_with_gradients(kind, &x, &mut s)
                 .expect("inside")
@@ -177,7 +177,7 @@ fn delta_at_nodes_and_vanishing_on_the_boundary() {
     let domain = Domain::new(&points, &Surface::convex_hull()).expect("grid");
     let mut s = Scratch::new();
     let mut r = noise(4);
-    for kind in [Kind::Laplace, Kind::Sibson] {
+    for kind in [Interpolant::Laplace, Interpolant::Sibson] {
         for (i, p) in points.iter().enumerate() {
             for slopes in [false, true] {
                 let row = if slopes {
@@ -220,7 +220,7 @@ fn boundary_values_are_limits_from_inside() {
     let domain = Domain::new(&points, &Surface::convex_hull()).expect("grid");
     let mut s = Scratch::new();
     let mut r = noise(6);
-    for kind in [Kind::Laplace, Kind::Sibson] {
+    for kind in [Interpolant::Laplace, Interpolant::Sibson] {
         for _ in 0..100 {
             let x = Point3::new(r(), r(), 0.0);
             let near = Point3::new(x.x, x.y, 1e-7);
@@ -247,7 +247,7 @@ fn close_to_the_boundary_unity_and_linear_precision_hold() {
     let mut s = Scratch::new();
     let mut r = noise(8);
     for exponent in 3..16 {
-        for kind in [Kind::Laplace, Kind::Sibson] {
+        for kind in [Interpolant::Laplace, Interpolant::Sibson] {
             for _ in 0..20 {
                 let x = Point3::new(r(), r(), 10_f64.powi(-exponent));
                 let row = domain.shape(kind, &x, &mut s).expect("inside");
@@ -326,10 +326,10 @@ fn re_entrant_edge() {
         let x = Point3::new(4.0 * r(), 4.0 * r(), 4.0 * r());
         let clear = |m: f64| x.x < 2.0 - m || x.y < 2.0 - m;
         if !clear(0.0) {
-            assert!(domain.shape(Kind::Sibson, &x, &mut s).is_err());
+            assert!(domain.shape(Interpolant::Sibson, &x, &mut s).is_err());
             continue;
         }
-        for kind in [Kind::Laplace, Kind::Sibson] {
+        for kind in [Interpolant::Laplace, Interpolant::Sibson] {
             total += 1;
             let before = s.counters();
             let row = domain.shape(kind, &x, &mut s).expect("inside").clone();
@@ -376,7 +376,7 @@ fn crack_is_not_seen_through() {
     let mut r = noise(5);
     for _ in 0..400 {
         let x = Point3::new(0.3 * r(), r(), 0.5 + 0.2 * (r() - 0.5));
-        for kind in [Kind::Laplace, Kind::Sibson] {
+        for kind in [Interpolant::Laplace, Interpolant::Sibson] {
             let row = domain.shape(kind, &x, &mut s).expect("inside");
             assert!(defect(&domain, &x, row) < 1e-12);
             for (&v, &w) in row.nodes.iter().zip(&row.values) {
@@ -390,7 +390,7 @@ fn crack_is_not_seen_through() {
 /// Largest difference between the constrained functions at `x` and clipping with the nodes that `keep` selects.
 fn against_part(
     domain: &Domain,
-    kind: Kind,
+    kind: Interpolant,
     x: &Point3<f64>,
     keep: &dyn Fn(&Point3<f64>) -> bool,
     s: &mut Scratch,
@@ -422,7 +422,7 @@ fn a_leg_of_a_re_entrant_block_does_not_see_the_other() {
         let mut r = noise(13);
         for _ in 0..60 {
             let x = Point3::new(2.0 - 0.5 * r() - 1e-3, 3.6 + 1.2 * r(), 0.5 + 4.0 * r());
-            for kind in [Kind::Laplace, Kind::Sibson] {
+            for kind in [Interpolant::Laplace, Interpolant::Sibson] {
                 let d = against_part(&domain, kind, &x, &|p| p.x <= 2.0 + 1e-9, &mut s);
                 assert!(d < 1e-10, "{kind:?} {x} {d:e}");
             }
@@ -454,7 +454,7 @@ fn a_full_crack_separates() {
         let mut r = noise(29);
         for _ in 0..60 {
             let x = Point3::new(0.1 + 0.8 * r(), 0.1 + 0.8 * r(), 0.5 - 0.1 * r() - 1e-3);
-            for kind in [Kind::Laplace, Kind::Sibson] {
+            for kind in [Interpolant::Laplace, Interpolant::Sibson] {
                 let d = against_part(&domain, kind, &x, &|p| p.z <= 0.5, &mut s);
                 assert!(d < 1e-10, "{jitter} {kind:?} {x} {d:e}");
             }
@@ -473,7 +473,7 @@ proptest! {
         let mut r = noise(seed);
         for _ in 0..40 {
             let x = Point3::new(r(), r(), r());
-            for kind in [Kind::Laplace, Kind::Sibson] {
+            for kind in [Interpolant::Laplace, Interpolant::Sibson] {
                 let row = domain.shape_with_gradients(kind, &x, &mut s).expect("inside");
                 prop_assert!(defect(&domain, &x, row) < 1e-12, "{} {:e}", x, defect(&domain, &x, row));
                 prop_assert!(gradient_defect(&domain, &x, row) < 1e-10, "{} {:e}", x, gradient_defect(&domain, &x, row));

@@ -7,7 +7,7 @@
 //! alone. Since `x` is among the nodes of its tetrahedron, all of which it sees, the weights are positive, sum to one
 //! and are linearly precise whatever the set.
 
-use super::{Kind, Scratch};
+use super::{Interpolant, Scratch};
 use crate::constraint::Surface;
 use crate::domain::Domain;
 use crate::predicates::orient3d;
@@ -16,7 +16,13 @@ use std::cmp::Ordering;
 
 impl Domain {
     /// Fills the row from the nodes in reach that `x` sees; false if they do not span a volume. Allocates.
-    pub(super) fn on_visible(&self, kind: Kind, x: &Point3<f64>, s: &mut Scratch, slopes: bool) -> bool {
+    pub(super) fn on_visible(
+        &self,
+        kind: Interpolant,
+        x: &Point3<f64>,
+        s: &mut Scratch,
+        slopes: bool,
+    ) -> bool {
         let mut seen: Vec<u32> = s.cavity.nodes.clone();
         seen.retain(|&v| self.sees(x, v, s));
         seen.sort_unstable_by_key(|&v| (self.copies.original(v), v));

@@ -6,7 +6,8 @@
 //! the facet between the two; both ends of an edge have the same pyramid.
 
 use super::cavity::{Border, Cavity, Inner, Ridge};
-use super::{Kind, Row, polish};
+use super::{Interpolant, polish};
+use arlequin_core::field::ShapeRow;
 use nalgebra::Vector3;
 
 /// Negative weights above this are round-off.
@@ -25,9 +26,15 @@ pub(super) struct Weights {
 
 impl Weights {
     /// Fills the row; returns the residual removed, or `None` if the weights are not usable.
-    pub(super) fn fill(&mut self, kind: Kind, cavity: &Cavity, row: &mut Row, slopes: bool) -> Option<f64> {
+    pub(super) fn fill(
+        &mut self,
+        kind: Interpolant,
+        cavity: &Cavity,
+        row: &mut ShapeRow<f64>,
+        slopes: bool,
+    ) -> Option<f64> {
         self.gather(kind, cavity, slopes);
-        let weight = if kind == Kind::Laplace {
+        let weight = if kind == Interpolant::Laplace {
             &self.alpha
         } else {
             &self.volume
@@ -38,7 +45,7 @@ impl Weights {
             if value.is_nan() || value < NEGATIVE {
                 return None;
             }
-            row.push(node, value.max(0.0));
+            row.push(node as usize, value.max(0.0));
         }
         let size = cavity
             .rel
@@ -54,7 +61,7 @@ impl Weights {
         Some(found)
     }
 
-    fn gather(&mut self, kind: Kind, cavity: &Cavity, slopes: bool) {
+    fn gather(&mut self, kind: Interpolant, cavity: &Cavity, slopes: bool) {
         let count = cavity.nodes.len();
         let reset = |v: &mut Vec<f64>| {
             v.clear();
@@ -66,15 +73,15 @@ impl Weights {
         self.vector.resize(count, Vector3::zeros());
         for ridge in &cavity.ridges {
             match (kind, slopes) {
-                (Kind::Laplace, false) => self.facet(cavity, ridge),
-                (Kind::Laplace, true) => self.facet_gradient(cavity, ridge),
-                (Kind::Sibson, _) => self.facet_moment(cavity, ridge, slopes),
+                (Interpolant::Laplace, false) => self.facet(cavity, ridge),
+                (Interpolant::Laplace, true) => self.facet_gradient(cavity, ridge),
+                (Interpolant::Sibson, _) => self.facet_moment(cavity, ridge, slopes),
             }
         }
         for (a, r) in self.alpha.iter_mut().zip(&cavity.rel) {
             *a *= 0.5 / r.norm_squared();
         }
-        if kind == Kind::Sibson {
+        if kind == Interpolant::Sibson {
             self.volumes(cavity);
         }
     }
@@ -154,13 +161,13 @@ impl Weights {
         }
     }
 
-    fn slopes(&mut self, kind: Kind, cavity: &Cavity, row: &mut Row, total: f64) {
+    fn slopes(&mut self, kind: Interpolant, cavity: &Cavity, row: &mut ShapeRow<f64>, total: f64) {
         for (i, r) in cavity.rel.iter().enumerate() {
             let vector = &mut self.vector[i];
             *vector = match kind {
-                Kind::Laplace => *vector + r * (self.alpha[i] / r.norm_squared()),
+                Interpolant::Laplace => *vector + r * (self.alpha[i] / r.norm_squared()),
                 // alpha * centroid = moment / (2 * distance^2) / 3.
-                Kind::Sibson => *vector * (0.5 / (3.0 * r.norm_squared())),
+                Interpolant::Sibson => *vector * (0.5 / (3.0 * r.norm_squared())),
             };
         }
         let sum: Vector3<f64> = self.vector.iter().sum();

@@ -16,9 +16,10 @@ pub(crate) use stabilise::SubCells;
 
 use crate::domain::Domain;
 use crate::error::Result;
-use crate::natural::{Kind, Row, Scratch};
+use crate::natural::{Interpolant, Scratch};
 use crate::tet::NONE;
 use crate::voronoi::{Facet, Side, Voronoi};
+use arlequin_core::field::ShapeRow;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -61,7 +62,7 @@ pub(crate) struct Smoothing {
 }
 
 impl Smoothing {
-    pub(crate) fn new(domain: &Domain, cells: &Voronoi, kind: Kind) -> Result<Self> {
+    pub(crate) fn new(domain: &Domain, cells: &Voronoi, kind: Interpolant) -> Result<Self> {
         let sampled: Vec<Vec<Sampled>> = (0..cells.len())
             .into_par_iter()
             .map_init(Scratch::new, |scratch, i| sample(domain, cells, kind, i, scratch))
@@ -125,7 +126,13 @@ impl Smoothing {
 
 /// Shape functions at the centroid of a facet, seen from the tetrahedron it lies in where that is known: the two lips
 /// of a crack have different values.
-fn shape_on<'s>(domain: &Domain, kind: Kind, facet: &Facet, tet: u32, s: &'s mut Scratch) -> Result<&'s Row> {
+fn shape_on<'s>(
+    domain: &Domain,
+    kind: Interpolant,
+    facet: &Facet,
+    tet: u32,
+    s: &'s mut Scratch,
+) -> Result<&'s ShapeRow<f64>> {
     let x = &facet.centroid;
     if tet != NONE {
         let distance = domain
@@ -140,7 +147,13 @@ fn shape_on<'s>(domain: &Domain, kind: Kind, facet: &Facet, tet: u32, s: &'s mut
 }
 
 /// Evaluates the facets that cell `i` owns: those to higher nodes and those on the boundary.
-fn sample(domain: &Domain, cells: &Voronoi, kind: Kind, i: usize, s: &mut Scratch) -> Result<Vec<Sampled>> {
+fn sample(
+    domain: &Domain,
+    cells: &Voronoi,
+    kind: Interpolant,
+    i: usize,
+    s: &mut Scratch,
+) -> Result<Vec<Sampled>> {
     let facets = cells.facets(i).iter().zip(cells.tets(i));
     let owned = facets.filter(|f| !matches!(f.0.side, Side::Node(j) if j < i));
     owned

@@ -1,6 +1,6 @@
 //! Contact between the particles of two models: a projectile and its target.
 //!
-//! Law, search and purse are those of [`super::Contact`]. Three rules say who may touch:
+//! Law, search and energy budgets are those of [`super::Contact`]. Three rules say who may touch:
 //!
 //! - Particles that an interface between the two models ties to each other never touch: where two particle models overlap
 //!   they are the same material, and their motion is the multipliers' business.

@@ -1,7 +1,7 @@
 //! The particles of one model as contacts see them.
 
 use super::body::ContactBody;
-use super::purse::End;
+use super::budget::End;
 use crate::bond::Twist;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::{Host, Instant};
@@ -121,26 +121,26 @@ impl Grains {
         }
     }
 
-    /// Moves the forces on particle `i` to `f`; nothing is left to move if it is met again.
+    /// Moves the forces on particle `i` to `f`; nothing is left to move if it comes up again.
     pub(crate) fn deliver(&mut self, i: usize, f: &mut [f64]) {
         for o in self.unknowns(i) {
             f[o] += std::mem::take(&mut self.own[o]);
         }
     }
 
-    /// Largest `stiffness(r_i)/m_i` over all particles (1/s^2), unweighted.
+    /// Largest `stiffness(r_i)/m_i` over all particles \[1/s²\], unweighted.
     pub(crate) fn top(&self, stiffness: impl Fn(f64) -> f64) -> f64 {
         let ratios = self.rest.iter().zip(&self.full).map(|(s, m)| stiffness(s[3]) / m);
         ratios.fold(0.0, f64::max)
     }
 
-    /// Largest radius (m).
+    /// Largest radius \[m\].
     pub(crate) fn largest(&self) -> f64 {
         self.rest.iter().fold(0.0, |m, s| m.max(s[3]))
     }
 }
 
-/// Power (W) of a force and a torque on particle `i` of `n`.
+/// Power \[W\] of a force and a torque on particle `i` of `n`.
 pub(crate) fn power(v: &[f64], i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
     force.dot(&three(v, 3 * i)) + torque.dot(&three(v, v.len() / 2 + 3 * i))
 }

@@ -18,7 +18,7 @@ const LEAST_RESTITUTION: f64 = 0.15;
 /// Parameters of contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactLaw {
-    /// Modulus `E` of the normal spring (Pa); that of the packing is a good value.
+    /// Modulus `E` of the normal spring \[Pa\]; that of the packing is a good value.
     pub modulus: f64,
     /// Coefficient of restitution of a collision of two free spheres, 0.15 to 1 (elastic).
     pub restitution: f64,
@@ -54,7 +54,7 @@ impl ContactLaw {
         positive("contact modulus", self.modulus)?;
         positive("shear ratio of contact", self.shear_ratio)?;
         positive("skin of the neighbour list", self.skin)?;
-        let bad = |name, value, range| Err(Error::OutOfRange { name, value, range });
+        let bad = |name, value, range| Err(Error::out_of_range(name, value, range));
         if !(self.restitution >= LEAST_RESTITUTION && self.restitution <= 1.0) {
             return bad("coefficient of restitution", self.restitution, "[0.15, 1]");
         }
@@ -89,7 +89,7 @@ impl ContactLaw {
         low
     }
 
-    /// Unweighted normal stiffness (N/m).
+    /// Unweighted normal stiffness \[N/m\].
     pub(crate) fn stiffness(&self, [a, b]: [f64; 2]) -> f64 {
         2.0 * self.modulus * a * b / (a + b)
     }
@@ -112,7 +112,7 @@ impl ContactLaw {
     }
 
     /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy of the springs; moves them on by
-    /// a step `dt`. What the contact can pay for, `purse.rs` says.
+    /// a step `dt`. What the budget of the contact covers, `budget.rs` says.
     pub(crate) fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
         let n = p.normal;
         let k = p.share * self.stiffness(p.radii);
@@ -163,10 +163,10 @@ fn capped(x: Vector3<f64>, limit: f64) -> Vector3<f64> {
 pub(crate) struct Pair {
     /// From the first to the second.
     pub(crate) normal: Vector3<f64>,
-    /// Overlap beyond rest (m).
+    /// Overlap beyond rest \[m\].
     pub(crate) gap: f64,
     pub(crate) radii: [f64; 2],
-    /// Distances of the centres from the point of contact (m); they sum to the distance of the centres.
+    /// Distances of the centres from the point of contact \[m\]; they sum to the distance of the centres.
     pub(crate) arms: [f64; 2],
     /// Factor on the stiffness (weights).
     pub(crate) share: f64,
@@ -182,15 +182,15 @@ pub(crate) struct Spring {
     pub(crate) on: bool,
     pub(crate) slide: Vector3<f64>,
     pub(crate) roll: Vector3<f64>,
-    /// Energy taken in since touch and not given back (J).
-    pub(crate) purse: f64,
+    /// Energy taken in since touch and not given back \[J\].
+    pub(crate) budget: f64,
 }
 
 impl Spring {
-    /// As numbers, `slide`, `roll` and the purse; whether it is on is an integer of its own.
+    /// As numbers, `slide`, `roll` and the budget; whether it is on is an integer of its own.
     pub(crate) fn numbers(&self) -> [f64; 7] {
         let (s, r) = (self.slide, self.roll);
-        [s.x, s.y, s.z, r.x, r.y, r.z, self.purse]
+        [s.x, s.y, s.z, r.x, r.y, r.z, self.budget]
     }
 
     /// Undoes [`Self::numbers`].
@@ -199,7 +199,7 @@ impl Spring {
             on,
             slide: Vector3::new(x[0], x[1], x[2]),
             roll: Vector3::new(x[3], x[4], x[5]),
-            purse: x[6],
+            budget: x[6],
         }
     }
 }
@@ -209,7 +209,7 @@ impl Spring {
 pub(crate) struct Response {
     pub(crate) force: Vector3<f64>,
     pub(crate) torque: [Vector3<f64>; 2],
-    /// Weighted normal stiffness (N/m).
+    /// Weighted normal stiffness \[N/m\].
     pub(crate) stiffness: f64,
     pub(crate) stored: f64,
 }

@@ -11,16 +11,16 @@
 //! Gaps are computed in parallel; forces are added pair after pair in a fixed order, so results do not depend on the
 //! number of threads. A step allocates only where the lists grow.
 //!
-//! A contact never gives back more than it took in, whatever the step: `purse.rs` says how. Contacts are taken one after the
+//! A contact never gives back more than it took in, whatever the step: `budget.rs` says how. Contacts are taken one after the
 //! other, to and fro. The step must still resolve contacts that do not exist yet: an allowance of [`STIFF_CONTACTS`] stiff
 //! and [`DAMPED_CONTACTS`] damped contacts per particle beside its bonds enters the critical step.
 
 mod between;
 mod body;
+pub(crate) mod budget;
 mod grains;
 mod law;
 pub(crate) mod neighbours;
-pub(crate) mod purse;
 mod touching;
 
 pub use between::ContactBetween;
@@ -62,12 +62,11 @@ impl Contact {
     pub fn new(model: &DemModel, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let body = model.body();
-        let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
         Ok(Self(Contacts {
             grains: Grains::new(ContactBody::of(model)),
             log: model.break_log(),
             seen: 0,
-            list: PairList::new(body, law.skin * mean),
+            list: PairList::new(body, law.skin * body.mean_radius()),
             touching: Touching::new(law),
         }))
     }

@@ -2,7 +2,7 @@
 
 use super::Spring;
 use crate::fracture::{Break, BreakLog};
-use crate::packing::cells::{CellList, Sphere};
+use crate::packing::cells::{CellList, Sphere, spheres};
 use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::snapshot::Record;
@@ -16,7 +16,7 @@ const CHUNK: usize = 512;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Candidate {
     pub(crate) ends: [u32; 2],
-    /// Distance below which it pushes (m).
+    /// Distance below which it pushes \[m\].
     pub(crate) rest: f64,
 }
 
@@ -71,33 +71,62 @@ impl Listed {
         self.built.len() != count || self.built.iter().zip(now).any(far)
     }
 
-    /// Sorts `among` into cells and asks for the pairs of each of `count` spheres: `of(cells, i, part)` adds them.
-    /// Springs of pairs that are still listed stay.
-    fn search(
+    /// Searches anew, if a sphere has moved by half the skin since the last search, for pairs of spheres of `first` and
+    /// `second`, or within `first`. `rest(i, k)` says where a pair begins to push, nothing if it never does. Springs of
+    /// pairs that are still listed stay.
+    fn refresh(
         &mut self,
-        among: &[Sphere],
-        largest: f64,
-        count: usize,
-        of: impl Fn(&CellList, usize, &mut Vec<Candidate>) + Sync,
+        first: &[Sphere],
+        second: Option<&[Sphere]>,
+        rest: impl Fn(usize, usize) -> Option<f64> + Sync,
     ) {
+        let all = || first.iter().chain(second.unwrap_or_default());
+        let (within, other) = (second.is_none(), second.unwrap_or(first));
+        if !self.is_stale(all().count(), all()) {
+            return;
+        }
         self.searches += 1;
-        self.cells.build(among, 2.0 * largest + self.skin);
-        let both = self.pairs.iter().copied().zip(self.springs.iter().copied());
-        let mut old: Vec<(Candidate, Spring)> = both.filter(|(_, s)| s.on).collect();
-        old.sort_unstable_by_key(|(c, _)| c.ends);
-        let cells = &self.cells;
-        let parts: Vec<Vec<Candidate>> = (0..count.div_ceil(CHUNK))
+        self.built.clear();
+        self.built.extend(all());
+        let reach = 2.0 * all().fold(0.0_f64, |m, s| m.max(s[3])) + self.skin;
+        let (low, high) = bounds(other, reach);
+        self.cells.build(other, reach);
+        let (cells, skin) = (&self.cells, self.skin);
+        let of = |i: usize, part: &mut Vec<Candidate>| {
+            let a = &first[i];
+            if (0..3).any(|c| a[c] < low[c] || a[c] > high[c]) {
+                return;
+            }
+            cells.around(a, |j| {
+                let k = j as usize;
+                let b = &other[k];
+                if within && k <= i || distance(a, b) > a[3] + b[3] + skin {
+                    return;
+                }
+                let ends = [i as u32, j];
+                part.extend(rest(i, k).map(|rest| Candidate { ends, rest }));
+            });
+        };
+        let parts: Vec<Vec<Candidate>> = (0..first.len().div_ceil(CHUNK))
             .into_par_iter()
             .map(|c| {
                 let mut part = Vec::new();
-                for i in c * CHUNK..((c + 1) * CHUNK).min(count) {
-                    let first = part.len();
-                    of(cells, i, &mut part);
-                    part[first..].sort_unstable_by_key(|c| c.ends);
+                for i in c * CHUNK..((c + 1) * CHUNK).min(first.len()) {
+                    let start = part.len();
+                    of(i, &mut part);
+                    part[start..].sort_unstable_by_key(|c| c.ends);
                 }
                 part
             })
             .collect();
+        self.relist(&parts);
+    }
+
+    /// Replaces the list.
+    fn relist(&mut self, parts: &[Vec<Candidate>]) {
+        let both = self.pairs.iter().copied().zip(self.springs.iter().copied());
+        let mut old: Vec<(Candidate, Spring)> = both.filter(|(_, s)| s.on).collect();
+        old.sort_unstable_by_key(|(c, _)| c.ends);
         self.pairs.clear();
         parts.iter().for_each(|p| self.pairs.extend_from_slice(p));
         self.springs.clear();
@@ -170,7 +199,7 @@ pub(crate) struct PairList {
 }
 
 impl PairList {
-    /// An empty list; the first refresh fills it. `skin` (m) is by how much more than touching the pairs reach.
+    /// An empty list; the first refresh fills it. `skin` \[m\] is by how much more than touching the pairs reach.
     pub(crate) fn new(body: &BondedParticles, skin: f64) -> Self {
         Self {
             listed: Listed::new(skin),
@@ -212,31 +241,13 @@ impl PairList {
 
     /// Searches anew if a particle has moved by half the skin since the last search.
     pub(crate) fn refresh(&mut self, now: &[Sphere], rest: &[Sphere], log: &BreakLog) {
-        if !self.listed.is_stale(now.len(), now.iter()) {
-            return;
-        }
-        self.listed.built.clear();
-        self.listed.built.extend_from_slice(now);
-        let largest = now.iter().fold(0.0_f64, |m, s| m.max(s[3]));
-        let (adjacency, broken_at, skin) = (&self.adjacency, &self.broken_at, self.listed.skin);
-        self.listed.search(now, largest, now.len(), |cells, i, part| {
-            cells.around(&now[i], |j| {
-                let (a, b) = (&now[i], &now[j as usize]);
-                if j as usize <= i || distance(a, b) > a[3] + b[3] + skin {
-                    return;
-                }
-                let mut limit = rest_of(&rest[i], &rest[j as usize]);
-                if let Some(b) = bond_between(adjacency, i as u32, j) {
-                    if !log.is_broken(b) {
-                        return;
-                    }
-                    limit = limit.min(broken_at[b]);
-                }
-                part.push(Candidate {
-                    ends: [i as u32, j],
-                    rest: limit,
-                });
-            });
+        let (adjacency, broken_at) = (&self.adjacency, &self.broken_at);
+        self.listed.refresh(now, None, |i, k| {
+            let limit = rest_of(&rest[i], &rest[k]);
+            match bond_between(adjacency, i as u32, k as u32) {
+                Some(b) => log.is_broken(b).then(|| limit.min(broken_at[b])),
+                None => Some(limit),
+            }
         });
     }
 }
@@ -259,34 +270,10 @@ impl CrossList {
 
     /// Searches anew if a particle of either body has moved by half the skin since the last search.
     pub(crate) fn refresh(&mut self, now: [&[Sphere]; 2], rest: [&[Sphere]; 2]) {
-        let [first, second] = now;
-        let all = || first.iter().chain(second);
-        if !self.listed.is_stale(first.len() + second.len(), all()) {
-            return;
-        }
-        self.listed.built.clear();
-        self.listed.built.extend(all());
-        let largest = all().fold(0.0_f64, |m, s| m.max(s[3]));
-        let (tied, skin) = (&self.tied, self.listed.skin);
-        let (low, high) = bounds(second, 2.0 * largest + skin);
-        self.listed
-            .search(second, largest, first.len(), |cells, i, part| {
-                let a = &first[i];
-                if (0..3).any(|c| a[c] < low[c] || a[c] > high[c]) {
-                    return;
-                }
-                cells.around(a, |j| {
-                    let k = j as usize;
-                    let b = &second[k];
-                    if distance(a, b) > a[3] + b[3] + skin || (tied[0][i] && tied[1][k]) {
-                        return;
-                    }
-                    part.push(Candidate {
-                        ends: [i as u32, j],
-                        rest: rest_of(&rest[0][i], &rest[1][k]),
-                    });
-                });
-            });
+        let tied = &self.tied;
+        self.listed.refresh(now[0], Some(now[1]), |i, k| {
+            (!(tied[0][i] && tied[1][k])).then(|| rest_of(&rest[0][i], &rest[1][k]))
+        });
     }
 }
 
@@ -297,12 +284,6 @@ fn bounds(spheres: &[Sphere], margin: f64) -> ([f64; 3], [f64; 3]) {
     ([0, 1, 2].map(low), [0, 1, 2].map(high))
 }
 
-/// Spheres of a body at rest.
-pub(super) fn spheres(body: &BondedParticles) -> Vec<Sphere> {
-    let both = body.positions().iter().zip(body.radii());
-    both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect()
-}
-
 /// Spheres displaced by `q`.
 fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
     let moves = q.as_chunks::<3>().0;
@@ -310,68 +291,51 @@ fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
     rest.iter().zip(moves).map(put).collect()
 }
 
-/// How many overlaps were seen, and the largest.
-#[derive(Default)]
-struct Found(usize, f64);
-
-impl Found {
-    /// Looks at a pair at rest and now.
-    fn see(&mut self, rest: [&Sphere; 2], now: [&Sphere; 2], tolerance: f64) {
-        let reach = rest_of(rest[0], rest[1]) - distance(now[0], now[1]);
-        let overlap = reach / (now[0][3] + now[1][3]);
-        if overlap > tolerance {
-            self.0 += 1;
-            self.1 = self.1.max(overlap);
-        }
-    }
-
-    fn get(self) -> Option<(usize, f64)> {
-        (self.0 > 0).then_some((self.0, self.1))
-    }
-}
-
-/// Unbonded pairs that overlap by more than `tolerance` of their radii beyond rest: how many, and the largest overlap
-/// over the sum of radii.
+/// Unbonded pairs within a body that overlap by more than `tolerance` of their radii beyond rest: how many, and the
+/// largest overlap over the sum of radii.
 pub(crate) fn overlaps(
     body: &BondedParticles,
     q: &[f64],
     tolerance: f64,
     broken: impl Fn(usize) -> bool,
 ) -> Option<(usize, f64)> {
-    let rest = spheres(body);
+    let rest = spheres(body.positions(), body.radii());
     let now = displaced(&rest, q);
-    let largest = body.radii().iter().fold(0.0_f64, |m, r| m.max(*r));
-    let mut cells = CellList::default();
-    cells.build(&now, 2.0 * largest);
     let adjacency = body.adjacency();
-    let mut found = Found::default();
-    for (i, a) in now.iter().enumerate() {
-        cells.around(a, |j| {
-            let k = j as usize;
-            let bonded = || bond_between(&adjacency, i as u32, j).is_some_and(|b| !broken(b));
-            if k > i && !bonded() {
-                found.see([&rest[i], &rest[k]], [a, &now[k]], tolerance);
-            }
-        });
-    }
-    found.get()
+    let may_touch =
+        |i: usize, k: usize| k > i && bond_between(&adjacency, i as u32, k as u32).is_none_or(&broken);
+    count_overlaps([&rest; 2], [&now; 2], tolerance, may_touch)
 }
 
 /// The same for the pairs of two bodies.
 pub(crate) fn overlaps_between(rest: [&[Sphere]; 2], q: [&[f64]; 2], tolerance: f64) -> Option<(usize, f64)> {
     let [first, second] = [0, 1].map(|m: usize| displaced(rest[m], q[m]));
-    let largest = first.iter().chain(&second).fold(0.0_f64, |m, s| m.max(s[3]));
-    let (low, high) = bounds(&second, 2.0 * largest);
+    count_overlaps(rest, [&first, &second], tolerance, |_, _| true)
+}
+
+fn count_overlaps(
+    rest: [&[Sphere]; 2],
+    now: [&[Sphere]; 2],
+    tolerance: f64,
+    may_touch: impl Fn(usize, usize) -> bool,
+) -> Option<(usize, f64)> {
+    let reach = 2.0 * now.into_iter().flatten().fold(0.0_f64, |m, s| m.max(s[3]));
+    let (low, high) = bounds(now[1], reach);
     let mut cells = CellList::default();
-    cells.build(&second, 2.0 * largest);
-    let mut found = Found::default();
-    for (i, a) in first.iter().enumerate() {
-        if (0..3).all(|c| a[c] > low[c] && a[c] < high[c]) {
-            cells.around(a, |j| {
-                let k = j as usize;
-                found.see([&rest[0][i], &rest[1][k]], [a, &second[k]], tolerance);
-            });
+    cells.build(now[1], reach);
+    let (mut count, mut largest) = (0, 0.0_f64);
+    for (i, a) in now[0].iter().enumerate() {
+        if (0..3).any(|c| a[c] <= low[c] || a[c] >= high[c]) {
+            continue;
         }
+        cells.around(a, |j| {
+            let (k, b) = (j as usize, &now[1][j as usize]);
+            let overlap = (rest_of(&rest[0][i], &rest[1][k]) - distance(a, b)) / (a[3] + b[3]);
+            if overlap > tolerance && may_touch(i, k) {
+                count += 1;
+                largest = largest.max(overlap);
+            }
+        });
     }
-    found.get()
+    (count > 0).then_some((count, largest))
 }

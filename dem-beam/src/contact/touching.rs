@@ -1,9 +1,9 @@
 //! Contacts that push, between the particles of one model or of two.
 
+use super::budget::BudgetedLaw;
 use super::grains::{self, Grains};
 use super::law::{ContactLaw, Pair, Spring};
 use super::neighbours::{Candidate, Listed};
-use super::purse;
 use arlequin_core::effect::{Instant, StepDemand};
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
@@ -27,12 +27,12 @@ struct Active {
     /// Number in the list.
     pair: usize,
     ends: [u32; 2],
-    /// Force on the second particle (N), the first feels its opposite.
+    /// Force on the second particle \[N\], the first feels its opposite.
     force: Vector3<f64>,
-    /// Generalised torques on both (N m).
+    /// Generalised torques on both \[N m\].
     torque: [Vector3<f64>; 2],
     stored: f64,
-    /// Power on the velocity after the step, as far as the forces on the particles were known (W).
+    /// Power on the velocity after the step, as far as the forces on the particles were known \[W\].
     expected: f64,
 }
 
@@ -41,14 +41,9 @@ struct Active {
 /// `grains`, instants and forces come in slices of one (both ends in the same model) or two (first ends in the first).
 #[derive(Debug)]
 pub(crate) struct Touching {
-    law: ContactLaw,
-    damping_ratio: f64,
+    law: BudgetedLaw,
     gaps: Vec<f64>,
     active: Vec<Active>,
-    /// Energy of contacts that were closed when the run began (J).
-    supplied: f64,
-    /// Whether a step was made.
-    begun: bool,
     calls: usize,
     top_contacts: usize,
 }
@@ -56,29 +51,26 @@ pub(crate) struct Touching {
 impl Touching {
     pub(crate) fn new(law: ContactLaw) -> Self {
         Self {
-            damping_ratio: law.damping_ratio(),
-            law,
+            law: BudgetedLaw::new(law),
             gaps: Vec::new(),
             active: Vec::new(),
-            supplied: 0.0,
-            begun: false,
             calls: 0,
             top_contacts: 0,
         }
     }
 
-    /// Corrects the purses by what forces that were not known did in the step just made: multipliers, prescribed motion,
+    /// Corrects the budgets by what forces that were not known did in the step just made: multipliers, prescribed motion,
     /// effects that come later. Call it before the list changes.
     pub(crate) fn settle(&mut self, listed: &mut Listed, at: &[Instant<'_, f64>]) {
         self.calls += 1;
         let dt = at[0].dt;
         for a in &self.active {
             let power = a.power([at[0].v_half, at[at.len() - 1].v_half]);
-            listed.springs[a.pair].purse -= 0.5 * dt * (power - a.expected);
+            listed.springs[a.pair].budget -= 0.5 * dt * (power - a.expected);
         }
     }
 
-    /// Overlaps (m) of all listed pairs.
+    /// Overlaps \[m\] of all listed pairs.
     fn measure(&mut self, pairs: &[Candidate], grains: &[Grains]) {
         self.gaps.resize(pairs.len(), 0.0);
         let (first, second) = (&grains[0].now, &grains[grains.len() - 1].now);
@@ -108,12 +100,10 @@ impl Touching {
     ) {
         self.measure(&listed.pairs, grains);
         self.active.clear();
-        if at[0].dt > 0.0 && !self.begun {
-            self.supplied = 0.0;
-        }
+        self.law.begin(at[0].dt);
         let count = self.gaps.len();
         for n in 0..count {
-            // To and fro: what a particle shared by two contacts carries from one purse to the other evens out.
+            // To and fro: what a particle shared by two contacts carries from one budget to the other evens out.
             let k = if self.calls.is_multiple_of(2) {
                 n
             } else {
@@ -126,7 +116,7 @@ impl Touching {
                 *spring = Spring::default();
             }
         }
-        self.begun |= at[0].dt > 0.0;
+        self.law.end(at[0].dt);
         let last = grains.len() - 1;
         for a in &mut self.active {
             let [i, j] = a.ends.map(|e| e as usize);
@@ -155,25 +145,14 @@ impl Touching {
     ) {
         let [i, j] = ends.map(|e| e as usize);
         let last = grains.len() - 1;
-        let dt = at[0].dt;
-        let old = spring.on;
         let pair = pair([&grains[0], &grains[last]], [i, j], self.gaps[k], at);
-        let mut r = self.law.respond(&pair, self.damping_ratio, dt, spring);
-        if dt > 0.0 {
-            if old && !self.begun {
-                spring.purse = purse::first(spring.purse, r.stored);
-                self.supplied += spring.purse;
-            }
-            let both = [
+        let both = || {
+            [
                 grains[0].end(&at[0], f[0], i),
                 grains[last].end(&at[last], f[last], j),
-            ];
-            let elastic = self.damping_ratio <= 0.0;
-            purse::pay(&pair, &mut r, [&both[0], &both[1]], dt, elastic, spring);
-        } else {
-            spring.purse = r.stored;
-            self.supplied += r.stored;
-        }
+            ]
+        };
+        let r = self.law.respond(&pair, true, both, at[0].dt, spring);
         grains[0].push(i, &-r.force, &r.torque[0]);
         grains[last].push(j, &r.force, &r.torque[1]);
         self.active.push(Active {
@@ -195,12 +174,12 @@ impl Touching {
     }
 
     pub(crate) fn supplied(&self) -> f64 {
-        self.supplied
+        self.law.supplied
     }
 
     /// What contacts demand of particles with the largest `k/m` of `top`.
     pub(crate) fn demand(&self, top: f64) -> StepDemand<f64> {
-        let [stiffness, damping] = self.law.demand(top);
+        let [stiffness, damping] = self.law.law.demand(top);
         StepDemand {
             stiffness: STIFF_CONTACTS * stiffness,
             damping: DAMPED_CONTACTS * damping,
@@ -209,7 +188,7 @@ impl Touching {
     }
 
     pub(crate) fn stiffness(&self, radii: [f64; 2]) -> f64 {
-        self.law.stiffness(radii)
+        self.law.law.stiffness(radii)
     }
 
     pub(crate) fn facts(&self, listed: &Listed) -> Vec<(String, f64)> {
@@ -227,11 +206,11 @@ impl Touching {
         let counts = [
             self.calls,
             self.top_contacts,
-            usize::from(self.begun),
+            usize::from(self.law.begun),
             self.active.len(),
         ];
         out.integers.extend(counts.map(|c| c as u64));
-        out.numbers.push(self.supplied);
+        out.numbers.push(self.law.supplied);
         for a in &self.active {
             out.integers.push(a.pair as u64);
             for v in [&a.force, &a.torque[0], &a.torque[1]] {
@@ -253,8 +232,8 @@ impl Touching {
         let (pushes, integers) = integers.split_at_checked(count.checked_mul(WIDTH[1])?)?;
         let (pushed, numbers) = numbers.split_at_checked(count.checked_mul(WIDTH[0])?)?;
         (self.calls, self.top_contacts) = (calls as usize, top as usize);
-        self.begun = begun == 1;
-        self.supplied = supplied;
+        self.law.begun = begun == 1;
+        self.law.supplied = supplied;
         self.active.clear();
         for (pair, x) in pushes.iter().zip(pushed.as_chunks::<11>().0) {
             let three = |k: usize| Vector3::new(x[k], x[k + 1], x[k + 2]);

@@ -9,13 +9,13 @@ use nalgebra::Vector3;
 /// What is compared with the strength of a bond; formulas in [`crate::fracture`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Criterion {
-    /// Axial tension (Pa).
+    /// Axial tension \[Pa\].
     Axial,
-    /// Largest principal tension of the section (Pa).
+    /// Largest principal tension of the section \[Pa\].
     Rankine,
-    /// Equivalent stress of von Mises in the section (Pa).
+    /// Equivalent stress of von Mises in the section \[Pa\].
     Mises,
-    /// Elastic energy per section (J/m^2).
+    /// Elastic energy per section \[J/m²\].
     Energy,
 }
 
@@ -44,7 +44,7 @@ impl Section {
     }
 }
 
-/// Deformation of one beam: strain, twist per length (rad/m), end rotations `a`, `b` against the chord (rad).
+/// Deformation of one beam: strain, twist per length \[rad/m\], end rotations `a`, `b` against the chord \[rad\].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Strain {
     length: f64,
@@ -91,8 +91,8 @@ impl Strain {
 }
 
 impl Criterion {
-    /// How hard every bond of a body is loaded (Pa, or J/m^2 for [`Criterion::Energy`]) in a state of the small-rotation
-    /// law: `3 n` displacements (m), then `3 n` rotations (rad). Unweighted, broken bonds included.
+    /// How hard every bond of a body is loaded \[Pa, or J/m² for [`Criterion::Energy`]\] in a state of the small-rotation
+    /// law: `3 n` displacements \[m\], then `3 n` rotations \[rad\]. Unweighted, broken bonds included.
     ///
     /// # Errors
     /// [`crate::Error::LengthMismatch`] unless `q` has six numbers per particle.

@@ -15,7 +15,7 @@
 //! axial    sigma_N
 //! rankine  1/2 (sigma_N + sigma_M + sqrt((sigma_N + sigma_M)^2 + 4 tau^2))    largest principal tension
 //! mises    sqrt((|sigma_N| + sigma_M)^2 + 3 tau^2)                            breaks in compression as well
-//! energy   U/S, elastic energy of the bond per section (J/m^2)
+//! energy   U/S, elastic energy of the bond per section \[J/m²\]
 //! ```
 //!
 //! `rankine` is the usual one for cohesive beams of brittle materials (André et al. 2012, 2013). The stress of the
@@ -77,11 +77,11 @@ impl Fracture {
         positive("bond strength", self.strength)?;
         self.scatter.check()?;
         if self.every == 0 {
-            return Err(Error::OutOfRange {
-                name: "steps between checks of the bonds",
-                value: 0.0,
-                range: "values >= 1",
-            });
+            return Err(Error::out_of_range(
+                "steps between checks of the bonds",
+                0.0,
+                "values >= 1",
+            ));
         }
         Ok(())
     }
@@ -90,17 +90,17 @@ impl Fracture {
 /// A bond that broke.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Break {
-    /// When (s).
+    /// When \[s\].
     pub time: f64,
     /// Number of the bond in the model.
     pub bond: u32,
     /// Its particles, in the model's numbers.
     pub pair: [u32; 2],
-    /// Energy it took out of the model (J).
+    /// Energy it took out of the model \[J\].
     pub released: f64,
-    /// Distance of the centres then (m).
+    /// Distance of the centres then \[m\].
     pub distance: f64,
-    /// Middle of the bond in the reference configuration (m).
+    /// Middle of the bond in the reference configuration \[m\].
     pub place: Vector3<f64>,
     /// Whether it lay in an overlap, wholly or in part.
     pub overlap: bool,
@@ -135,7 +135,7 @@ impl BreakLog {
         self.events.get(self.into_overlap?)
     }
 
-    /// Energy that left with broken bonds (J).
+    /// Energy that left with broken bonds \[J\].
     #[must_use]
     pub fn released(&self) -> f64 {
         self.released

@@ -23,7 +23,7 @@ pub enum Scatter {
 
 impl Scatter {
     pub(crate) fn check(self) -> Result<()> {
-        let bad = |name, value, range| Err(Error::OutOfRange { name, value, range });
+        let bad = |name, value, range| Err(Error::out_of_range(name, value, range));
         match self {
             Self::Weibull { modulus } if !(modulus > 0.0 && modulus.is_finite()) => {
                 bad("Weibull modulus", modulus, "finite values > 0")

@@ -5,7 +5,7 @@ use super::{Break, Fracture, Scatter, SharedLog, locked, writing};
 use crate::bond::Twist;
 use crate::kernel::engine::Marks;
 use crate::kernel::lanes::LANES;
-use crate::kernel::screen::{Screen, Strengths};
+use crate::kernel::screen::Screen;
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
@@ -79,16 +79,7 @@ impl FractureState {
         let length = |b: &crate::bond::LinearBond| 1.0 / b.axis.norm();
         let lengths = body.bonds().iter().map(length);
         let (least, most) = lengths.fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l), b.max(l)));
-        self.screen = Screen::new(&Strengths {
-            criterion: self.spec.criterion,
-            radius: self.section.radius,
-            area: self.section.area,
-            young: self.section.young,
-            shear: self.section.shear,
-            rigidity: self.section.rigidity,
-            strengths: &self.strength,
-            lengths: [least, most],
-        });
+        self.screen = Screen::new(self.spec.criterion, self.section, &self.strength, [least, most]);
         // As many slots as the particle with most bonds has.
         let mut slots = 0;
         for (b, first) in self.first_slots.iter_mut().enumerate() {
@@ -312,7 +303,7 @@ impl FractureState {
     }
 }
 
-/// Middle of a bond in the reference configuration (m).
+/// Middle of a bond in the reference configuration \[m\].
 fn middle(body: &BondedParticles, b: usize) -> Vector3<f64> {
     let [i, j] = body.pairs()[b].map(|i| body.positions()[i as usize]);
     (i + j) * 0.5

@@ -84,7 +84,7 @@ pub(crate) struct Pass<'a, W: Law> {
 pub(crate) trait Posed: Law {
     /// Whether rows hold orientations, which go on from those reached before.
     const TURNS: bool = false;
-    /// Moves rows to displacements `u` (m) and rotations `th` (rad), from where they were with rotations `reached`, which
+    /// Moves rows to displacements `u` \[m\] and rotations `th` \[rad\], from where they were with rotations `reached`, which
     /// become `th`; empty for a law that does not turn.
     fn write_rows(isa: Isa, rows: &mut [Row], u: &[f64], th: &[f64], reached: &mut [f64]);
 }

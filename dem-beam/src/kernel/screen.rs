@@ -19,8 +19,8 @@
 use super::engine::Posed;
 use super::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, sum};
 use super::law::{Finite, FiniteNear, FiniteReady, FiniteSlot, Law, Linear, LinearSlot, turned_axes};
-use crate::bond::BeamRigidity;
 use crate::fracture::Criterion;
+use crate::fracture::criterion::Section;
 
 /// Part of the strength by which the limits lie below it.
 const MARGIN: f64 = 1e-3;
@@ -35,11 +35,7 @@ const LEAST_STRAIN: f64 = 1e-8;
 #[derive(Debug, Clone)]
 pub(crate) struct Screen {
     pub(crate) criterion: Criterion,
-    radius: f64,
-    area: f64,
-    young: f64,
-    shear: f64,
-    rigidity: BeamRigidity,
+    section: Section,
     /// Least of the limits.
     limit: f64,
     /// It over the limit of each half-bond, where they differ.
@@ -48,39 +44,28 @@ pub(crate) struct Screen {
     turn: f64,
 }
 
-/// Section of the beams, strengths and lengths of a body.
-pub(crate) struct Strengths<'a> {
-    pub(crate) criterion: Criterion,
-    pub(crate) radius: f64,
-    pub(crate) area: f64,
-    pub(crate) young: f64,
-    pub(crate) shear: f64,
-    pub(crate) rigidity: BeamRigidity,
-    /// Of each bond, Pa or J/m^2.
-    pub(crate) strengths: &'a [f64],
-    /// Least and largest length of a bond (m).
-    pub(crate) lengths: [f64; 2],
-}
-
 impl Screen {
-    /// Nothing where strengths are so small that round-off could hide a break.
+    /// `strengths` of all bonds \[Pa or J/m²\], least and largest of their `lengths` \[m\]. Nothing where strengths are so
+    /// small that round-off could hide a break.
     ///
     /// In the linear law `|m|^2` comes from rotations that may cancel: its error is below `1e-12 (E r_b/l th)^2`, which
     /// must stay a thousandth below the square of the strength. Blocks with larger rotations are marked without a look.
-    pub(crate) fn new(of: &Strengths<'_>) -> Option<Self> {
-        let least = of.strengths.iter().copied().fold(f64::INFINITY, f64::min);
-        let stress = match of.criterion {
-            Criterion::Energy => of.young * (2.0 * least / (of.young * of.lengths[1])).sqrt(),
+    pub(crate) fn new(
+        criterion: Criterion,
+        section: Section,
+        strengths: &[f64],
+        lengths: [f64; 2],
+    ) -> Option<Self> {
+        let [shortest, longest] = lengths;
+        let least = strengths.iter().copied().fold(f64::INFINITY, f64::min);
+        let stress = match criterion {
+            Criterion::Energy => section.young * (2.0 * least / (section.young * longest)).sqrt(),
             _ => least,
         };
-        let turn = 1e3 * stress * of.lengths[0] / (of.young * of.radius);
-        (stress > LEAST_STRAIN * of.young).then(|| Self {
-            criterion: of.criterion,
-            radius: of.radius,
-            area: of.area,
-            young: of.young,
-            shear: of.shear,
-            rigidity: of.rigidity,
+        let turn = 1e3 * stress * shortest / (section.young * section.radius);
+        (stress > LEAST_STRAIN * section.young).then(|| Self {
+            criterion,
+            section,
             limit: (1.0 - MARGIN) * least,
             each: None,
             turn: (turn * turn).min(NEVER),
@@ -123,16 +108,23 @@ pub(crate) struct Test<L: Lanes> {
 impl<L: Lanes> Test<L> {
     #[inline(always)]
     fn new(l: L, s: &Screen) -> Self {
-        let k = &s.rigidity;
-        let (stress, energy) = (1.0 / s.limit, 1.0 / (s.limit * s.area));
-        let (bend, shear) = (2.0 * s.young * s.radius * stress, s.shear * s.radius * stress);
+        let Section {
+            radius,
+            area,
+            young,
+            shear,
+            ..
+        } = s.section;
+        let k = &s.section.rigidity;
+        let (stress, energy) = (1.0 / s.limit, 1.0 / (s.limit * area));
+        let (bend, shear) = (2.0 * young * radius * stress, shear * radius * stress);
         Self {
             criterion: s.criterion,
             one: l.splat(1.0),
             zero: l.splat(0.0),
             two: l.splat(2.0),
             three: l.splat(3.0),
-            young: l.splat(s.young * stress),
+            young: l.splat(young * stress),
             bend: l.splat(bend * bend),
             shear: l.splat(shear * shear),
             stretch: l.splat(0.5 * k.axial * energy),

@@ -10,7 +10,7 @@ use arlequin_core::effect::Finding;
 use arlequin_core::model::Evolution;
 use arlequin_core::snapshot::Record;
 
-/// Rotation (rad) up to which the small-rotation law is good to half a per cent of its forces.
+/// Rotation \[rad\] up to which the small-rotation law is good to half a per cent of its forces.
 const SMALL_ROTATION: f64 = 0.1;
 
 /// Overlap of unbonded particles beyond that at rest that is worth a word, over the sum of their radii.

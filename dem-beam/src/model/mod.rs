@@ -23,15 +23,16 @@ pub(crate) mod forces;
 pub(crate) mod poses;
 mod report;
 mod select;
-mod spectrum;
 mod stiffness;
 mod torn;
 mod weights;
 
 pub use report::DemReport;
 pub use select::LoadShare;
+pub(crate) use select::TOUCH;
 
 use crate::bond::BeamMaterial;
+use crate::critical;
 use crate::error::{Error, Result};
 use crate::fracture::SharedLog;
 use crate::fracture::state::FractureState;
@@ -48,6 +49,7 @@ use arlequin_core::model::{
 use arlequin_core::momentum::Arms;
 use arlequin_core::parallel;
 use arlequin_core::snapshot::Record;
+use arlequin_core::spectrum;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::Weight;
 use forces::Gather;
@@ -67,7 +69,7 @@ pub struct DemModel {
     name: String,
     body: BondedParticles,
     nodes: Vec<Point3<f64>>,
-    /// Unweighted mass (kg) and rotational inertia (kg m^2).
+    /// Unweighted mass \[kg\] and rotational inertia \[kg m²\].
     mass: Vec<f64>,
     inertia: Vec<f64>,
     /// Packing number of each particle, and the inverse.
@@ -84,7 +86,7 @@ pub struct DemModel {
 }
 
 impl DemModel {
-    /// A packing of beams `beam` and density `density` (kg/m^3), which times the volume each sphere stands for is its mass.
+    /// A packing of beams `beam` and density `density` \[kg/m³\], which times the volume each sphere stands for is its mass.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -114,7 +116,7 @@ impl DemModel {
         Ok(model)
     }
 
-    /// Any spheres (m) with given bonds.
+    /// Any spheres \[m\] with given bonds.
     ///
     /// # Errors
     /// As [`BondedParticles::new`], with the numbers given.
@@ -217,13 +219,13 @@ impl DemModel {
         &self.places
     }
 
-    /// Unweighted masses (kg).
+    /// Unweighted masses \[kg\].
     #[must_use]
     pub fn masses(&self) -> &[f64] {
         &self.mass
     }
 
-    /// Unweighted rotational inertias (kg m^2).
+    /// Unweighted rotational inertias \[kg m²\].
     #[must_use]
     pub fn inertias(&self) -> &[f64] {
         &self.inertia
@@ -367,12 +369,7 @@ impl Model<f64> for DemModel {
             Kernel::Linear(k) => k,
             Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
         };
-        let top = spectrum::largest(&root, &mut |q, f| kernel.add(q, f, None));
-        match top {
-            Ok(top) if top > 0.0 => Ok(2.0 / top.sqrt()),
-            Ok(_) => Ok(f64::from(f32::MAX)),
-            Err(e) => Err(self.named(&e)),
-        }
+        Ok(spectrum::step_of(critical::largest(&root, kernel)?))
     }
 
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {

@@ -45,7 +45,7 @@ impl Reader<'_> {
         }))
     }
 
-    /// Weighted energy of bond `b` (J).
+    /// Weighted energy of bond `b` \[J\].
     pub(crate) fn energy(&self, body: &BondedParticles, b: usize) -> f64 {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = &body.bonds()[b];
@@ -55,7 +55,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Weighted energy of bond `b` (J) and the forces and torques on its two ends (N, N m).
+    /// Weighted energy of bond `b` \[J\] and the forces and torques on its two ends \[N, N m\].
     pub(crate) fn bond(&self, body: &BondedParticles, b: usize) -> (f64, [Twist; 2]) {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = &body.bonds()[b];

@@ -15,11 +15,11 @@ pub struct DemReport {
     pub bonds: usize,
     /// Twice the bonds over the particles.
     pub coordination: f64,
-    /// Unweighted mass (kg).
+    /// Unweighted mass \[kg\].
     pub mass: f64,
-    /// Volume of the body (m^3).
+    /// Volume of the body \[m³\].
     pub volume: f64,
-    /// Mean particle radius (m).
+    /// Mean particle radius \[m\].
     pub mean_radius: f64,
     /// Whether rotations may be large.
     pub finite_rotations: bool,
@@ -44,7 +44,7 @@ impl DemModel {
             coordination: 2.0 * bonds as f64 / n as f64,
             mass: self.mass.iter().sum(),
             volume: self.volume,
-            mean_radius: self.body.radii().iter().sum::<f64>() / n as f64,
+            mean_radius: self.body.mean_radius(),
             finite_rotations: self.has_finite_rotations(),
             instruction_set,
             bytes_per_bond: bytes as f64 / bonds.max(1) as f64,

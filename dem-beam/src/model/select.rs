@@ -16,7 +16,7 @@ pub enum LoadShare {
 }
 
 /// A gap of this part of the mean radius counts as touching: bonds bridge such gaps as well.
-const TOUCH: f64 = 0.05;
+pub(crate) const TOUCH: f64 = 0.05;
 
 impl DemModel {
     /// Particles whose centres fulfil a condition, ascending.
@@ -27,13 +27,12 @@ impl DemModel {
             .collect()
     }
 
-    /// Particles that touch the plane through `wall` (m) with the given normal (any length, either
+    /// Particles that touch the plane through `wall` \[m\] with the given normal (any length, either
     /// side): the layer to clamp. A thicker layer would shorten the body.
     #[must_use]
     pub fn clamp_layer(&self, wall: &Point3<f64>, normal: &Vector3<f64>) -> Vec<usize> {
         let n = normal.normalize();
-        let radii = self.body.radii();
-        let gap = TOUCH * radii.iter().sum::<f64>() / radii.len() as f64;
+        let (radii, gap) = (self.body.radii(), TOUCH * self.body.mean_radius());
         let near = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
         (0..self.nodes.len()).filter(near).collect()
     }
@@ -41,8 +40,7 @@ impl DemModel {
     /// Particles that touch any of the triangles (corners in m): the layer at a face of any form.
     #[must_use]
     pub fn touching(&self, triangles: &[[Vector3<f64>; 3]]) -> Vec<usize> {
-        let radii = self.body.radii();
-        let gap = TOUCH * radii.iter().sum::<f64>() / radii.len() as f64;
+        let (radii, gap) = (self.body.radii(), TOUCH * self.body.mean_radius());
         let boxes: Vec<_> = triangles
             .iter()
             .map(|[a, b, c]| (a.inf(b).inf(c), a.sup(b).sup(c)))
@@ -85,7 +83,7 @@ impl DemModel {
         particles.iter().flat_map(of).collect()
     }
 
-    /// A force (N) shared among particles, as `(unknown, force)`.
+    /// A force \[N\] shared among particles, as `(unknown, force)`.
     ///
     /// ```
     /// use dem_beam::packing::{Lattice, lattice};
@@ -120,7 +118,7 @@ impl DemModel {
         Ok(out)
     }
 
-    /// A torque (N m) as forces without resultant, `f_i = s_i w x (x_i - x_s)` about the centroid
+    /// A torque \[N m\] as forces without resultant, `f_i = s_i w x (x_i - x_s)` about the centroid
     /// `x_s` of the shares, with `w` such that the moment of all is `torque`.
     ///
     /// # Errors

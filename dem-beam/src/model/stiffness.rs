@@ -27,7 +27,7 @@ fn block_rows(body: &BondedParticles) -> Vec<Vec<(u32, Matrix6<f64>)>> {
     rows
 }
 
-/// `K` with `f = -K q`, unknowns `u_0 u_1 ... th_0 th_1 ...` (N/m, N, N m).
+/// `K` with `f = -K q`, unknowns `u_0 u_1 ... th_0 th_1 ...` \[N/m, N, N m\].
 pub(crate) fn assemble(body: &BondedParticles) -> CsMat<f64> {
     let n = body.len();
     let rows = block_rows(body);

@@ -15,7 +15,7 @@ mod shape;
 pub use shape::{Motion, Shape};
 
 use crate::bond::Twist;
-use crate::contact::purse::{self, End};
+use crate::contact::budget::{BudgetedLaw, End};
 use crate::contact::{self, ContactBody, ContactLaw, Grains, Pair, Spring};
 use crate::error::{Result, positive};
 use crate::model::DemModel;
@@ -29,14 +29,14 @@ use near::Near;
 #[derive(Debug, Clone, Copy)]
 struct Active {
     particle: u32,
-    /// Force on the particle (N).
+    /// Force on the particle \[N\].
     force: Vector3<f64>,
-    /// Generalised torque on it (N m).
+    /// Generalised torque on it \[N m\].
     torque: Vector3<f64>,
-    /// Torque on the obstacle, if it turns (N m).
+    /// Torque on the obstacle, if it turns \[N m\].
     back: Vector3<f64>,
     stored: f64,
-    /// Power on the velocities of particle and obstacle after the step, as far as they were known (W).
+    /// Power on the velocities of particle and obstacle after the step, as far as they were known \[W\].
     expected: f64,
 }
 
@@ -50,8 +50,7 @@ struct Body {
     name: String,
     shape: Shape,
     motion: Motion,
-    law: ContactLaw,
-    damping_ratio: f64,
+    law: BudgetedLaw,
     grains: Grains,
     /// Gap of each particle at rest where that is an overlap, zero otherwise.
     allowed: Vec<f64>,
@@ -61,7 +60,7 @@ struct Body {
     started: bool,
     /// Radius and moment of inertia, if it turns.
     turning: Option<(f64, f64)>,
-    /// Angular velocity half a step earlier (rad/s), torque of the particles on it (N m).
+    /// Angular velocity half a step earlier \[rad/s\], torque of the particles on it \[N m\].
     spin: Vector3<f64>,
     torque: Vector3<f64>,
     /// Displacement, velocity half a step earlier, force of the particles on the obstacle.
@@ -69,9 +68,6 @@ struct Body {
     velocity: Vector3<f64>,
     reaction: Vector3<f64>,
     supplied: f64,
-    /// Energy of contacts that were closed when the run began (J), and whether a step was made.
-    at_start: f64,
-    begun: bool,
     /// Whether the next step takes the particles backwards: see [`crate::contact`].
     backwards: bool,
     /// Half of what the last instant supplied: the half step still to come.
@@ -113,8 +109,6 @@ impl Obstacle {
             velocity: motion.first_velocity(),
             reaction: Vector3::zeros(),
             supplied: 0.0,
-            at_start: 0.0,
-            begun: false,
             backwards: false,
             pending: 0.0,
             first_energy: 0.0,
@@ -122,8 +116,7 @@ impl Obstacle {
             smallest: grains.rest.iter().fold(f64::INFINITY, |m, s| m.min(s[3])),
             shape,
             motion,
-            damping_ratio: law.damping_ratio(),
-            law,
+            law: BudgetedLaw::new(law),
             grains,
         }))
     }
@@ -168,13 +161,13 @@ impl Body {
         Ok(())
     }
 
-    /// Corrects the purses by what forces and motions that were not known did in the step just made.
-    fn settle_purses(&mut self, at: &Instant<'_, f64>) {
+    /// Corrects the budgets by what forces and motions that were not known did in the step just made.
+    fn settle_budgets(&mut self, at: &Instant<'_, f64>) {
         for a in &self.active {
             let i = a.particle as usize;
             let own = a.back.dot(&self.spin) - a.force.dot(&self.velocity);
             let power = contact::power(at.v_half, i, &a.force, &a.torque) + own;
-            self.springs[i].purse -= 0.5 * at.dt * (power - a.expected);
+            self.springs[i].budget -= 0.5 * at.dt * (power - a.expected);
         }
     }
 
@@ -250,9 +243,7 @@ impl Body {
     fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
         self.active.clear();
         (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
-        if at.dt > 0.0 && !self.begun {
-            self.at_start = 0.0;
-        }
+        self.law.begin(at.dt);
         let springs = &mut self.springs;
         let lost = |i: usize| {
             if springs[i].on {
@@ -275,7 +266,7 @@ impl Body {
                 self.springs[i] = Spring::default();
             }
         }
-        self.begun |= at.dt > 0.0;
+        self.law.end(at.dt);
         self.backwards = !self.backwards;
         if at.dt > 0.0 {
             let obstacle = self.end(at).after;
@@ -302,24 +293,11 @@ impl Body {
         f: &[f64],
     ) {
         let pair = self.pair(i, gap_and_distance, normal, at);
-        let ratio = self.damping_ratio;
-        let old = self.springs[i].on;
-        let mut r = self.law.respond(&pair, ratio, at.dt, &mut self.springs[i]);
-        if self.turning.is_none() {
-            r.torque[0] = Vector3::zeros();
-        }
-        if at.dt > 0.0 {
-            let ends = [self.end(at), self.grains.end(at, f, i)];
-            let spring = &mut self.springs[i];
-            if old && !self.begun {
-                spring.purse = purse::first(spring.purse, r.stored);
-                self.at_start += spring.purse;
-            }
-            purse::pay(&pair, &mut r, [&ends[0], &ends[1]], at.dt, ratio <= 0.0, spring);
-        } else {
-            self.springs[i].purse = r.stored;
-            self.at_start += r.stored;
-        }
+        let obstacle = (at.dt > 0.0).then(|| self.end(at));
+        let grains = &self.grains;
+        let ends = || [obstacle.unwrap_or_default(), grains.end(at, f, i)];
+        let turns = self.turning.is_some();
+        let r = self.law.respond(&pair, turns, ends, at.dt, &mut self.springs[i]);
         self.grains.push(i, &r.force, &r.torque[1]);
         self.reaction -= r.force;
         self.torque += r.torque[0];
@@ -375,21 +353,21 @@ impl AnyEffect<f64> for Body {
     }
 
     fn supplied(&self) -> Option<f64> {
-        Some(self.at_start + self.supplied - self.pending)
+        Some(self.law.supplied + self.supplied - self.pending)
     }
 
     /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact, where it pushes.
     /// Numbers: its motion and balance, the springs, the pushes.
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
-        let flags = [self.started, self.begun, self.backwards];
+        let flags = [self.started, self.law.begun, self.backwards];
         out.integers.extend(flags.map(u64::from));
         for v in [self.moved, self.velocity, self.reaction, self.spin, self.torque] {
             out.numbers.extend(v.iter());
         }
         let balance = [self.supplied, self.pending, self.first_energy, self.peak];
         out.numbers.extend(balance);
-        out.numbers.push(self.at_start);
+        out.numbers.push(self.law.supplied);
         for s in &self.springs {
             out.integers.push(u64::from(s.on));
             out.numbers.extend(s.numbers());
@@ -412,7 +390,7 @@ impl AnyEffect<f64> for Body {
             3 + n + pushes,
         )?;
         let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
-        [self.started, self.begun, self.backwards] = [0, 1, 2].map(|k: usize| from.integers[k] == 1);
+        [self.started, self.law.begun, self.backwards] = [0, 1, 2].map(|k: usize| from.integers[k] == 1);
         [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
         [self.spin, self.torque] = [three(9), three(12)];
         [
@@ -420,7 +398,7 @@ impl AnyEffect<f64> for Body {
             self.pending,
             self.first_energy,
             self.peak,
-            self.at_start,
+            self.law.supplied,
         ] = [15, 16, 17, 18, 19].map(|k: usize| from.numbers[k]);
         let (springs, pushed) = from.numbers[20..].split_at(7 * n);
         let (on, particles) = from.integers[3..].split_at(n);
@@ -466,7 +444,7 @@ impl AnyEffect<f64> for Body {
 impl Effect<f64> for Body {
     fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
         self.advance(at)?;
-        self.settle_purses(at);
+        self.settle_budgets(at);
         self.respond(at, f);
         self.settle(at);
         Ok(())
@@ -478,7 +456,7 @@ impl Effect<f64> for Body {
     }
 
     fn step_demand(&self) -> StepDemand<f64> {
-        let flat = |r: f64| self.law.stiffness([1e12 * r, r]);
+        let flat = |r: f64| self.law.law.stiffness([1e12 * r, r]);
         let mut top = self.grains.top(flat);
         if let Motion::Free { mass, .. } = &self.motion {
             // A body lighter than the particles it meets is the softer end of the spring.
@@ -488,7 +466,7 @@ impl Effect<f64> for Body {
                 .map_or(0.0, |(r, inertia)| (1.0 / mass + r * r / inertia) / 3.5);
             top = top.max(flat(self.grains.largest()) * slide.max(1.0 / mass));
         }
-        let [stiffness, damping] = self.law.demand(top);
+        let [stiffness, damping] = self.law.law.demand(top);
         StepDemand {
             stiffness,
             damping,

@@ -1,7 +1,7 @@
 //! Which particles an obstacle may touch before anything has moved far.
 
 use super::Shape;
-use crate::packing::cells::Sphere;
+use crate::packing::cells::{Sphere, mean_radius};
 use nalgebra::{Point3, Vector3};
 
 /// Reach of the list beyond touching, in mean radii.
@@ -25,7 +25,7 @@ pub(super) struct Near {
 impl Near {
     pub(super) fn new(rest: &[Sphere]) -> Self {
         Self {
-            skin: SKIN * rest.iter().map(|s| s[3]).sum::<f64>() / rest.len() as f64,
+            skin: SKIN * mean_radius(rest),
             particles: Vec::with_capacity(rest.len()),
             built: Vec::with_capacity(3 * rest.len()),
             moved: Vector3::zeros(),

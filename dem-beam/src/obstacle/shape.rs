@@ -9,25 +9,25 @@ use nalgebra::{Point3, Vector3};
 pub enum Shape {
     /// Half-space behind a plane.
     Plane {
-        /// A point of the plane (m).
+        /// A point of the plane \[m\].
         point: Point3<f64>,
         /// Towards the particles, any length.
         normal: Vector3<f64>,
     },
     /// Ball.
     Sphere {
-        /// Centre (m).
+        /// Centre \[m\].
         centre: Point3<f64>,
-        /// Radius (m).
+        /// Radius \[m\].
         radius: f64,
     },
     /// Endless cylinder: a roller.
     Cylinder {
-        /// A point of the axis (m).
+        /// A point of the axis \[m\].
         point: Point3<f64>,
         /// Direction of the axis, any length.
         axis: Vector3<f64>,
-        /// Radius (m).
+        /// Radius \[m\].
         radius: f64,
     },
 }
@@ -41,11 +41,11 @@ impl Shape {
         let unit = |name, v: Vector3<f64>| {
             v.try_normalize(0.0)
                 .filter(|v| v.iter().all(|c| c.is_finite()))
-                .ok_or(Error::OutOfRange {
+                .ok_or(Error::out_of_range(
                     name,
-                    value: v.norm(),
-                    range: "finite vectors other than zero",
-                })
+                    v.norm(),
+                    "finite vectors other than zero",
+                ))
         };
         Ok(match self {
             Self::Plane { point, normal } => Self::Plane {
@@ -79,11 +79,11 @@ impl Shape {
                 Ok(Some((*radius, inertia)))
             }
             (_, None) => Ok(None),
-            (_, Some(value)) => Err(Error::OutOfRange {
-                name: "moment of inertia of a plane or cylinder, which moves without turning,",
-                value: *value,
-                range: "none: leave it out, or make the obstacle a sphere",
-            }),
+            (_, Some(value)) => Err(Error::out_of_range(
+                "moment of inertia of a plane or cylinder, which moves without turning,",
+                *value,
+                "none: leave it out, or make the obstacle a sphere",
+            )),
         }
     }
 
@@ -111,22 +111,22 @@ impl Shape {
 pub enum Motion {
     /// Not at all.
     Fixed,
-    /// At a constant velocity (m/s) from time zero on.
+    /// At a constant velocity \[m/s\] from time zero on.
     Velocity(Vector3<f64>),
-    /// Displacement `amplitude f(t)` (m).
+    /// Displacement `amplitude f(t)` \[m\].
     Prescribed {
-        /// Amplitude (m).
+        /// Amplitude \[m\].
         amplitude: Vector3<f64>,
         /// Time function.
         time: TimeFunction<f64>,
     },
     /// By its own inertia.
     Free {
-        /// Mass (kg).
+        /// Mass \[kg\].
         mass: f64,
-        /// Velocity at time zero (m/s).
+        /// Velocity at time zero \[m/s\].
         velocity: Vector3<f64>,
-        /// Moment of inertia of a ball (kg m^2); that of a full one, `2/5 m R^2`, by default. Other shapes do not turn.
+        /// Moment of inertia of a ball \[kg m²\]; that of a full one, `2/5 m R^2`, by default. Other shapes do not turn.
         inertia: Option<f64>,
     },
 }

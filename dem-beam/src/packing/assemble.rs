@@ -1,7 +1,7 @@
 //! A packing, put together from the spheres of its bodies.
 
 use super::bonding::{Bonding, renumber};
-use super::cells::Sphere;
+use super::cells::{Sphere, centre};
 use super::container::Container;
 use super::report::PackingReport;
 use crate::bond::BeamMaterial;
@@ -12,21 +12,21 @@ use nalgebra::Vector3;
 /// Spheres and bonds; see [`super::parts`] for what stays and what each sphere weighs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Packing {
-    /// Centres (m).
+    /// Centres \[m\].
     pub positions: Vec<Vector3<f64>>,
-    /// Radii (m).
+    /// Radii \[m\].
     pub radii: Vec<f64>,
     /// Bonded pairs, smaller number first, in ascending order.
     pub pairs: Vec<[u32; 2]>,
     /// Body each sphere lies in, from 0.
     pub bodies: Vec<u32>,
-    /// Volume of each body (m^3), less what cuts took; its spheres stand for it.
+    /// Volume of each body \[m³\], less what cuts took; its spheres stand for it.
     pub body_volumes: Vec<f64>,
     /// Whether loose spheres stayed ([`super::Loose::Keep`]).
     pub loose: bool,
-    /// Volume of the container (m^3): the bodies the spheres stand for.
+    /// Volume of the container \[m³\]: the bodies the spheres stand for.
     pub volume: f64,
-    /// Edges of the periodic box (m) the centres lie in, if the packing fills one.
+    /// Edges of the periodic box \[m\] the centres lie in, if the packing fills one.
     pub period: Option<[f64; 3]>,
     /// What came out.
     pub report: PackingReport,
@@ -92,9 +92,7 @@ impl Packing {
         let report = PackingReport::new(container, bodies, [asked, steps], &spheres, &body, &all, overlap);
         let kept = || all.kept.iter().map(|&i| i as usize);
         Ok(Self {
-            positions: kept()
-                .map(|i| Vector3::new(spheres[i][0], spheres[i][1], spheres[i][2]))
-                .collect(),
+            positions: kept().map(|i| centre(&spheres[i])).collect(),
             radii: kept().map(|i| spheres[i][3]).collect(),
             bodies: kept().map(|i| body[i]).collect(),
             body_volumes: bodies.iter().map(Container::volume).collect(),
@@ -106,7 +104,7 @@ impl Packing {
         })
     }
 
-    /// Particles with beams and masses: `density` (kg/m^3) times the volume each sphere stands for.
+    /// Particles with beams and masses: `density` \[kg/m³\] times the volume each sphere stands for.
     ///
     /// # Errors
     /// As [`BondedParticles::new`], except that loose spheres that were kept are no error; [`Error::Periodic`].
@@ -126,7 +124,7 @@ fn refuse_crossing(bodies: &[Container], filled: &[Filled]) -> Result<()> {
         for (o, other) in bodies.iter().enumerate().filter(|(o, _)| *o != k) {
             let (low, high) = other.bounds();
             let inside = |s: &&Sphere| {
-                let x = Vector3::new(s[0], s[1], s[2]);
+                let x = centre(s);
                 (0..3).all(|a| x[a] > low[a] && x[a] < high[a]) && other.contains(&x)
             };
             if let Some(s) = f.spheres.iter().find(inside) {

@@ -12,6 +12,22 @@ pub(crate) const CHUNK: usize = 512;
 /// A sphere as the hot loops want it: `x, y, z, r`.
 pub(crate) type Sphere = [f64; 4];
 
+/// Mean radius.
+pub(crate) fn mean_radius(spheres: &[Sphere]) -> f64 {
+    spheres.iter().map(|s| s[3]).sum::<f64>() / spheres.len() as f64
+}
+
+/// Spheres as the hot loops want them.
+pub(crate) fn spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Vec<Sphere> {
+    let both = positions.iter().zip(radii);
+    both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect()
+}
+
+/// Centre of a sphere.
+pub(crate) fn centre(s: &Sphere) -> Vector3<f64> {
+    Vector3::new(s[0], s[1], s[2])
+}
+
 /// The difference of two points, or of the first to the nearest periodic image of the second.
 #[inline]
 pub(crate) fn image(mut d: [f64; 3], period: &[f64; 3]) -> [f64; 3] {
@@ -30,7 +46,7 @@ pub(crate) fn image(mut d: [f64; 3], period: &[f64; 3]) -> [f64; 3] {
 /// Cells of equal size with the particles in each.
 #[derive(Debug, Default)]
 pub(crate) struct CellList {
-    /// Edges of the periodic box at the origin, if it is one (m).
+    /// Edges of the periodic box at the origin, if it is one \[m\].
     period: Option<[f64; 3]>,
     low: Vector3<f64>,
     inverse: [f64; 3],
@@ -89,7 +105,7 @@ impl CellList {
         let mut low = Vector3::repeat(f64::INFINITY);
         let mut high = Vector3::repeat(f64::NEG_INFINITY);
         for s in spheres {
-            let x = Vector3::new(s[0], s[1], s[2]);
+            let x = centre(s);
             low = low.inf(&x);
             high = high.sup(&x);
         }

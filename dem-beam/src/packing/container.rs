@@ -64,7 +64,7 @@ impl Container {
         })
     }
 
-    /// Edges of the periodic box (m), if it is one.
+    /// Edges of the periodic box \[m\], if it is one.
     #[must_use]
     pub fn period(&self) -> Option<[f64; 3]> {
         match self {
@@ -82,7 +82,7 @@ impl Container {
         }
     }
 
-    /// Enclosed volume (m^3).
+    /// Enclosed volume \[m³\].
     #[must_use]
     pub fn volume(&self) -> f64 {
         match self {
@@ -165,7 +165,7 @@ impl Container {
         }
     }
 
-    /// Prepares wall queries up to `reach` (m); only surfaces need it.
+    /// Prepares wall queries up to `reach` \[m\]; only surfaces need it.
     pub(crate) fn prepare(&mut self, reach: f64) {
         if let Self::Surface(s) = self {
             s.prepare(reach);

@@ -4,7 +4,7 @@
 
 use super::assemble::{Filled, Packing};
 use super::bonding::bond_and_trim;
-use super::cells::Sphere;
+use super::cells::{self, Sphere, centre, mean_radius};
 use super::container::Container;
 use super::narrow;
 use super::parts::Loose;
@@ -117,11 +117,7 @@ impl Packing {
                 });
             }
         }
-        let spheres: Vec<Sphere> = positions
-            .iter()
-            .zip(radii)
-            .map(|(x, r)| [x.x, x.y, x.z, *r])
-            .collect();
+        let spheres = cells::spheres(positions, radii);
         let period = container.period();
         refuse_overlapping(&spheres, period)?;
         let mut bodies = container.bodies();
@@ -153,7 +149,7 @@ impl Packing {
 /// Body of each sphere: the one that holds its centre, or the nearest.
 fn homes(bodies: &[Container], spheres: &[Sphere], reach: f64) -> Vec<usize> {
     let home = |s: &Sphere| {
-        let x = Vector3::new(s[0], s[1], s[2]);
+        let x = centre(s);
         let gap = |b: &Container| match b.contains(&x) {
             true => f64::INFINITY,
             // Far outside there is no wall within reach.
@@ -205,6 +201,6 @@ fn mean_overlap(spheres: &[Sphere], period: Option<[f64; 3]>) -> f64 {
         .iter()
         .map(|(gap, [i, j])| -gap * (spheres[*i as usize][3] + spheres[*j as usize][3]))
         .sum();
-    let mean = spheres.iter().map(|s| s[3]).sum::<f64>() / spheres.len() as f64;
+    let mean = mean_radius(spheres);
     total / touching.len().max(1) as f64 / (2.0 * mean)
 }

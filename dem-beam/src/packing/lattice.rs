@@ -37,7 +37,7 @@ impl Lattice {
     }
 }
 
-/// `cells` cells along each axis of touching spheres of radius `radius` (m), bonded to their
+/// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their
 /// nearest neighbours. The lattice starts at the origin; the body is the box of the cells.
 ///
 /// # Errors
@@ -53,11 +53,7 @@ impl Lattice {
 pub fn lattice(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Packing> {
     positive("sphere radius", radius)?;
     if let Some(&none) = cells.iter().find(|&&c| c == 0) {
-        return Err(Error::OutOfRange {
-            name: "lattice cells",
-            value: none as f64,
-            range: "values >= 1",
-        });
+        return Err(Error::out_of_range("lattice cells", none as f64, "values >= 1"));
     }
     let edge = 2.0 * radius / kind.spacing();
     let mut spheres = Vec::new();

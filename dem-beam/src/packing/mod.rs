@@ -14,6 +14,7 @@ pub mod parts;
 pub mod protocol;
 pub(crate) mod relax;
 pub mod report;
+pub mod size;
 #[cfg(feature = "stl")]
 mod stl;
 pub mod surface;

@@ -4,7 +4,7 @@
 //! bonds of one size of body must find room inside: narrow bodies are stiffer in tension, have a larger Poisson's ratio
 //! that scatters, and are soft in bending and torsion, which the surface layer carries. [`expected`] is our measurement.
 
-use super::cells::Sphere;
+use super::cells::{Sphere, centre, mean_radius};
 use super::container::Container;
 use crate::error::Error;
 use nalgebra::Vector3;
@@ -66,7 +66,7 @@ pub fn expected(across: f64) -> Narrow {
     }
 }
 
-/// Narrowest width of a body (m); none without walls. For surfaces twice the largest distance of a point from the wall, up
+/// Narrowest width of a body \[m\]; none without walls. For surfaces twice the largest distance of a point from the wall, up
 /// to some sixteen mean diameters.
 fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
     match body {
@@ -78,15 +78,14 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
             let mut body = body.clone();
             body.prepare(reach);
             let probed = spheres.iter().step_by(spheres.len().div_ceil(PROBED));
-            let place = |s: &Sphere| Vector3::new(s[0], s[1], s[2]);
             let gap = |x: &Vector3<f64>| body.gap(x, reach);
-            let deepest = probed.map(place).max_by(|a, b| gap(a).total_cmp(&gap(b)));
+            let deepest = probed.map(centre).max_by(|a, b| gap(a).total_cmp(&gap(b)));
             deepest.map(|x| 2.0 * climb(x, 0.5 * diameter, gap))
         }
     }
 }
 
-/// Largest distance from the wall near `x`, by steps that shrink from `step` (m): centres lie beside the middle of a body.
+/// Largest distance from the wall near `x`, by steps that shrink from `step` \[m\]: centres lie beside the middle of a body.
 fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64) -> f64 {
     let mut best = gap(&x);
     for _ in 0..6 {
@@ -110,16 +109,12 @@ fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64)
     best
 }
 
-fn mean_diameter(spheres: &[Sphere]) -> f64 {
-    2.0 * spheres.iter().map(|s| s[3]).sum::<f64>() / spheres.len() as f64
-}
-
 /// Mean diameters across the narrowest of the bodies.
 pub(crate) fn across(bodies: &[Container], spheres: &[Sphere], home: &[u32]) -> Option<f64> {
     let one = |(k, body): (usize, &Container)| {
         let mine = spheres.iter().zip(home).filter(|(_, b)| **b as usize == k);
         let mine: Vec<Sphere> = mine.map(|(s, _)| *s).collect();
-        let diameter = mean_diameter(&mine);
+        let diameter = 2.0 * mean_radius(&mine);
         Some(width(body, &mine, diameter)? / diameter)
     };
     let all = bodies.iter().enumerate().map(one);
@@ -128,7 +123,7 @@ pub(crate) fn across(bodies: &[Container], spheres: &[Sphere], home: &[u32]) -> 
 
 /// Names the width of the body where it is the reason for too few neighbours.
 pub(crate) fn blame(error: Error, body: &Container, spheres: &[Sphere]) -> Error {
-    let diameter = mean_diameter(spheres);
+    let diameter = 2.0 * mean_radius(spheres);
     match (&error, width(body, spheres, diameter)) {
         (Error::TooFewPairs { .. }, Some(width)) if width < BLAMED * diameter => Error::TooFewAcross {
             count: spheres.len(),

@@ -16,7 +16,7 @@ pub(crate) enum Place {
     Inside,
     /// Beside or around it; the two may touch, or coincide.
     Outside,
-    /// On both sides: a point of it inside (m).
+    /// On both sides: a point of it inside \[m\].
     Crossing(Vector3<f64>),
 }
 

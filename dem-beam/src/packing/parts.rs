@@ -41,7 +41,7 @@ pub struct Part {
     pub body: usize,
     /// Its spheres.
     pub spheres: usize,
-    /// Volume they stand for (m^3): its mass is this times the density.
+    /// Volume they stand for \[m³\]: its mass is this times the density.
     pub volume: f64,
 }
 
@@ -52,12 +52,12 @@ pub struct Cut {
     pub bonds: usize,
     /// Spheres that the cuts left without a bond to a part; they are gone, with their mass.
     pub spheres: usize,
-    /// Volume these stood for (m^3).
+    /// Volume these stood for \[m³\].
     pub volume: f64,
 }
 
 impl Packing {
-    /// Volume each sphere stands for (m^3): that of its body by `r^3`.
+    /// Volume each sphere stands for \[m³\]: that of its body by `r^3`.
     #[must_use]
     pub fn volumes(&self) -> Vec<f64> {
         let mut cubes = vec![0.0; self.body_volumes.len()];
@@ -117,7 +117,7 @@ impl Packing {
         }
     }
 
-    /// Takes away the bonds for which `cuts` holds, between the centres it is given (m), and the spheres that hang on no
+    /// Takes away the bonds for which `cuts` holds, between the centres it is given \[m\], and the spheres that hang on no
     /// part without them, with the volume they stand for. Returns what this cut took; [`super::PackingReport`] adds up all.
     pub fn cut(&mut self, cuts: impl Fn(&Vector3<f64>, &Vector3<f64>) -> bool) -> Cut {
         let count = self.radii.len();

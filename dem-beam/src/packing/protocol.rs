@@ -13,11 +13,12 @@
 
 use super::assemble::{Filled, Packing};
 use super::bonding::bond_and_trim;
-use super::cells::Sphere;
+use super::cells::{Sphere, centre};
 use super::container::Container;
 use super::narrow;
 use super::parts::Loose;
 use super::relax::{Relaxed, SoftSpheres};
+use super::size::{JAMMED, SPREAD};
 use crate::error::{Error, Result, positive};
 use crate::kernel::order::morton_key;
 use crate::particles::MAX_RADIUS_RATIO;
@@ -71,7 +72,7 @@ impl PackingSpec {
         Self {
             container,
             count,
-            spread: 0.25,
+            spread: SPREAD,
             coordination: 6.2,
             loose: Loose::default(),
             compaction: Compaction::Onset { overlap: 5e-4 },
@@ -198,26 +199,22 @@ impl PackingSpec {
             };
             spheres.push([x.x, x.y, x.z, r]);
         }
-        let key = |s: &Sphere| morton_key(&Vector3::new(s[0], s[1], s[2]), &low, &high);
+        let key = |s: &Sphere| morton_key(&centre(s), &low, &high);
         spheres.sort_by_key(key);
         Ok(spheres)
     }
 
     fn check(&self) -> Result<()> {
         if self.count == 0 || self.count > u32::MAX as usize / 32 {
-            return Err(Error::OutOfRange {
-                name: "number of spheres",
-                value: self.count as f64,
-                range: "1 to 134 217 727",
-            });
+            return Err(Error::out_of_range(
+                "number of spheres",
+                self.count as f64,
+                "1 to 134 217 727",
+            ));
         }
         positive("coordination number", self.coordination)?;
         if !(self.spread >= 0.0 && self.spread < 1.0) {
-            return Err(Error::OutOfRange {
-                name: "radius spread",
-                value: self.spread,
-                range: "[0, 1)",
-            });
+            return Err(Error::out_of_range("radius spread", self.spread, "[0, 1)"));
         }
         let ratio = (1.0 + self.spread) / (1.0 - self.spread);
         if ratio > MAX_RADIUS_RATIO * (1.0 + 1e-9) {
@@ -233,11 +230,7 @@ impl PackingSpec {
             Compaction::Quench { fraction } => ("volume fraction", fraction),
         };
         if !(value > 0.0 && value < 0.75) {
-            return Err(Error::OutOfRange {
-                name,
-                value,
-                range: "(0, 0.75)",
-            });
+            return Err(Error::out_of_range(name, value, "(0, 0.75)"));
         }
         Ok(())
     }
@@ -258,7 +251,7 @@ fn share(count: usize, bodies: &[Container]) -> Vec<usize> {
     out
 }
 
-/// Refuses spheres of mean radius `start` (m) before they grow that are nearly as wide as their body. The bounds of a
+/// Refuses spheres of mean radius `start` \[m\] before they grow that are nearly as wide as their body. The bounds of a
 /// surface may be wider than the body; its report knows better.
 fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
     let (low, high) = container.bounds();
@@ -278,8 +271,6 @@ fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
 
 /// Fewest mean diameters across a body before spheres are grown at all.
 const LEAST_ACROSS: f64 = 1.5;
-/// Volume fraction at which packings jam.
-const JAMMED: f64 = 0.615;
 /// Volume fraction of the random start.
 const START_FRACTION: f64 = 0.5;
 /// Growth of the volume fraction per relaxation on the way to jamming.

@@ -4,7 +4,7 @@
 //! two-sided Verlet list and sums are taken in chunks of fixed size and order, so the path is
 //! bit-identical for any number of threads.
 
-use super::cells::{CHUNK, CellList, ListChunk, Sphere, image, verlet_list};
+use super::cells::{self, CHUNK, CellList, ListChunk, Sphere, image, verlet_list};
 use super::container::Container;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -68,7 +68,7 @@ pub(crate) struct SoftSpheres<'a> {
 impl<'a> SoftSpheres<'a> {
     pub(crate) fn new(container: &'a Container, spheres: Vec<Sphere>) -> Self {
         let n = spheres.len();
-        let mean_radius = spheres.iter().map(|s| s[3]).sum::<f64>() / n as f64;
+        let mean_radius = cells::mean_radius(&spheres);
         Self {
             container,
             listed: Vec::new(),

@@ -1,7 +1,7 @@
 //! What a packing came out as.
 
 use super::bonding::Bonding;
-use super::cells::{Sphere, image};
+use super::cells::{Sphere, centre, image, mean_radius};
 use super::container::Container;
 use super::narrow;
 use super::parts::Cut;
@@ -22,9 +22,9 @@ pub struct PackingReport {
     pub coordination_interior: f64,
     /// Sphere volume (all spheres) over container volume.
     pub volume_fraction: f64,
-    /// Mean radius of the retained spheres (m).
+    /// Mean radius of the retained spheres \[m\].
     pub mean_radius: f64,
-    /// Smallest and largest radius of the retained spheres (m).
+    /// Smallest and largest radius of the retained spheres \[m\].
     pub radius_range: [f64; 2],
     /// Retained spheres per equal bin of the radius range.
     pub radius_histogram: [usize; HISTOGRAM_BINS],
@@ -67,7 +67,7 @@ impl PackingReport {
     ) -> Self {
         let kept: Vec<Sphere> = bonding.kept.iter().map(|&i| spheres[i as usize]).collect();
         let count = kept.len() as f64;
-        let mean_radius = kept.iter().map(|s| s[3]).sum::<f64>() / count;
+        let mean_radius = mean_radius(&kept);
         let low = kept.iter().fold(f64::INFINITY, |m, s| m.min(s[3]));
         let high = kept.iter().fold(0.0_f64, |m, s| m.max(s[3]));
         let mut radius_histogram = [0; HISTOGRAM_BINS];
@@ -77,10 +77,7 @@ impl PackingReport {
         }
         let mut degree = vec![0_u32; kept.len()];
         let mut fabric = Matrix3::zeros();
-        let at = |i: u32| {
-            let s = kept[i as usize];
-            Vector3::new(s[0], s[1], s[2])
-        };
+        let at = |i: u32| centre(&kept[i as usize]);
         for &[i, j] in &bonding.pairs {
             degree[i as usize] += 1;
             degree[j as usize] += 1;

@@ -5,7 +5,7 @@ use crate::error::{Error, Result, finite};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
-/// A closed, outward oriented triangle surface (m).
+/// A closed, outward oriented triangle surface \[m\].
 #[derive(Debug, Clone)]
 pub struct Surface {
     vertices: Vec<Vector3<f64>>,
@@ -82,7 +82,7 @@ impl Surface {
         Ok(out)
     }
 
-    /// Enclosed volume (m^3).
+    /// Enclosed volume \[m³\].
     #[must_use]
     pub fn volume(&self) -> f64 {
         self.volume

@@ -12,7 +12,7 @@ use roxmltree::{Document, Node};
 /// Names under which radii are looked for, in this order.
 const NAMES: [&str; 6] = ["radius [m]", "radius", "Radius", "radii", "Radii", "r"];
 
-/// Reads the points of all pieces as centres (m) and a point array as radii (m): the one named
+/// Reads the points of all pieces as centres \[m\] and a point array as radii \[m\]: the one named
 /// `radius`, or without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii`
 /// and `r`. Cells are not read.
 ///

@@ -56,7 +56,7 @@ fn contrast(young: f64, density: f64, step: TimeStep<f64>) -> Result<Coupled<f64
         generate::bar_at(&x, 1.0)?,
         Elastic::new(young, 0.0, density)?,
     )?;
-    let chain = crate::chain::Chain::new("chain", -line.overlap, 1.0, line.fine_bonds, 1.0, 1.0)?;
+    let chain = spring_chain::Chain::new("chain", -line.overlap, 1.0, line.fine_bonds, 1.0, 1.0)?;
     let others = Weights::complement_of(std::slice::from_ref(&weights));
     line.build_with(shaken(
         [Subdomain::coarse(bar, weights), Subdomain::fine(chain, others)],

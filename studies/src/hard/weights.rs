@@ -165,7 +165,7 @@ fn halves_and_ramp(step: TimeStep<f64>, floor: f64) -> Result<Coupled<f64>> {
         .map(|j| -base.h * j as f64)
         .collect();
     let bar = FemModel::new("bar", generate::bar_at(&x, 1.0)?, Elastic::new(1.0, 0.0, 1.0)?)?;
-    let chain = crate::chain::Chain::new("chain", -base.overlap, 1.0, base.fine_bonds, 1.0, 1.0)?;
+    let chain = spring_chain::Chain::new("chain", -base.overlap, 1.0, base.fine_bonds, 1.0, 1.0)?;
     base.build_with(shaken(
         [Subdomain::coarse(bar, weights), Subdomain::fine(chain, others)],
         5,

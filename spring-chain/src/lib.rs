@@ -1,24 +1,20 @@
 //! A harmonic chain written against the traits as any third party would: masses, springs, nothing else.
 //!
 //! `U = Σ_bonds ᾱ_b C/2 (q_{k+1} − q_k)²`, and every bond carries half of each of its masses, both weighted by the
-//! mean of the weight over the bond.
+//! mean of the weight over the bond. That is all there is to a model of one's own: copy this crate and change the law.
+//! `tests/conformance.rs` says whether the copy keeps what the coupling relies on.
 
-use arlequin::core::field::Interpolation;
 use arlequin::core::geometry::Cell;
-use arlequin::core::model::DofLayout;
-use arlequin::core::nalgebra::Point3;
+use arlequin::core::invalid;
 use arlequin::core::sprs::{CsMat, TriMat};
-use arlequin::core::weight::Weight;
-use arlequin::core::{Error, FineModel, LinearModel, Model, Result};
-use arlequin::fem_ref::FemField;
-use std::sync::Arc;
+use arlequin::prelude::*;
 
 /// Most springs of a chain.
 const MOST_BONDS: usize = 1 << 24;
 
 /// Equal masses joined by equal springs along x.
 #[derive(Debug, Clone)]
-pub(crate) struct Chain {
+pub struct Chain {
     name: String,
     nodes: Vec<Point3<f64>>,
     mass: f64,
@@ -28,31 +24,25 @@ pub(crate) struct Chain {
 }
 
 impl Chain {
-    /// Chain of `bonds` springs of stiffness `C` [N/m] from `x0` [m] with spacing `r` [m]; `mass` [kg] per particle
+    /// Chain of `bonds` springs of stiffness `C` \[N/m\] from `x0` \[m\] with spacing `r` \[m\]; `mass` \[kg\] per particle
     /// (half at the ends).
-    pub(crate) fn new(name: &str, x0: f64, r: f64, bonds: usize, mass: f64, stiffness: f64) -> Result<Self> {
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] for a value that is not positive and finite, or too many bonds.
+    pub fn new(name: &str, x0: f64, r: f64, bonds: usize, mass: f64, stiffness: f64) -> Result<Self> {
         for (what, value) in [
             ("chain spacing", r),
             ("chain mass", mass),
             ("chain stiffness", stiffness),
         ] {
             if !value.is_finite() || value <= 0.0 {
-                let rule = "must be positive and finite".to_owned();
-                return Err(Error::InvalidParameter {
-                    name: what.into(),
-                    value: value.to_string(),
-                    rule,
-                });
+                return Err(invalid(what, value, "must be positive and finite"));
             }
         }
         // More would not fit into memory; a mistyped spacing asks for them easily.
         if bonds == 0 || bonds > MOST_BONDS {
             let rule = format!("must be between 1 and {MOST_BONDS}");
-            return Err(Error::InvalidParameter {
-                name: "chain bonds".into(),
-                value: bonds.to_string(),
-                rule,
-            });
+            return Err(invalid("chain bonds", bonds, &rule));
         }
         let nodes: Vec<_> = (0..=bonds)
             .map(|k| Point3::new(x0 + r * k as f64, 0.0, 0.0))
@@ -70,8 +60,9 @@ impl Chain {
         })
     }
 
-    /// The same chain with a stiffness [N/m] of its own for every bond.
-    pub(crate) fn with_stiffness(mut self, of_bond: impl Fn(usize) -> f64) -> Self {
+    /// The same chain with a stiffness \[N/m\] of its own for every bond.
+    #[must_use]
+    pub fn with_stiffness(mut self, of_bond: impl Fn(usize) -> f64) -> Self {
         self.stiffness = (0..self.stiffness.len()).map(of_bond).collect();
         self
     }

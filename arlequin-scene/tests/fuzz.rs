@@ -1,10 +1,7 @@
 //! The scene parser on mutated scenes: text, spans of errors, assignments.
 
-#[path = "../../../tests/fuzz/driver.rs"]
-mod driver;
-
-use crate::scene::{Scene, Source};
-use driver::Corpus;
+use arlequin_scene::{Scene, Source};
+use reader_fuzz::Corpus;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 use std::alloc::System;
 use std::sync::Mutex;

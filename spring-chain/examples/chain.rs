@@ -1,19 +1,9 @@
-//! Couples a third-party model, the spring chain of `model.rs`, with a finite-element bar, and sends a pulse through.
+//! Couples a third-party model, the crate `spring-chain`, with a finite-element bar, and sends a pulse through.
 //!
 //! `cargo run --release --example chain`
 
-#[allow(dead_code, reason = "other users of the model vary its springs")]
-mod model;
-
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::L2;
-use arlequin::core::nalgebra::Point3;
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
-use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
-use std::sync::Arc;
+use arlequin::prelude::*;
+use spring_chain::Chain;
 
 #[allow(clippy::print_stdout, reason = "an example shows its results")]
 fn main() -> Result<()> {
@@ -27,7 +17,7 @@ fn main() -> Result<()> {
         generate::bar(-800.0, 0.0, 80, 1.0)?,
         Elastic::new(1.0, 0.0, 1.0)?,
     )?;
-    let chain = model::Chain::new("chain", -40.0, 1.0, 640, 1.0, 1.0)?;
+    let chain = Chain::new("chain", -40.0, 1.0, 640, 1.0, 1.0)?;
 
     // A pulse of half width 100 that runs to the left at speed 1.
     let pulse = |x: f64| {
@@ -40,14 +30,8 @@ fn main() -> Result<()> {
         .map(|x| (pulse(x + 0.5) - pulse(x - 0.5)).max(-1.0))
         .collect();
 
-    let interface = InterfaceSpec {
-        name: "overlap".into(),
-        coarse: 0,
-        fine: 1,
-        mediator: Arc::new(FemField::new(generate::bar(-40.0, 0.0, 4, 1.0)?)),
-        junction: Box::new(L2),
-        options: InterfaceOptions::default(),
-    };
+    let mediator = Arc::new(FemField::new(generate::bar(-40.0, 0.0, 4, 1.0)?));
+    let interface = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
     let subdomains = vec![
         Subdomain::coarse(bar, coarse),
         Subdomain::fine(chain, fine).with_initial(q, v)?,

@@ -1,4 +1,4 @@
-//! Feeds mutated files to a reader: no panic, no hang, bounded allocation. Included by the crates that own readers.
+//! Feeds mutated files to a reader: no panic, no hang, bounded allocation. For the tests of crates that own readers.
 //!
 //! Seeds are the files of a corpus folder; bytes, lines, tokens and numbers of them are changed, and pieces of one put
 //! into another. Some hundred cases run in every test; `ARLEQUIN_FUZZ_SECONDS=3600` runs as long as that with new
@@ -165,20 +165,21 @@ fn with_lines(text: &mut Vec<u8>, change: impl FnOnce(&mut Vec<Vec<u8>>)) {
 }
 
 /// What is mutated, and what a reader may allocate.
-pub(crate) struct Corpus {
+#[derive(Debug)]
+pub struct Corpus {
     /// Whole files.
-    pub(crate) seeds: Vec<Vec<u8>>,
+    pub seeds: Vec<Vec<u8>>,
     /// Words of the format.
-    pub(crate) tokens: &'static [&'static str],
+    pub tokens: &'static [&'static str],
     /// Bytes that a reader may allocate in all, whatever the file.
-    pub(crate) floor: usize,
+    pub floor: usize,
     /// Bytes that it may allocate in all per byte of the file.
-    pub(crate) per_byte: usize,
+    pub per_byte: usize,
 }
 
 impl Corpus {
     /// All files of a folder, in the order of their names.
-    pub(crate) fn read(folder: &str, ending: &str) -> Vec<Vec<u8>> {
+    pub fn read(folder: &str, ending: &str) -> Vec<Vec<u8>> {
         let mut paths: Vec<_> = std::fs::read_dir(folder)
             .unwrap_or_else(|e| panic!("{folder}: {e}"))
             .map(|f| f.unwrap_or_else(|e| panic!("{folder}: {e}")).path())
@@ -193,7 +194,7 @@ impl Corpus {
     }
 
     /// Feeds mutants to a reader that says whether it accepted; `allocated` counts bytes since the start of the process.
-    pub(crate) fn run(&self, name: &str, allocated: &dyn Fn() -> usize, reader: &dyn Fn(&[u8]) -> bool) {
+    pub fn run(&self, name: &str, allocated: &dyn Fn() -> usize, reader: &dyn Fn(&[u8]) -> bool) {
         let seconds = std::env::var("ARLEQUIN_FUZZ_SECONDS").ok();
         let seconds = seconds.map(|s| {
             s.parse::<u64>()

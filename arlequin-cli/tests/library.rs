@@ -1,0 +1,99 @@
+//! The library door of scenes against the command line.
+
+mod common;
+
+use arlequin::core::Coupled;
+use arlequin_scene::{End, Observer, RunFolder, Scene, Silent, resume};
+use common::{SMALL, scene, scratch, succeed, text};
+use std::ops::ControlFlow;
+
+/// The numbers of a table, as their bits.
+fn bits(csv: &str) -> Vec<Vec<u64>> {
+    let row = |l: &str| {
+        l.split(',')
+            .map(|x| x.parse::<f64>().expect(x).to_bits())
+            .collect()
+    };
+    csv.lines().skip(1).map(row).collect()
+}
+
+#[test]
+fn the_library_returns_the_probes_that_the_command_line_writes() {
+    let folder = scratch("library-quickstart");
+    let (file, out) = (scene("quickstart.toml"), folder.join("out"));
+    succeed(&[
+        "run",
+        text(&file),
+        "--set",
+        "time.end=3e-5",
+        "--set",
+        "output.plots=false",
+        "--out",
+        text(&out),
+    ]);
+    let read = Scene::read(&file)
+        .expect("reads")
+        .set("time.end", "3e-5")
+        .expect("sets");
+    let found = read.prepare().expect("builds").run(&mut Silent).expect("runs");
+    assert_eq!(found.end, End::Complete);
+    assert!(found.folder.is_none() && found.summary().frames == 0);
+    for (name, table) in [
+        ("probes.csv", &found.recorded.probes),
+        ("energy.csv", &found.recorded.energy),
+    ] {
+        let csv = std::fs::read_to_string(out.join(name)).expect(name);
+        let header = csv.lines().next().expect("a header");
+        assert_eq!(header, format!("time [s],{}", table.names.join(",")));
+        let row = |k: usize| {
+            std::iter::once(&table.times)
+                .chain(&table.columns)
+                .map(|c| c[k].to_bits())
+                .collect()
+        };
+        let rows: Vec<Vec<u64>> = (0..table.times.len()).map(row).collect();
+        assert_eq!(rows, bits(&csv), "{name}");
+    }
+    let (_, values) = found.probe("struck-end").expect("the scene has it");
+    assert_eq!(values.last(), Some(&found.summary().probes["struck-end"].last));
+    let state = found.model("right").expect("a model").state();
+    assert!(state.v.iter().any(|v| *v != 0.0));
+}
+
+/// Ends a run after so many steps.
+struct Until(usize);
+
+impl Observer for Until {
+    fn step(&mut self, run: &Coupled<f64>, planned: usize) -> ControlFlow<()> {
+        assert_eq!(planned, 50);
+        if run.steps() < self.0 {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
+        }
+    }
+}
+
+#[test]
+fn a_run_that_its_observer_ends_goes_on_from_its_folder() {
+    let target = scratch("library-resume").join("out");
+    let scene = Scene::from_text(SMALL).expect("a scene");
+    let whole = scene.prepare().expect("builds").run(&mut Silent).expect("runs");
+    let file = scratch("library-resume-scene").join("small.toml");
+    std::fs::write(&file, SMALL).expect("writes");
+    let scene = Scene::read(&file).expect("reads");
+    let folder = RunFolder::new(&scene, Some(&target), false).expect("a new folder");
+    let first = scene
+        .prepare()
+        .expect("builds")
+        .run_into(folder, &mut Until(20))
+        .expect("runs");
+    assert_eq!((first.end, first.summary().steps), (End::Interrupted, 20));
+    let rest = resume(&target)
+        .expect("a checkpoint")
+        .run(&mut Silent)
+        .expect("runs");
+    assert_eq!((rest.end, rest.summary().steps), (End::Complete, 50));
+    assert_eq!(rest.recorded.probes, whole.recorded.probes);
+    assert_eq!(rest.folder.as_deref(), Some(target.as_path()));
+}

@@ -1,0 +1,168 @@
+//! A contact gives back at most what it took in.
+//!
+//! In velocity Verlet the force `F` of an instant works on the mean of the velocities around it. Scaled by `s` it does
+//!
+//! ```text
+//! W(s) = s b + s^2 a      b = dt F.u      a = dt^2/2 F.M^-1 F      u = v_- + dt/2 M^-1 f + dt M^-1 g
+//! ```
+//!
+//! with the other forces `f` of the instant and the contacts `g` that were taken before this one. Taken one after the
+//! other like this, the works of all contacts sum to what the ledger books, `dt F.(v_- + v_+)/2`, however many share a
+//! particle. Each contact has an energy budget, what it took in since touch, and `s` is the largest number up to one
+//! whose work the budget covers. A spring alone would not do: it closes and opens between two instants, which gives or takes up to
+//! `(omega dt)^2/4` of the energy of the approach.
+//!
+//! An elastic contact that the step is about to open gives back what is left in its budget. The rebound is then elastic
+//! to round-off at any step; without it every other collision would lose a few per cent.
+
+use super::law::{ContactLaw, Pair, Response, Spring};
+use nalgebra::Vector3;
+
+/// One end of a contact as the step sees it: three displacements and three rotations.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct End {
+    /// Velocity `u` on which the next contact works.
+    pub(crate) middle: [f64; 6],
+    /// Velocity after the step, as far as forces are known.
+    pub(crate) after: [f64; 6],
+    /// Inverse inertia, zero where the motion is prescribed.
+    pub(crate) light: [f64; 6],
+}
+
+/// The work of a response over the step: `s linear + s^2 square` when it is scaled by `s`.
+#[derive(Debug, Clone, Copy)]
+struct Work {
+    linear: f64,
+    square: f64,
+}
+
+impl Work {
+    fn of(r: &Response, ends: [&End; 2], dt: f64) -> Self {
+        let (mut linear, mut square) = (0.0, 0.0);
+        for (e, (end, sign)) in ends.into_iter().zip([-1.0, 1.0]).enumerate() {
+            for c in 0..6 {
+                let f = if c < 3 {
+                    sign * r.force[c]
+                } else {
+                    r.torque[e][c - 3]
+                };
+                linear += f * end.middle[c];
+                square += f * f * end.light[c];
+            }
+        }
+        Self {
+            linear: dt * linear,
+            square: 0.5 * dt * dt * square,
+        }
+    }
+
+    fn at(&self, s: f64) -> f64 {
+        s * (self.linear + s * self.square)
+    }
+
+    /// Largest scale whose work is at most `budget`; where none is (a budget below zero), that of the least work.
+    fn scale(&self, budget: f64) -> f64 {
+        let (a, b) = (self.square, self.linear);
+        if a <= 0.0 {
+            // Both ends are driven: the work is what it is.
+            return if b > 0.0 { (budget / b).max(0.0) } else { 1.0 };
+        }
+        let root = (b * b + 4.0 * a * budget).max(0.0).sqrt();
+        // The sum without cancellation.
+        let s = if b > 0.0 && budget > 0.0 {
+            2.0 * budget / (b + root)
+        } else {
+            (root - b) / (2.0 * a)
+        };
+        s.max(0.0)
+    }
+}
+
+/// The law of contacts and what all of them have in common over a run.
+#[derive(Debug)]
+pub(crate) struct BudgetedLaw {
+    pub(crate) law: ContactLaw,
+    damping_ratio: f64,
+    /// Whether a step was made.
+    pub(crate) begun: bool,
+    /// Energy of contacts that were closed when the run began \[J\].
+    pub(crate) supplied: f64,
+}
+
+impl BudgetedLaw {
+    pub(crate) fn new(law: ContactLaw) -> Self {
+        Self {
+            damping_ratio: law.damping_ratio(),
+            law,
+            begun: false,
+            supplied: 0.0,
+        }
+    }
+
+    /// To be called before the contacts of a step.
+    pub(crate) fn begin(&mut self, dt: f64) {
+        if dt > 0.0 && !self.begun {
+            self.supplied = 0.0;
+        }
+    }
+
+    /// To be called after the contacts of a step.
+    pub(crate) fn end(&mut self, dt: f64) {
+        self.begun |= dt > 0.0;
+    }
+
+    /// What a closed contact does within its budget. `ends` is asked in steps only; the first body feels no torque unless
+    /// it `turns`.
+    pub(crate) fn respond(
+        &mut self,
+        pair: &Pair,
+        turns: bool,
+        ends: impl FnOnce() -> [End; 2],
+        dt: f64,
+        spring: &mut Spring,
+    ) -> Response {
+        let old = spring.on;
+        let mut r = self.law.respond(pair, self.damping_ratio, dt, spring);
+        if !turns {
+            r.torque[0] = Vector3::zeros();
+        }
+        if dt > 0.0 {
+            if old && !self.begun {
+                // `k/2 q_0 q_1` of a contact that was closed when the run began, from the energies at both instants.
+                spring.budget = (spring.budget * r.stored).sqrt();
+                self.supplied += spring.budget;
+            }
+            let [a, b] = ends();
+            spend(pair, &mut r, [&a, &b], dt, self.damping_ratio <= 0.0, spring);
+        } else {
+            spring.budget = r.stored;
+            self.supplied += r.stored;
+        }
+        r
+    }
+}
+
+/// Scales the response of a contact to what its budget covers, books it, and sets the energy it holds at this instant.
+/// `elastic` contacts hand back the rest where they open.
+fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) {
+    let work = Work::of(r, ends, dt);
+    let mut wanted = 1.0;
+    if elastic {
+        let three = |x: &[f64; 6]| Vector3::new(x[0], x[1], x[2]);
+        let lightness = |end: &End| Vector3::new(end.light[0], end.light[1], end.light[2]);
+        let kick = r.force.component_mul(&(lightness(ends[0]) + lightness(ends[1]))) * dt;
+        let leaving = (three(&ends[1].after) - three(&ends[0].after) + kick).dot(&p.normal);
+        let far = dt * leaving;
+        if far >= p.gap {
+            // What touching and parting between two instants can differ by, twice.
+            let slack = 0.25 * r.stiffness * far * far;
+            wanted = work.scale((work.at(1.0) + slack).min(spring.budget)).max(wanted);
+        }
+    }
+    let s = wanted.min(work.scale(spring.budget));
+    r.force *= s;
+    r.torque.iter_mut().for_each(|t| *t *= s);
+    let done = work.at(s);
+    r.stored = r.stored.min(spring.budget - 0.5 * done).max(0.0);
+    spring.budget -= done;
+}
