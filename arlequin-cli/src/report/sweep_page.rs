@@ -138,7 +138,7 @@ fn run_table(s: &Sweep) -> Markup {
                 tr { @for h in &heads { th { (h) } } }
                 @for r in &s.runs {
                     @if r.status == "complete" {
-                        tr.front[r.pareto] { td { (r.label) } @for c in cells(r, &phases, &back) { td { (c) } } }
+                        tr class=[r.pareto.then_some("front")] { td { (r.label) } @for c in cells(r, &phases, &back) { td { (c) } } }
                     } @else {
                         tr.failed {
                             td { (r.label) }
