@@ -153,14 +153,6 @@ pub enum Error {
         /// The system's words.
         message: String,
     },
-    /// An error of a sweep, with its place in the sweep file.
-    #[error("{text}")]
-    Sweep {
-        /// Rendered.
-        text: String,
-        /// Whether the input is to blame.
-        input: bool,
-    },
     /// A plot cannot be drawn.
     #[error("cannot draw '{name}': {message}")]
     Plot {
@@ -211,7 +203,6 @@ impl Error {
                 | Self::System { .. }
                 | Self::Plot { .. }
                 | Self::Kept { .. }
-                | Self::Sweep { input: false, .. }
                 | Self::Core {
                     source: Core::Diverged { .. } | Core::EnergyGrowth { .. },
                     ..
