@@ -4,18 +4,23 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-use arlequin_studies::hard::{Figure, cases};
+use arlequin_studies::checks::Check;
+use arlequin_studies::hard::cases;
 
-fn lines(figures: &[Figure]) -> String {
-    let line = |f: &Figure| {
-        let [low, high] = f.range;
-        let mark = if f.holds() { " " } else { "!" };
-        format!("  {mark} {}: {:.4e} in [{low:e}, {high:e}]\n", f.what, f.value)
+fn lines(checks: &[Check]) -> String {
+    let line = |c: &Check| {
+        let mark = if c.pass { " " } else { "!" };
+        format!(
+            "  {mark} {}: {:.4e}, accepted {}\n",
+            c.quantity,
+            c.ours,
+            c.accept.text()
+        )
     };
-    figures.iter().map(line).collect()
+    checks.iter().map(line).collect()
 }
 
-/// Runs the case of that name and fails with all its figures if one is out of range.
+/// Runs the case of that name and fails with all its numbers if one is out of range.
 fn keeps_its_promise(name: &str) {
     let all = cases();
     let case = all

@@ -23,26 +23,6 @@ use arlequin_studies::solid::{kept, momentum_scale};
 use std::sync::Arc;
 use support::solid::{self, bodies, couple, junctions, material, mediator, shaken, spec};
 
-#[test]
-fn check_9_momenta_are_conserved_on_non_coincident_meshes() {
-    for kind in [ElementKind::Hex8, ElementKind::Tet4] {
-        for junction in junctions() {
-            let name = junction.name();
-            let space = mediator(kind, solid::OVERLAP, [2, 2, 2]);
-            let mut c = couple(shaken(bodies(Profile::Cubic, 0.05), 7), space, junction).unwrap();
-            assert!(c.interfaces()[0].report().momentum_defect < 1e-13);
-            assert!(conformance::adjointness(&c) < 1e-13);
-            let [force, moment] = conformance::interface_momentum(&c);
-            assert!(force < 1e-13 && moment < 1e-13, "{name}: {force:e} {moment:e}");
-            let kept = kept(&mut c).unwrap();
-            for (k, change) in kept.momentum.iter().enumerate() {
-                assert!(*change <= 1e-12, "{name}: momentum {k} changes by {change:e}");
-            }
-            assert!(kept.drift < 1e-11 && kept.residual < 1e-11, "{name}: {kept:?}");
-        }
-    }
-}
-
 /// `∫ κ(x) (λ·v + l² ε(λ):ε(v))`, `κ` growing twentyfold across the overlap and with the height.
 struct Graded;
 

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::report::{self, Progress};
 use arlequin::core::Coupled;
 use arlequin_scene::output::json;
-use arlequin_scene::{End, Observer, Results, RunFolder, Scene};
+use arlequin_scene::{End, Observer, Results, RunFolder, Scene, Table};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
@@ -75,6 +75,9 @@ impl Observer for Terminal {
     }
     fn stepped(&mut self) {
         self.bar.clear();
+    }
+    fn plot(&mut self, folder: &Path, title: &str, probes: &Table, energy: &Table) -> Result<()> {
+        report::plot::run(folder, title, probes, energy)
     }
 }
 

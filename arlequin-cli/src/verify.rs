@@ -4,8 +4,8 @@ use crate::error::{Result, unknown, write};
 use crate::report::{self, Progress};
 use crate::threads;
 use arlequin_scene::output::mark;
+use arlequin_studies::checks::{self, CASES, Check, Options};
 use arlequin_studies::hard::{HardCase, Outcome, cases};
-use arlequin_studies::verify::{self, CASES, Options, Report, Row};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -57,7 +57,7 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let chosen = verify::choose(&args.cases)?;
+    let chosen = checks::choose(&args.cases)?;
     if let Some(folder) = &args.out {
         mark::claim("--out", folder)?;
     }
@@ -70,12 +70,10 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         threads,
         kept: args.resume.as_deref(),
     };
-    let reports = verify::run(&chosen, &options, &progress.teller())?;
+    let reports = checks::run(&chosen, &options, &progress.teller())?;
     drop(progress);
-    let rows: Vec<Row> = reports
-        .iter()
-        .flat_map(|r: &Report| r.rows.iter().cloned())
-        .collect();
+    let mut rows: Vec<Check> = reports.iter().flat_map(|r| r.checks.clone()).collect();
+    rows.retain(|c| c.listed || !c.pass);
     report::result(&rows, args.json, |rows| {
         report::text(&report::verify::table(rows));
         report::line(&format!("{:.0} s", begin.elapsed().as_secs_f64()));
@@ -108,7 +106,7 @@ fn hard(args: &Args, threads: usize, progress: &Progress) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let measured = verify::in_parallel(&chosen, threads, "hard cases", &progress.teller(), |case| {
+    let measured = checks::in_parallel(&chosen, threads, "hard cases", &progress.teller(), |case| {
         Ok((case.run)().map_err(|e| e.to_string()))
     })?;
     progress.clear();

@@ -181,8 +181,6 @@ pub struct Recorder {
     pub probes: Table,
     /// Energy: [`ENERGY_COLUMNS`], then one column per work, then [`MOMENTUM_COLUMNS`] per body.
     pub energy: Table,
-    /// Names of the works.
-    pub works: Vec<String>,
     /// Figures of the effects at the times of the energy.
     pub effects: Table,
     /// Frames, if the run is kept.
@@ -225,7 +223,6 @@ impl Recorder {
             energy: Table::new(energy.chain(bodies.iter().flat_map(momenta))),
             effects: Table::new(facts(run).map(|f| f.0)),
             readers,
-            works,
             frames,
             residuals: Vec::new(),
             warnings,

@@ -1,6 +1,7 @@
 //! The hard cases: what naive code does with them, whether we keep our promises.
 
-use arlequin_studies::hard::{Figure, HardCase, Outcome};
+use arlequin_studies::checks::{Accept, Check};
+use arlequin_studies::hard::{HardCase, Outcome};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -17,11 +18,11 @@ pub(crate) fn text(case: &HardCase, measured: &Measured) -> String {
         Ok(o) => o,
         Err(e) => return out + &format!("  FAILED: {e}\n"),
     };
-    let mut add = |title: &str, figures: &[Figure]| {
+    let mut add = |title: &str, figures: &[Check]| {
         let _ = writeln!(out, "  {title}");
         for f in figures {
-            let mark = if f.holds() { "" } else { "  OUT OF RANGE" };
-            let _ = writeln!(out, "    {:.3e}  {}{mark}", f.value, f.what);
+            let mark = if f.pass { "" } else { "  OUT OF RANGE" };
+            let _ = writeln!(out, "    {:.3e}  {}{mark}", f.ours, f.quantity);
         }
     };
     add(&format!("naive: {}", case.naive), &outcome.naive);
@@ -39,8 +40,8 @@ pub(crate) fn json(case: &HardCase, measured: &Measured) -> Value {
             json!(x.to_string())
         }
     };
-    let figures = |all: &[Figure]| -> Vec<Value> {
-        let one = |f: &Figure| json!({"what": f.what, "value": number(f.value), "range": f.range.map(number), "pass": f.holds()});
+    let figures = |all: &[Check]| -> Vec<Value> {
+        let one = |f: &Check| json!({"what": f.quantity, "value": number(f.ours), "range": range(f.accept).map(number), "pass": f.pass});
         all.iter().map(one).collect()
     };
     let mut out = json!({"name": case.name, "why": case.why, "naive": case.naive, "promise": case.promise});
@@ -56,4 +57,14 @@ pub(crate) fn json(case: &HardCase, measured: &Measured) -> Value {
         }
     }
     out
+}
+
+/// Smallest and largest accepted value.
+fn range(accept: Accept) -> [f64; 2] {
+    match accept {
+        Accept::Between(low, high) => [low, high],
+        Accept::AtLeast(low) => [low, f64::INFINITY],
+        Accept::AtMost(high) => [-high, high],
+        Accept::Absolute(_) | Accept::Relative(_) => [f64::NAN; 2],
+    }
 }

@@ -8,6 +8,7 @@
 
 mod calibrate;
 pub(crate) mod hard;
+pub(crate) mod plot;
 mod run;
 pub(crate) mod sweep;
 pub(crate) mod sweep_docs;
@@ -15,7 +16,6 @@ mod sweep_page;
 pub(crate) mod verify;
 mod work_precision;
 
-pub(crate) use arlequin_scene::output::plots as plot;
 pub(crate) use calibrate::text as calibration;
 pub(crate) use run::{comparison, finished, plan, proposal};
 

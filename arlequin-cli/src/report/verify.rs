@@ -2,7 +2,7 @@
 
 use super::plot::{self, Curve, Plot};
 use crate::error::{Result, write as cannot_write};
-use arlequin_studies::verify::{Case, Figure, Report, Row, short};
+use arlequin_studies::checks::{Case, Check, Figure, Report, short};
 use std::path::Path;
 
 /// Head of the page, by which it is known again.
@@ -51,7 +51,14 @@ pub(crate) fn page(folder: &Path, cases: &[&Case], reports: &[Report]) -> Result
     let images = folder.join("images/validation");
     std::fs::create_dir_all(&images).map_err(cannot_write(&images))?;
     let mut text = String::from(HEAD);
-    let rows = reports.iter().flat_map(|r| &r.rows);
+    let listed = |r: &Report| {
+        r.checks
+            .iter()
+            .filter(|c| c.listed || !c.pass)
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    let rows = reports.iter().flat_map(listed);
     let (count, failed) = rows.fold((0, 0), |(n, f), r| (n + 1, f + usize::from(!r.pass)));
     text += &format!("\n{count} rows, {failed} failed.\n");
     for (case, report) in cases.iter().zip(reports) {
@@ -61,7 +68,7 @@ pub(crate) fn page(folder: &Path, cases: &[&Case], reports: &[Report]) -> Result
             let place = format!("images/validation/{}.svg", figure.file);
             text += &format!("\n![{}]({place})\n\n{}\n", figure.title, figure.says);
         }
-        text += &format!("\n{}", markdown(&report.rows));
+        text += &format!("\n{}", markdown(&listed(report)));
     }
     let path = folder.join("validation.md");
     std::fs::write(&path, text).map_err(cannot_write(&path))
@@ -75,7 +82,7 @@ fn capital(text: &str) -> String {
         .unwrap_or_default()
 }
 
-fn cells(r: &Row) -> [String; 8] {
+fn cells(r: &Check) -> [String; 8] {
     let difference = r.relative_difference;
     [
         r.case.clone(),
@@ -84,7 +91,7 @@ fn cells(r: &Row) -> [String; 8] {
         r.source.clone(),
         short(r.ours),
         difference.map_or_else(|| "-".into(), |d| format!("{:+.2} %", 100.0 * d)),
-        r.acceptance.clone(),
+        r.accept.text(),
         if r.pass { "pass" } else { "FAIL" }.into(),
     ]
 }
@@ -101,7 +108,7 @@ const COLUMNS: [&str; 8] = [
 ];
 
 /// The table as plain text, remarks below the rows they belong to.
-pub(crate) fn table(rows: &[Row]) -> String {
+pub(crate) fn table(rows: &[Check]) -> String {
     let all: Vec<[String; 8]> = rows.iter().map(cells).collect();
     let width: Vec<usize> = (0..8)
         .map(|k| {
@@ -125,7 +132,7 @@ pub(crate) fn table(rows: &[Row]) -> String {
 }
 
 /// The table as Markdown, one case.
-fn markdown(rows: &[Row]) -> String {
+fn markdown(rows: &[Check]) -> String {
     let mut out = String::from(
         "| quantity | reference | source | ours | difference | accepted | |\n|---|---|---|---|---|---|---|\n",
     );
@@ -149,13 +156,13 @@ fn markdown(rows: &[Row]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use arlequin_studies::verify::Accept;
+    use arlequin_studies::checks::Accept;
 
     #[test]
     fn tables_count_failures() {
         let rows = [
-            Row::new("good", 1.0, Accept::AtMost(1.0)),
-            Row::new("bad", 2.0, Accept::AtMost(1.0)).note("because"),
+            Check::new("good", 1.0, Accept::AtMost(1.0)),
+            Check::new("bad", 2.0, Accept::AtMost(1.0)).note("because"),
         ];
         let text = table(&rows);
         assert!(text.ends_with("2 rows, 1 failed\n") && text.contains("FAIL") && text.contains("(because)"));

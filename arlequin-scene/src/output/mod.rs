@@ -4,7 +4,6 @@ mod folder;
 mod frames;
 pub mod mark;
 pub mod packing;
-pub mod plots;
 pub mod summary;
 pub mod tables;
 mod vtu;

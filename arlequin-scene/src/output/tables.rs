@@ -1,10 +1,8 @@
-//! Tables and plots of what was recorded.
+//! Tables of what was recorded.
 
 use super::csv;
-use super::plots::{self, Curve, Plot};
 use crate::error::Result;
-use crate::recorder::{ENERGY_COLUMNS, Recorder, Table};
-use crate::spec::Quantity;
+use crate::recorder::{Recorder, Table};
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::path::Path;
@@ -64,56 +62,4 @@ pub fn breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -
         csv(&path, &names.map(str::to_owned), &columns)?;
     }
     Ok(())
-}
-
-/// Draws the same into a folder.
-pub fn plot(path: &Path, r: &Recorder, title: &str) -> Result<()> {
-    for (quantity, file, name, unit) in [
-        (Quantity::Displacement, "displacement.svg", "displacement", "m"),
-        (Quantity::Velocity, "velocity.svg", "velocity", "m/s"),
-        (Quantity::Rotation, "rotation.svg", "rotation", "rad"),
-    ] {
-        let mine = r.readers.iter().zip(&r.probes.columns);
-        let curves = mine
-            .filter(|(p, _)| p.quantity == quantity)
-            .map(|(p, c)| Curve {
-                name: p.name.clone(),
-                times: &r.probes.times,
-                values: c.clone(),
-            })
-            .collect();
-        let title = headline(title, name);
-        let plot = Plot::over_time(title, name, unit, curves);
-        plots::draw(&path.join(file), &plot)?;
-    }
-    let curve = |name: &str, k: usize| Curve {
-        name: name.to_owned(),
-        times: &r.energy.times,
-        values: r.energy.columns.get(k).cloned().unwrap_or_default(),
-    };
-    let curves = vec![curve("kinetic", 0), curve("internal", 1), curve("invariant H", 3)];
-    let plot = Plot::over_time(headline(title, "energy"), "energy", "J", curves);
-    plots::draw(&path.join("energy.svg"), &plot)?;
-    let mut curves: Vec<_> = r
-        .works
-        .iter()
-        .enumerate()
-        .map(|(k, w)| curve(w, ENERGY_COLUMNS.len() + k))
-        .collect();
-    curves.push(curve("unexplained drift of H", 5));
-    let plot = Plot::over_time(
-        headline(title, "energy ledger"),
-        "work since the start",
-        "J",
-        curves,
-    );
-    plots::draw(&path.join("ledger.svg"), &plot)
-}
-
-fn headline(title: &str, what: &str) -> String {
-    if title.is_empty() {
-        what.to_owned()
-    } else {
-        format!("{title}: {what}")
-    }
 }

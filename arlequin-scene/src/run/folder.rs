@@ -2,7 +2,7 @@
 
 use super::session::Session;
 use super::summary::Status;
-use super::{End, Recorded, Results};
+use super::{End, Observer, Recorded, Results};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result};
 use crate::output::summary::{self, Summary, WakeReport};
@@ -65,9 +65,9 @@ impl Keep {
 
 impl Session<'_> {
     /// Makes the steps that are left and ends the run.
-    pub(crate) fn complete(mut self, observer: &mut dyn super::Observer) -> Result<Results> {
+    pub(crate) fn complete(mut self, observer: &mut dyn Observer) -> Result<Results> {
         let end = self.advance(observer, &mut |_, _| false);
-        self.conclude(end, None)
+        self.conclude(end, None, observer)
     }
 
     /// Writes a checkpoint, if the run is kept.
@@ -100,16 +100,21 @@ impl Session<'_> {
     }
 
     /// Writes the results of the steps made, however they ended, and ends the folder.
-    pub(crate) fn conclude(mut self, end: Result<End>, wake: Option<WakeReport>) -> Result<Results> {
+    pub(crate) fn conclude(
+        mut self,
+        end: Result<End>,
+        wake: Option<WakeReport>,
+        observer: &mut dyn Observer,
+    ) -> Result<Results> {
         let written = end.and_then(|end| {
             if end.goes_on() {
                 self.save()?;
             }
-            Ok((end, self.finish(end, wake.clone())?))
+            Ok((end, self.finish(end, wake.clone(), observer)?))
         });
         let (end, summary) = match written {
             Ok(done) => done,
-            Err(e) => return Err(self.salvage(e, wake)),
+            Err(e) => return Err(self.salvage(e, wake, observer)),
         };
         let mut folder = None;
         if let Some(keep) = self.keep {
@@ -132,10 +137,14 @@ impl Session<'_> {
     }
 
     /// Writes the results of the steps made and moves them into a folder inside; the folder is free for another run.
-    pub(crate) fn put_aside(mut self, name: &str) -> Result<(Recorded, Option<Keep>)> {
-        let summary = match self.finish(End::Woken, None) {
+    pub(crate) fn put_aside(
+        mut self,
+        name: &str,
+        observer: &mut dyn Observer,
+    ) -> Result<(Recorded, Option<Keep>)> {
+        let summary = match self.finish(End::Woken, None, observer) {
             Ok(summary) => summary,
-            Err(e) => return Err(self.salvage(e, None)),
+            Err(e) => return Err(self.salvage(e, None, observer)),
         };
         if let Some(keep) = self.keep.take() {
             match keep.folder.put_aside(name) {
@@ -148,14 +157,14 @@ impl Session<'_> {
 
     /// Keeps what a run computed before it failed: every file that can still be written. A run that made no step has
     /// nothing.
-    fn salvage(mut self, error: Error, wake: Option<WakeReport>) -> Error {
+    fn salvage(mut self, error: Error, wake: Option<WakeReport>, observer: &mut dyn Observer) -> Error {
         let Some(keep) = self.keep.take().filter(|_| self.run.steps() > 0) else {
             return error;
         };
         self.clock.enter(None);
         let mut summary = self.summary(Status::Failed(error.to_string()), 0.0);
         summary.wake = wake;
-        let mut tries = self.files(&keep.folder);
+        let mut tries = self.files(&keep.folder, observer);
         tries.push(write_summary(&keep.folder, &summary));
         let lost: Vec<String> = tries
             .into_iter()
@@ -173,11 +182,13 @@ impl Session<'_> {
     }
 
     /// Puts together the results of the steps made, and writes them if they are kept.
-    fn finish(&mut self, end: End, wake: Option<WakeReport>) -> Result<Summary> {
+    fn finish(&mut self, end: End, wake: Option<WakeReport>, observer: &mut dyn Observer) -> Result<Summary> {
         let after = Instant::now();
         self.recorder.finish(&self.run)?;
         if let Some(keep) = &self.keep {
-            self.files(&keep.folder).into_iter().collect::<Result<()>>()?;
+            self.files(&keep.folder, observer)
+                .into_iter()
+                .collect::<Result<()>>()?;
         }
         for w in summary::findings(&self.run, &self.without_contact) {
             self.recorder.warn(w);
@@ -191,7 +202,7 @@ impl Session<'_> {
     }
 
     /// Writes everything but the summary; each file is tried, whatever became of those before it.
-    fn files(&self, folder: &Folder) -> Vec<Result<()>> {
+    fn files(&self, folder: &Folder, observer: &mut dyn Observer) -> Vec<Result<()>> {
         let path = folder.path();
         let mut tries = vec![
             tables::write(path, &self.recorder),
@@ -207,7 +218,8 @@ impl Session<'_> {
         if spec.output.plots {
             let plots = folder.subfolder("plots");
             let title = spec.title.as_deref().unwrap_or_default();
-            tries.push(plots.and_then(|p| tables::plot(&p, &self.recorder, title)));
+            let r = &self.recorder;
+            tries.push(plots.and_then(|p| observer.plot(&p, title, &r.probes, &r.energy)));
         }
         tries
     }

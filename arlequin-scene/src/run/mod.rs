@@ -31,6 +31,13 @@ pub trait Observer {
     }
     /// No more steps follow, or none before a sleeping model wakes; results are put together.
     fn stepped(&mut self) {}
+    /// The scene asks for plots of the tables, in a folder that is not finished before they are there.
+    ///
+    /// # Errors
+    /// What cannot be drawn or written.
+    fn plot(&mut self, _folder: &Path, _title: &str, _probes: &Table, _energy: &Table) -> Result<()> {
+        Ok(())
+    }
 }
 
 /// Hears nothing.

@@ -117,7 +117,7 @@ pub(crate) fn run(
     });
     let mut report = report_of(wake, &watch);
     if !matches!(end, Ok(End::Woken)) {
-        return session.conclude(end, Some(report));
+        return session.conclude(end, Some(report), observer);
     }
     let begin = Instant::now();
     // Before anything is put aside: if it fails, the results so far are whole.
@@ -125,10 +125,10 @@ pub(crate) fn run(
     let next = next.and_then(|s| Ok((setup::build_from(scene.spec(), scene.folder(), Some(&s))?, s)));
     let (built, start) = match next {
         Ok(next) => next,
-        Err(e) => return session.conclude(Err(e), Some(report)),
+        Err(e) => return session.conclude(Err(e), Some(report), observer),
     };
     report.wake(session.coupled());
-    let (slept, keep) = session.put_aside(ASLEEP)?;
+    let (slept, keep) = session.put_aside(ASLEEP, observer)?;
     report.woken_as(&built.run);
     let session = Session::new(scene, built, keep, begin.elapsed().as_secs_f64())?;
     let mut done = finish(session, start, report, observer)?;
@@ -152,7 +152,7 @@ pub(crate) fn finish(
         session.save()?;
     }
     let end = session.advance(observer, &mut |_, _| false);
-    session.conclude(end, Some(report))
+    session.conclude(end, Some(report), observer)
 }
 
 impl WakeReport {

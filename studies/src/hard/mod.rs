@@ -17,51 +17,33 @@ mod time;
 mod turning;
 mod weights;
 
+use crate::checks::{Accept, Check};
 use arlequin::core::{Coupled, Error, Real, Result};
 use std::ops::RangeInclusive;
 
-/// One measured number and the range it must lie in.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Figure {
-    /// What was measured.
-    pub what: String,
-    /// Its value; NaN never holds.
-    pub value: f64,
-    /// Smallest and largest accepted value.
-    pub range: [f64; 2],
-}
-
-impl Figure {
-    /// Whether the value lies in its range.
-    #[must_use]
-    pub fn holds(&self) -> bool {
-        self.value >= self.range[0] && self.value <= self.range[1]
-    }
-}
-
 /// What a case measured.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 pub struct Outcome {
-    /// Figures of the broken variants, with the range in which we found them.
-    pub naive: Vec<Figure>,
-    /// Figures of the library, with the promised range.
-    pub ours: Vec<Figure>,
+    /// Numbers of the broken variants, with the range in which we found them.
+    pub naive: Vec<Check>,
+    /// Numbers of the library, with the promised range.
+    pub ours: Vec<Check>,
 }
 
 impl Outcome {
-    /// Whether every figure lies in its range and there is one of each sort.
+    /// Whether every number lies in its range and there is one of each sort.
     #[must_use]
     pub fn pass(&self) -> bool {
-        let all = |f: &[Figure]| !f.is_empty() && f.iter().all(Figure::holds);
+        let all = |f: &[Check]| !f.is_empty() && f.iter().all(|c| c.pass);
         all(&self.naive) && all(&self.ours)
     }
 
     fn add_naive(&mut self, what: impl Into<String>, value: f64, range: RangeInclusive<f64>) {
-        self.naive.push(figure(what, value, &range));
+        self.naive.push(within(what, value, &range));
     }
 
     fn add(&mut self, what: impl Into<String>, value: f64, range: RangeInclusive<f64>) {
-        self.ours.push(figure(what, value, &range));
+        self.ours.push(within(what, value, &range));
     }
 
     /// A named error before the first step: 1 if the set-up failed with the expected one.
@@ -71,16 +53,12 @@ impl Outcome {
             Err(e) => (e.to_string(), f64::from(u8::from(expected(&e)))),
         };
         self.ours
-            .push(figure(format!("{what} is refused: {text}"), value, &(1.0..=1.0)));
+            .push(within(format!("{what} is refused: {text}"), value, &(1.0..=1.0)));
     }
 }
 
-fn figure(what: impl Into<String>, value: f64, range: &RangeInclusive<f64>) -> Figure {
-    Figure {
-        what: what.into(),
-        value,
-        range: [*range.start(), *range.end()],
-    }
+fn within(what: impl Into<String>, value: f64, range: &RangeInclusive<f64>) -> Check {
+    Check::new(what, value, Accept::Between(*range.start(), *range.end()))
 }
 
 /// One hard case.

@@ -1,7 +1,7 @@
 //! The papers' parameter study on the line: weighting, junction length, mediator, locking.
 
-use super::row::{Accept, Row, short};
-use super::{Done, Figure, Report, Series, at};
+use super::check::{Accept, Check, short};
+use super::{Figure, Report, Runs, Series, at};
 use crate::line::{Line, Product, rest};
 use crate::waves;
 use arlequin::core::weight::Profile;
@@ -12,8 +12,8 @@ const J13: &str = "Jebahi et al. 2013";
 const J14: &str = "Jebahi et al. 2014";
 
 /// Constant weights in the overlap: energy weighting is transparent, the nodal law is not conservative.
-pub(super) fn weighting(_: &Done) -> Result<Report> {
-    let mut rows = Vec::new();
+pub(super) fn weighting(_: &Runs) -> Result<Report> {
+    let mut checks = Vec::new();
     for alpha in [0.3, 0.5, 0.8] {
         let (t, r) = (2.0 * (1.0 - alpha), 2.0 * alpha - 1.0);
         for weighting in [Weighting::Nodal, Weighting::Energy] {
@@ -39,29 +39,26 @@ pub(super) fn weighting(_: &Done) -> Result<Report> {
                 (Accept::Between(0.995, 1.005), Accept::AtMost(0.02))
             };
             let source = "Jebahi et al. 2013, 2(1-alpha)";
-            rows.push(Row::against(name("t"), p.t, t, source, accept_t).note(note));
+            checks.push(Check::against(name("t"), p.t, t, source, accept_t).note(note));
             // Printed with the sign of the force, which a displacement has turned round.
-            let r_row = Row::against(name("r"), -p.r, r, J13, accept_r);
-            rows.push(if nodal {
+            let r_row = Check::against(name("r"), -p.r, r, J13, accept_r);
+            checks.push(if nodal {
                 r_row.note("printed is 1 - t, not a measured reflection; here it is what comes back")
             } else {
                 r_row
             });
             let what = name("relative change of energy");
-            rows.push(if nodal {
+            checks.push(if nodal {
                 // The impedances of both models outside of the overlap are alike.
                 let expected = t * t + r * r - 1.0;
                 let source = "t^2 + r^2 - 1 of their coefficients";
-                Row::against(what, p.energy, expected, source, Accept::Absolute(0.05))
+                Check::against(what, p.energy, expected, source, Accept::Absolute(0.05))
             } else {
-                Row::new(what, p.energy, Accept::AtMost(1e-3))
+                Check::new(what, p.energy, Accept::AtMost(1e-3))
             });
         }
     }
-    Ok(Report {
-        rows,
-        figures: Vec::new(),
-    })
+    Ok(checks.into())
 }
 
 /// Condition of the multiplier operator.
@@ -110,8 +107,8 @@ fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
 }
 
 /// cond(A) against l, the best l by width and mediator, cond(A) against the smallest weight.
-pub(super) fn conditioning(_: &Done) -> Result<Report> {
-    let mut rows = Vec::new();
+pub(super) fn conditioning(_: &Runs) -> Result<Report> {
+    let mut checks = Vec::new();
     let mut curves = Vec::new();
     // Beam A has h_C = 0.47 mm and h_D = 0.1 mm: overlaps of 2, 4, 6 mm are 20, 40, 60 particles.
     for (overlap, published) in [(20.0, [230.0, 0.01]), (40.0, [230.0, 2.2]), (60.0, [238.0, 12.0])] {
@@ -123,8 +120,8 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
                 (false, "fine")
             };
             if coarse {
-                rows.push(
-                    Row::against(
+                checks.push(
+                    Check::against(
                         format!("l_opt / h_B, L_O = {} h_D, coarse mediator", short(overlap)),
                         best.0,
                         published / reference,
@@ -143,7 +140,7 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
                 Product::H1(published / reference * mediator),
             );
             let cost = condition(&theirs).map_err(at("conditioning"))? / best.1;
-            let row = Row::new(
+            let row = Check::new(
                 format!(
                     "cond(their l) / cond(l_opt), L_O = {} h_D, {name} mediator",
                     short(overlap)
@@ -151,7 +148,7 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
                 cost,
                 Accept::AtMost(4.0),
             );
-            rows.push(row.note(format!(
+            checks.push(row.note(format!(
                 "theirs {} h_B, ours {} h_B",
                 short(published / reference),
                 short(best.0)
@@ -163,15 +160,15 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
                 short(overlap)
             );
             let least = if coarse { 1.3 } else { 3.0 };
-            rows.push(
-                Row::new(name, plain / best.1, Accept::AtLeast(least)).note("what the best length gains"),
+            checks.push(
+                Check::new(name, plain / best.1, Accept::AtLeast(least)).note("what the best length gains"),
             );
             if overlap > 50.0 {
                 let l = lengths();
                 let growth = curve[curve.len() - 1] / best.1;
                 let label = if coarse { "h_B = 4 h_D" } else { "h_B = h_D" };
-                rows.push(
-                    Row::new(
+                checks.push(
+                    Check::new(
                         format!("cond(3 h_B) / cond(l_opt), {label}"),
                         growth,
                         Accept::AtLeast(10.0),
@@ -182,10 +179,10 @@ pub(super) fn conditioning(_: &Done) -> Result<Report> {
             }
         }
     }
-    epsilon_rows(&mut rows)?;
+    epsilon_rows(&mut checks)?;
     let figure = condition_figure(curves);
     Ok(Report {
-        rows,
+        checks,
         figures: vec![figure],
     })
 }
@@ -204,7 +201,7 @@ fn condition_figure(curves: Vec<Series>) -> Figure {
     }
 }
 
-fn epsilon_rows(rows: &mut Vec<Row>) -> Result<()> {
+fn epsilon_rows(checks: &mut Vec<Check>) -> Result<()> {
     let published = [(0.05, 2.53e4), (0.005, 8.93e4), (0.0005, 5.67e5)];
     let mut first = [0.0; 2];
     for (epsilon, reference) in published {
@@ -225,7 +222,7 @@ fn epsilon_rows(rows: &mut Vec<Row>) -> Result<()> {
                 continue;
             }
             let name = if k == 0 { "energy" } else { "nodal" };
-            let row = Row::against(
+            let row = Check::against(
                 format!("cond(A) over that of epsilon = 0.05, epsilon = {epsilon}, {name} weighting"),
                 c / first[k],
                 reference / 2.53e4,
@@ -237,7 +234,7 @@ fn epsilon_rows(rows: &mut Vec<Row>) -> Result<()> {
                     Accept::Between(0.9 * 0.05 / epsilon, 1.1 * 0.05 / epsilon)
                 },
             );
-            rows.push(row.note(if k == 0 {
+            checks.push(row.note(if k == 0 {
                 "element means keep it flat, which is what we expect; theirs grows as nodal masses vanish"
             } else {
                 "the smallest nodal mass goes with epsilon: the condition grows as 1/epsilon"
@@ -248,8 +245,8 @@ fn epsilon_rows(rows: &mut Vec<Row>) -> Result<()> {
 }
 
 /// Largest reflection below the cutoff against `h_B`, for the papers' three settings.
-pub(super) fn mediator(_: &Done) -> Result<Report> {
-    let mut rows = Vec::new();
+pub(super) fn mediator(_: &Runs) -> Result<Report> {
+    let mut checks = Vec::new();
     let mut curves = Vec::new();
     let settings: [(f64, f64, f64, &[f64]); 3] = [
         (5.0, 20.0, 2.0, &[1.0, 2.0, 2.5, 4.0, 5.0, 10.0]),
@@ -279,7 +276,7 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
         let best = (0..tried.len()).fold(0, |a, k| if found[k] < found[a] { k } else { a });
         let name = format!("h_C = {h} h_D, L_O = {overlap} h_D");
         let what = format!("best h_B / h_D, {name}");
-        let row = Row::against(what, tried[best], published, J14, Accept::Relative(0.3));
+        let row = Check::against(what, tried[best], published, J14, Accept::Relative(0.3));
         let upto = tried
             .iter()
             .zip(&found)
@@ -287,12 +284,12 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
             .map(|(_, r)| *r);
         let spread = upto.fold(0.0, f64::max) / found[best];
         if spread > 1.5 {
-            rows.push(row.note(
+            checks.push(row.note(
                 "ours: least reflection over 4.2 to 40 h_C; theirs is judged by eye on a free-end displacement",
             ));
         } else {
             let what = format!("largest over least reflection for h_B from h_D to h_C, {name}");
-            rows.push(Row::new(what, spread, Accept::AtMost(1.5)).note(
+            checks.push(Check::new(what, spread, Accept::AtMost(1.5)).note(
                 "all mediators reflect alike: the place of the least, which the papers name, says nothing",
             ));
         }
@@ -303,8 +300,8 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
                 a
             }
         });
-        rows.push(
-            Row::new(
+        checks.push(
+            Check::new(
                 format!("reflection at their h_B over the least one, {name}"),
                 found[near] / found[best],
                 Accept::AtMost(2.0),
@@ -318,7 +315,7 @@ pub(super) fn mediator(_: &Done) -> Result<Report> {
     }
     let figure = mediator_figure(curves);
     Ok(Report {
-        rows,
+        checks,
         figures: vec![figure],
     })
 }
@@ -339,8 +336,8 @@ fn mediator_figure(curves: Vec<Series>) -> Figure {
 }
 
 /// A steep pulse crosses the overlap: how far apart the two velocity fields are.
-pub(super) fn locking(_: &Done) -> Result<Report> {
-    let mut rows = Vec::new();
+pub(super) fn locking(_: &Runs) -> Result<Report> {
+    let mut checks = Vec::new();
     let mut curves = Vec::new();
     for (name, mediator, accept) in [
         ("fine", 1.0, Accept::AtMost(1e-6)),
@@ -352,15 +349,15 @@ pub(super) fn locking(_: &Done) -> Result<Report> {
             ..bench(Profile::Cubic, 40.0, mediator, 0.05, Product::L2)
         };
         let tie = waves::tie(&line, 12.0).map_err(at("locking"))?;
-        let row = Row::new(
+        let row = Check::new(
             format!("difference of the overlap velocities, {name} mediator"),
             tie.difference,
             accept,
         );
-        rows.push(row.note(format!(
+        checks.push(row.note(format!(
             "the papers: a fine mediator locks the two, a coarse one ties their means ({J13})"
         )));
-        rows.push(Row::new(
+        checks.push(Check::new(
             format!("difference of their means over the overlap, {name} mediator"),
             tie.mean_difference,
             Accept::AtMost(1e-10),
@@ -389,7 +386,7 @@ pub(super) fn locking(_: &Done) -> Result<Report> {
             .into(),
     };
     Ok(Report {
-        rows,
+        checks,
         figures: vec![figure],
     })
 }

@@ -1,40 +1,41 @@
 //! Curves as SVG: over time, or over anything else on linear or logarithmic axes.
 
 use crate::error::{Error, Result};
+use arlequin_scene::Table;
 use plotters::prelude::*;
 use std::path::Path;
 
 /// One curve.
 #[derive(Debug, Clone)]
-pub struct Curve<'a> {
+pub(crate) struct Curve<'a> {
     /// Legend.
-    pub name: String,
+    pub(crate) name: String,
     /// Times \[s\], or whatever the horizontal axis shows.
-    pub times: &'a [f64],
+    pub(crate) times: &'a [f64],
     /// Values in the unit of the plot.
-    pub values: Vec<f64>,
+    pub(crate) values: Vec<f64>,
 }
 
 /// A plot of curves.
 #[derive(Debug, Clone)]
-pub struct Plot<'a> {
+pub(crate) struct Plot<'a> {
     /// Headline.
-    pub title: String,
+    pub(crate) title: String,
     /// Quantity on the horizontal axis and its SI unit.
-    pub across: [&'a str; 2],
+    pub(crate) across: [&'a str; 2],
     /// Whether the horizontal and the vertical axis are logarithmic.
-    pub log: [bool; 2],
+    pub(crate) log: [bool; 2],
     /// Quantity on the vertical axis.
-    pub quantity: &'a str,
+    pub(crate) quantity: &'a str,
     /// Its SI unit.
-    pub unit: &'a str,
+    pub(crate) unit: &'a str,
     /// Curves.
-    pub curves: Vec<Curve<'a>>,
+    pub(crate) curves: Vec<Curve<'a>>,
 }
 
 impl<'a> Plot<'a> {
     /// A plot over time, linear.
-    pub fn over_time(title: String, quantity: &'a str, unit: &'a str, curves: Vec<Curve<'a>>) -> Self {
+    pub(crate) fn over_time(title: String, quantity: &'a str, unit: &'a str, curves: Vec<Curve<'a>>) -> Self {
         Self {
             title,
             across: ["time", "s"],
@@ -43,6 +44,63 @@ impl<'a> Plot<'a> {
             unit,
             curves,
         }
+    }
+}
+
+/// Columns of the energy and their names in the legend.
+const ENERGIES: [(&str, &str); 3] = [
+    ("kinetic [J]", "kinetic"),
+    ("internal [J]", "internal"),
+    ("invariant [J]", "invariant H"),
+];
+
+/// Plots the tables of a run into a folder.
+pub(crate) fn run(folder: &Path, title: &str, probes: &Table, energy: &Table) -> Result<()> {
+    for (file, name, unit) in [
+        ("displacement.svg", "displacement", "m"),
+        ("velocity.svg", "velocity", "m/s"),
+        ("rotation.svg", "rotation", "rad"),
+    ] {
+        let label = format!(" {name} [{unit}]");
+        let curves = columns(probes, |n| n.strip_suffix(&label).map(str::to_owned));
+        let plot = Plot::over_time(headline(title, name), name, unit, curves);
+        draw(&folder.join(file), &plot)?;
+    }
+    let named = |n: &str| ENERGIES.iter().find(|e| e.0 == n).map(|e| e.1.to_owned());
+    let curves = columns(energy, named);
+    let plot = Plot::over_time(headline(title, "energy"), "energy", "J", curves);
+    draw(&folder.join("energy.svg"), &plot)?;
+    let work = |n: &str| Some(n.strip_prefix("work ")?.strip_suffix(" [J]")?.to_owned());
+    let mut curves = columns(energy, work);
+    curves.extend(columns(energy, |n| {
+        (n == "drift [J]").then(|| "unexplained drift of H".to_owned())
+    }));
+    let plot = Plot::over_time(
+        headline(title, "energy ledger"),
+        "work since the start",
+        "J",
+        curves,
+    );
+    draw(&folder.join("ledger.svg"), &plot)
+}
+
+/// The columns of a table that are named.
+fn columns(table: &Table, name: impl Fn(&str) -> Option<String>) -> Vec<Curve<'_>> {
+    let curve = |(n, values): (&String, &Vec<f64>)| {
+        Some(Curve {
+            name: name(n)?,
+            times: &table.times,
+            values: values.clone(),
+        })
+    };
+    table.names.iter().zip(&table.columns).filter_map(curve).collect()
+}
+
+fn headline(title: &str, what: &str) -> String {
+    if title.is_empty() {
+        what.to_owned()
+    } else {
+        format!("{title}: {what}")
     }
 }
 
@@ -106,7 +164,7 @@ fn thinned(times: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
 }
 
 /// Draws a plot, if there is anything to draw.
-pub fn draw(path: &Path, plot: &Plot<'_>) -> Result<()> {
+pub(crate) fn draw(path: &Path, plot: &Plot<'_>) -> Result<()> {
     if plot.curves.iter().all(|c| c.times.len() < 2) {
         return Ok(());
     }

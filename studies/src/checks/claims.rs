@@ -1,7 +1,7 @@
 //! Claims of the papers that our formulation contradicts, by name and with numbers.
 
-use super::row::{Accept, Row, short};
-use super::{Done, Report, at};
+use super::check::{Accept, Check, short};
+use super::{Report, Runs, at};
 use crate::claims as runs;
 use crate::line::{COARSE, FINE, Line};
 use crate::waves;
@@ -14,18 +14,15 @@ const DIRECTION: &str =
 const DAMPING: &str = "the papers: a wide overlap with a fine mediator damps the global wave";
 
 /// Both claims.
-pub(super) fn claims(_: &Done) -> Result<Report> {
-    let mut rows = direction()?;
-    rows.extend(damping()?);
-    Ok(Report {
-        rows,
-        figures: Vec::new(),
-    })
+pub(super) fn claims(_: &Runs) -> Result<Report> {
+    let mut checks = direction()?;
+    checks.extend(damping()?);
+    Ok(checks.into())
 }
 
 /// A conserving, symmetric coupling is reciprocal: at one frequency it reflects the same share either way.
-fn direction() -> Result<Vec<Row>> {
-    let mut rows = Vec::new();
+fn direction() -> Result<Vec<Check>> {
+    let mut checks = Vec::new();
     for (name, mediator) in [("h_B = h_C", 10.0), ("h_B = h_D", 1.0)] {
         let line = Line {
             profile: Profile::Cubic,
@@ -35,11 +32,11 @@ fn direction() -> Result<Vec<Row>> {
         let waves = waves::wavelengths(3.5, 40.0, 100);
         let [r, t] = runs::one_way_beside_the_other(&line, &waves).map_err(at("claims"))?;
         let what = |q: &str| format!("{q}, bar to chain beside chain to bar, {name}, harmonic");
-        rows.push(
-            Row::new(what("largest difference of |r|"), r, Accept::AtMost(1e-9))
+        checks.push(
+            Check::new(what("largest difference of |r|"), r, Accept::AtMost(1e-9))
                 .note(format!("{DIRECTION} ({J13})")),
         );
-        rows.push(Row::new(
+        checks.push(Check::new(
             what("largest difference of the power that passes"),
             t,
             Accept::AtMost(1e-9),
@@ -51,11 +48,11 @@ fn direction() -> Result<Vec<Row>> {
         };
         let apart = runs::reciprocity(&short_line, 1500).map_err(at("claims"))?;
         let what = format!("impulse on a particle felt at a bar node beside the reverse, {name}, time runs");
-        rows.push(Row::new(what, apart, Accept::AtMost(1e-10)));
+        checks.push(Check::new(what, apart, Accept::AtMost(1e-10)));
         let back = |side| runs::comes_back(&line, side, 42.0, 600.0).map_err(at("claims"));
         let [bar, chain] = [back(COARSE)?, back(FINE)?];
-        rows.push(
-            Row::against(
+        checks.push(
+            Check::against(
                 format!("energy that comes back into the bar, packet of 42 r, {name}, time runs"),
                 bar,
                 chain,
@@ -65,12 +62,12 @@ fn direction() -> Result<Vec<Row>> {
             .note(format!("{DIRECTION}; a packet of one frequency does not")),
         );
     }
-    Ok(rows)
+    Ok(checks)
 }
 
 /// Whatever the mediator, energy stays; what a fine one does in a wide overlap is to reflect.
-fn damping() -> Result<Vec<Row>> {
-    let mut rows = Vec::new();
+fn damping() -> Result<Vec<Check>> {
+    let mut checks = Vec::new();
     let wide = |mediator| Line {
         profile: Profile::Cubic,
         overlap: 80.0,
@@ -87,22 +84,22 @@ fn damping() -> Result<Vec<Row>> {
             ..wide(mediator)
         };
         let after = runs::to_and_fro(&line, 150.0, 4).map_err(at("claims"))?;
-        let row = Row::against(
+        let row = Check::against(
             format!("energy of a long pulse after eight passages, L_O = 8 h_C, {name}"),
             after.kept,
             1.0,
             "conservation",
             Accept::Absolute(1e-3),
         );
-        rows.push(row.note(format!("{DAMPING} ({J13})")));
-        rows.push(Row::new(
+        checks.push(row.note(format!("{DAMPING} ({J13})")));
+        checks.push(Check::new(
             format!("drift of H, the same, {name}"),
             after.drift,
             Accept::AtMost(1e-10),
         ));
         let p = waves::long_pulse(&wide(mediator)).map_err(at("claims"))?;
         let name = format!("t of a pulse of 600 r, L_O = 8 h_C, {name}");
-        rows.push(Row::against(
+        checks.push(Check::against(
             name,
             p.t,
             1.0,
@@ -111,8 +108,8 @@ fn damping() -> Result<Vec<Row>> {
         ));
     }
     let (fine, coarse) = (top(1.0)?, top(10.0)?);
-    rows.push(
-        Row::new(
+    checks.push(
+        Check::new(
             "largest |r|, h_B = h_D over h_B = h_C, L_O = 8 h_C",
             fine / coarse,
             Accept::AtLeast(2.0),
@@ -123,5 +120,5 @@ fn damping() -> Result<Vec<Row>> {
             short(coarse)
         )),
     );
-    Ok(rows)
+    Ok(checks)
 }

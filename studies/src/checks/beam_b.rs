@@ -1,8 +1,8 @@
 //! Beam B: tension, bending, torsion and an initial velocity of the large beam.
 
 use super::beams::{Deck, Record, RunSpec, Theory};
-use super::row::{Accept, Row};
-use super::{Done, Figure, Report};
+use super::check::{Accept, Check};
+use super::{Figure, Report, Runs};
 use arlequin_scene::Result;
 
 const BAR: Theory = Theory {
@@ -174,13 +174,13 @@ fn found(l: &Load, r: &Record) -> [f64; 2] {
     [r.mean(l.probe), r.frequency(l.probe, (l.guess)(BAR))]
 }
 
-fn alone_rows(kind: &str, l: &Load, r: &Record) -> Vec<Row> {
+fn alone_rows(kind: &str, l: &Load, r: &Record) -> Vec<Check> {
     let column = if kind == "dem" { 1 } else { 2 };
-    let mut rows = Vec::new();
+    let mut checks = Vec::new();
     for (k, ours) in found(l, r).into_iter().enumerate() {
         let name = format!("{kind}, {}: {}", l.name, l.units[k]);
         let most = band(kind, l.name)[k];
-        rows.push(Row::against(
+        checks.push(Check::against(
             name.clone(),
             ours,
             l.truth[k],
@@ -189,30 +189,36 @@ fn alone_rows(kind: &str, l: &Load, r: &Record) -> Vec<Row> {
         ));
         let printed = l.printed[k][column].filter(|_| kind != "fem");
         if let Some(p) = printed {
-            rows.push(Row::against(name, ours, p, J13, Accept::Relative(most.max(0.08))));
+            checks.push(Check::against(
+                name,
+                ours,
+                p,
+                J13,
+                Accept::Relative(most.max(0.08)),
+            ));
         }
     }
-    rows.extend(r.health(&format!("{kind}, {}", l.name)).into_iter().take(1));
-    rows
+    checks.extend(r.health(&format!("{kind}, {}", l.name)).into_iter().take(1));
+    checks
 }
 
-fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<Row> {
-    let mut rows = Vec::new();
+fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<Check> {
+    let mut checks = Vec::new();
     let ours = found(l, r);
     for k in 0..2 {
         let name = format!("{kind}, {}: {}", l.name, l.units[k]);
         let accept = Accept::Relative(l.most[k]);
         let theory = (l.theory)(BAR)[k];
-        rows.push(
-            Row::against(name.clone(), ours[k], theory, "beam theory, with shear", accept)
+        checks.push(
+            Check::against(name.clone(), ours[k], theory, "beam theory, with shear", accept)
                 .note("accepted: the papers' own coupling error"),
         );
-        rows.push(Row::against(name.clone(), ours[k], l.truth[k], SOLID, accept));
+        checks.push(Check::against(name.clone(), ours[k], l.truth[k], SOLID, accept));
         if l.name == "bending" {
             let thin = [BAR.thin_deflection(), BAR.thin_bending()][k];
             let own = (l.truth[k] / thin - 1.0).abs();
-            rows.push(
-                Row::against(
+            checks.push(
+                Check::against(
                     name.clone(),
                     ours[k],
                     thin,
@@ -223,22 +229,22 @@ fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<R
             );
         }
         if let Some(d) = dem {
-            rows.push(beside_dem(kind, l, k, ours[k], d));
+            checks.push(beside_dem(kind, l, k, ours[k], d));
         }
         if let Some(p) = l.printed[k][3] {
-            rows.push(Row::against(name, ours[k], p, J13, Accept::Relative(0.15)));
+            checks.push(Check::against(name, ours[k], p, J13, Accept::Relative(0.15)));
         }
     }
-    rows.extend(r.health(&format!("{kind}, {}", l.name)));
-    rows
+    checks.extend(r.health(&format!("{kind}, {}", l.name)));
+    checks
 }
 
 /// A coupled value beside that of our particles alone. These are off a solid by themselves, in modulus above all, which
 /// a part made of continuum does not share; where that shows (the axial frequency, finite elements) it is added.
-fn beside_dem(kind: &str, l: &Load, k: usize, ours: f64, dem: &Record) -> Row {
+fn beside_dem(kind: &str, l: &Load, k: usize, ours: f64, dem: &Record) -> Check {
     let alone = found(l, dem)[k];
     let name = format!("{kind}, {}: {}", l.name, l.units[k]);
-    let row = |most: f64| Row::against(name, ours, alone, "our DEM alone", Accept::Relative(most));
+    let row = |most: f64| Check::against(name, ours, alone, "our DEM alone", Accept::Relative(most));
     if kind == "cnem-dem" && !(l.name == "tension" && k == 1) {
         return row(l.most[k]);
     }
@@ -247,7 +253,7 @@ fn beside_dem(kind: &str, l: &Load, k: usize, ours: f64, dem: &Record) -> Row {
 }
 
 /// Tension with a continuum of the packing's modulus: what is left is the coupling.
-fn matched(done: &Done) -> Vec<Row> {
+fn matched(done: &Runs) -> Vec<Check> {
     let l = &LOADS[0];
     let (Some(r), Some(d)) = (done.get("b/cnem-dem matched"), done.get("b/dem tension")) else {
         return Vec::new();
@@ -258,7 +264,7 @@ fn matched(done: &Done) -> Vec<Row> {
             "cnem-dem, continuum of the packing's modulus, tension: {}",
             l.units[k]
         );
-        Row::against(
+        Check::against(
             name,
             ours[k],
             alone[k],
@@ -270,22 +276,22 @@ fn matched(done: &Done) -> Vec<Row> {
 }
 
 /// Rows and figures.
-pub(super) fn evaluate(done: &Done) -> Result<Report> {
-    let mut rows = Vec::new();
+pub(super) fn evaluate(done: &Runs) -> Result<Report> {
+    let mut checks = Vec::new();
     for l in &LOADS {
         for kind in ["fem", "cnem", "dem"] {
             if let Some(r) = done.get(&format!("b/{kind} {}", l.name)) {
-                rows.extend(alone_rows(kind, l, r));
+                checks.extend(alone_rows(kind, l, r));
             }
         }
         let dem = done.get(&format!("b/dem {}", l.name));
         for kind in ["cnem-dem", "fem-dem"] {
             if let Some(r) = done.get(&format!("b/{kind} {}", l.name)) {
-                rows.extend(coupled_rows(kind, l, r, dem));
+                checks.extend(coupled_rows(kind, l, r, dem));
             }
         }
     }
-    rows.extend(matched(done));
+    checks.extend(matched(done));
     // A velocity V x/L stretches the bar to V L/2c, when its wave has run along it once.
     let theory = 1.0 * BAR.length / (2.0 * 4.0 * BAR.length * BAR.axial(0));
     for kind in ["fem", "cnem", "dem", "cnem-dem", "fem-dem"] {
@@ -294,17 +300,17 @@ pub(super) fn evaluate(done: &Done) -> Result<Report> {
         };
         let top = r.probe("pulled").iter().fold(0.0f64, |m, u| m.max(u.abs()));
         let name = format!("{kind}, initial velocity: largest U_x [m]");
-        rows.push(Row::against(
+        checks.push(Check::against(
             name,
             top,
             theory,
             "beam theory",
             Accept::Relative(0.05),
         ));
-        rows.extend(r.health(&format!("{kind}, initial velocity")).into_iter().take(2));
+        checks.extend(r.health(&format!("{kind}, initial velocity")).into_iter().take(2));
     }
     Ok(Report {
-        rows,
+        checks,
         figures: figures(done),
     })
 }
@@ -341,7 +347,7 @@ const PICTURES: [(&str, &str, &str, &str, [&str; 2]); 4] = [
     ),
 ];
 
-fn figures(done: &Done) -> Vec<Figure> {
+fn figures(done: &Runs) -> Vec<Figure> {
     let mut out = Vec::new();
     for (load, probe, file, title, axis) in PICTURES {
         let kinds = [

@@ -1,6 +1,6 @@
 //! Runs of the beam scenes, what is kept of them, and beam theory.
 
-use super::row::{Accept, Row};
+use super::check::{Accept, Check};
 use crate::solid::momentum_scale;
 use arlequin::core::observer::Silent;
 use arlequin_scene::error::{Error, Result, core, write};
@@ -211,22 +211,22 @@ impl Record {
     }
 
     /// Ledger, constraint and condition of the run.
-    pub fn health(&self, key: &str) -> Vec<Row> {
-        let mut rows = vec![Row::new(
+    pub fn health(&self, key: &str) -> Vec<Check> {
+        let mut checks = vec![Check::new(
             format!("{key}: drift of H, ledger closed"),
             self.drift,
             Accept::AtMost(1e-9),
         )];
         if let Some(condition) = self.condition {
             let name = format!("{key}: constraint residual");
-            rows.push(Row::new(name, self.residual, Accept::AtMost(1e-9)));
+            checks.push(Check::new(name, self.residual, Accept::AtMost(1e-9)));
             let [all, rank] = self.multipliers;
-            rows.push(
-                Row::new(format!("{key}: cond(A)"), condition, Accept::AtMost(1e6))
+            checks.push(
+                Check::new(format!("{key}: cond(A)"), condition, Accept::AtMost(1e6))
                     .note(format!("{all} multipliers, {rank} independent")),
             );
         }
-        rows
+        checks
     }
 
     /// A curve for a figure.

@@ -3,16 +3,17 @@
 mod beam_a;
 mod beam_b;
 mod beams;
+mod check;
 mod choices;
 mod claims;
-mod row;
 mod solids;
 mod theory;
 
 use arlequin_scene::Progress;
 use arlequin_scene::error::{Error, Result, unknown};
 use beams::{Record, RunSpec};
-pub use row::{Accept, Row, short};
+pub use check::{Accept, Check, short};
+pub use solids::cantilever_cell;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
@@ -42,20 +43,31 @@ pub struct Figure {
 #[derive(Debug, Clone, Default)]
 pub struct Report {
     /// Rows of the table.
-    pub rows: Vec<Row>,
+    pub checks: Vec<Check>,
     /// Pictures.
     pub figures: Vec<Figure>,
 }
 
+impl From<Vec<Check>> for Report {
+    fn from(checks: Vec<Check>) -> Self {
+        Self {
+            checks,
+            figures: Vec::new(),
+        }
+    }
+}
+
 /// What the runs of scenes gave, by their keys, and whether only the cheap ones were made.
 #[derive(Debug)]
-pub struct Done {
+pub struct Runs {
     records: BTreeMap<String, Record>,
     /// Whether only the cheap variants are wanted.
     pub quick: bool,
+    /// Whether pictures are wanted.
+    pub figures: bool,
 }
 
-impl Done {
+impl Runs {
     /// The record of a run, if it was made.
     pub fn get(&self, key: &str) -> Option<&Record> {
         self.records.get(key)
@@ -70,14 +82,14 @@ pub struct Case {
     /// One line about it.
     pub about: &'static str,
     runs: fn(bool) -> Vec<RunSpec>,
-    evaluate: fn(&Done) -> Result<Report>,
+    evaluate: fn(&Runs) -> Result<Report>,
 }
 
 fn none(_: bool) -> Vec<RunSpec> {
     Vec::new()
 }
 
-const fn cheap(name: &'static str, about: &'static str, evaluate: fn(&Done) -> Result<Report>) -> Case {
+const fn cheap(name: &'static str, about: &'static str, evaluate: fn(&Runs) -> Result<Report>) -> Case {
     Case {
         name,
         about,
@@ -192,6 +204,20 @@ pub fn choose(names: &[String]) -> Result<Vec<&'static Case>> {
     names.iter().map(find).collect()
 }
 
+/// All checks of a case that needs no runs of scenes, without its pictures.
+///
+/// # Errors
+/// An unknown name; failed runs.
+pub fn checks(name: &str) -> Result<Vec<Check>> {
+    let runs = Runs {
+        records: BTreeMap::new(),
+        quick: true,
+        figures: false,
+    };
+    let case = choose(&[name.to_owned()])?;
+    Ok((case[0].evaluate)(&runs)?.checks)
+}
+
 /// Runs cases; one report each.
 ///
 /// # Errors
@@ -200,13 +226,16 @@ pub fn run(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) -> Re
     let done = run_scenes(cases, options, progress)?;
     in_parallel(cases, options.threads, "cases", progress, |case| {
         let mut report = (case.evaluate)(&done)?;
-        report.rows.iter_mut().for_each(|r| r.case = case.name.to_owned());
+        report
+            .checks
+            .iter_mut()
+            .for_each(|r| r.case = case.name.to_owned());
         Ok(report)
     })
 }
 
 /// Makes every run the cases need once, the dearest first.
-fn run_scenes(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) -> Result<Done> {
+fn run_scenes(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) -> Result<Runs> {
     let mut specs: Vec<RunSpec> = Vec::new();
     for spec in cases.iter().flat_map(|c| (c.runs)(options.quick)) {
         if specs.iter().all(|s| s.key != spec.key) {
@@ -218,9 +247,10 @@ fn run_scenes(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) ->
         s.run_or_recall(options.kept)
     })?;
     let keys = specs.into_iter().map(|s| s.key);
-    Ok(Done {
+    Ok(Runs {
         records: keys.zip(records).collect(),
         quick: options.quick,
+        figures: true,
     })
 }
 

@@ -1,8 +1,8 @@
 //! Beam A: tension of the small beam.
 
 use super::beams::{Deck, Record, RunSpec, Theory};
-use super::row::{Accept, Row};
-use super::{Done, Figure, Report};
+use super::check::{Accept, Check};
+use super::{Figure, Report, Runs};
 use arlequin_scene::Result;
 
 const BAR: Theory = Theory {
@@ -88,23 +88,23 @@ fn found(r: &Record) -> [f64; 4] {
 }
 
 /// Rows of one run against theory, solid and print.
-fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Row> {
+fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Check> {
     let ours = found(r);
     let theory = [BAR.elongation(), BAR.axial(0), BAR.axial(1), BAR.axial(2)];
-    let mut rows = Vec::new();
+    let mut checks = Vec::new();
     for k in 0..4 {
         let name = format!("{kind}: {}", NAMES[k]);
         let accept = Accept::Relative(most[k]);
-        rows.push(Row::against(
+        checks.push(Check::against(
             name.clone(),
             ours[k],
             theory[k],
             "beam theory",
             accept,
         ));
-        rows.push(Row::against(name.clone(), ours[k], TRUTH[k], SOLID, accept));
+        checks.push(Check::against(name.clone(), ours[k], TRUTH[k], SOLID, accept));
         if let Some((_, printed)) = PRINTED.iter().find(|p| p.0 == kind) {
-            rows.push(Row::against(
+            checks.push(Check::against(
                 name,
                 ours[k],
                 printed[k],
@@ -113,39 +113,39 @@ fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Row> {
             ));
         }
     }
-    rows.extend(r.health(kind));
-    rows
+    checks.extend(r.health(kind));
+    checks
 }
 
 /// A short packet with and without absorber.
-fn packet_rows(done: &Done) -> Vec<Row> {
-    let mut rows = Vec::new();
+fn packet_rows(done: &Runs) -> Vec<Check> {
+    let mut checks = Vec::new();
     let kept = |key: &str| done.get(key).map(|r| r.energies.iter().sum::<f64>());
     if let (Some(bare), Some(absorbed)) = (kept("a/cnem-dem packet"), kept("a/cnem-dem packet absorbed")) {
-        rows.push(Row::against(
+        checks.push(Check::against(
             "short packet in the particles: energy kept over 20 us, no absorber",
             bare,
             1.0,
             "conservation",
             Accept::Absolute(0.01),
         ));
-        rows.push(
-            Row::new("the same with absorber", absorbed, Accept::AtMost(0.9))
+        checks.push(
+            Check::new("the same with absorber", absorbed, Accept::AtMost(0.9))
                 .note("a packing scatters short waves: they come to the overlap, and leave, bit by bit"),
         );
         let drift = |key: &str| done.get(key).map_or(f64::NAN, |r| r.drift);
-        rows.push(Row::new(
+        checks.push(Check::new(
             "the same: drift of H, ledger closed",
             drift("a/cnem-dem packet absorbed"),
             Accept::AtMost(1e-9),
         ));
     }
-    rows
+    checks
 }
 
 /// Rows and figures.
-pub(super) fn evaluate(done: &Done) -> Result<Report> {
-    let mut rows = Vec::new();
+pub(super) fn evaluate(done: &Runs) -> Result<Report> {
+    let mut checks = Vec::new();
     // The mean of a packing's modulus lies 2.5 % above the printed one, with nothing fitted; coarse meshes err in the
     // third frequency.
     for (kind, most) in [
@@ -154,40 +154,40 @@ pub(super) fn evaluate(done: &Done) -> Result<Report> {
         ("dem", [0.04, 0.025, 0.025, 0.03]),
     ] {
         if let Some(r) = done.get(&format!("a/{kind}")) {
-            rows.extend(rows_of(kind, r, most));
+            checks.extend(rows_of(kind, r, most));
         }
     }
     for kind in ["cnem-dem", "fem-dem", "cnem-dem wide", "cnem-dem constant"] {
         if let Some(r) = done.get(&format!("a/{kind}")) {
-            rows.extend(rows_of(kind, r, [0.03, 0.02, 0.02, 0.03]));
+            checks.extend(rows_of(kind, r, [0.03, 0.02, 0.02, 0.03]));
         }
     }
     if let Some(r) = done.get("a/cnem-dem constant") {
         let u = r.mean("free-end");
-        let row = Row::against(
+        let row = Check::against(
             "cnem-dem constant: U_mean [m]",
             u,
             0.081e-3,
             "Jebahi et al. 2013, 3.2.1",
             Accept::Relative(0.1),
         );
-        rows.push(row.note("theirs is 7 % below theory, ours is not: the nodal law is not conservative"));
+        checks.push(row.note("theirs is 7 % below theory, ours is not: the nodal law is not conservative"));
     }
     if let Some(r) = done.get("a/cnem-dem free") {
-        rows.push(Row::new(
+        checks.push(Check::new(
             "free beam, 400 steps: momenta",
             r.momentum,
             Accept::AtMost(1e-12),
         ));
     }
-    rows.extend(packet_rows(done));
+    checks.extend(packet_rows(done));
     Ok(Report {
-        rows,
+        checks,
         figures: figures(done),
     })
 }
 
-fn figures(done: &Done) -> Vec<Figure> {
+fn figures(done: &Runs) -> Vec<Figure> {
     let mut out = Vec::new();
     let curves = |list: &[(&str, &str)], probe: &str| -> Vec<_> {
         let all = list

@@ -1,4 +1,4 @@
-//! Rows of the table: a number of ours beside one of the literature, and what is accepted.
+//! One check: a number of ours, one of the literature beside it where there is one, and what is accepted.
 
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ pub enum Accept {
     Absolute(f64),
     /// Modulus at most this.
     AtMost(f64),
-    /// At least this.
+    /// Finite and at least this.
     AtLeast(f64),
     /// Between these.
     Between(f64, f64),
@@ -24,12 +24,13 @@ impl Accept {
             Self::Relative(most) => apart.is_some_and(|d| d <= most * reference.unwrap_or_default().abs()),
             Self::Absolute(most) => apart.is_some_and(|d| d <= most),
             Self::AtMost(most) => ours.abs() <= most,
-            Self::AtLeast(least) => ours >= least,
+            Self::AtLeast(least) => ours >= least && ours.is_finite(),
             Self::Between(low, high) => (low..=high).contains(&ours),
         }
     }
 
-    fn text(self) -> String {
+    /// In words.
+    pub fn text(self) -> String {
         match self {
             Self::Relative(most) => format!("within {} %", short(100.0 * most)),
             Self::Absolute(most) => format!("within {}", short(most)),
@@ -42,7 +43,7 @@ impl Accept {
 
 /// One comparison.
 #[derive(Debug, Clone, Serialize)]
-pub struct Row {
+pub struct Check {
     /// Case it belongs to.
     pub case: String,
     /// What is compared, with its unit.
@@ -55,16 +56,20 @@ pub struct Row {
     pub ours: f64,
     /// `(ours − reference)/|reference|`.
     pub relative_difference: Option<f64>,
-    /// What is accepted, in words.
-    pub acceptance: String,
+    /// What is accepted.
+    #[serde(rename = "acceptance")]
+    pub accept: Accept,
     /// Whether it holds.
     pub pass: bool,
     /// Why this is accepted, where it needs saying.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub note: String,
+    /// Whether it stands in the table; one that does not is a bound of our own, shown only where it fails.
+    #[serde(skip)]
+    pub listed: bool,
 }
 
-impl Row {
+impl Check {
     /// A number that must satisfy a condition of its own.
     pub fn new(quantity: impl Into<String>, ours: f64, accept: Accept) -> Self {
         Self::build(quantity.into(), ours, None, "", accept)
@@ -89,10 +94,18 @@ impl Row {
             source: source.to_owned(),
             ours,
             relative_difference: reference.filter(|r| *r != 0.0).map(|r| (ours - r) / r.abs()),
-            acceptance: accept.text(),
-            pass: ours.is_finite() && accept.holds(ours, reference),
+            accept,
+            pass: accept.holds(ours, reference),
             note: String::new(),
+            listed: true,
         }
+    }
+
+    /// The same outside the table.
+    #[must_use]
+    pub fn unlisted(mut self) -> Self {
+        self.listed = false;
+        self
     }
 
     /// The same with a remark.
@@ -100,6 +113,12 @@ impl Row {
     pub fn note(mut self, text: impl Into<String>) -> Self {
         self.note = text.into();
         self
+    }
+}
+
+impl Serialize for Accept {
+    fn serialize<S: serde::Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_str(&self.text())
     }
 }
 
@@ -126,14 +145,16 @@ mod tests {
 
     #[test]
     fn acceptance_is_decided_by_the_numbers() {
-        let row = |accept| Row::against("x", 1.02, 1.0, "s", accept);
+        let row = |accept| Check::against("x", 1.02, 1.0, "s", accept);
         assert!(row(Accept::Relative(0.021)).pass && !row(Accept::Relative(0.019)).pass);
         assert!(row(Accept::Absolute(0.021)).pass && !row(Accept::Absolute(0.019)).pass);
         assert!(row(Accept::AtMost(1.03)).pass && !row(Accept::AtLeast(1.03)).pass);
         assert!(row(Accept::Between(1.0, 1.1)).pass && !row(Accept::Between(1.1, 1.2)).pass);
-        assert!(!Row::new("x", f64::NAN, Accept::AtMost(1.0)).pass);
+        assert!(!Check::new("x", f64::NAN, Accept::AtMost(1.0)).pass);
+        assert!(!Check::new("x", f64::INFINITY, Accept::AtLeast(1.0)).pass);
+        assert!(Check::new("x", f64::INFINITY, Accept::Between(1.0, f64::INFINITY)).pass);
         // Without a reference there is nothing to be near to.
-        assert!(!Row::new("x", 1.0, Accept::Relative(1.0)).pass);
+        assert!(!Check::new("x", 1.0, Accept::Relative(1.0)).pass);
         let d = row(Accept::AtMost(2.0)).relative_difference;
         assert!(d.is_some_and(|d| (d - 0.02).abs() < 1e-12));
     }
