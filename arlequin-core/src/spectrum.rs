@@ -93,13 +93,15 @@ struct Tridiagonal<T> {
     rest: T,
 }
 
+/// Takes out of a new vector what must not be in it, given the one the step began with.
+type Orthogonalise<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
+
 /// Lanczos iteration on the symmetric `R K R` from a fixed start (so that the result is reproducible) until `settled`.
-/// `orthogonal` takes the vector the step began with, and takes out of the new one what must not be in it.
 fn lanczos<T: Real>(
     root: &[T],
     limit: usize,
     add_forces: &mut AddForces<'_, T>,
-    orthogonal: &mut dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>),
+    orthogonal: &mut Orthogonalise<'_, T>,
     settled: &mut dyn FnMut(&Tridiagonal<T>) -> Result<bool>,
 ) -> Result<()> {
     let n = root.len();
