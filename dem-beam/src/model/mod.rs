@@ -32,6 +32,7 @@ pub use select::LoadShare;
 pub(crate) use select::TOUCH;
 
 use crate::bond::BeamMaterial;
+use crate::critical;
 use crate::error::{Error, Result};
 use crate::fracture::SharedLog;
 use crate::fracture::state::FractureState;
