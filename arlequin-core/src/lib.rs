@@ -9,7 +9,7 @@
 //! | `model`, `field` | what a model offers: [`Model`], its roles [`CoarseModel`] and [`FineModel`], its [`Interpolation`] |
 //! | `overlap`, `profile`, `weight` | how models share energy: [`Slab`] and [`Shell`], [`Profile`], [`Ramp`], [`Weights`] |
 //! | `mediator`, `junction`, `interface` | how they are tied: [`Mediator`], [`Junction`], [`InterfaceSpec`] |
-//! | [`effect`], `time`, `motion` | loads, dampings, contact, supports |
+//! | [`effect`], `time` | loads, dampings, contact; time functions, of supports too |
 //! | `subdomain`, `coupled` | the step and the set-up: [`Subdomain`], [`Coupled`]; equilibrium in `statics` |
 //! | `ledger`, `momentum`, `observer`, [`snapshot`] | what a run says of itself, and how it goes on |
 //! | [`conformance`] | checks for those who write models, junctions or effects |
