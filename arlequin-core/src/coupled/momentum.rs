@@ -341,7 +341,7 @@ impl<T: Real> Coupled<T> {
                     doubt = Some(format!(
                         "'{}' does not say what its moments are",
                         p.line.effect.name()
-                    ))
+                    ));
                 }
             }
         }

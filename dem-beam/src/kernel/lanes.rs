@@ -71,7 +71,7 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn max(self, a: Self::V, b: Self::V) -> Self::V;
     /// Vector k holds entry k of the eight rows.
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES];
-    /// CacheLine k holds lane k of the eight vectors.
+    /// Cache line `k` holds lane k of the eight vectors.
     fn untranspose(self, v: [Self::V; LANES]) -> [[f64; LANES]; LANES];
     /// `x0 y0 z0 x1 y1 ...` of three vectors.
     #[inline(always)]
