@@ -88,7 +88,6 @@ fn options(table: &CnemTable) -> Options {
             Some(Masses::Cells) => Inertia::Cells,
             Some(Masses::Centroids) => Inertia::Centroids,
         },
-        ..default
     }
 }
 
