@@ -48,31 +48,26 @@ impl<E> Adjacency<E> {
     }
 
     /// Number of rows.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// Whether there is no row.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Where row `i` begins in [`Self::entries`]; `i` may be the number of rows.
-    #[must_use]
     pub fn start(&self, i: usize) -> usize {
         self.starts[i]
     }
 
     /// The entries of row `i`.
-    #[must_use]
     pub fn row(&self, i: usize) -> &[E] {
         &self.entries[self.starts[i]..self.starts[i + 1]]
     }
 
     /// All rows, one after the other.
-    #[must_use]
     pub fn entries(&self) -> &[E] {
         &self.entries
     }
@@ -92,7 +87,6 @@ impl<E> Adjacency<E> {
 
 impl Adjacency<[u32; 2]> {
     /// Other end and pair for either end of each pair, in the order of the pairs.
-    #[must_use]
     pub fn of_pairs(count: usize, pairs: &[[u32; 2]]) -> Self {
         let ends = |(p, &[i, j]): (usize, &[u32; 2])| [(i, [j, p as u32]), (j, [i, p as u32])];
         Self::new(count, pairs.iter().enumerate().flat_map(ends))
@@ -101,7 +95,6 @@ impl Adjacency<[u32; 2]> {
 
 impl Adjacency {
     /// Positions at which each of `count` things stands in `slots`, ascending.
-    #[must_use]
     pub fn of_slots(count: usize, slots: &[u32]) -> Self {
         Self::new(count, slots.iter().enumerate().map(|(at, &k)| (k, at as u32)))
     }

@@ -98,7 +98,6 @@ impl fmt::Display for Advice {
 
 /// What bonds that can break meet in an overlap of that `width` (where it has one) with mediator elements of length
 /// `element`, a smallest weight of `floor` of their model, and an absorber or none.
-#[must_use]
 pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) -> Vec<Advice> {
     let mut out = Vec::new();
     if let Some(width) = width.filter(|w| *w < (LEAST_LAYERS - 0.01) * element) {
@@ -115,7 +114,6 @@ pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) ->
 
 /// What keeps an absorber from reflecting 0.3 % of short waves at most: `jump` of the weight at its borders, coarse
 /// elements of length `element`, a fine model of that `spacing`.
-#[must_use]
 pub fn absorber(width: Option<f64>, jump: f64, element: f64, spacing: f64) -> Vec<Advice> {
     let mut out = Vec::new();
     if jump > LEAST_FLOOR {

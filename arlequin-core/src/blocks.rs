@@ -28,14 +28,12 @@ pub struct BlockMatrix<T> {
 impl<T: Real> BlockMatrix<T> {
     /// The zero matrix with blocks of `size` (3 or 1) where the pattern says: block row `i` has the ascending block
     /// columns `columns[starts[i]..starts[i + 1]]`.
-    #[must_use]
     pub fn zeros(size: usize, starts: Vec<usize>, columns: Vec<u32>) -> Self {
         let values = vec![T::zero(); columns.len() * size * size];
         Self::new(size, starts, columns, values)
     }
 
     /// The matrix of a pattern (see [`BlockMatrix::zeros`]) with its `values`, block after block, each by rows.
-    #[must_use]
     pub fn new(size: usize, starts: Vec<usize>, columns: Vec<u32>, values: Vec<T>) -> Self {
         debug_assert_eq!(values.len(), columns.len() * size * size);
         Self {
@@ -178,6 +176,7 @@ impl<T: Real> BlockMatrix<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
     use nalgebra::Matrix3;
 
     /// A symmetric matrix of four block rows with some blocks missing.
@@ -207,7 +206,7 @@ mod tests {
         let mut f = vec![1.0; 12];
         m.subtract_product(&q, &mut f);
         for (a, b) in f.iter().zip(&expected) {
-            assert!((a - b).abs() < 1e-13);
+            assert_abs_diff_eq!(a, b, epsilon = 1e-13);
         }
         let work: f64 = q.iter().zip(&expected).map(|(q, f)| 0.5 * q * (1.0 - f)).sum();
         assert!((m.energy(&q) - work).abs() < 1e-12 * work.abs());

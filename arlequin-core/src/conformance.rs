@@ -114,7 +114,7 @@ pub fn rigid_motion<T: Real>(model: &dyn Model<T>, t: Vector3<T>, r: Vector3<T>)
         let u = t + r.cross(&x.coords);
         q.extend_from_slice(&u.as_slice()[..layout.components]);
     }
-    (0..layout.rotations).for_each(|i| q.push(r[i % 3]));
+    (0..layout.nodes * layout.rotations).for_each(|i| q.push(r[i % 3]));
     q
 }
 
@@ -205,7 +205,7 @@ pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Resu
     let (mut fa, mut fb) = (vec![T::zero(); n], vec![T::zero(); n]);
     model.add_internal_forces(&a, &mut fa)?;
     model.add_internal_forces(&b, &mut fb)?;
-    let dot = crate::effect::dot::<T>;
+    let dot = crate::scalar::dot::<T>;
     Ok((dot(&fa, &b) - dot(&fb, &a)).abs() / (dot(&fa, &a).abs() + dot(&fb, &b).abs()))
 }
 
@@ -219,7 +219,7 @@ pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
             let (mut jump, mut force) = (vec![T::zero(); lambda.len()], vec![T::zero(); v.len()]);
             c.gather(T::one(), &v, &mut jump);
             c.scatter(T::one(), &lambda, &vec![T::one(); v.len()], &mut force);
-            let (a, b) = (crate::effect::dot(&lambda, &jump), crate::effect::dot(&force, &v));
+            let (a, b) = (crate::scalar::dot(&lambda, &jump), crate::scalar::dot(&force, &v));
             worst = worst.max((a - b).abs() / (a.abs() + b.abs()).max(T::epsilon()));
         }
     }

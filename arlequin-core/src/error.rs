@@ -385,7 +385,6 @@ pub struct ModelError(Arc<dyn std::error::Error + Send + Sync>);
 
 impl ModelError {
     /// The error itself, if it is of this type.
-    #[must_use]
     pub fn downcast_ref<E: std::error::Error + 'static>(&self) -> Option<&E> {
         self.0.downcast_ref()
     }

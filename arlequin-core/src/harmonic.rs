@@ -92,7 +92,7 @@ impl<T: Real> HarmonicOverlap<T> {
                 .stiffness()
                 .iter()
                 .for_each(|(v, (i, j))| stiffness[(starts[k] + i, starts[k] + j)] += *v);
-            s.inertia
+            s.inertia()
                 .iter()
                 .enumerate()
                 .for_each(|(i, m)| mass[starts[k] + i] = *m);

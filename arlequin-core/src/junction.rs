@@ -29,7 +29,6 @@ pub enum Needs {
 
 impl Needs {
     /// Whether gradients are evaluated.
-    #[must_use]
     pub fn gradients(self) -> bool {
         self != Self::Values
     }
@@ -200,7 +199,6 @@ named!(JunctionKind, "junction":
 
 impl JunctionKind {
     /// Whether it has a length to choose.
-    #[must_use]
     pub fn has_length(self) -> bool {
         self != Self::L2
     }

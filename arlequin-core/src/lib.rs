@@ -9,7 +9,7 @@
 //! | `model`, `field` | what a model offers: [`Model`], its roles [`CoarseModel`] and [`FineModel`], its [`Interpolation`] |
 //! | `overlap`, `profile`, `weight` | how models share energy: [`Slab`] and [`Shell`], [`Profile`], [`Ramp`], [`Weights`] |
 //! | `mediator`, `junction`, `interface` | how they are tied: [`Mediator`], [`Junction`], [`InterfaceSpec`] |
-//! | [`effect`], `time`, `motion` | loads, dampings, contact, supports |
+//! | [`effect`], `time` | loads, dampings, contact; time functions, of supports too |
 //! | `subdomain`, `coupled` | the step and the set-up: [`Subdomain`], [`Coupled`]; equilibrium in `statics` |
 //! | `ledger`, `momentum`, `observer`, [`snapshot`] | what a run says of itself, and how it goes on |
 //! | [`conformance`] | checks for those who write models, junctions or effects |
@@ -61,23 +61,19 @@ pub mod geometry;
 pub mod harmonic;
 pub mod interface;
 pub mod junction;
-pub mod ledger;
 pub mod linalg;
 pub mod material;
-mod measure;
 pub mod mediator;
 pub mod model;
-pub mod momentum;
-mod motion;
 mod named;
 mod nodal;
-pub mod observer;
 pub mod overlap;
 pub mod parallel;
+mod phase;
 mod profile;
 mod reach;
+mod record;
 pub mod scalar;
-pub mod snapshot;
 pub mod spectrum;
 pub mod subdomain;
 pub mod time;
@@ -86,6 +82,7 @@ pub mod weight;
 
 pub use coupled::statics::Equilibrium;
 pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, TimeStep};
+pub use coupled::{ledger, momentum, observer, snapshot};
 pub use error::{Error, ModelError, Result, Share, invalid};
 pub use field::{Interpolation, ParticleField, ShapeRow};
 pub use interface::{Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side};
@@ -99,13 +96,12 @@ pub use model::{
     CoarseModel, DofLayout, Evolution, Evolving, FineModel, LinearModel, Model, State, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
-pub use motion::PrescribedMotion;
 pub use nodal::NodallyWeighted;
 pub use observer::{Observer, Phase, Silent, StepReport};
 pub use overlap::{Overlap, Place, Primitive, Region, Shell, Slab};
 pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
 pub use scalar::{Real, check_finite};
-pub use subdomain::Subdomain;
+pub use subdomain::{PrescribedMotion, Subdomain};
 pub use time::TimeFunction;
 pub use weight::{Complement, Ramp, Uniform, Weight, Weighting, Weights};
 pub use {nalgebra, sprs};

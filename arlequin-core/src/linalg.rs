@@ -171,6 +171,7 @@ pub(crate) fn symmetric_eigen<T: Real + RealField>(n: usize, column_major: &[T])
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
     use sprs::TriMat;
 
     fn laplacian(n: usize) -> CsMat<f64> {
@@ -216,7 +217,7 @@ mod tests {
         let e = f64::symmetric_eigen(n, &dense).unwrap();
         for (k, v) in e.values.iter().enumerate() {
             let exact = 2.0 - 2.0 * ((k + 1) as f64 * std::f64::consts::PI / (n + 1) as f64).cos();
-            assert!((v - exact).abs() < 1e-13);
+            assert_abs_diff_eq!(*v, exact, epsilon = 1e-13);
         }
     }
 }

@@ -1,18 +1,17 @@
 //! What a mechanics model must offer to be coupled, and the two roles it can play.
 
-use crate::effect::Finding;
+use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::geometry::Sample;
-use crate::momentum::Arms;
-use crate::snapshot::Record;
+use crate::record::Record;
 use crate::weight::Weight;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use sprs::CsMat;
 use std::sync::Arc;
 
-/// How the degrees of freedom are arranged: `components` displacements per node (`x0 y0 z0 x1 …`), then
-/// `rotations` further unknowns that the coupling never touches.
+/// How the degrees of freedom are arranged: `components` displacements per node (`x0 y0 z0 x1 …`), then `rotations` per node
+/// in the same order, which the coupling never touches.
 ///
 /// The velocity of a rotation is the spin about fixed axes, its acceleration the torque over the inertia, and the
 /// unknown itself the spin added up over time: the rotation vector for small rotations and for those about one axis, and
@@ -23,7 +22,7 @@ pub struct DofLayout {
     pub nodes: usize,
     /// Displacement components per node: 3 in space, 1 for bars and chains along x.
     pub components: usize,
-    /// Number of further unknowns (particle rotations), stored behind the displacements.
+    /// Rotations per node, stored behind all displacements: 3 for particles that turn (about x, y and z), otherwise 0.
     pub rotations: usize,
 }
 
@@ -34,12 +33,42 @@ impl DofLayout {
     }
     /// Number of all unknowns.
     pub fn dofs(&self) -> usize {
-        self.translations() + self.rotations
+        self.nodes * (self.components + self.rotations)
     }
     /// Whether every node has three rotations.
     pub fn turns(&self) -> bool {
-        self.rotations == 3 * self.nodes
+        self.rotations == 3
     }
+    /// The node of an unknown.
+    pub fn node_of(&self, dof: usize) -> usize {
+        match dof.checked_sub(self.translations()) {
+            None => dof / self.components,
+            Some(behind) => behind / self.rotations.max(1),
+        }
+    }
+    /// Refuses an arrangement that nothing here knows.
+    pub(crate) fn check(&self, model: &str) -> Result<()> {
+        if matches!(self.components, 1..=3) && matches!(self.rotations, 0 | 3) {
+            return Ok(());
+        }
+        Err(invalid(
+            &format!("layout of model '{model}'"),
+            format_args!(
+                "{} displacements and {} rotations per node",
+                self.components, self.rotations
+            ),
+            "must be 1 to 3 displacements, and 3 rotations or none",
+        ))
+    }
+}
+
+/// Positions about which the moments of forces vanish.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arms {
+    /// Those at rest: linear laws.
+    Reference,
+    /// The present ones: laws that turn with their body, contact.
+    Current,
 }
 
 /// Displacements \[m\] (and rotations \[rad\]), velocities (and spins) and accelerations of one model.
@@ -210,6 +239,15 @@ pub trait Evolving<T: Real> {
     /// # Errors
     /// Whatever keeps the model from doing so.
     fn evolve(&mut self, step: Evolution<'_, T>) -> Result<T>;
+}
+
+/// Something a model would need an effect for that is not on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// Name of the effect to switch on.
+    pub effect: &'static str,
+    /// What was found, with value and limit.
+    pub message: String,
 }
 
 /// A model that can tell which effects a state would need.

@@ -1,11 +1,10 @@
 //! Weights at the nodes: the choice of the literature, kept for comparison, for any linear model.
 
 use crate::geometry::Sample;
-use crate::model::{DofLayout, Model, Watching};
-use crate::momentum::Arms;
+use crate::model::{Arms, DofLayout, Model, Watching};
 use crate::parallel;
+use crate::record::Record;
 use crate::scalar::check_finite;
-use crate::snapshot::Record;
 use crate::weight::{Uniform, Weight};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
@@ -54,7 +53,7 @@ impl<T: Real> NodallyWeighted<T> {
             values.flat_map(|w| std::iter::repeat_n(w, count)).collect()
         };
         let mut out = of(nodes, layout.components);
-        out.extend(of(nodes, layout.rotations / layout.nodes.max(1)));
+        out.extend(of(nodes, layout.rotations));
         check_finite("nodal weights", &out)?;
         Ok(out)
     }

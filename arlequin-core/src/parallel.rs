@@ -15,7 +15,6 @@ const CHUNK: usize = 4_096;
 const LARGE: usize = 4 * CHUNK;
 
 /// Whether loops over `n` unknowns are worth more than one thread.
-#[must_use]
 pub fn pays(n: usize) -> bool {
     n >= LARGE && rayon::current_num_threads() > 1
 }
@@ -60,8 +59,9 @@ fn tree<S: Add<Output = S> + Send>(
     a + b
 }
 
-/// `v += h a`, `q += dt v`, `force = 0`.
-pub(crate) fn kick_and_drift<T: Real>(h: T, dt: T, q: &mut [T], v: &mut [T], a: &[T], force: &mut [T]) {
+/// `v += Δt/2 a`, `q += Δt v`, `force = 0`.
+pub(crate) fn kick_and_drift<T: Real>(dt: T, q: &mut [T], v: &mut [T], a: &[T], force: &mut [T]) {
+    let h = dt * T::of(0.5);
     let part = |q: &mut [T], v: &mut [T], a: &[T], f: &mut [T]| {
         for ((q, v), (a, f)) in q.iter_mut().zip(v).zip(a.iter().zip(f)) {
             *v += h * *a;
@@ -79,12 +79,14 @@ pub(crate) fn kick_and_drift<T: Real>(h: T, dt: T, q: &mut [T], v: &mut [T], a: 
 
 /// As [`kick_and_drift`] from the displacements `before` to `q`: the old ones are kept without a copy.
 pub(crate) fn kick_and_drift_from<T: Real>(
-    [h, dt]: [T; 2],
+    dt: T,
     before: &[T],
-    [q, v]: [&mut [T]; 2],
+    q: &mut [T],
+    v: &mut [T],
     a: &[T],
     force: &mut [T],
 ) {
+    let h = dt * T::of(0.5);
     let part = |before: &[T], q: &mut [T], v: &mut [T], a: &[T], f: &mut [T]| {
         let moving = before.iter().zip(q).zip(v);
         for (((before, q), v), (a, f)) in moving.zip(a.iter().zip(f)) {

@@ -103,7 +103,7 @@ impl<T: Real> Profile<T> {
         };
         let tolerance = T::epsilon() * T::of(64.0);
         for (s, end) in [(T::zero(), p(T::zero())), (T::one(), p(T::one()))] {
-            if !((end - s).abs() <= tolerance) {
+            if !end.is_finite() || (end - s).abs() > tolerance {
                 return refuse(
                     s,
                     end,
@@ -115,7 +115,7 @@ impl<T: Real> Profile<T> {
         for k in 1..=1024 {
             let s = T::of(f64::from(k) / 1024.0);
             let now = p(s);
-            if !(now >= before - tolerance) {
+            if !now.is_finite() || now < before - tolerance {
                 return refuse(s, now, "must be finite and never fall from s = 0 to s = 1");
             }
             before = now;

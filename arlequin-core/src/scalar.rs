@@ -94,3 +94,8 @@ pub fn check_finite<T: Real>(what: &str, values: &[T]) -> Result<()> {
         }),
     }
 }
+
+/// `Σ a_i b_i`, in the order of the unknowns.
+pub(crate) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
+    a.iter().zip(b).fold(T::zero(), |s, (x, y)| s + *x * *y)
+}

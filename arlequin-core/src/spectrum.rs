@@ -1,6 +1,6 @@
 //! Highest frequency of a model by Lanczos iteration, and the critical step of velocity Verlet from it.
 
-use crate::effect::dot;
+use crate::scalar::dot;
 use crate::{Real, Result};
 use nalgebra::DMatrix;
 
@@ -12,6 +12,9 @@ const STORED: usize = 80;
 
 /// Most steps of [`largest_ritz`]; about sixty settle the top of the spectrum.
 const LEAN: usize = 300;
+
+/// Relative residual at which its largest Ritz value is taken.
+const RESIDUAL: f64 = 1e-4;
 
 /// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; infinite if nothing moves. A nonlinear model gives its own in
 /// [`crate::Model::critical_step`].
@@ -57,11 +60,11 @@ pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddFo
 }
 
 /// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`: not below the largest eigenvalue by more than the
-/// relative `tolerance`, in memory of a few vectors. At most 300 steps; zero if nothing moves.
+/// relative 1e-4, in memory of a few vectors; zero if nothing moves.
 ///
 /// # Errors
 /// Those of `add_forces`, which adds `−K q`.
-pub fn largest_ritz<T: Real>(root: &[T], tolerance: T, add_forces: &mut AddForces<'_, T>) -> Result<T> {
+pub fn largest_ritz<T: Real>(root: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
     let limit = LEAN.min(root.len());
     let (mut last, mut top) = (vec![T::zero(); root.len()], T::zero());
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
@@ -81,7 +84,7 @@ pub fn largest_ritz<T: Real>(root: &[T], tolerance: T, add_forces: &mut AddForce
         let (value, end) = t.top_ritz();
         let rest = if invariant { T::zero() } else { t.rest * end.abs() };
         top = value + rest;
-        Ok(rest <= tolerance * value || invariant)
+        Ok(rest <= T::of(RESIDUAL) * value || invariant)
     })?;
     Ok(top.max(T::zero()))
 }
@@ -93,13 +96,15 @@ struct Tridiagonal<T> {
     rest: T,
 }
 
+/// Takes out of a new vector what must not be in it: the one before (which is handed over) and others.
+type Orthogonal<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
+
 /// Lanczos iteration on the symmetric `R K R` from a fixed start (so that the result is reproducible) until `settled`.
-/// `orthogonal` takes the vector the step began with, and takes out of the new one what must not be in it.
 fn lanczos<T: Real>(
     root: &[T],
     limit: usize,
     add_forces: &mut AddForces<'_, T>,
-    orthogonal: &mut dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>),
+    orthogonal: &mut Orthogonal<'_, T>,
     settled: &mut dyn FnMut(&Tridiagonal<T>) -> Result<bool>,
 ) -> Result<()> {
     let n = root.len();

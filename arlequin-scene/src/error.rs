@@ -153,14 +153,6 @@ pub enum Error {
         /// The system's words.
         message: String,
     },
-    /// An error of a sweep, with its place in the sweep file.
-    #[error("{text}")]
-    Sweep {
-        /// Rendered.
-        text: String,
-        /// Whether the input is to blame.
-        input: bool,
-    },
     /// A plot cannot be drawn.
     #[error("cannot draw '{name}': {message}")]
     Plot {
@@ -192,6 +184,7 @@ impl Error {
     }
 
     /// The same, and what is kept where.
+    #[must_use]
     pub fn kept(self, what: impl Into<String>, place: &Path) -> Self {
         Self::Kept {
             source: Box::new(self),
@@ -210,7 +203,6 @@ impl Error {
                 | Self::System { .. }
                 | Self::Plot { .. }
                 | Self::Kept { .. }
-                | Self::Sweep { input: false, .. }
                 | Self::Core {
                     source: Core::Diverged { .. } | Core::EnergyGrowth { .. },
                     ..

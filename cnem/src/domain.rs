@@ -117,7 +117,7 @@ impl Domain {
         &self.delaunay.points
     }
 
-    /// Volume of the domain (m^3).
+    /// Volume of the domain \[m³\].
     pub fn volume(&self) -> f64 {
         self.volume
     }
@@ -149,7 +149,7 @@ impl Domain {
         })
     }
 
-    /// Distance from the domain up to which a point counts as being on the boundary (m).
+    /// Distance from the domain up to which a point counts as being on the boundary \[m\].
     pub fn tolerance(&self) -> f64 {
         self.tolerance
     }

@@ -58,9 +58,9 @@ pub enum Error {
         first: usize,
         /// The other node.
         second: usize,
-        /// Their distance (m).
+        /// Their distance \[m\].
         distance: f64,
-        /// Distance that is needed (m).
+        /// Distance that is needed \[m\].
         tolerance: f64,
     },
     /// More nodes or tetrahedra than 32-bit indices can name.
@@ -169,7 +169,7 @@ pub enum Error {
     OutsideDomain {
         /// The point.
         point: [f64; 3],
-        /// Absolute tolerance used (m).
+        /// Absolute tolerance used \[m\].
         tolerance: f64,
     },
     /// The Voronoi cells do not fill the domain.
@@ -178,9 +178,9 @@ pub enum Error {
          (relative defect above {tolerance:e}); refine the nodes on the constrained faces"
     )]
     CellsDoNotFill {
-        /// Sum of the cell volumes (m^3).
+        /// Sum of the cell volumes \[m³\].
         filled: f64,
-        /// Volume of the domain (m^3).
+        /// Volume of the domain \[m³\].
         volume: f64,
         /// Relative tolerance.
         tolerance: f64,

@@ -3,6 +3,7 @@
 
 mod common;
 
+use approx::assert_abs_diff_eq;
 use arlequin_core::Error;
 use arlequin_core::conformance;
 use arlequin_core::field::{Interpolation, ShapeRow};
@@ -88,7 +89,7 @@ fn outside_is_an_error_but_round_off_is_not() {
                 .zip(&row.values)
                 .map(|(&k, v)| field.nodes()[k].x * v)
                 .sum();
-            assert!((at - x.x).abs() < 1e-13);
+            assert_abs_diff_eq!(at, x.x, epsilon = 1e-13);
         } else {
             assert!(matches!(found, Err(Error::OutsideDomain { .. })));
         }

@@ -1,5 +1,6 @@
 //! Hard cases of the geometry and the outcome each of them has.
 
+use approx::assert_abs_diff_eq;
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::{Interpolant, Scratch};
@@ -302,7 +303,7 @@ fn missing_faces_are_recovered_or_named() -> Result<()> {
     let p = |i: usize| points[i];
     let given = 0.5 * (p(9) - p(8)).cross(&(p(10) - p(8))).norm()
         + 0.5 * (p(10) - p(8)).cross(&(p(11) - p(8))).norm();
-    assert!((area - given).abs() < 1e-12);
+    assert_abs_diff_eq!(area, given, epsilon = 1e-12);
     assert_sound(&domain, 32.0);
     Ok(())
 }

@@ -14,7 +14,7 @@
 
 use crate::error::{Error, Result};
 use crate::kernel::law::Linear;
-use crate::model::forces::Gather;
+use crate::model::forces::{BondForces, Gather};
 use crate::particles::BondedParticles;
 use arlequin_core::spectrum;
 use nalgebra::Matrix6;
@@ -64,12 +64,9 @@ pub fn lanczos(body: &BondedParticles) -> Result<f64> {
     step_of(largest(&root, &mut bonds)?)
 }
 
-/// Relative residual at which the largest Ritz value is taken.
-const SETTLED: f64 = 1e-4;
-
 /// Upper estimate of the largest eigenvalue of `R K R`, `R = diag(root)`, for the bonds' stiffness `K`.
-pub(crate) fn largest(root: &[f64], bonds: &mut Gather<Linear>) -> arlequin_core::Result<f64> {
-    spectrum::largest_ritz(root, SETTLED, &mut |q, f| {
+pub(crate) fn largest(root: &[f64], bonds: &mut dyn BondForces) -> arlequin_core::Result<f64> {
+    spectrum::largest_ritz(root, &mut |q, f| {
         bonds.add(q, f, None);
         Ok(())
     })

@@ -62,7 +62,7 @@ pub use contact::{Contact, ContactBetween, ContactBody, ContactLaw};
 pub use error::{Error, Result};
 pub use fracture::{Criterion, Fracture, Scatter};
 pub use model::{DemModel, DemReport, LoadShare};
-pub use obstacle::{Motion, Obstacle, Shape};
+pub use obstacle::{Motion, Obstacle, RigidShape};
 pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};
 pub use statics::Held;

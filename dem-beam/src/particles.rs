@@ -49,7 +49,7 @@ pub struct Matter {
 
 /// What spheres have besides centres, radii and bonds.
 #[derive(Debug)]
-pub(crate) struct Grains<'a> {
+pub(crate) struct Contents<'a> {
     /// Volume each stands for \[m³\].
     pub(crate) volumes: &'a [f64],
     /// Whether some may have no bond.
@@ -87,12 +87,12 @@ impl BondedParticles {
         check_spheres(&positions, &radii)?;
         let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
         let volumes: Vec<f64> = radii.iter().map(|r| matter.volume * r * r * r / cubes).collect();
-        let grains = Grains {
+        let contents = Contents {
             volumes: &volumes,
             loose: false,
             period,
         };
-        Self::with_volumes(positions, radii, pairs, matter.density, matter.beam, &grains)
+        Self::with_volumes(positions, radii, pairs, matter.density, matter.beam, &contents)
     }
 
     /// A packing with the volumes and loose spheres it has.
@@ -100,12 +100,12 @@ impl BondedParticles {
         let (x, r, pairs) = (&packing.positions, &packing.radii, &packing.pairs);
         check_spheres(x, r)?;
         let volumes = packing.volumes();
-        let grains = Grains {
+        let contents = Contents {
             volumes: &volumes,
             loose: packing.loose,
             period: packing.period,
         };
-        Self::with_volumes(x.clone(), r.clone(), pairs.clone(), density, beam, &grains)
+        Self::with_volumes(x.clone(), r.clone(), pairs.clone(), density, beam, &contents)
     }
 
     /// Spheres that were checked, with the volume each stands for.
@@ -115,11 +115,11 @@ impl BondedParticles {
         pairs: Vec<[u32; 2]>,
         density: f64,
         beam: BeamMaterial,
-        grains: &Grains<'_>,
+        contents: &Contents<'_>,
     ) -> Result<Self> {
         positive("density", density)?;
-        expect_len("volumes", grains.volumes.len(), positions.len())?;
-        for v in grains.volumes {
+        expect_len("volumes", contents.volumes.len(), positions.len())?;
+        for v in contents.volumes {
             positive("volume of a particle", *v)?;
         }
         let mean = radii.iter().sum::<f64>() / radii.len() as f64;
@@ -127,15 +127,15 @@ impl BondedParticles {
         let mut degree = vec![0_u32; positions.len()];
         let mut bonds = Vec::with_capacity(pairs.len());
         for (b, &[i, j]) in pairs.iter().enumerate() {
-            bonds.push(make_bond(b, [i, j], &positions, &radii, grains.period)?);
+            bonds.push(make_bond(b, [i, j], &positions, &radii, contents.period)?);
             degree[i as usize] += 1;
             degree[j as usize] += 1;
         }
-        if let Some(particle) = degree.iter().position(|&d| d == 0 && !grains.loose) {
+        if let Some(particle) = degree.iter().position(|&d| d == 0 && !contents.loose) {
             let isolated = degree.iter().filter(|&&d| d == 0).count();
             return Err(Error::IsolatedParticle { particle, isolated });
         }
-        let full_mass: Vec<f64> = grains.volumes.iter().map(|v| density * v).collect();
+        let full_mass: Vec<f64> = contents.volumes.iter().map(|v| density * v).collect();
         let inertia = sphere_inertia(&full_mass, &radii);
         Ok(Self {
             weights: vec![1.0; pairs.len()],

@@ -1,6 +1,7 @@
 //! Periodic packings and the elasticity of the bulk.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+use approx::assert_relative_eq;
 use dem_beam::homogenise::{BulkStatistics, bulk};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Container, DemModel, Error, Packing, PackingSpec};
@@ -45,7 +46,7 @@ fn cubic_lattice_has_its_textbook_stiffness() {
     let s = c44 / c11;
     let (bulk_modulus, shear) = (1.0 / 3.0, (1.0 + 3.0 * s) / 5.0);
     let young = 9.0 * bulk_modulus * shear / (3.0 * bulk_modulus + shear);
-    assert!((found.young / c11 / young - 1.0).abs() < 1e-9);
+    assert_relative_eq!(found.young / c11, young, epsilon = 0.0, max_relative = 1e-9);
     // What is left of C11, C12 and C44 without the isotropic part, entries with shear four times.
     let part = [
         bulk_modulus + 4.0 / 3.0 * shear,

@@ -7,7 +7,7 @@ use arlequin_core::observer::Silent;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::fracture::locked;
 use dem_beam::{
-    BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter, Motion, Obstacle, Shape,
+    BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter, Motion, Obstacle, RigidShape,
 };
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
@@ -177,7 +177,7 @@ fn rolling_resistance_stops_a_rolling_sphere_at_the_rate_of_its_moment() {
     };
     // At the depth at which the spring carries the weight.
     let depth = model.masses()[0] * g / (2.0 * 7e8 * R);
-    let plane = Shape::Plane {
+    let plane = RigidShape::Plane {
         point: Point3::new(0.0, 0.0, -R + depth),
         normal: Vector3::z(),
     };

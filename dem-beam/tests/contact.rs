@@ -7,7 +7,7 @@ use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::fracture::locked;
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{
-    BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter, Motion, Obstacle, Shape,
+    BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter, Motion, Obstacle, RigidShape,
 };
 use nalgebra::{Point3, Vector3};
 
@@ -116,7 +116,7 @@ fn friction_stops_a_sliding_body_at_the_rate_of_coulomb() {
         restitution: 0.2,
         ..ContactLaw::elastic(E)
     };
-    let plane = Shape::Plane {
+    let plane = RigidShape::Plane {
         point: Point3::new(0.0, 0.0, bottom),
         normal: Vector3::z(),
     };
@@ -154,7 +154,7 @@ fn a_free_ball_gives_the_energy_and_momentum_that_the_body_gets() {
     let packing = lattice(Lattice::Cubic, [4, 4, 4], R).unwrap();
     let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
     let top = model.nodes().iter().fold(f64::NEG_INFINITY, |m, x| m.max(x.z)) + R;
-    let ball = Shape::Sphere {
+    let ball = RigidShape::Sphere {
         centre: Point3::new(4.0 * R, 4.0 * R, top + 2.1 * R),
         radius: 2.0 * R,
     };
@@ -197,7 +197,7 @@ fn an_indenter_at_supersonic_speed_ends_in_a_named_error_or_a_closed_balance() {
             friction: 0.2,
             ..ContactLaw::elastic(E)
         };
-        let shape = Shape::Sphere {
+        let shape = RigidShape::Sphere {
             centre: Point3::new(4.0 * R, 4.0 * R, top + 3.01 * R),
             radius: 3.0 * R,
         };
@@ -329,7 +329,7 @@ fn bad_laws_and_shapes_are_refused_by_name() {
         .contains("rolling resistance")
     );
     assert!(refuse(ContactLaw { skin: 0.0, ..law }).contains("skin of the neighbour list = 0"));
-    let shape = Shape::Plane {
+    let shape = RigidShape::Plane {
         point: Point3::origin(),
         normal: Vector3::zeros(),
     };

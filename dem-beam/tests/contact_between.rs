@@ -1,6 +1,7 @@
 //! Contact between two models: momentum, energy, restarts, threads, and absence.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
+use approx::assert_abs_diff_eq;
 use arlequin_core::coupled::Parts;
 use arlequin_core::effect::{Host, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec};
 use arlequin_core::model::DofLayout;
@@ -162,7 +163,7 @@ fn two_equal_bodies_change_their_velocities() {
         run.advance(&mut Silent).unwrap();
     }
     let [left, right] = [0, 1].map(|k: usize| run.subdomains()[k].momentum()[0].x / p);
-    assert!((left + right - 1.0).abs() < 1e-12);
+    assert_abs_diff_eq!(left + right, 1.0, epsilon = 1e-12);
     assert!(right > 0.8 && left < 0.2, "{left} {right}");
     assert!(run.created() < 1e-14 * run.energy());
 }

@@ -7,7 +7,7 @@ use arlequin_core::observer::Silent;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{
-    BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter, Motion, Obstacle, Shape,
+    BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter, Motion, Obstacle, RigidShape,
 };
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
@@ -246,7 +246,7 @@ fn cloud(
         for (point, sign) in [(low, 1.0), (high, -1.0)] {
             let mut normal = Vector3::zeros();
             normal[c] = sign;
-            let shape = Shape::Plane { point, normal };
+            let shape = RigidShape::Plane { point, normal };
             let wall = Obstacle::new(&format!("wall {c} {sign}"), &model, shape, Motion::Fixed, law).unwrap();
             effects.push(Box::new(wall));
         }

@@ -8,7 +8,7 @@ use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{
     BeamMaterial, Contact, ContactBetween, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion,
-    Obstacle, Shape,
+    Obstacle, RigidShape,
 };
 use nalgebra::{Point3, Vector3};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
@@ -77,7 +77,7 @@ fn fracture_contact_and_an_obstacle() {
     };
     let spheres = model.nodes().iter().zip(model.body().radii());
     let bottom = spheres.fold(f64::INFINITY, |m, (x, r)| m.min(x.z - r));
-    let plane = Shape::Plane {
+    let plane = RigidShape::Plane {
         point: Point3::new(0.0, 0.0, bottom),
         normal: Vector3::z(),
     };

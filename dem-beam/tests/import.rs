@@ -1,6 +1,7 @@
 //! Bodies and spheres from files: STL surfaces, VTU points.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+use approx::{assert_abs_diff_eq, assert_relative_eq};
 use dem_beam::packing::read_vtu;
 use dem_beam::{Container, Error, Packing, PackingSpec, Surface};
 use nalgebra::Vector3;
@@ -121,7 +122,7 @@ fn stl_as_text_and_binary_is_the_same_body() {
         );
     }
     let exact = Surface::from_stl(&text(&ell(1e-3))).unwrap().volume();
-    assert!((exact / 3e-9 - 1.0).abs() < 1e-6);
+    assert_relative_eq!(exact, 3e-9, epsilon = 0.0, max_relative = 1e-6);
 }
 
 #[test]
@@ -141,7 +142,7 @@ fn bodies_from_stl_are_filled() {
             .unwrap();
         let r = &packing.report;
         assert!(r.volume_fraction > 0.6 && r.dropped < 20, "{r:?}");
-        assert!((r.coordination_all - 6.2).abs() < 0.01);
+        assert_abs_diff_eq!(r.coordination_all, 6.2, epsilon = 0.01);
         assert!(
             packing
                 .positions

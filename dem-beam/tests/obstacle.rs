@@ -4,7 +4,7 @@
 use arlequin_core::observer::Silent;
 use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
-use dem_beam::{BeamMaterial, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Shape};
+use dem_beam::{BeamMaterial, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, RigidShape};
 use nalgebra::{Point3, Vector3};
 
 const R: f64 = 1e-3;
@@ -34,7 +34,7 @@ fn a_free_ball_turns_and_keeps_the_angular_momentum() {
             velocity,
             inertia,
         };
-        let shape = Shape::Sphere {
+        let shape = RigidShape::Sphere {
             centre,
             radius: 2.0 * R,
         };
@@ -112,7 +112,7 @@ fn planes_and_cylinders_do_not_turn() {
         velocity: Vector3::zeros(),
         inertia: Some(1.0),
     };
-    let roller = Shape::Cylinder {
+    let roller = RigidShape::Cylinder {
         point: Point3::new(0.0, 0.0, 5.0 * R),
         axis: Vector3::y(),
         radius: R,
@@ -126,7 +126,7 @@ fn planes_and_cylinders_do_not_turn() {
         error.contains("moves without turning") && error.contains("make the obstacle a sphere"),
         "{error}"
     );
-    let ball = Shape::Sphere {
+    let ball = RigidShape::Sphere {
         centre: Point3::new(0.0, 0.0, 5.0 * R),
         radius: R,
     };
@@ -151,7 +151,7 @@ fn a_stroke_goes_on_with_the_same_bits() {
             restitution: 0.6,
             ..ContactLaw::elastic(E)
         };
-        let shape = Shape::Sphere {
+        let shape = RigidShape::Sphere {
             centre: Point3::new(4.3 * R, 5.1 * R, top + 2.05 * R),
             radius: 2.0 * R,
         };

@@ -1,6 +1,7 @@
 //! Packings: reproducible, complete, with the right elasticity; hard cases have names.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+use approx::{assert_abs_diff_eq, assert_relative_eq};
 use dem_beam::calibrate::{Bar, inverse, measure, tension_test};
 use dem_beam::packing::{Lattice, lattice, read_csv, write_csv};
 use dem_beam::{BeamMaterial, BondedParticles, Container, Error, Matter, Packing, PackingSpec, Surface};
@@ -35,7 +36,7 @@ fn cylinder_of_5000_has_the_elasticity_of_silica() {
     );
     for p in &packings {
         let r = &p.report;
-        assert!((r.coordination_all - 6.2).abs() < 1e-3);
+        assert_abs_diff_eq!(r.coordination_all, 6.2, epsilon = 1e-3);
         assert!(
             r.coordination_interior > 6.5 && r.coordination_interior < 7.2,
             "{r:?}"
@@ -99,7 +100,12 @@ fn closed_surface_is_filled() {
     }
     let boxed = Container::cuboid(Vector3::zeros(), Vector3::repeat(a)).unwrap();
     let twin = PackingSpec::quench(boxed, 800, 5).build().unwrap();
-    assert!((packing.report.mean_radius / twin.report.mean_radius - 1.0).abs() < 1e-2);
+    assert_relative_eq!(
+        packing.report.mean_radius,
+        twin.report.mean_radius,
+        epsilon = 0.0,
+        max_relative = 1e-2
+    );
     let (n, m) = (
         packing.report.coordination_retained,
         twin.report.coordination_retained,
@@ -140,6 +146,9 @@ fn reproducible_cached_and_through_csv() {
     assert!(again.pairs == one.pairs);
     let bad = read_csv(&mut "x,y,z,r\n1,2,3\n".as_bytes());
     assert!(matches!(bad, Err(Error::Parse { line: 2, .. })));
+    let mixed = "x [m] y z r\n# words\n\n 1, 2;3\t4\n\n\n0,0,0,one\n";
+    let bad = read_csv(&mut mixed.as_bytes());
+    assert!(matches!(bad, Err(Error::Parse { line: 7, .. })), "{bad:?}");
     let nan = read_csv(&mut "0,0,0,1\n1,NaN,3,1\n".as_bytes());
     assert!(matches!(nan, Err(Error::NotFinite { index: 1, .. })));
 }

@@ -1,6 +1,7 @@
 //! Bodies, parts, loose spheres and cuts: no mass moves without a word.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::Model;
 use arlequin_core::weight::Uniform;
 use dem_beam::calibrate::{Bar, measure};
@@ -142,7 +143,7 @@ fn islands_of_a_file_stay_with_the_mass_of_their_own_spheres() {
     assert_eq!(parts, [64, 48]);
     let whole = DENSITY * room.volume();
     for (mass, share) in masses(&packing).iter().zip([64.0 / 112.0, 48.0 / 112.0]) {
-        assert!((mass / whole - share).abs() < 1e-12);
+        assert_abs_diff_eq!(mass / whole, share, epsilon = 1e-12);
     }
     // The same spheres in two bodies of a surface: each has the mass of its own, in the order of the file.
     let two = surface(&[
@@ -293,7 +294,7 @@ fn a_wide_notch_takes_its_spheres_and_a_whole_cut_leaves_two_parts() {
     let parts = halves.parts();
     assert_eq!(parts.len(), 2);
     let sum: f64 = parts.iter().map(|p| p.volume).sum::<f64>() + halves.report.cut.volume;
-    assert!((sum / 9e-9 - 1.0).abs() < 1e-12);
+    assert_relative_eq!(sum, 9e-9, epsilon = 0.0, max_relative = 1e-12);
     // A slot as wide as three spheres: what lies in it is gone, with its share of the mass.
     let mut slot = packing.clone();
     let inside = |x: &Vector3<f64>| (x.x - 2e-3).abs() < 0.3e-3 && x.z > 0.7e-3;

@@ -7,6 +7,7 @@
 
 mod common;
 
+use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::Error;
 use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::geometry::{Cell, Sample};
@@ -75,7 +76,7 @@ fn every_node_is_found_at_itself() {
         for (i, x) in field.nodes().to_vec().iter().enumerate() {
             field.shape_at(x, false, &mut row).unwrap();
             assert_eq!(row.nodes, [i], "{kind:?}");
-            assert!((row.values[0] - 1.0).abs() < 1e-12);
+            assert_abs_diff_eq!(row.values[0], 1.0, epsilon = 1e-12);
         }
     }
 }
@@ -138,7 +139,7 @@ fn cells_are_segments_tetrahedra_and_planar_hexahedra() {
         let cells = field.cells();
         assert_eq!(cells.len(), count);
         let sum: f64 = cells.iter().map(Cell::measure).sum();
-        assert!((sum / volume - 1.0).abs() < 1e-12);
+        assert_relative_eq!(sum, volume, epsilon = 0.0, max_relative = 1e-12);
         assert!(
             field
                 .nodes()
@@ -201,7 +202,7 @@ fn single_precision_fields_work() {
             let x = Point3::new(t * 1e-2, (1.0 - t) * 1e-3, t * t * 1e-3);
             field.shape_at(&x, false, &mut row).unwrap();
             let sum: f32 = row.values.iter().sum();
-            assert!((sum - 1.0).abs() < 1e-5);
+            assert_abs_diff_eq!(sum, 1.0, epsilon = 1e-5);
         }
     }
 }

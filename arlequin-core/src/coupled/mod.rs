@@ -8,22 +8,29 @@
 //!
 //! This is RATTLE for linear velocity constraints: it conserves `H` of [`crate::ledger`] and filters nothing.
 
+pub mod ledger;
+pub mod momentum;
 mod motions;
+pub mod observer;
+mod pairs;
 mod partition;
 mod setup;
+pub mod snapshot;
 mod start;
 pub mod statics;
 mod tie;
 
-pub use partition::{Partition, PartitionReport};
+pub use crate::subdomain::Partition;
+pub use partition::PartitionReport;
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
-use crate::effect::Pair;
 use crate::interface::Interface;
-use crate::ledger::{EnergySample, Ledger, WorkLine};
-use crate::observer::{Observer, Phase, StepReport};
-use crate::subdomain::{Announce, Subdomain};
+use crate::phase::Phase;
+use crate::subdomain::{Announce, Reached, Subdomain};
 use crate::{Error, Real, Result};
+use ledger::{EnergySample, Ledger, WorkLine};
+use observer::{Observer, StepReport};
+use pairs::Pair;
 use sprs::CsMat;
 use std::ops::ControlFlow;
 
@@ -92,7 +99,7 @@ impl<T: Real> Coupled<T> {
     /// [`Interface::multipliers`]; `A = Δt/2 S`. Assembled anew at every call; `None` if there is no such interface.
     pub fn multiplier_operator(&self, interface: usize) -> Option<CsMat<T>> {
         let i = self.interfaces.get(interface)?;
-        let inverse = i.sides.map(|s| &self.subdomains[s].inverse_inertia[..]);
+        let inverse = i.sides.map(|s| self.subdomains[s].inverse_inertia());
         Some(i.operator_matrix(inverse))
     }
     /// Largest relative drift of the energy balance so far.
@@ -162,7 +169,7 @@ impl<T: Real> Coupled<T> {
     pub fn jumps(&mut self, interface: usize) -> [T; 2] {
         let i = &self.interfaces[interface];
         let [c, d] = i.sides;
-        let (a, b) = (&self.subdomains[c].state, &self.subdomains[d].state);
+        let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
         let (_, velocity) = i.jump([&a.v, &b.v], &mut self.work);
         let (_, displacement) = i.jump([&a.q, &b.q], &mut self.work);
         [velocity, displacement]
@@ -176,13 +183,17 @@ impl<T: Real> Coupled<T> {
         // Works are drawn up every step; the invariant costs two energy evaluations and is drawn every few.
         let draw = self.ledger.start.is_none() || (self.step + 1).is_multiple_of(self.guard.interval);
         let next = self.start_time + T::of((self.step + 1) as f64) * self.dt;
+        let reached = Reached {
+            time: next,
+            since: self.dt,
+            dt: self.dt,
+        };
         for (k, s) in self.subdomains.iter_mut().enumerate() {
             observer.phase(Phase::Predict(k));
-            s.predict(k, [next, self.dt], draw, &mut |phase| observer.phase(phase))?;
+            s.predict(k, reached, draw, &mut |phase| observer.phase(phase))?;
         }
         if !self.pairs.is_empty() {
-            let half = self.dt * T::of(0.5);
-            self.meet([next, self.dt, half], &mut |phase| observer.phase(phase))?;
+            self.add_pair_forces(reached, &mut |phase| observer.phase(phase))?;
         }
         let invariant: Option<T> =
             draw.then(|| self.subdomains.iter_mut().map(|s| s.invariant(self.dt)).sum());
@@ -219,17 +230,18 @@ impl<T: Real> Coupled<T> {
         Ok(steps)
     }
 
-    /// Forces between subdomains at time `t`, after a step `since`; then the accelerations of all they act on.
-    fn meet(&mut self, [t, since, half]: [T; 3], announce: &mut Announce<'_>) -> Result<()> {
+    /// Forces between subdomains, then the accelerations of all they act on.
+    fn add_pair_forces(&mut self, reached: Reached<T>, announce: &mut Announce<'_>) -> Result<()> {
         for (k, p) in self.pairs.iter_mut().enumerate() {
             announce(Phase::Pair(k));
             let [a, b] = pair(&mut self.subdomains, p.sides[0], p.sides[1]);
-            let ((here, f), (there, g)) = (a.open(t, since), b.open(t, since));
-            p.effect.add_forces([&here, &there], [f, g])?;
+            let ((here, f), (there, g)) = (a.loaded_at(reached), b.loaded_at(reached));
+            p.line.effect.add_forces([&here, &there], [f, g])?;
         }
-        for (k, s) in self.subdomains.iter_mut().enumerate().filter(|(_, s)| s.paired) {
+        let paired = self.subdomains.iter_mut().enumerate();
+        for (k, s) in paired.filter(|(_, s)| s.is_paired()) {
             announce(Phase::Predict(k));
-            s.accelerate(t, [self.dt, half]);
+            s.accelerate(reached);
         }
         Ok(())
     }
@@ -238,15 +250,12 @@ impl<T: Real> Coupled<T> {
         let half = self.dt * T::of(0.5);
         for i in &mut self.interfaces {
             let [coarse, fine] = i.sides;
-            let [c, d] = pair(&mut self.subdomains, coarse, fine);
-            i.project(
-                [&mut c.state.v, &mut d.state.v],
-                [&c.inverse_inertia, &d.inverse_inertia],
-                T::one() / half,
-            );
-            i.add_multiplier_forces(0, T::one(), &c.inverse_inertia, &mut c.state.a);
-            i.add_multiplier_forces(1, T::one(), &d.inverse_inertia, &mut d.state.a);
-            for (m, s) in [c, d].into_iter().enumerate() {
+            let mut sides = pair(&mut self.subdomains, coarse, fine);
+            let [(c, p), (d, q)] = sides.each_mut().map(|s| s.correctable());
+            i.project([&mut c.v, &mut d.v], [p, q], T::one() / half);
+            i.accelerate(0, p, &mut c.a);
+            i.accelerate(1, q, &mut d.a);
+            for (m, s) in sides.into_iter().enumerate() {
                 if let Some(force) = s.force_on_moving_supports() {
                     i.add_force(m, force);
                 }
@@ -264,7 +273,7 @@ impl<T: Real> Coupled<T> {
         }
         for i in &self.interfaces {
             let [c, d] = i.sides;
-            let (a, b) = (&self.subdomains[c].state, &self.subdomains[d].state);
+            let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
             let (power, _) = i.jump([&a.v, &b.v], &mut self.work);
             self.ledger.constraint -= self.dt * power;
         }
@@ -297,8 +306,8 @@ impl<T: Real> Coupled<T> {
         let works = self
             .subdomains
             .iter()
-            .flat_map(|s| s.works.iter().copied().chain(s.evolved.map(|e| e.work)))
-            .chain(self.pairs.iter().map(|p| p.work));
+            .flat_map(Subdomain::works)
+            .chain(self.pairs.iter().map(|p| p.line.work()));
         let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
         all.by_ref()
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
@@ -306,7 +315,7 @@ impl<T: Real> Coupled<T> {
 
     /// The error for a quantity that is no longer finite: of the first model with such a state, or with such an energy.
     fn diverged(&self, what: &'static str) -> Error {
-        let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy;
+        let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy();
         let all = || self.subdomains.iter();
         let found = all().find(|s| !s.is_finite());
         let found = found.or_else(|| all().find(|s| !energy(s).is_finite()));
@@ -324,7 +333,7 @@ impl<T: Real> Coupled<T> {
         }
         let mut residual = T::zero();
         let speed = |s: &Subdomain<T>| {
-            s.state.v[..s.model().layout().translations()]
+            s.state().v[..s.model().layout().translations()]
                 .iter()
                 .fold(T::zero(), |m, v| m.max(v.abs()))
         };
@@ -368,7 +377,7 @@ impl<T: Real> Coupled<T> {
             step: self.step,
             time: self.time,
             kinetic: self.subdomains.iter().map(Subdomain::kinetic_energy).sum(),
-            internal: self.subdomains.iter().map(|s| s.drawn_energy).sum(),
+            internal: self.subdomains.iter().map(|s| s.drawn_energy()).sum(),
             invariant,
             work,
             drift,

@@ -2,7 +2,7 @@
 
 use crate::field::ShapeRow;
 use crate::interface::{Interface, coupled_nodes};
-use crate::motion::PrescribedMotion;
+use crate::subdomain::PrescribedMotion;
 use crate::subdomain::Subdomain;
 use crate::time::TimeFunction;
 use crate::{Error, Real, Result};

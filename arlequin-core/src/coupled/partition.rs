@@ -11,26 +11,10 @@ use crate::error::Share;
 use crate::extent::{Cover, Extent, length};
 use crate::geometry::{self, Cell, Sample};
 use crate::interface::InterfaceSpec;
-use crate::subdomain::Subdomain;
+use crate::subdomain::{Partition, Subdomain};
 use crate::weight::{Uniform, Weight, Weighting};
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
-
-/// Whether the weights of a model must sum to one with those of the models it is tied to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
-pub enum Partition {
-    /// They must, wherever one of these models is; refused otherwise.
-    #[default]
-    Checked,
-    /// They need not: a deliberate study, such as an impedance jump by constant weights over whole models. Mass and
-    /// stiffness are then not those of the body.
-    Unchecked,
-}
 
 /// What the check found for one group of models that are tied to each other.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,7 +105,7 @@ pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec
             models: models.collect(),
             checked: numbers
                 .iter()
-                .all(|&k| subdomains[k].partition == Partition::Checked),
+                .all(|&k| subdomains[k].partition() == Partition::Checked),
             measure: 0.0,
             shared: 0.0,
             missing: 0.0,

@@ -1,10 +1,9 @@
 //! Building a coupled run: checks, operators, consistent start.
 
-use super::{Coupled, motions, partition, tie};
-use crate::effect::{HostPair, Pair, PairSpec, StepDemand};
+use super::{Coupled, Ledger, motions, pairs, partition, tie};
+use crate::effect::PairSpec;
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
-use crate::ledger::Ledger;
 use crate::subdomain::Subdomain;
 use crate::weight::Weighting;
 use crate::{Error, Real, Result};
@@ -127,12 +126,13 @@ impl<T: Real> Coupled<T> {
         if subdomains.is_empty() {
             return Err(invalid("subdomains", 0, "a run needs at least one model"));
         }
+        let mut paired = vec![false; subdomains.len()];
         for p in &pairs {
-            p.check(subdomains.len())?;
-            p.sides.iter().for_each(|&s| subdomains[s].paired = true);
+            pairs::check(p, subdomains.len())?;
+            p.sides.iter().for_each(|&s| paired[s] = true);
         }
-        for s in &mut subdomains {
-            s.prepare()?;
+        for (s, paired) in subdomains.iter_mut().zip(paired) {
+            s.prepare(paired)?;
         }
         let (partition, outside) = partition::check(&subdomains, &interfaces)?;
         let mut built = Vec::with_capacity(interfaces.len());
@@ -148,10 +148,10 @@ impl<T: Real> Coupled<T> {
         }
         built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
         check_disjoint(&built, &subdomains)?;
-        let pairs = attach(pairs, &subdomains, &built)?;
+        let pairs = pairs::attach(pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
         for (k, s) in subdomains.iter_mut().enumerate() {
-            critical.push(s.critical_step(&demands(&pairs, k))?);
+            critical.push(s.critical_step(&pairs::demands(&pairs, k))?);
         }
         let dt = choose_step(step, &critical, &subdomains)?;
         let guard = checked_guard(guard, &subdomains)?;
@@ -196,47 +196,6 @@ impl<T: Real> Coupled<T> {
             effects,
         }
     }
-}
-
-/// Attaches effects between subdomains, telling them which nodes interfaces tie to the other side.
-fn attach<T: Real>(
-    pairs: Vec<PairSpec<T>>,
-    subdomains: &[Subdomain<T>],
-    interfaces: &[Interface<T>],
-) -> Result<Vec<Pair<T>>> {
-    let mut out = Vec::with_capacity(pairs.len());
-    for p in pairs {
-        let mut tied = [Vec::new(), Vec::new()];
-        for i in interfaces {
-            for (m, mine) in tied.iter_mut().enumerate() {
-                let [own, other] = [p.sides[m], p.sides[1 - m]];
-                let Some(side) = (0..2).find(|&s| i.sides[s] == own && i.sides[1 - s] == other) else {
-                    continue;
-                };
-                mine.resize(subdomains[own].model().layout().nodes, false);
-                for node in coupled_nodes(&i.coupling[side], i.components()) {
-                    mine[node] = true;
-                }
-            }
-        }
-        let sides = p.sides.map(|s| subdomains[s].host());
-        out.push(p.attach(&HostPair { sides, tied })?);
-    }
-    Ok(out)
-}
-
-/// What effects between subdomains demand of the step of one.
-fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepDemand<T>> {
-    let of = |p: &Pair<T>| {
-        let [a, b] = p.effect.step_demand();
-        let [first, second] = p.sides.map(|s| s == subdomain);
-        match (first, second) {
-            (true, _) => Some(a),
-            (_, true) => Some(b),
-            _ => None,
-        }
-    };
-    pairs.iter().filter_map(of).collect()
 }
 
 fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize) -> Result<Side<'a, T>> {

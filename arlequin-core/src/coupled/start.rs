@@ -2,7 +2,7 @@
 
 use super::{Coupled, pair};
 use crate::interface::Interface;
-use crate::subdomain::Subdomain;
+use crate::subdomain::{Reached, Subdomain};
 use crate::{Error, Real, Result};
 
 impl<T: Real> Coupled<T> {
@@ -18,19 +18,23 @@ impl<T: Real> Coupled<T> {
             let [coarse, fine] = i.sides;
             close(i, pair(&mut self.subdomains, coarse, fine), &mut self.work)?;
         }
+        let start = Reached {
+            time: self.time,
+            since: T::zero(),
+            dt: self.dt,
+        };
         for s in &mut self.subdomains {
-            s.start(self.time, self.dt)?;
+            s.start(start)?;
         }
         if !self.pairs.is_empty() {
-            self.meet([self.time, T::zero(), T::zero()], &mut |_| {})?;
+            self.add_pair_forces(start, &mut |_| {})?;
         }
         let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         for i in &mut self.interfaces {
             let [coarse, fine] = i.sides;
-            let [c, d] = pair(&mut self.subdomains, coarse, fine);
-            let inverse = [&c.inverse_inertia[..], &d.inverse_inertia[..]];
-            i.project([&mut c.state.v, &mut d.state.v], inverse, T::zero());
-            i.project([&mut c.state.a, &mut d.state.a], inverse, T::one());
+            let [(c, p), (d, q)] = pair(&mut self.subdomains, coarse, fine).map(Subdomain::correctable);
+            i.project([&mut c.v, &mut d.v], [p, q], T::zero());
+            i.project([&mut c.a, &mut d.a], [p, q], T::one());
         }
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
@@ -43,7 +47,7 @@ impl<T: Real> Coupled<T> {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {
             let moving = 0..s.model().layout().translations();
-            let terms = s.inertia()[moving.clone()].iter().zip(&s.state.q[moving]);
+            let terms = s.inertia()[moving.clone()].iter().zip(&s.state().q[moving]);
             let sum: T = terms.map(|(m, q)| *m * *q * *q).sum();
             // ω = 2/Δt_c
             sum * T::of(2.0) / (*critical * *critical)
@@ -54,9 +58,9 @@ impl<T: Real> Coupled<T> {
 
 /// Removes the jump of the initial displacements and reports it.
 fn close<T: Real>(i: &mut Interface<T>, [c, d]: [&mut Subdomain<T>; 2], work: &mut Vec<T>) -> Result<()> {
-    let (_, jump) = i.jump([&c.state.q, &d.state.q], work);
+    let (_, jump) = i.jump([&c.state().q, &d.state().q], work);
     let largest = [&*c, &*d].map(|s| {
-        let q = &s.state.q[..s.model().layout().translations()];
+        let q = &s.state().q[..s.model().layout().translations()];
         q.iter().fold(T::zero(), |m, x| m.max(x.abs()))
     });
     let largest = largest[0].max(largest[1]);
@@ -72,14 +76,14 @@ fn close<T: Real>(i: &mut Interface<T>, [c, d]: [&mut Subdomain<T>; 2], work: &m
             limit: i.start_jump.as_f64(),
         });
     }
-    let before = [c.state.q.clone(), d.state.q.clone()];
-    let inverse = [&c.inverse_inertia[..], &d.inverse_inertia[..]];
-    i.project([&mut c.state.q, &mut d.state.q], inverse, T::zero());
+    let [(c, m), (d, n)] = [c, d].map(Subdomain::correctable);
+    let before = [c.q.clone(), d.q.clone()];
+    i.project([&mut c.q, &mut d.q], [m, n], T::zero());
     let moved = |now: &[T], before: &[T]| {
         let all = now.iter().zip(before);
         all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))
     };
-    let moved = moved(&c.state.q, &before[0]).max(moved(&d.state.q, &before[1]));
+    let moved = moved(&c.q, &before[0]).max(moved(&d.q, &before[1]));
     i.report.start_moved = moved.as_f64();
     Ok(())
 }

@@ -69,9 +69,7 @@ impl<T: Real> System<T> {
             internal: &rest,
             internal_before: &rest,
         };
-        for e in &mut s.effects {
-            e.add_forces(&at, &mut self.rhs[start..start + n])?;
-        }
+        s.add_effects(&at, &mut self.rhs[start..start + n])?;
         for motion in s.supports() {
             for &d in &motion.dofs {
                 self.fixed[start + d] = true;

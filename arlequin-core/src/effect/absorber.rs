@@ -5,11 +5,12 @@
 //! resolved space (the mediator's or a coarser one), in the symmetric form
 //! `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, energy only leaves.
 
-use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand, dot};
+use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::linalg::SpdFactor;
-use crate::momentum::Arms;
+use crate::model::Arms;
+use crate::scalar::dot;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
 use std::sync::Arc;

@@ -1,9 +1,9 @@
 //! What effects did: one line each, for reports.
 
-use super::{Pair, StepDemand};
-use crate::coupled::Coupled;
-use crate::observer::Phase;
-use crate::{Real, Subdomain};
+use super::{AnyEffect, StepDemand};
+use crate::phase::Phase;
+use crate::record::Record;
+use crate::{Real, Result};
 
 /// What one effect did since the start.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,88 +52,56 @@ pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDema
     limit * ((T::one() + zeta * zeta).sqrt() - zeta)
 }
 
-impl<T: Real> Coupled<T> {
-    /// All effects that are on, and what they did: those of the models first, then those that were added, then those
-    /// between two models.
-    pub fn effects(&self) -> Vec<EffectLine<T>> {
-        let single = self.subdomains.iter().enumerate();
-        let between = self.pairs.iter().enumerate().map(|(k, p)| EffectLine {
-            name: p.effect.name().to_owned(),
-            phase: Some(Phase::Pair(k)),
-            work: Some(p.work),
-            pending: p.last_work * T::of(0.5),
-            stored: p.effect.stored(),
-            supplied: p.effect.supplied(),
-            facts: p.effect.facts(),
-        });
-        single
-            .flat_map(|(k, s)| s.effect_lines(k))
-            .chain(between)
-            .collect()
-    }
-
-    /// What the present state would need effects for that are not on.
-    pub fn watch(&self) -> Vec<(String, super::Finding)> {
-        let of = |s: &Subdomain<T>| {
-            let on =
-                |name: &str| s.effects().any(|e| e.name() == name) || s.model().effects().contains(&name);
-            let found = s.watch();
-            found
-                .into_iter()
-                .filter(|f| !on(f.effect))
-                .map(|f| (s.model().name().to_owned(), f))
-                .collect::<Vec<_>>()
-        };
-        self.subdomains.iter().flat_map(of).collect()
-    }
-
-    /// Energy \[J\] that effects have created, `work + stored − supplied` of those that must not and do: zero but for
-    /// round-off where their laws are sound.
-    pub fn created(&self) -> T {
-        let of = |s: &Subdomain<T>| -> T {
-            let works = s.works.iter().zip(&s.last_works);
-            s.effects
-                .iter()
-                .zip(works)
-                .filter_map(|(e, (w, last))| {
-                    let work = *w - *last * T::of(0.5);
-                    e.supplied().map(|from| (work + e.stored() - from).max(T::zero()))
-                })
-                .sum()
-        };
-        let single: T = self.subdomains.iter().map(of).sum();
-        single + self.pairs.iter().map(Pair::created).sum()
-    }
+/// An effect at work, on one subdomain or between two, with its line of the ledger.
+pub(crate) struct Attached<T, E: ?Sized> {
+    pub(crate) effect: Box<E>,
+    work: T,
+    /// What the last instant added to it.
+    last: T,
 }
 
-impl<T: Real> Subdomain<T> {
-    fn effect_lines(&self, own: usize) -> Vec<EffectLine<T>> {
-        let name = |effect: &str| format!("{}/{effect}", self.model().name());
-        let mut out = Vec::new();
-        for effect in self.model().effects() {
-            let taken = self.evolved.filter(|e| e.effect == *effect);
-            out.push(EffectLine {
-                name: name(effect),
-                phase: taken.map(|_| Phase::Evolve(own)),
-                work: taken.map(|e| e.work),
-                pending: T::zero(),
-                stored: T::zero(),
-                supplied: taken.map(|_| T::zero()),
-                facts: taken.map_or_else(Vec::new, |_| self.model().facts()),
-            });
+impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
+    pub(crate) fn new(effect: Box<E>) -> Self {
+        Self {
+            effect,
+            work: T::zero(),
+            last: T::zero(),
         }
-        let works = self.works.iter().zip(&self.last_works);
-        for (k, (e, (w, last))) in self.effects.iter().zip(works).enumerate() {
-            out.push(EffectLine {
-                name: name(e.name()),
-                phase: Some(Phase::Effect(own, k)),
-                work: Some(*w),
-                pending: *last * T::of(0.5),
-                stored: e.stored(),
-                supplied: e.supplied(),
-                facts: e.facts(),
-            });
+    }
+
+    /// Work on the models since the start \[J\].
+    pub(crate) fn work(&self) -> T {
+        self.work
+    }
+
+    /// Adds the work of an instant \[J\].
+    pub(crate) fn add(&mut self, work: T) {
+        self.last = work;
+        self.work += work;
+    }
+
+    /// Energy \[J\] the effect has created, `work + stored − supplied`: above zero only where its law is at fault.
+    pub(crate) fn created(&self) -> T {
+        let work = self.work - self.last * T::of(0.5);
+        let of = |from: T| (work + self.effect.stored() - from).max(T::zero());
+        self.effect.supplied().map_or_else(T::zero, of)
+    }
+
+    /// What it did, under the name that reports give it.
+    pub(crate) fn line(&self, name: String, phase: Phase) -> EffectLine<T> {
+        EffectLine {
+            name,
+            phase: Some(phase),
+            work: Some(self.work),
+            pending: self.last * T::of(0.5),
+            stored: self.effect.stored(),
+            supplied: self.effect.supplied(),
+            facts: self.effect.facts(),
         }
-        out
+    }
+
+    pub(crate) fn restore(&mut self, work: T, from: &Record<T>) -> Result<()> {
+        (self.work, self.last) = (work, T::zero());
+        self.effect.restore(from)
     }
 }

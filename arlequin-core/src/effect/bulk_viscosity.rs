@@ -4,7 +4,7 @@ use super::{Effect, EffectSpec, ForceLaw, Host, Instant, StepDemand};
 use crate::error::not_negative;
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{Cell, Sample};
-use crate::momentum::Arms;
+use crate::model::Arms;
 use crate::spectrum;
 use crate::{Error, Real, Result};
 use nalgebra::Vector3;

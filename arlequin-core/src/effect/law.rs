@@ -1,8 +1,9 @@
 //! Effects that are known by a formula for their force on every unknown.
 
-use super::{AnyEffect, Effect, Instant, StepDemand, dot};
-use crate::momentum::Arms;
-use crate::snapshot::Record;
+use super::{AnyEffect, Effect, Instant, StepDemand};
+use crate::model::Arms;
+use crate::record::Record;
+use crate::scalar::dot;
 use crate::{Real, Result};
 
 /// An effect whose force on every unknown is what `law` says: `law(at, f, own)` writes the effect's forces to `own` \[N, N m\],

@@ -107,11 +107,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
     fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let layout = to.model.layout();
         let gamma = &*to.weights.external;
-        let weigh = |dof: usize| match dof {
-            d if d < layout.translations() => gamma.at(&to.model.nodes()[d / layout.components]),
-            d if layout.turns() => gamma.at(&to.model.nodes()[(d - layout.translations()) / 3]),
-            _ => T::one(),
-        };
+        let weigh = |dof: usize| gamma.at(&to.model.nodes()[layout.node_of(dof)]);
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
         match &self.spread {
             Spread::Dofs(forces) => {

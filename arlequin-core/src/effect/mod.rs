@@ -12,19 +12,18 @@ mod load;
 mod pair;
 mod simple;
 
+pub use crate::model::Finding;
 pub use absorber::{Absorber, RateField};
 pub use account::EffectLine;
-pub(crate) use account::shortened;
+pub(crate) use account::{Attached, shortened};
 pub use bulk_viscosity::BulkViscosity;
 pub use law::ForceLaw;
 pub use load::{Load, SurfaceFacet};
-pub(crate) use pair::Pair;
 pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
 pub use simple::*;
 
-use crate::model::Model;
-use crate::momentum::Arms;
-use crate::snapshot::Record;
+use crate::model::{Arms, Model};
+use crate::record::Record;
 use crate::weight::Weights;
 use crate::{Real, Result};
 
@@ -99,15 +98,6 @@ impl<T: Real> StepDemand<T> {
     }
 }
 
-/// Something a model would need an effect for that is not on.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// Name of the effect to switch on.
-    pub effect: &'static str,
-    /// What was found, with value and limit.
-    pub message: String,
-}
-
 /// What a user chooses of an effect. A run attaches it to its subdomain before the first step; only then there is
 /// something that has forces.
 pub trait EffectSpec<T: Real>: Send {
@@ -178,8 +168,4 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::none()
     }
-}
-
-pub(crate) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::zero(), |s, (x, y)| s + *x * *y)
 }

@@ -7,7 +7,6 @@
 //! of the subdomains do not see its forces, so a local damping leaves them alone.
 
 use super::{AnyEffect, Host, Instant, StepDemand};
-use crate::subdomain::Subdomain;
 use crate::{Real, Result};
 
 /// The two subdomains that a pair effect acts on, as it sees them when it is attached.
@@ -65,62 +64,5 @@ impl<T: Real> std::fmt::Debug for PairSpec<T> {
             .field("sides", &self.sides)
             .field("effect", &self.effect.name())
             .finish()
-    }
-}
-
-/// A pair effect at work, with its line of the ledger.
-pub(crate) struct Pair<T: Real> {
-    pub(crate) sides: [usize; 2],
-    pub(crate) effect: Box<dyn PairEffect<T>>,
-    pub(crate) work: T,
-    /// What the last instant added to it.
-    pub(crate) last_work: T,
-}
-
-impl<T: Real> std::fmt::Debug for Pair<T> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Pair")
-            .field("sides", &self.sides)
-            .field("effect", &self.effect.name())
-            .field("work", &self.work)
-            .finish_non_exhaustive()
-    }
-}
-
-impl<T: Real> PairSpec<T> {
-    /// Refuses sides that are not two different subdomains.
-    pub(crate) fn check(&self, count: usize) -> Result<()> {
-        let [a, b] = self.sides;
-        if a != b && a.max(b) < count {
-            return Ok(());
-        }
-        let what = format!("subdomains of '{}'", self.effect.name());
-        let rule = format!("must be two different ones of {count}; within one, use an effect on it");
-        Err(crate::error::invalid(&what, format_args!("{a} and {b}"), &rule))
-    }
-
-    pub(crate) fn attach(self, to: &HostPair<'_, T>) -> Result<Pair<T>> {
-        Ok(Pair {
-            sides: self.sides,
-            effect: self.effect.attach(to)?,
-            work: T::zero(),
-            last_work: T::zero(),
-        })
-    }
-}
-
-impl<T: Real> Pair<T> {
-    /// Energy \[J\] the effect has created, above zero only where its law is at fault.
-    pub(crate) fn created(&self) -> T {
-        let work = self.work - self.last_work * T::of(0.5);
-        let of = |from: T| (work + self.effect.stored() - from).max(T::zero());
-        self.effect.supplied().map_or_else(T::zero, of)
-    }
-
-    /// Adds the work of this instant.
-    pub(crate) fn account(&mut self, dt: T, subdomains: &[Subdomain<T>]) {
-        let v = self.sides.map(|s| &subdomains[s].state.v[..]);
-        self.last_work = dt * self.effect.power(v);
-        self.work += self.last_work;
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Effect, EffectSpec, ForceLaw, Host, Instant, StepDemand};
 use crate::error::{invalid, not_negative};
-use crate::momentum::Arms;
+use crate::model::Arms;
 use crate::{Real, Result};
 use nalgebra::Vector3;
 

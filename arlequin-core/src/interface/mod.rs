@@ -22,6 +22,7 @@ use crate::field::Interpolation;
 use crate::junction::{Components, Junction, Needs};
 use crate::mediator::Mediator;
 use crate::model::DofLayout;
+use crate::scalar::dot;
 use crate::weight::Weight;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
@@ -364,10 +365,10 @@ impl<T: Real> Interface<T> {
         self.lambda.iter_mut().for_each(|l| *l *= scale);
     }
 
-    /// Adds `weight · (−C_C λ)` or `weight · c_D λ` on `target`, per unknown scaled by `scale`.
-    pub(crate) fn add_multiplier_forces(&self, side: usize, weight: T, scale: &[T], target: &mut [T]) {
+    /// Adds what the multipliers do to the acceleration of one side, `−M⁻¹ B_Cᵀ λ` or `M⁻¹ B_Dᵀ λ`.
+    pub(crate) fn accelerate(&self, side: usize, inverse_inertia: &[T], a: &mut [T]) {
         let sign = if side == 0 { -T::one() } else { T::one() };
-        self.coupling[side].scatter(sign * weight, &self.lambda, scale, target);
+        self.coupling[side].scatter(sign, &self.lambda, inverse_inertia, a);
     }
 
     /// Adds the coupling force of one side, `−C_C λ` or `c_D λ` \[N\].
@@ -385,7 +386,7 @@ impl<T: Real> Interface<T> {
         work.resize(self.lambda.len(), T::zero());
         self.coupling[0].gather(T::one(), x[0], work);
         self.coupling[1].gather(-T::one(), x[1], work);
-        let power = crate::effect::dot(&self.lambda, work);
+        let power = dot(&self.lambda, work);
         let largest = work
             .iter()
             .zip(&self.operator.row_measure)

@@ -1,8 +1,8 @@
 //! The multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ`: factor, rank, condition.
 
 use super::{Coupling, InterfaceSpec};
-use crate::effect::dot;
 use crate::linalg::SpdFactor;
+use crate::scalar::dot;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
 

@@ -10,7 +10,7 @@ use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::fracture::SharedLog;
 use arlequin::dem_beam::packing::Packing;
 use arlequin::dem_beam::{
-    Contact, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Scatter, Shape,
+    Contact, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, RigidShape, Scatter,
 };
 use std::collections::BTreeMap;
 
@@ -139,15 +139,15 @@ pub(super) fn law(young: f64, c: &spec::Contact) -> ContactLaw {
 }
 
 /// Shape and motion of an obstacle.
-pub(super) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(Shape, Motion)> {
+pub(super) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape, Motion)> {
     let path = format!("effect[{k}].obstacle");
     let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
     let shape = match o.shape {
-        ObstacleShape::Plane { point: p, normal } => Shape::Plane {
+        ObstacleShape::Plane { point: p, normal } => RigidShape::Plane {
             point: point(p),
             normal: Vector3::from(normal),
         },
-        ObstacleShape::Sphere { centre, radius } => Shape::Sphere {
+        ObstacleShape::Sphere { centre, radius } => RigidShape::Sphere {
             centre: point(centre),
             radius,
         },
@@ -155,7 +155,7 @@ pub(super) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(Shape, Mot
             point: p,
             axis,
             radius,
-        } => Shape::Cylinder {
+        } => RigidShape::Cylinder {
             point: point(p),
             axis: Vector3::from(axis),
             radius,

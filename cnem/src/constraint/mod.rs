@@ -94,6 +94,7 @@ impl Surface {
     }
 
     /// Adds crack faces: inside the domain, not seen through.
+    #[must_use]
     pub fn with_cracks(mut self, faces: Vec<[usize; 3]>) -> Self {
         self.cracks.extend(faces);
         self

@@ -223,13 +223,13 @@ impl Delaunay {
     }
 }
 
-/// Signed volume of a tetrahedron (m^3), positive for the orientation of [`crate::predicates::orient3d`].
+/// Signed volume of a tetrahedron \[m³\], positive for the orientation of [`crate::predicates::orient3d`].
 pub fn volume(t: [&Point3<f64>; 4]) -> f64 {
     let [a, b, c, d] = t;
     (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0
 }
 
-/// Gradients (1/m) of the linear functions of a tetrahedron, and its volume (m^3).
+/// Gradients \[1/m\] of the linear functions of a tetrahedron, and its volume \[m³\].
 pub(crate) fn linear_gradients(p: &[Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64) {
     let six = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));
     let gradients = crate::tet::FACES.map(|f| {

@@ -16,7 +16,7 @@ pub struct Gaps {
     pub tetrahedra: usize,
     /// Connected regions they form.
     pub regions: usize,
-    /// Volume whose closest node is hidden (m^3).
+    /// Volume whose closest node is hidden \[m³\].
     pub volume: f64,
 }
 

@@ -47,9 +47,9 @@ pub enum Side {
 pub struct Facet {
     /// What is on the other side.
     pub side: Side,
-    /// Area times the unit normal out of the cell (m^2).
+    /// Area times the unit normal out of the cell \[m²\].
     pub area: Vector3<f64>,
-    /// Centroid (m).
+    /// Centroid \[m\].
     pub centroid: Point3<f64>,
 }
 
@@ -84,7 +84,7 @@ impl Voronoi {
         self.volumes.is_empty()
     }
 
-    /// Volumes of the cells (m^3).
+    /// Volumes of the cells \[m³\].
     pub fn volumes(&self) -> &[f64] {
         &self.volumes
     }
@@ -108,7 +108,7 @@ impl Voronoi {
     }
 
     /// `|sum A| / sum |A|` of one cell.
-    fn open(&self, node: usize) -> f64 {
+    fn area_defect(&self, node: usize) -> f64 {
         let sum: Vector3<f64> = self.facets(node).iter().map(|f| f.area).sum();
         let total: f64 = self.facets(node).iter().map(|f| f.area.norm()).sum();
         if total == 0.0 { 0.0 } else { sum.norm() / total }
@@ -116,7 +116,7 @@ impl Voronoi {
 
     fn check_closed(&self) -> Result<()> {
         for node in 0..self.len() {
-            let defect = self.open(node);
+            let defect = self.area_defect(node);
             // Not `>`: a defect that is not a number is one.
             let closed = defect <= AREA_TOLERANCE;
             if !closed {
@@ -133,7 +133,7 @@ impl Voronoi {
     /// Compares volumes with the domain and adds up the area vectors.
     pub fn closure(&self, domain: &Domain) -> Closure {
         let filled: f64 = self.volumes.iter().sum();
-        let area = (0..self.len()).map(|i| self.open(i));
+        let area = (0..self.len()).map(|i| self.area_defect(i));
         Closure {
             volume: (filled / domain.volume() - 1.0).abs(),
             area: area.fold(0.0, f64::max),

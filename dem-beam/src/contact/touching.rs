@@ -102,6 +102,7 @@ impl Touching {
         self.active.clear();
         self.law.begin(at[0].dt);
         let count = self.gaps.len();
+        // One after the other, unlike the gaps: a contact works on the velocity that those before it have left.
         for n in 0..count {
             // To and fro: what a particle shared by two contacts carries from one budget to the other evens out.
             let k = if self.calls.is_multiple_of(2) {

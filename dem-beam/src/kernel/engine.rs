@@ -1,9 +1,9 @@
 //! One pass over all blocks: forces of the bonds, and the look at their strengths.
 
-use super::lanes::{Job, LANES, Lanes, Portable, Row, add_interleaved, eight};
+use super::lanes::{CacheLine, Job, LANES, Lanes, Portable, add_interleaved, eight};
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
-use super::screen::{Blind, Look, Screen, Screened, Watcher};
+use super::screen::{NoVisitor, Screen, Screened, StrengthCheck, Visitor};
 use crate::bond::BeamRigidity;
 use rayon::prelude::*;
 
@@ -86,7 +86,7 @@ pub(crate) trait Posed: Law {
     const TURNS: bool = false;
     /// Moves rows to displacements `u` \[m\] and rotations `th` \[rad\], from where they were with rotations `reached`, which
     /// become `th`; empty for a law that does not turn.
-    fn write_rows(isa: Isa, rows: &mut [Row], u: &[f64], th: &[f64], reached: &mut [f64]);
+    fn write_rows(isa: Isa, rows: &mut [CacheLine], u: &[f64], th: &[f64], reached: &mut [f64]);
 }
 
 /// Where a model wants its forces: `x0 y0 z0 x1 ...` and torques in the same order.
@@ -101,10 +101,17 @@ pub(crate) type Marks<'a> = (&'a Screen, &'a mut [bool]);
 
 impl<W: Screened> Pass<'_, W> {
     /// Adds forces and torques to flat arrays; places must be particle numbers.
-    pub(crate) fn add_forces(&self, rows: &[Row], sink: Sink<'_>, marks: Option<Marks<'_>>, parallel: bool) {
+    pub(crate) fn add_forces(
+        &self,
+        rows: &[CacheLine],
+        sink: Sink<'_>,
+        marks: Option<Marks<'_>>,
+        parallel: bool,
+    ) {
         if !parallel {
             return self.add_from(0, rows, sink, marks);
         }
+        // Chunks are whole blocks: no two threads write the forces of one particle.
         const SIZE: usize = CHUNK * LANES;
         let parts = sink
             .linear
@@ -123,7 +130,13 @@ impl<W: Screened> Pass<'_, W> {
     }
 
     /// The blocks from `first` on that `sink` holds.
-    pub(crate) fn add_from(&self, first: usize, rows: &[Row], sink: Sink<'_>, marks: Option<Marks<'_>>) {
+    pub(crate) fn add_from(
+        &self,
+        first: usize,
+        rows: &[CacheLine],
+        sink: Sink<'_>,
+        marks: Option<Marks<'_>>,
+    ) {
         self.isa.run(AddForces {
             pass: self,
             first,
@@ -137,7 +150,7 @@ impl<W: Screened> Pass<'_, W> {
 struct AddForces<'a, 'b, W: Law> {
     pass: &'a Pass<'b, W>,
     first: usize,
-    rows: &'a [Row],
+    rows: &'a [CacheLine],
     sink: Sink<'a>,
     marks: Option<Marks<'a>>,
 }
@@ -159,9 +172,9 @@ impl<W: Screened> OnLanes for AddForces<'_, '_, W> {
 /// Fetches `count` values into the nearest cache; any address will do.
 #[inline(always)]
 fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
-    let lines = count * size_of::<X>() / size_of::<Row>();
+    let lines = count * size_of::<X>() / size_of::<CacheLine>();
     for i in 0..lines {
-        l.prefetch(at.cast::<Row>().wrapping_add(i));
+        l.prefetch(at.cast::<CacheLine>().wrapping_add(i));
     }
 }
 
@@ -170,7 +183,7 @@ fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
 fn fetch<L: Lanes, W: Law, const FETCH: bool>(
     l: L,
     layout: &Layout<W>,
-    rows: &[Row],
+    rows: &[CacheLine],
     s: usize,
     slot: &W::Slot,
     ready: &W::Ready<L>,
@@ -188,21 +201,22 @@ fn fetch<L: Lanes, W: Law, const FETCH: bool>(
     W::near(l, slot, ready, &other)
 }
 
-/// Forces on the eight particles of a block. `look` sees every slot.
+/// Forces on the eight particles of a block. `visitor` sees every slot.
 #[inline(always)]
-fn gather<L: Lanes, W: Law, K: Look<L, W>, const FETCH: bool>(
+fn gather<L: Lanes, W: Law, K: Visitor<L, W>, const FETCH: bool>(
     l: L,
     pass: &Pass<'_, W>,
     k: &Rigidity<L>,
-    rows: &[Row],
+    rows: &[CacheLine],
     block: usize,
-    look: &mut K,
+    visitor: &mut K,
 ) -> [L::V; 6] {
     let layout = pass.layout;
     let mine = &rows[block * LANES..(block + 1) * LANES];
     let own = l.transpose(eight!(r => mine[r].0));
     let ready = W::ready(l, &own);
-    look.begin(&ready);
+    visitor.begin(&ready);
+    // Sums run slot after slot, in the order of storage: the same bits for any number of threads.
     let mut acc = [l.splat(0.0); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
     let mut before: Option<(usize, &W::Slot, W::Near<L>)> = None;
@@ -210,12 +224,12 @@ fn gather<L: Lanes, W: Law, K: Look<L, W>, const FETCH: bool>(
         let near = fetch::<L, W, FETCH>(l, layout, rows, ahead, slot, &ready);
         if let Some((index, slot, near)) = before.replace((ahead, slot, near)) {
             W::add(l, k, slot, &ready, &near, &mut acc);
-            look.see(index, slot, &ready, &near);
+            visitor.visit(index, slot, &ready, &near);
         }
     }
     if let Some((index, slot, near)) = before {
         W::add(l, k, slot, &ready, &near, &mut acc);
-        look.see(index, slot, &ready, &near);
+        visitor.visit(index, slot, &ready, &near);
     }
     acc
 }
@@ -227,14 +241,14 @@ impl<L: Lanes, W: Screened, const FETCH: bool> Job for With<L, AddForces<'_, '_,
         let k = Rigidity::new(l, &j.pass.rigidity);
         let Some((screen, marks)) = j.marks.take() else {
             for b in 0..j.sink.linear.len().div_ceil(3 * LANES) {
-                j.add_block::<L, Blind, FETCH>(l, &k, b, &mut Blind);
+                j.add_block::<L, NoVisitor, FETCH>(l, &k, b, &mut NoVisitor);
             }
             return;
         };
-        let mut watcher = Watcher::new(l, screen);
+        let mut check = StrengthCheck::new(l, screen);
         for (b, mark) in marks.iter_mut().enumerate() {
-            j.add_block::<L, Watcher<'_, L>, FETCH>(l, &k, b, &mut watcher);
-            *mark = watcher.found();
+            j.add_block::<L, StrengthCheck<'_, L>, FETCH>(l, &k, b, &mut check);
+            *mark = check.found();
         }
     }
 }
@@ -242,12 +256,12 @@ impl<L: Lanes, W: Screened, const FETCH: bool> Job for With<L, AddForces<'_, '_,
 impl<W: Screened> AddForces<'_, '_, W> {
     /// Adds the forces of block `b` of this part.
     #[inline(always)]
-    fn add_block<L: Lanes, K: Look<L, W>, const FETCH: bool>(
+    fn add_block<L: Lanes, K: Visitor<L, W>, const FETCH: bool>(
         &mut self,
         l: L,
         k: &Rigidity<L>,
         b: usize,
-        look: &mut K,
+        visitor: &mut K,
     ) {
         let block = self.first + b;
         let range = 3 * LANES * b..self.sink.linear.len().min(3 * LANES * (b + 1));
@@ -258,7 +272,7 @@ impl<W: Screened> AddForces<'_, '_, W> {
                 prefetch_lines(l, to.as_ptr().wrapping_add(3 * LANES), 3 * LANES);
             }
         }
-        let f = gather::<L, W, K, FETCH>(l, self.pass, k, self.rows, block, look);
+        let f = gather::<L, W, K, FETCH>(l, self.pass, k, self.rows, block, visitor);
         add_interleaved(l, [f[0], f[1], f[2]], linear);
         add_interleaved(l, [f[3], f[4], f[5]], angular);
     }

@@ -25,13 +25,27 @@ macro_rules! eight {
 }
 pub(crate) use eight;
 
+/// Methods of [`Lanes`] on vectors, one per line: `name(s, a, b) => value;` with the lanes `s`.
+macro_rules! elementwise {
+    ($($name:ident($s:ident, $($x:ident),*) => $e:expr;)*) => {
+        $(
+            #[inline(always)]
+            fn $name(self, $($x: Self::V),*) -> Self::V {
+                let $s = self;
+                $e
+            }
+        )*
+    };
+}
+pub(crate) use elementwise;
+
 /// Lanes per vector, particles per block.
 pub(crate) const LANES: usize = 8;
 
 /// Eight numbers, aligned to a cache line.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C, align(64))]
-pub(crate) struct Row(pub(crate) [f64; LANES]);
+pub(crate) struct CacheLine(pub(crate) [f64; LANES]);
 
 /// Element-wise arithmetic on eight lanes. Values are tokens of a detected instruction set.
 pub(crate) trait Lanes: Copy + Send + Sync {
@@ -57,7 +71,7 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn max(self, a: Self::V, b: Self::V) -> Self::V;
     /// Vector k holds entry k of the eight rows.
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES];
-    /// Row k holds lane k of the eight vectors.
+    /// CacheLine k holds lane k of the eight vectors.
     fn untranspose(self, v: [Self::V; LANES]) -> [[f64; LANES]; LANES];
     /// `x0 y0 z0 x1 y1 ...` of three vectors.
     #[inline(always)]
@@ -70,7 +84,7 @@ pub(crate) trait Lanes: Copy + Send + Sync {
         ]
     }
     /// Starts fetching a row; any address will do.
-    fn prefetch(self, row: *const Row);
+    fn prefetch(self, row: *const CacheLine);
 }
 
 /// Work for [`Lanes::run`]; implementations must be `#[inline(always)]` to be compiled for it.
@@ -100,38 +114,16 @@ impl Lanes for Portable {
     fn store(self, x: Self::V) -> [f64; LANES] {
         x
     }
-    #[inline(always)]
-    fn add(self, a: Self::V, b: Self::V) -> Self::V {
-        eight!(k => a[k] + b[k])
-    }
-    #[inline(always)]
-    fn sub(self, a: Self::V, b: Self::V) -> Self::V {
-        eight!(k => a[k] - b[k])
-    }
-    #[inline(always)]
-    fn mul(self, a: Self::V, b: Self::V) -> Self::V {
-        eight!(k => a[k] * b[k])
-    }
-    #[inline(always)]
-    fn recip(self, a: Self::V) -> Self::V {
-        eight!(k => a[k].recip())
-    }
-    #[inline(always)]
-    fn sqrt(self, a: Self::V) -> Self::V {
-        eight!(k => a[k].sqrt())
-    }
-    // Not `mul_add`: without the instruction it is a library call, ten times slower.
-    #[inline(always)]
-    fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        eight!(k => a[k] * b[k] + c[k])
-    }
-    #[inline(always)]
-    fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        eight!(k => c[k] - a[k] * b[k])
-    }
-    #[inline(always)]
-    fn max(self, a: Self::V, b: Self::V) -> Self::V {
-        eight!(k => if a[k] > b[k] { a[k] } else { b[k] })
+    elementwise! {
+        add(_s, a, b) => eight!(k => a[k] + b[k]);
+        sub(_s, a, b) => eight!(k => a[k] - b[k]);
+        mul(_s, a, b) => eight!(k => a[k] * b[k]);
+        recip(_s, a) => eight!(k => a[k].recip());
+        sqrt(_s, a) => eight!(k => a[k].sqrt());
+        // Not `mul_add`: without the instruction it is a library call, ten times slower.
+        madd(_s, a, b, c) => eight!(k => a[k] * b[k] + c[k]);
+        nmadd(_s, a, b, c) => eight!(k => c[k] - a[k] * b[k]);
+        max(_s, a, b) => eight!(k => if a[k] > b[k] { a[k] } else { b[k] });
     }
     #[inline(always)]
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES] {
@@ -142,7 +134,7 @@ impl Lanes for Portable {
         eight!(r => eight!(c => v[c][r]))
     }
     #[inline(always)]
-    fn prefetch(self, _row: *const Row) {}
+    fn prefetch(self, _row: *const CacheLine) {}
 }
 
 /// Three lanes-wide coordinates.
@@ -172,6 +164,22 @@ pub(crate) fn axpy<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
         l.madd(a[1], s, c[1]),
         l.madd(a[2], s, c[2]),
     ]
+}
+
+/// `c - a s`.
+#[inline(always)]
+pub(crate) fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
+    [
+        l.nmadd(a[0], s, c[0]),
+        l.nmadd(a[1], s, c[1]),
+        l.nmadd(a[2], s, c[2]),
+    ]
+}
+
+/// Three coordinates from memory.
+#[inline(always)]
+pub(crate) fn load3<L: Lanes>(l: L, x: &[[f64; LANES]; 3]) -> Vec3<L> {
+    [l.load(&x[0]), l.load(&x[1]), l.load(&x[2])]
 }
 
 /// `a s`.

@@ -1,6 +1,6 @@
 //! The lanes of AVX-512 (one register a vector) and AVX2 with FMA (two).
 
-use super::lanes::{Job, LANES, Lanes, Row, eight};
+use super::lanes::{CacheLine, Job, LANES, Lanes, eight, elementwise};
 use core::arch::x86_64::{__m256d, __m512d};
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, cast};
@@ -72,40 +72,17 @@ impl Lanes for Wide512 {
     fn store(self, x: __m512d) -> [f64; LANES] {
         cast(x)
     }
-    #[inline(always)]
-    fn add(self, a: __m512d, b: __m512d) -> __m512d {
-        self.0.avx512f._mm512_add_pd(a, b)
-    }
-    #[inline(always)]
-    fn sub(self, a: __m512d, b: __m512d) -> __m512d {
-        self.0.avx512f._mm512_sub_pd(a, b)
-    }
-    #[inline(always)]
-    fn mul(self, a: __m512d, b: __m512d) -> __m512d {
-        self.0.avx512f._mm512_mul_pd(a, b)
-    }
-    // An estimate of 14 bits with two Newton steps was 9 % slower in the finite law, where the other
-    // units are busy while the divider works.
-    #[inline(always)]
-    fn recip(self, a: __m512d) -> __m512d {
-        let f = self.0.avx512f;
-        f._mm512_div_pd(f._mm512_set1_pd(1.0), a)
-    }
-    #[inline(always)]
-    fn sqrt(self, a: __m512d) -> __m512d {
-        self.0.avx512f._mm512_sqrt_pd(a)
-    }
-    #[inline(always)]
-    fn madd(self, a: __m512d, b: __m512d, c: __m512d) -> __m512d {
-        self.0.avx512f._mm512_fmadd_pd(a, b, c)
-    }
-    #[inline(always)]
-    fn nmadd(self, a: __m512d, b: __m512d, c: __m512d) -> __m512d {
-        self.0.avx512f._mm512_fnmadd_pd(a, b, c)
-    }
-    #[inline(always)]
-    fn max(self, a: __m512d, b: __m512d) -> __m512d {
-        self.0.avx512f._mm512_max_pd(a, b)
+    elementwise! {
+        add(s, a, b) => s.0.avx512f._mm512_add_pd(a, b);
+        sub(s, a, b) => s.0.avx512f._mm512_sub_pd(a, b);
+        mul(s, a, b) => s.0.avx512f._mm512_mul_pd(a, b);
+        // An estimate of 14 bits with two Newton steps was 9 % slower in the finite law, where the other
+        // units are busy while the divider works.
+        recip(s, a) => { let f = s.0.avx512f; f._mm512_div_pd(f._mm512_set1_pd(1.0), a) };
+        sqrt(s, a) => s.0.avx512f._mm512_sqrt_pd(a);
+        madd(s, a, b, c) => s.0.avx512f._mm512_fmadd_pd(a, b, c);
+        nmadd(s, a, b, c) => s.0.avx512f._mm512_fnmadd_pd(a, b, c);
+        max(s, a, b) => s.0.avx512f._mm512_max_pd(a, b);
     }
     #[inline(always)]
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [__m512d; LANES] {
@@ -130,7 +107,7 @@ impl Lanes for Wide512 {
         ]
     }
     #[inline(always)]
-    fn prefetch(self, row: *const Row) {
+    fn prefetch(self, row: *const CacheLine) {
         self.0
             .sse
             ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(row.cast());
@@ -208,38 +185,15 @@ impl Lanes for Wide256 {
     fn store(self, x: Self::V) -> [f64; LANES] {
         cast(x)
     }
-    #[inline(always)]
-    fn add(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(k => self.0.avx._mm256_add_pd(a[k], b[k]))
-    }
-    #[inline(always)]
-    fn sub(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(k => self.0.avx._mm256_sub_pd(a[k], b[k]))
-    }
-    #[inline(always)]
-    fn mul(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(k => self.0.avx._mm256_mul_pd(a[k], b[k]))
-    }
-    #[inline(always)]
-    fn recip(self, a: Self::V) -> Self::V {
-        let one = self.0.avx._mm256_set1_pd(1.0);
-        both!(k => self.0.avx._mm256_div_pd(one, a[k]))
-    }
-    #[inline(always)]
-    fn sqrt(self, a: Self::V) -> Self::V {
-        both!(k => self.0.avx._mm256_sqrt_pd(a[k]))
-    }
-    #[inline(always)]
-    fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        both!(k => self.0.fma._mm256_fmadd_pd(a[k], b[k], c[k]))
-    }
-    #[inline(always)]
-    fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        both!(k => self.0.fma._mm256_fnmadd_pd(a[k], b[k], c[k]))
-    }
-    #[inline(always)]
-    fn max(self, a: Self::V, b: Self::V) -> Self::V {
-        both!(k => self.0.avx._mm256_max_pd(a[k], b[k]))
+    elementwise! {
+        add(s, a, b) => both!(k => s.0.avx._mm256_add_pd(a[k], b[k]));
+        sub(s, a, b) => both!(k => s.0.avx._mm256_sub_pd(a[k], b[k]));
+        mul(s, a, b) => both!(k => s.0.avx._mm256_mul_pd(a[k], b[k]));
+        recip(s, a) => { let one = s.0.avx._mm256_set1_pd(1.0); both!(k => s.0.avx._mm256_div_pd(one, a[k])) };
+        sqrt(s, a) => both!(k => s.0.avx._mm256_sqrt_pd(a[k]));
+        madd(s, a, b, c) => both!(k => s.0.fma._mm256_fmadd_pd(a[k], b[k], c[k]));
+        nmadd(s, a, b, c) => both!(k => s.0.fma._mm256_fnmadd_pd(a[k], b[k], c[k]));
+        max(s, a, b) => both!(k => s.0.avx._mm256_max_pd(a[k], b[k]));
     }
     #[inline(always)]
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES] {
@@ -251,7 +205,7 @@ impl Lanes for Wide256 {
         eight!(k => cast(t[k]))
     }
     #[inline(always)]
-    fn prefetch(self, row: *const Row) {
+    fn prefetch(self, row: *const CacheLine) {
         self.0
             .sse
             ._mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(row.cast());

@@ -19,7 +19,7 @@
 //! m_i = k_t s (r_0 n + n x r) - 2 k_b t_i x (t_j - (2 c_i + c_j) n)
 //! ```
 
-use super::lanes::{Lanes, Vec3, axpy, cross, diff, dot, scale, sum};
+use super::lanes::{Lanes, Vec3, axpy, cross, diff, dot, load3, minus, scale, sum};
 use crate::bond::{BeamRigidity, LinearBond};
 
 /// A force law on rows of eight numbers per particle.
@@ -145,15 +145,12 @@ impl Law for Linear {
         &[du, tj]: &[Vec3<L>; 2],
         acc: &mut [L::V; 6],
     ) {
-        let p: Vec3<L> = [
-            l.load(&slot.axis[0]),
-            l.load(&slot.axis[1]),
-            l.load(&slot.axis[2]),
-        ];
+        let p: Vec3<L> = load3(l, &slot.axis);
         let s = l.load(&slot.scale);
         let q = dot(l, p, p);
         let b = l.mul(l.mul(k.bending2, s), q);
         let b3 = l.mul(b, k.three);
+        // `th_i + th_j` serves force and torque: two additions instead of a second pass over the rotations.
         let both = sum(l, ti, tj);
         let lever = axpy(l, du, l.mul(k.two, q), cross(l, p, both));
         let stretch = l.mul(l.mul(l.madd(k.minus_bending12, q, k.axial), s), dot(l, p, du));
@@ -161,12 +158,7 @@ impl Law for Linear {
         let along = l.nmadd(k.across, dot(l, p, ti), l.mul(k.along, dot(l, p, tj)));
         let c = axpy(l, cross(l, p, du), b3, [acc[3], acc[4], acc[5]]);
         let most = sum(l, ti, both);
-        let c = [
-            l.nmadd(b, most[0], c[0]),
-            l.nmadd(b, most[1], c[1]),
-            l.nmadd(b, most[2], c[2]),
-        ];
-        let c = axpy(l, p, l.mul(along, s), c);
+        let c = axpy(l, p, l.mul(along, s), minus(l, most, b, c));
         *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
     }
 }
@@ -254,11 +246,7 @@ impl Law for Finite {
 
     #[inline(always)]
     fn near<L: Lanes>(l: L, slot: &FiniteSlot, own: &FiniteReady<L>, other: &[L::V; 8]) -> FiniteNear<L> {
-        let n0: Vec3<L> = [
-            l.load(&slot.axis[0]),
-            l.load(&slot.axis[1]),
-            l.load(&slot.axis[2]),
-        ];
+        let n0: Vec3<L> = load3(l, &slot.axis);
         let rest = l.load(&slot.rest);
         let du = diff(l, [other[0], other[1], other[2]], own.u);
         let d = axpy(l, n0, rest, du);
@@ -315,20 +303,10 @@ impl Law for Finite {
             l.mul(kt, r0),
             axpy(l, cross(l, n, r), kt, [acc[3], acc[4], acc[5]]),
         );
-        let arm = [
-            l.nmadd(a, n[0], tj[0]),
-            l.nmadd(a, n[1], tj[1]),
-            l.nmadd(a, n[2], tj[2]),
-        ];
-        let bend = cross(l, ti, arm);
-        *acc = [
-            l.nmadd(ka, ti[0], l.nmadd(kbb, tj[0], f[0])),
-            l.nmadd(ka, ti[1], l.nmadd(kbb, tj[1], f[1])),
-            l.nmadd(ka, ti[2], l.nmadd(kbb, tj[2], f[2])),
-            l.nmadd(kb, bend[0], m[0]),
-            l.nmadd(kb, bend[1], m[1]),
-            l.nmadd(kb, bend[2], m[2]),
-        ];
+        let bend = cross(l, ti, minus(l, n, a, tj));
+        let f = minus(l, ti, ka, minus(l, tj, kbb, f));
+        let m = minus(l, bend, kb, m);
+        *acc = [f[0], f[1], f[2], m[0], m[1], m[2]];
     }
 }
 
@@ -347,11 +325,7 @@ pub(super) fn turned_axes<L: Lanes>(
     own: &FiniteReady<L>,
     near: &FiniteNear<L>,
 ) -> Turned<L> {
-    let n0: Vec3<L> = [
-        l.load(&slot.axis[0]),
-        l.load(&slot.axis[1]),
-        l.load(&slot.axis[2]),
-    ];
+    let n0: Vec3<L> = load3(l, &slot.axis);
     let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (own.q, near.q, near.s);
     let ti: Vec3<L> = [
         dot(l, own.turn[0], n0),
@@ -361,11 +335,7 @@ pub(super) fn turned_axes<L: Lanes>(
     let tj = turned(l, two, sj, qj, n0);
     // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j.
     let r = axpy(l, qj, own.s, cross(l, qi, qj));
-    let r = [
-        l.nmadd(sj, qi[0], r[0]),
-        l.nmadd(sj, qi[1], r[1]),
-        l.nmadd(sj, qi[2], r[2]),
-    ];
+    let r = minus(l, qi, sj, r);
     Turned {
         axes: [ti, tj],
         relative: r,

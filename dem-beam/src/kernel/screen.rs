@@ -17,7 +17,7 @@
 //! multiplied by a length where that saves a division.
 
 use super::engine::Posed;
-use super::lanes::{LANES, Lanes, Row, Vec3, axpy, cross, dot, sum};
+use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, sum};
 use super::law::{Finite, FiniteNear, FiniteReady, FiniteSlot, Law, Linear, LinearSlot, turned_axes};
 use crate::fracture::Criterion;
 use crate::fracture::criterion::Section;
@@ -39,7 +39,7 @@ pub(crate) struct Screen {
     /// Least of the limits.
     limit: f64,
     /// It over the limit of each half-bond, where they differ.
-    each: Option<Vec<Row>>,
+    each: Option<Vec<CacheLine>>,
     /// Largest `|th|^2` of a particle for which the squares of the linear law are sharp enough.
     turn: f64,
 }
@@ -74,7 +74,7 @@ impl Screen {
 
     /// One limit per half-bond from here on, `slots` rows of them, none to be reached.
     pub(crate) fn with_each(mut self, slots: usize) -> Self {
-        self.each = Some(vec![Row([0.0; LANES]); slots]);
+        self.each = Some(vec![CacheLine([0.0; LANES]); slots]);
         self
     }
 
@@ -190,11 +190,7 @@ impl Screened for Linear {
         &[du, tj]: &[Vec3<L>; 2],
         share: Option<L::V>,
     ) -> L::V {
-        let p: Vec3<L> = [
-            l.load(&slot.axis[0]),
-            l.load(&slot.axis[1]),
-            l.load(&slot.axis[2]),
-        ];
+        let p: Vec3<L> = load3(l, &slot.axis);
         let strain = dot(l, p, du);
         if matches!(t.criterion, Criterion::Axial) {
             return l.sub(t.shared(l, l.mul(t.young, strain), share), t.one);
@@ -293,42 +289,32 @@ fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
     }
 }
 
-/// `c - a s`.
-#[inline(always)]
-fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> {
-    [
-        l.nmadd(a[0], s, c[0]),
-        l.nmadd(a[1], s, c[1]),
-        l.nmadd(a[2], s, c[2]),
-    ]
-}
-
 /// Something that sees every slot while forces are gathered.
-pub(crate) trait Look<L: Lanes, W: Law> {
+pub(crate) trait Visitor<L: Lanes, W: Law> {
     fn begin(&mut self, own: &W::Ready<L>);
-    fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>);
+    fn visit(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>);
 }
 
 /// Sees nothing, costs nothing.
-pub(crate) struct Blind;
+pub(crate) struct NoVisitor;
 
-impl<L: Lanes, W: Law> Look<L, W> for Blind {
+impl<L: Lanes, W: Law> Visitor<L, W> for NoVisitor {
     #[inline(always)]
     fn begin(&mut self, _: &W::Ready<L>) {}
     #[inline(always)]
-    fn see(&mut self, _: usize, _: &W::Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
+    fn visit(&mut self, _: usize, _: &W::Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
 }
 
 /// The worst of what it saw in a block.
-pub(crate) struct Watcher<'a, L: Lanes> {
+pub(crate) struct StrengthCheck<'a, L: Lanes> {
     l: L,
     test: Test<L>,
-    each: Option<&'a [Row]>,
+    each: Option<&'a [CacheLine]>,
     turn: L::V,
     worst: L::V,
 }
 
-impl<'a, L: Lanes> Watcher<'a, L> {
+impl<'a, L: Lanes> StrengthCheck<'a, L> {
     #[inline(always)]
     pub(crate) fn new(l: L, screen: &'a Screen) -> Self {
         Self {
@@ -347,14 +333,14 @@ impl<'a, L: Lanes> Watcher<'a, L> {
     }
 }
 
-impl<L: Lanes, W: Screened> Look<L, W> for Watcher<'_, L> {
+impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
     #[inline(always)]
     fn begin(&mut self, own: &W::Ready<L>) {
         self.worst = self.l.sub(W::turn(self.l, own), self.turn);
     }
 
     #[inline(always)]
-    fn see(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>) {
+    fn visit(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>) {
         let l = self.l;
         #[allow(clippy::manual_map, reason = "as in `squared`")]
         let share = match self.each {

@@ -5,7 +5,7 @@
 //! the motion itself, and the scheme the variational one.
 
 use super::engine::OnLanes;
-use super::lanes::{Job, LANES, Lanes, Row, Vec3, cross, dot, eight, scale};
+use super::lanes::{CacheLine, Job, LANES, Lanes, Vec3, cross, dot, eight, scale};
 
 /// `cos(a/2)` and `sin(a/2)/a` as series in `(a/2)^2`. Constants, because ten divisions per particle would cost as much as a
 /// bond.
@@ -60,7 +60,7 @@ pub(crate) fn turned(q: [f64; 4], d: [f64; 3]) -> [f64; 4] {
 
 /// Rows on their way to displacements `u` and rotations `th`, from `reached`, which become `th`.
 pub(crate) struct Turn<'a> {
-    pub(crate) rows: &'a mut [Row],
+    pub(crate) rows: &'a mut [CacheLine],
     pub(crate) u: &'a [f64],
     pub(crate) th: &'a [f64],
     pub(crate) reached: &'a mut [f64],
@@ -92,14 +92,14 @@ impl<L: Lanes> Job for With<'_, L> {
     }
 }
 
-fn one_by_one(rows: &mut [Row], u: &[f64], th: &[f64], reached: &mut [f64]) {
+fn one_by_one(rows: &mut [CacheLine], u: &[f64], th: &[f64], reached: &mut [f64]) {
     let sources = u.as_chunks::<3>().0.iter().zip(th.as_chunks::<3>().0);
     let places = rows.iter_mut().zip(reached.as_chunks_mut::<3>().0);
     for ((row, reached), (u, th)) in places.zip(sources) {
         let d = [th[0] - reached[0], th[1] - reached[1], th[2] - reached[2]];
         *reached = *th;
         let q = turned([row.0[3], row.0[4], row.0[5], row.0[6]], d);
-        *row = Row([u[0], u[1], u[2], q[0], q[1], q[2], q[3], 0.0]);
+        *row = CacheLine([u[0], u[1], u[2], q[0], q[1], q[2], q[3], 0.0]);
     }
 }
 
@@ -107,7 +107,7 @@ fn one_by_one(rows: &mut [Row], u: &[f64], th: &[f64], reached: &mut [f64]) {
 #[inline(always)]
 fn small_turn<L: Lanes>(
     l: L,
-    rows: &mut [Row; LANES],
+    rows: &mut [CacheLine; LANES],
     u: &[f64; 24],
     th: &[f64; 24],
     reached: &mut [f64; 24],
@@ -171,7 +171,7 @@ fn series<L: Lanes>(l: L, y: L::V, k: &[f64; 6]) -> L::V {
 #[cfg(test)]
 mod tests {
     use super::super::engine::Isa;
-    use super::{Row, Turn, turned};
+    use super::{CacheLine, Turn, turned};
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
     /// Against a library, for turns on either side of where the series end, on lanes and one by one.
@@ -187,8 +187,8 @@ mod tests {
             let th: Vec<f64> = d.iter().zip(&reached).map(|(d, r)| d + r).collect();
             let u: Vec<f64> = (0..3 * n).map(|i| i as f64).collect();
             for isa in [Isa::detect(), Isa::Portable] {
-                let row = |q: &UnitQuaternion<f64>| Row([0.0, 0.0, 0.0, q.w, q.i, q.j, q.k, 0.0]);
-                let mut rows: Vec<Row> = start.iter().map(row).collect();
+                let row = |q: &UnitQuaternion<f64>| CacheLine([0.0, 0.0, 0.0, q.w, q.i, q.j, q.k, 0.0]);
+                let mut rows: Vec<CacheLine> = start.iter().map(row).collect();
                 let mut from = reached.clone();
                 let turn = Turn {
                     rows: &mut rows,

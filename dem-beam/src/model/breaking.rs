@@ -1,6 +1,6 @@
 //! A model whose bonds break, and what a state would need.
 
-use super::{DemModel, Kernel};
+use super::DemModel;
 use crate::contact::neighbours;
 use crate::error::{Error, Result};
 use crate::fracture::state::FractureState;
@@ -80,10 +80,7 @@ impl DemModel {
             let readers = [&self.reader(before), &self.reader(now)];
             released = fracture.release(&self.body, &mut step, readers, |b| self.in_overlap(b));
             let blocks = self.sever(&mut fracture);
-            match &self.kernel {
-                Kernel::Linear(k) => k.again(&blocks, step.f),
-                Kernel::Finite(k) => k.again(&blocks, step.f),
-            }
+            self.kernel.again(&blocks, step.f);
         }
         self.fracture = Some(fracture);
         released
@@ -100,10 +97,7 @@ impl DemModel {
         blocks.dedup();
         let log = locked(&self.log);
         let (body, whole) = (&self.body, |b: usize| !log.is_broken(b));
-        match &mut self.kernel {
-            Kernel::Linear(k) => k.refresh(&blocks, body, &fracture.adjacency, &whole),
-            Kernel::Finite(k) => k.refresh(&blocks, body, &fracture.adjacency, &whole),
-        }
+        self.kernel.refresh(&blocks, body, &fracture.adjacency, &whole);
         fracture.follow(&blocks, &whole);
         blocks
     }
@@ -115,18 +109,16 @@ impl DemModel {
             .as_ref()
             .map(FractureState::save)
             .unwrap_or_default();
-        if let Kernel::Finite(k) = &self.kernel {
-            out.numbers.extend(k.save());
-        }
+        out.numbers.extend(self.kernel.save());
         out
     }
 
     /// Undoes [`Self::remember`].
     pub(super) fn recall(&mut self, mut from: Record<f64>) -> arlequin_core::Result<()> {
-        if let Kernel::Finite(k) = &mut self.kernel {
+        if self.has_finite_rotations() {
             let breaks = from.numbers.len().saturating_sub(7 * self.nodes.len());
             let turns = from.numbers.split_off(breaks);
-            if !k.restore(&turns) {
+            if !self.kernel.restore(&turns) {
                 return Err(self.foreign("the record of orientations"));
             }
         }
@@ -171,7 +163,7 @@ impl DemModel {
 
     pub(super) fn findings(&self, q: &[f64]) -> Vec<Finding> {
         let mut out = Vec::new();
-        if matches!(self.kernel, Kernel::Linear(_)) {
+        if !self.has_finite_rotations() {
             out.extend(self.large_rotation(q));
         }
         if let Some(w) = &self.watched {

@@ -2,7 +2,7 @@
 
 use crate::bond::BeamRigidity;
 use crate::kernel::engine::{Isa, Marks, Pass, Posed, Sink};
-use crate::kernel::lanes::{LANES, Row};
+use crate::kernel::lanes::{CacheLine, LANES};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
 use crate::kernel::screen::Screened;
@@ -20,7 +20,7 @@ const CHUNK: usize = 1_024;
 
 impl Posed for Linear {
     #[inline]
-    fn write_rows(_: Isa, rows: &mut [Row], u: &[f64], th: &[f64], _: &mut [f64]) {
+    fn write_rows(_: Isa, rows: &mut [CacheLine], u: &[f64], th: &[f64], _: &mut [f64]) {
         let Some((last, rows)) = rows.split_last_mut() else {
             return;
         };
@@ -39,7 +39,7 @@ impl Posed for Finite {
     const TURNS: bool = true;
 
     #[inline]
-    fn write_rows(isa: Isa, rows: &mut [Row], u: &[f64], th: &[f64], reached: &mut [f64]) {
+    fn write_rows(isa: Isa, rows: &mut [CacheLine], u: &[f64], th: &[f64], reached: &mut [f64]) {
         isa.run(Turn { rows, u, th, reached });
     }
 }
@@ -47,7 +47,7 @@ impl Posed for Finite {
 /// Orientations of the particles as they were reached last.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reached<'a> {
-    rows: &'a [Row],
+    rows: &'a [CacheLine],
     th: &'a [f64],
 }
 
@@ -62,15 +62,46 @@ impl Reached<'_> {
     }
 }
 
+/// Forces of the bonds of a body under one of the two laws.
+pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
+    /// The same law for a body with other weights; nothing has turned yet.
+    fn renewed(&self, body: &BondedParticles) -> Box<dyn BondForces>;
+    /// Adds forces and torques at positions that become the reached ones; all in the layout of the model. With `marks` it
+    /// looks at strengths on the way.
+    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>);
+    /// The same at any positions, without going there.
+    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>);
+    /// What was reached last, under a law that turns.
+    fn reached(&self) -> Option<Reached<'_>>;
+    /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
+    fn save(&self) -> Vec<f64>;
+    /// Undoes [`Self::save`]; `false` for numbers that are no orientations of as many particles.
+    fn restore(&mut self, from: &[f64]) -> bool;
+    /// Writes the forces of single blocks again, at the positions reached last.
+    fn again(&self, blocks: &[usize], f: &mut [f64]);
+    /// Leaves the bonds of blocks out that are not `whole`.
+    fn refresh(
+        &mut self,
+        blocks: &[usize],
+        body: &BondedParticles,
+        adjacency: &Adjacency<[u32; 2]>,
+        whole: &dyn Fn(usize) -> bool,
+    );
+    /// Instruction set in use.
+    fn isa_name(&self) -> &'static str;
+    /// Bytes of bond data.
+    fn bond_bytes(&self) -> usize;
+}
+
 /// One body, one law.
 #[derive(Debug)]
 pub(crate) struct Gather<W: Posed> {
     layout: Layout<W>,
     /// Particles at the positions reached last, and their rotation unknowns there.
-    rows: Vec<Row>,
+    rows: Vec<CacheLine>,
     reached: Vec<f64>,
     /// The same for positions that are only tried; empty for a law whose rows follow from its unknowns alone.
-    tried: Vec<Row>,
+    tried: Vec<CacheLine>,
     tried_at: Vec<f64>,
     rigidity: BeamRigidity,
     isa: Isa,
@@ -80,7 +111,7 @@ impl<W: Screened> Gather<W> {
     /// `body` must be numbered for locality already. Nothing has turned yet.
     pub(crate) fn new(body: &BondedParticles) -> Self {
         let layout = Layout::new(body);
-        let mut upright = Row::default();
+        let mut upright = CacheLine::default();
         let turns = if W::TURNS {
             upright.0[3] = 1.0;
             3 * body.len()
@@ -96,32 +127,6 @@ impl<W: Screened> Gather<W> {
             rows,
             rigidity: *body.rigidity(),
             isa: Isa::detect(),
-        }
-    }
-
-    /// Adds forces and torques at positions that become the reached ones; all in the layout of the model. With `marks` it
-    /// looks at strengths on the way.
-    pub(crate) fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
-        let n = q.len() / 6;
-        let parallel = n > LARGE && rayon::current_num_threads() > 1;
-        if parallel {
-            // One entry into the pool for both passes.
-            rayon::scope(|_| self.passes(q, f, marks, true));
-        } else {
-            self.passes(q, f, marks, false);
-        }
-    }
-
-    /// The same at any positions, without going there.
-    pub(crate) fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
-        if W::TURNS {
-            self.tried.copy_from_slice(&self.rows);
-            self.tried_at.copy_from_slice(&self.reached);
-            self.swap();
-            self.advance(q, f, marks);
-            self.swap();
-        } else {
-            self.advance(q, f, marks);
         }
     }
 
@@ -153,23 +158,57 @@ impl<W: Screened> Gather<W> {
         self.pass().add_forces(&self.rows, sink, marks, parallel);
     }
 
-    /// What was reached last.
-    pub(crate) fn reached(&self) -> Reached<'_> {
-        Reached {
-            rows: &self.rows,
-            th: &self.reached,
+    fn pass(&self) -> Pass<'_, W> {
+        Pass {
+            layout: &self.layout,
+            rigidity: self.rigidity,
+            isa: self.isa,
+        }
+    }
+}
+
+impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
+    fn renewed(&self, body: &BondedParticles) -> Box<dyn BondForces> {
+        Box::new(Self::new(body))
+    }
+
+    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
+        let n = q.len() / 6;
+        let parallel = n > LARGE && rayon::current_num_threads() > 1;
+        if parallel {
+            // One entry into the pool for both passes.
+            rayon::scope(|_| self.passes(q, f, marks, true));
+        } else {
+            self.passes(q, f, marks, false);
         }
     }
 
-    /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
-    pub(crate) fn save(&self) -> Vec<f64> {
+    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
+        if W::TURNS {
+            self.tried.copy_from_slice(&self.rows);
+            self.tried_at.copy_from_slice(&self.reached);
+            self.swap();
+            self.advance(q, f, marks);
+            self.swap();
+        } else {
+            self.advance(q, f, marks);
+        }
+    }
+
+    fn reached(&self) -> Option<Reached<'_>> {
+        W::TURNS.then_some(Reached {
+            rows: &self.rows,
+            th: &self.reached,
+        })
+    }
+
+    fn save(&self) -> Vec<f64> {
         let rows = self.rows.iter().zip(self.reached.as_chunks::<3>().0);
         rows.flat_map(|(row, th)| row.0[3..7].iter().chain(th).copied())
             .collect()
     }
 
-    /// Undoes [`Self::save`]; `false` for numbers that are no orientations of as many particles.
-    pub(crate) fn restore(&mut self, from: &[f64]) -> bool {
+    fn restore(&mut self, from: &[f64]) -> bool {
         let (all, rest) = from.as_chunks::<7>();
         let unit = |x: &[f64; 7]| {
             let norm: f64 = x[..4].iter().map(|q| q * q).sum();
@@ -186,16 +225,7 @@ impl<W: Screened> Gather<W> {
         true
     }
 
-    fn pass(&self) -> Pass<'_, W> {
-        Pass {
-            layout: &self.layout,
-            rigidity: self.rigidity,
-            isa: self.isa,
-        }
-    }
-
-    /// Writes the forces of single blocks again, at the positions reached last.
-    pub(crate) fn again(&self, blocks: &[usize], f: &mut [f64]) {
+    fn again(&self, blocks: &[usize], f: &mut [f64]) {
         let n = f.len() / 6;
         let (linear, angular) = f.split_at_mut(3 * n);
         for &b in blocks {
@@ -209,8 +239,7 @@ impl<W: Screened> Gather<W> {
         }
     }
 
-    /// Leaves the bonds of blocks out that are not `whole`.
-    pub(crate) fn refresh(
+    fn refresh(
         &mut self,
         blocks: &[usize],
         body: &BondedParticles,
@@ -222,24 +251,28 @@ impl<W: Screened> Gather<W> {
         }
     }
 
-    pub(crate) fn isa_name(&self) -> &'static str {
+    fn isa_name(&self) -> &'static str {
         self.isa.name()
     }
 
-    pub(crate) fn bond_bytes(&self) -> usize {
+    fn bond_bytes(&self) -> usize {
         self.layout.bond_bytes()
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Finite, Gather, Isa, Linear, Screened};
+    use super::{BondForces, Finite, Gather, Isa, Linear, Screened};
     use crate::bond::{BeamMaterial, Twist};
     use crate::packing::{Container, PackingSpec};
     use crate::particles::BondedParticles;
     use nalgebra::Vector3;
 
-    fn worst<W: Screened>(body: &BondedParticles, x: &[Twist], portable: bool) -> f64 {
+    fn worst<W: Screened + std::fmt::Debug + 'static>(
+        body: &BondedParticles,
+        x: &[Twist],
+        portable: bool,
+    ) -> f64 {
         let mut gather = Gather::<W>::new(body);
         if portable {
             gather.isa = Isa::Portable;

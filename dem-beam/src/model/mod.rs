@@ -39,7 +39,7 @@ use crate::fracture::state::FractureState;
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
-use crate::particles::{BondedParticles, Grains, Matter};
+use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::effect::Finding;
 use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Sample;
@@ -52,16 +52,10 @@ use arlequin_core::snapshot::Record;
 use arlequin_core::spectrum;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::weight::Weight;
-use forces::Gather;
+use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
 use std::sync::Arc;
-
-#[derive(Debug)]
-enum Kernel {
-    Linear(Gather<Linear>),
-    Finite(Gather<Finite>),
-}
 
 /// Spheres joined by cohesive beams, ready to be coupled.
 #[derive(Debug)]
@@ -77,7 +71,7 @@ pub struct DemModel {
     places: Vec<u32>,
     volume: f64,
     field: Arc<ParticleField<f64>>,
-    kernel: Kernel,
+    kernel: Box<dyn BondForces>,
     packing: Option<PackingReport>,
     fracture: Option<FractureState>,
     /// Strengths that are compared at the end only, in a run without fracture.
@@ -106,12 +100,17 @@ impl DemModel {
         // In the packing's numbers first, so that errors name what the caller knows.
         let body = BondedParticles::of_packing(packing, beam, density)?;
         let volumes = packing.volumes();
-        let grains = Grains {
+        let contents = Contents {
             volumes: &volumes,
             loose: packing.loose,
             period: None,
         };
-        let mut model = Self::of_body(name, &body, &grains, [density, packing.volume], beam)?;
+        let matter = Matter {
+            beam,
+            density,
+            volume: packing.volume,
+        };
+        let mut model = Self::of_body(name, &body, &contents, &matter)?;
         model.packing = Some(packing.report.clone());
         Ok(model)
     }
@@ -130,22 +129,16 @@ impl DemModel {
         // In the caller's numbers first, so that errors name what the caller knows.
         let body = BondedParticles::new(positions.to_vec(), radii.to_vec(), pairs.to_vec(), matter)?;
         let volumes: Vec<f64> = body.mass().iter().map(|m| m / matter.density).collect();
-        let grains = Grains {
+        let contents = Contents {
             volumes: &volumes,
             loose: false,
             period: None,
         };
-        Self::of_body(name, &body, &grains, [matter.density, matter.volume], matter.beam)
+        Self::of_body(name, &body, &contents, matter)
     }
 
     /// A body in the caller's numbers.
-    fn of_body(
-        name: &str,
-        body: &BondedParticles,
-        grains: &Grains<'_>,
-        [density, volume]: [f64; 2],
-        beam: BeamMaterial,
-    ) -> Result<Self> {
+    fn of_body(name: &str, body: &BondedParticles, contents: &Contents<'_>, matter: &Matter) -> Result<Self> {
         let (positions, radii, pairs) = (body.positions(), body.radii(), body.pairs());
         let order = block_order(positions, pairs);
         let mut places = vec![0_u32; order.len()];
@@ -163,12 +156,13 @@ impl DemModel {
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
         let radii = order.iter().map(|&i| radii[i as usize]).collect();
         let nodes: Vec<Point3<f64>> = centres.iter().map(|x| Point3::from(*x)).collect();
-        let volumes: Vec<f64> = order.iter().map(|&i| grains.volumes[i as usize]).collect();
-        let grains = Grains {
+        let volumes: Vec<f64> = order.iter().map(|&i| contents.volumes[i as usize]).collect();
+        let contents = Contents {
             volumes: &volumes,
-            ..*grains
+            ..*contents
         };
-        let body = BondedParticles::with_volumes(centres, radii, pairs, density, beam, &grains)?;
+        let body =
+            BondedParticles::with_volumes(centres, radii, pairs, matter.density, matter.beam, &contents)?;
         let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
             name: name.to_owned(),
@@ -178,8 +172,8 @@ impl DemModel {
             inertia: body.inertia().to_vec(),
             order,
             places,
-            volume,
-            kernel: Kernel::Linear(Gather::new(&body)),
+            volume: matter.volume,
+            kernel: Box::new(Gather::<Linear>::new(&body)),
             packing: None,
             fracture: None,
             watched: None,
@@ -191,14 +185,14 @@ impl DemModel {
     /// The same body under the finite-rotation law; see the module text.
     #[must_use]
     pub fn with_finite_rotations(mut self) -> Self {
-        self.kernel = Kernel::Finite(Gather::new(&self.body));
+        self.kernel = Box::new(Gather::<Finite>::new(&self.body));
         self
     }
 
     /// Whether rotations may be large.
     #[must_use]
     pub fn has_finite_rotations(&self) -> bool {
-        matches!(self.kernel, Kernel::Finite(_))
+        self.kernel.reached().is_some()
     }
 
     /// Particles and bonds in the model's numbers; bond weights as last set.
@@ -237,13 +231,6 @@ impl DemModel {
         self.field.clone()
     }
 
-    fn kernel_facts(&self) -> (&'static str, usize) {
-        match &self.kernel {
-            Kernel::Linear(k) => (k.isa_name(), k.bond_bytes()),
-            Kernel::Finite(k) => (k.isa_name(), k.bond_bytes()),
-        }
-    }
-
     fn named(&self, error: &Error) -> arlequin_core::Error {
         match error {
             Error::Core(e) => e.clone(),
@@ -254,10 +241,7 @@ impl DemModel {
     fn reader<'a>(&'a self, q: &'a [f64]) -> Reader<'a> {
         Reader {
             q,
-            reached: match &self.kernel {
-                Kernel::Linear(_) => None,
-                Kernel::Finite(k) => Some(k.reached()),
-            },
+            reached: self.kernel.reached(),
             rigidity: *self.body.rigidity(),
         }
     }
@@ -285,7 +269,7 @@ impl Model<f64> for DemModel {
         DofLayout {
             nodes: self.nodes.len(),
             components: 3,
-            rotations: 3 * self.nodes.len(),
+            rotations: 3,
         }
     }
 
@@ -313,10 +297,7 @@ impl Model<f64> for DemModel {
         let bonds = self.bond_means(alpha)?;
         self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
         self.spare_overlap();
-        self.kernel = match self.kernel {
-            Kernel::Linear(_) => Kernel::Linear(Gather::new(&self.body)),
-            Kernel::Finite(_) => Kernel::Finite(Gather::new(&self.body)),
-        };
+        self.kernel = self.kernel.renewed(&self.body);
         Ok(())
     }
 
@@ -324,10 +305,7 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        match &mut self.kernel {
-            Kernel::Linear(k) => k.add(q, f, marks),
-            Kernel::Finite(k) => k.add(q, f, marks),
-        }
+        self.kernel.add(q, f, marks);
         Ok(())
     }
 
@@ -335,10 +313,7 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        match &mut self.kernel {
-            Kernel::Linear(k) => k.advance(q, f, marks),
-            Kernel::Finite(k) => k.advance(q, f, marks),
-        }
+        self.kernel.advance(q, f, marks);
         Ok(())
     }
 
@@ -364,12 +339,12 @@ impl Model<f64> for DemModel {
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
         let root: Vec<f64> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
-        let mut tangent = None;
-        let kernel = match &mut self.kernel {
-            Kernel::Linear(k) => k,
-            Kernel::Finite(_) => tangent.insert(Gather::new(&self.body)),
+        let top = if self.has_finite_rotations() {
+            critical::largest(&root, &mut Gather::<Linear>::new(&self.body))
+        } else {
+            critical::largest(&root, &mut *self.kernel)
         };
-        Ok(spectrum::step_of(critical::largest(&root, kernel)?))
+        Ok(spectrum::step_of(top?))
     }
 
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {
@@ -389,12 +364,8 @@ impl Model<f64> for DemModel {
     }
 
     fn effects(&self) -> &[&'static str] {
-        match (&self.fracture, &self.kernel) {
-            (Some(_), Kernel::Finite(_)) => &["fracture", "finite-rotations"],
-            (Some(_), Kernel::Linear(_)) => &["fracture"],
-            (None, Kernel::Finite(_)) => &["finite-rotations"],
-            (None, Kernel::Linear(_)) => &[],
-        }
+        let all = &["fracture", "finite-rotations"];
+        &all[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
@@ -402,10 +373,7 @@ impl Model<f64> for DemModel {
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        match &self.kernel {
-            Kernel::Linear(_) => Some(self),
-            Kernel::Finite(_) => None,
-        }
+        (!self.has_finite_rotations()).then_some(self as _)
     }
 }
 

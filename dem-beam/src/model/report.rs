@@ -36,7 +36,6 @@ impl DemModel {
     #[must_use]
     pub fn report(&self) -> DemReport {
         let (n, bonds) = (self.nodes.len(), self.body.pairs().len());
-        let (instruction_set, bytes) = self.kernel_facts();
         DemReport {
             name: self.name.clone(),
             particles: n,
@@ -46,8 +45,8 @@ impl DemModel {
             volume: self.volume,
             mean_radius: self.body.mean_radius(),
             finite_rotations: self.has_finite_rotations(),
-            instruction_set,
-            bytes_per_bond: bytes as f64 / bonds.max(1) as f64,
+            instruction_set: self.kernel.isa_name(),
+            bytes_per_bond: self.kernel.bond_bytes() as f64 / bonds.max(1) as f64,
             packing: self.packing.clone(),
         }
     }

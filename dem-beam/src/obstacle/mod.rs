@@ -12,7 +12,7 @@
 mod near;
 mod shape;
 
-pub use shape::{Motion, Shape};
+pub use shape::{Motion, RigidShape};
 
 use crate::bond::Twist;
 use crate::contact::budget::{BudgetedLaw, End};
@@ -48,7 +48,7 @@ pub struct Obstacle(Body);
 #[derive(Debug)]
 struct Body {
     name: String,
-    shape: Shape,
+    shape: RigidShape,
     motion: Motion,
     law: BudgetedLaw,
     grains: Grains,
@@ -82,7 +82,13 @@ impl Obstacle {
     ///
     /// # Errors
     /// [`crate::Error::OutOfRange`] for parameters that make no sense.
-    pub fn new(name: &str, model: &DemModel, shape: Shape, motion: Motion, law: ContactLaw) -> Result<Self> {
+    pub fn new(
+        name: &str,
+        model: &DemModel,
+        shape: RigidShape,
+        motion: Motion,
+        law: ContactLaw,
+    ) -> Result<Self> {
         law.check()?;
         let shape = shape.checked()?;
         if let Motion::Free { mass, .. } = &motion {
@@ -178,7 +184,7 @@ impl Body {
         0.5 * (mass * velocity.norm_squared() + turning)
     }
 
-    fn pair(&self, i: usize, [gap, distance]: [f64; 2], normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
+    fn pair(&self, i: usize, gap: f64, distance: f64, normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
         let r = self.grains.rest[i][3];
         Pair {
             normal,
@@ -261,7 +267,7 @@ impl Body {
             let (distance, normal) = self.shape.distance(&near::place(&rest, u, i), &self.moved);
             let gap = rest[3] + self.allowed[i] - distance;
             if gap > 0.0 {
-                self.close(i, [gap, distance], normal, at, f);
+                self.close(i, gap, distance, normal, at, f);
             } else if self.springs[i].on {
                 self.springs[i] = Spring::default();
             }
@@ -287,12 +293,13 @@ impl Body {
     fn close(
         &mut self,
         i: usize,
-        gap_and_distance: [f64; 2],
+        gap: f64,
+        distance: f64,
         normal: Vector3<f64>,
         at: &Instant<'_, f64>,
         f: &[f64],
     ) {
-        let pair = self.pair(i, gap_and_distance, normal, at);
+        let pair = self.pair(i, gap, distance, normal, at);
         let obstacle = (at.dt > 0.0).then(|| self.end(at));
         let grains = &self.grains;
         let ends = || [obstacle.unwrap_or_default(), grains.end(at, f, i)];

@@ -1,6 +1,6 @@
 //! Which particles an obstacle may touch before anything has moved far.
 
-use super::Shape;
+use super::RigidShape;
 use crate::packing::cells::{Sphere, mean_radius};
 use nalgebra::{Point3, Vector3};
 
@@ -55,7 +55,7 @@ impl Near {
     /// Brings the list up to date; calls `lost` for particles that are not on a list made anew.
     pub(super) fn refresh(
         &mut self,
-        shape: &Shape,
+        shape: &RigidShape,
         moved: &Vector3<f64>,
         u: &[f64],
         rest: &[Sphere],

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 /// A rigid shape at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Shape {
+pub enum RigidShape {
     /// Half-space behind a plane.
     Plane {
         /// A point of the plane \[m\].
@@ -32,7 +32,7 @@ pub enum Shape {
     },
 }
 
-impl Shape {
+impl RigidShape {
     /// The same with directions of unit length.
     ///
     /// # Errors

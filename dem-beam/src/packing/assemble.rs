@@ -3,14 +3,14 @@
 use super::bonding::{Bonding, renumber};
 use super::cells::{Sphere, centre};
 use super::container::Container;
-use super::report::PackingReport;
+use super::report::{Made, PackingReport};
 use crate::bond::BeamMaterial;
 use crate::error::{Error, Result};
 use crate::particles::BondedParticles;
 use nalgebra::Vector3;
 
 /// Spheres and bonds; see [`super::parts`] for what stays and what each sphere weighs.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Packing {
     /// Centres \[m\].
     pub positions: Vec<Vector3<f64>>,
@@ -89,7 +89,12 @@ impl Packing {
         all.kept.sort_unstable();
         renumber(&mut all.pairs, &all.kept, count);
         all.pairs.sort_unstable();
-        let report = PackingReport::new(container, bodies, [asked, steps], &spheres, &body, &all, overlap);
+        let made = Made {
+            asked,
+            steps,
+            overlap,
+        };
+        let report = PackingReport::new(container, bodies, &spheres, &body, &all, made);
         let kept = || all.kept.iter().map(|&i| i as usize);
         Ok(Self {
             positions: kept().map(|i| centre(&spheres[i])).collect(),

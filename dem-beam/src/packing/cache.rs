@@ -5,11 +5,10 @@
 //! result. Files are written aside and renamed.
 
 use super::assemble::Packing;
-use super::parts::{Cut, Loose};
+use super::parts::Loose;
 use super::protocol::{Compaction, PackingSpec};
-use super::report::{HISTOGRAM_BINS, PackingReport};
 use crate::error::{Error, Result};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use std::path::Path;
 
 /// Changes whenever the protocol gives other packings for the same spec.
@@ -76,114 +75,83 @@ impl PackingSpec {
     }
 }
 
-fn encode(p: &Packing) -> Vec<u8> {
-    let r = &p.report;
-    let mut w: Vec<u64> = vec![p.radii.len() as u64, p.pairs.len() as u64];
-    w.extend([r.asked, r.placed, r.dropped, r.bodies, r.steps].map(|n| n as u64));
-    w.extend(r.radius_histogram.iter().map(|&c| c as u64));
-    let scalars = [
-        p.volume,
-        r.coordination_all,
-        r.coordination_retained,
-        r.coordination_interior,
-        r.volume_fraction,
-        r.mean_radius,
-        r.radius_range[0],
-        r.radius_range[1],
-        r.mean_overlap,
-        r.bond_tolerance,
-        r.fabric_anisotropy,
-        r.dropped_share,
-        // No width is that of a periodic box.
-        r.across.unwrap_or(-1.0),
+/// Passes every number of a packing through `word`, which reads or writes it: one order serves both. Nothing where there
+/// are fewer words than numbers, or one that does not fit.
+fn words(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()> {
+    let r = &mut p.report;
+    let (mut spheres, mut bonds) = (p.radii.len(), p.pairs.len());
+    let counts = [
+        &mut spheres,
+        &mut bonds,
+        &mut r.asked,
+        &mut r.placed,
+        &mut r.dropped,
+        &mut r.bodies,
+        &mut r.steps,
     ];
-    w.extend(scalars.iter().chain(r.fabric.iter()).map(|x| x.to_bits()));
-    w.extend(
-        p.positions
-            .iter()
-            .flat_map(|x| x.iter())
-            .chain(&p.radii)
-            .chain(&p.body_volumes)
-            .map(|x| x.to_bits()),
-    );
-    w.extend(p.bodies.iter().map(|&b| u64::from(b)));
-    w.extend(p.pairs.iter().map(|&[i, j]| u64::from(i) << 32 | u64::from(j)));
-    let check = hash(w.iter().copied());
-    [MAGIC, check[0], check[1]]
-        .iter()
-        .chain(&w)
-        .flat_map(|x| x.to_le_bytes())
-        .collect()
+    for n in counts.into_iter().chain(&mut r.radius_histogram) {
+        *n = usize::try_from(word(*n as u64)?).ok()?;
+    }
+    p.positions.resize(spheres, Vector3::zeros());
+    p.radii.resize(spheres, 0.0);
+    p.bodies.resize(spheres, 0);
+    p.body_volumes.resize(r.bodies, 0.0);
+    p.pairs.resize(bonds, [0; 2]);
+    // No width is that of a periodic box.
+    let mut across = r.across.unwrap_or(-1.0);
+    let [smallest, largest] = &mut r.radius_range;
+    let scalars = [
+        &mut p.volume,
+        &mut r.coordination_all,
+        &mut r.coordination_retained,
+        &mut r.coordination_interior,
+        &mut r.volume_fraction,
+        &mut r.mean_radius,
+        smallest,
+        largest,
+        &mut r.mean_overlap,
+        &mut r.bond_tolerance,
+        &mut r.fabric_anisotropy,
+        &mut r.dropped_share,
+        &mut across,
+    ];
+    let positions = p.positions.iter_mut().flat_map(|x| x.iter_mut());
+    let numbers = scalars.into_iter().chain(r.fabric.iter_mut()).chain(positions);
+    for x in numbers.chain(&mut p.radii).chain(&mut p.body_volumes) {
+        *x = f64::from_bits(word(x.to_bits())?);
+    }
+    r.across = (across >= 0.0).then_some(across);
+    for b in &mut p.bodies {
+        *b = u32::try_from(word(u64::from(*b))?).ok()?;
+    }
+    for pair in &mut p.pairs {
+        let both = word(u64::from(pair[0]) << 32 | u64::from(pair[1]))?;
+        *pair = [(both >> 32) as u32, both as u32];
+    }
+    Some(())
+}
+
+fn encode(p: &Packing) -> Vec<u8> {
+    let mut all: Vec<u64> = Vec::new();
+    let done = words(&mut p.clone(), &mut |w| {
+        all.push(w);
+        Some(w)
+    });
+    debug_assert!(done.is_some(), "numbers of a packing fit into words");
+    let check = hash(all.iter().copied());
+    let head = [MAGIC, check[0], check[1]];
+    head.iter().chain(&all).flat_map(|x| x.to_le_bytes()).collect()
 }
 
 fn decode(bytes: &[u8]) -> Option<Packing> {
-    let mut words = Vec::with_capacity(bytes.len() / 8);
-    for c in bytes.chunks_exact(8) {
-        words.push(u64::from_le_bytes(c.try_into().ok()?));
-    }
-    let (head, body) = words.split_at_checked(3)?;
+    let (all, _) = bytes.as_chunks::<8>();
+    let all: Vec<u64> = all.iter().map(|c| u64::from_le_bytes(*c)).collect();
+    let (head, body) = all.split_at_checked(3)?;
     if head[0] != MAGIC || head[1..] != hash(body.iter().copied()) {
         return None;
     }
+    let mut packing = Packing::default();
     let mut next = body.iter().copied();
-    let mut count = || next.next().and_then(|w| usize::try_from(w).ok());
-    let (spheres, bonds) = (count()?, count()?);
-    let (asked, placed, dropped, bodies, steps) = (count()?, count()?, count()?, count()?, count()?);
-    let mut radius_histogram = [0; HISTOGRAM_BINS];
-    for c in &mut radius_histogram {
-        *c = count()?;
-    }
-    let mut real = || next.next().map(f64::from_bits);
-    let mut s = [0.0; 13];
-    for x in &mut s {
-        *x = real()?;
-    }
-    let mut fabric = Matrix3::zeros();
-    for x in fabric.iter_mut() {
-        *x = real()?;
-    }
-    let mut positions = Vec::with_capacity(spheres);
-    for _ in 0..spheres {
-        positions.push(Vector3::new(real()?, real()?, real()?));
-    }
-    let mut list = |count: usize| (0..count).map(|_| real()).collect::<Option<Vec<f64>>>();
-    let (radii, body_volumes) = (list(spheres)?, list(bodies)?);
-    let mut body = || next.next().and_then(|w| u32::try_from(w).ok());
-    let home = (0..spheres).map(|_| body()).collect::<Option<Vec<u32>>>()?;
-    let pairs: Vec<[u32; 2]> = next.map(|w| [(w >> 32) as u32, w as u32]).collect();
-    if pairs.len() != bonds {
-        return None;
-    }
-    let report = PackingReport {
-        coordination_all: s[1],
-        coordination_retained: s[2],
-        coordination_interior: s[3],
-        volume_fraction: s[4],
-        mean_radius: s[5],
-        radius_range: [s[6], s[7]],
-        radius_histogram,
-        mean_overlap: s[8],
-        bond_tolerance: s[9],
-        fabric,
-        fabric_anisotropy: s[10],
-        asked,
-        placed,
-        dropped,
-        dropped_share: s[11],
-        bodies,
-        across: (s[12] >= 0.0).then_some(s[12]),
-        cut: Cut::default(),
-        steps,
-    };
-    Some(Packing {
-        positions,
-        radii,
-        pairs,
-        bodies: home,
-        body_volumes,
-        volume: s[0],
-        period: None,
-        loose: false,
-        report,
-    })
+    words(&mut packing, &mut |_| next.next())?;
+    next.next().is_none().then_some(packing)
 }

@@ -35,42 +35,53 @@ pub fn write_csv(out: &mut impl Write, positions: &[Vector3<f64>], radii: &[f64]
 /// [`Error::Parse`] with the line, [`Error::Io`], and those of bad spheres:
 /// [`Error::NotFinite`], [`Error::BadRadius`], [`Error::RadiusRatio`].
 pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
+    let mut text = String::new();
+    input.read_to_string(&mut text).map_err(|e| Error::Io {
+        path: "csv input".into(),
+        reason: e.to_string(),
+    })?;
+    // One separator for the reader; two beside each other leave an empty field, which is none.
+    let text = text.replace([';', '\t', ' '], ",");
+    let mut lines = csv::ReaderBuilder::new();
+    lines.has_headers(false).flexible(true).quoting(false);
     let (mut positions, mut radii) = (Vec::new(), Vec::new());
-    for (k, line) in input.lines().enumerate() {
-        let line = line.map_err(|e| Error::Io {
-            path: "csv input".into(),
+    for line in lines.from_reader(text.as_bytes()).records() {
+        let line = line.map_err(|e| Error::Parse {
+            line: e.position().map_or(0, |p| p.line() as usize),
             reason: e.to_string(),
         })?;
-        let text = line.trim();
-        if text.is_empty() || text.starts_with('#') {
+        let fields: Vec<&str> = line.iter().filter(|f| !f.is_empty()).collect();
+        if fields.first().is_none_or(|f| f.starts_with('#')) {
             continue;
         }
-        let fields: Vec<&str> = text
-            .split([',', ';', '\t', ' '])
-            .filter(|f| !f.is_empty())
-            .collect();
+        let number = || line_number(&text, line.position().map_or(0, |p| p.byte() as usize));
         let numbers: std::result::Result<Vec<f64>, _> = fields.iter().map(|f| f.parse()).collect();
-        match numbers {
-            Ok(v) if v.len() == 4 => {
-                positions.push(Vector3::new(v[0], v[1], v[2]));
-                radii.push(v[3]);
+        let reason = match numbers.as_deref() {
+            Ok(&[x, y, z, r]) => {
+                positions.push(Vector3::new(x, y, z));
+                radii.push(r);
+                continue;
             }
-            Ok(v) => {
-                let reason = format!("{} numbers found, 4 needed: x,y,z,r", v.len());
-                return Err(Error::Parse { line: k + 1, reason });
-            }
+            Ok(v) => format!("{} numbers found, 4 needed: x,y,z,r", v.len()),
             // Words are allowed once, as a header.
-            Err(_) if positions.is_empty() && k == 0 => {}
-            Err(e) => {
-                return Err(Error::Parse {
-                    line: k + 1,
-                    reason: format!("{text:?}: {e}"),
-                });
-            }
-        }
+            Err(_) if number() == 1 => continue,
+            Err(e) => format!("{:?}: {e}", fields.join(",")),
+        };
+        return Err(Error::Parse {
+            line: number(),
+            reason,
+        });
     }
     check_spheres(&positions, &radii)?;
     Ok((positions, radii))
+}
+
+/// Number of the line, from 1, of what follows byte `start`; the reader counts a record from the blank lines before it.
+fn line_number(text: &str, start: usize) -> usize {
+    let is_blank = |b: &u8| matches!(b, b'\r' | b'\n');
+    let bytes = text.as_bytes();
+    let blank = bytes.iter().skip(start).take_while(|b| is_blank(b)).count();
+    1 + bytes.iter().take(start + blank).filter(|b| **b == b'\n').count()
 }
 
 impl Packing {

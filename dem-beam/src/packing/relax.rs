@@ -49,6 +49,13 @@ pub(crate) struct Relaxed {
     pub(crate) steps: usize,
 }
 
+/// How a step turns velocities towards the forces.
+#[derive(Debug, Clone, Copy, Default)]
+struct Steer {
+    keep: f64,
+    pull: f64,
+}
+
 /// Soft spheres in a container.
 #[derive(Debug)]
 pub(crate) struct SoftSpheres<'a> {
@@ -130,15 +137,15 @@ impl<'a> SoftSpheres<'a> {
                     dt = (dt * 1.1).min(STEP_MAX);
                     mix *= 0.99;
                 }
-                [
-                    1.0 - mix,
-                    mix * (s.speed2 / s.force2.max(f64::MIN_POSITIVE)).sqrt(),
-                ]
+                Steer {
+                    keep: 1.0 - mix,
+                    pull: mix * (s.speed2 / s.force2.max(f64::MIN_POSITIVE)).sqrt(),
+                }
             } else {
                 downhill = 0;
                 dt *= 0.5;
                 mix = MIX;
-                [0.0, 0.0]
+                Steer::default()
             };
             let moved = self.advance(dt, steer);
             since_list += 1;
@@ -190,10 +197,10 @@ impl<'a> SoftSpheres<'a> {
         self.sums.iter().fold(Sums::default(), |a, b| a.add(*b))
     }
 
-    /// `v <- steer0 v + steer1 F + dt F`, `x <- x + dt v`; returns the largest distance moved
+    /// `v <- keep v + pull F + dt F`, `x <- x + dt v`; returns the largest distance moved
     /// since the list was made.
-    fn advance(&mut self, dt: f64, steer: [f64; 2]) -> f64 {
-        let push = steer[1] + dt;
+    fn advance(&mut self, dt: f64, steer: Steer) -> f64 {
+        let push = steer.pull + dt;
         let cap = 0.1 * self.mean_radius;
         let work = self
             .spheres
@@ -204,9 +211,12 @@ impl<'a> SoftSpheres<'a> {
             .zip(&mut self.sums);
         let arch = pulp::Arch::new();
         work.for_each(|((((x, v), f), old), sums)| {
-            let (coefficients, mut far) = ([dt, steer[0], push, cap], 0.0);
+            let mut far = 0.0;
             arch.dispatch(Advance {
-                coefficients,
+                dt,
+                keep: steer.keep,
+                push,
+                cap,
                 x,
                 v,
                 f,
@@ -222,8 +232,12 @@ impl<'a> SoftSpheres<'a> {
 /// Moves the spheres of a chunk; entry 3 of velocity and force is zero, so that the radius stays
 /// and four lanes are used.
 struct Advance<'a> {
-    /// `dt`, `steer0`, `steer1 + dt`, and the cap on one displacement.
-    coefficients: [f64; 4],
+    dt: f64,
+    /// Part of the velocity that stays, and part of the force that is added.
+    keep: f64,
+    push: f64,
+    /// Largest displacement.
+    cap: f64,
     x: &'a mut [Sphere],
     v: &'a mut [[f64; 4]],
     f: &'a [[f64; 4]],
@@ -236,7 +250,9 @@ impl pulp::NullaryFnOnce for Advance<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let [dt, keep, push, cap] = self.coefficients;
+        let Self {
+            dt, keep, push, cap, ..
+        } = self;
         let mut far = 0.0;
         let spheres = self.x.iter_mut().zip(self.v).zip(self.f).zip(self.old);
         for (((x, v), f), old) in spheres {

@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 pub const HISTOGRAM_BINS: usize = 10;
 
 /// Facts about a packing; nothing here is an input of the mechanics.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct PackingReport {
     /// Bonds per particle times two, over all spheres made, dropped ones included.
     pub coordination_all: f64,
@@ -55,15 +55,24 @@ pub struct PackingReport {
     pub steps: usize,
 }
 
+/// How spheres were made.
+pub(crate) struct Made {
+    /// Spheres asked for.
+    pub(crate) asked: usize,
+    /// Relaxation steps.
+    pub(crate) steps: usize,
+    /// Mean overlap over the mean diameter.
+    pub(crate) overlap: f64,
+}
+
 impl PackingReport {
     pub(crate) fn new(
         container: &Container,
         bodies: &[Container],
-        [asked, steps]: [usize; 2],
         spheres: &[Sphere],
         body: &[u32],
         bonding: &Bonding,
-        mean_overlap: f64,
+        made: Made,
     ) -> Self {
         let kept: Vec<Sphere> = bonding.kept.iter().map(|&i| spheres[i as usize]).collect();
         let count = kept.len() as f64;
@@ -75,23 +84,7 @@ impl PackingReport {
             let t = (s[3] - low) / (high - low).max(f64::MIN_POSITIVE);
             radius_histogram[((t * HISTOGRAM_BINS as f64) as usize).min(HISTOGRAM_BINS - 1)] += 1;
         }
-        let mut degree = vec![0_u32; kept.len()];
-        let mut fabric = Matrix3::zeros();
-        let at = |i: u32| centre(&kept[i as usize]);
-        for &[i, j] in &bonding.pairs {
-            degree[i as usize] += 1;
-            degree[j as usize] += 1;
-            let d: [f64; 3] = (at(j) - at(i)).into();
-            let n = Vector3::from(container.period().map_or(d, |p| image(d, &p))).normalize();
-            fabric += n * n.transpose() / bonding.pairs.len() as f64;
-        }
-        let reach = 4.0 * mean_radius;
-        let mut container = container.clone();
-        container.prepare(reach);
-        let interior: Vec<f64> = (0..kept.len())
-            .filter(|&i| container.gap(&at(i as u32), reach) >= reach)
-            .map(|i| f64::from(degree[i]))
-            .collect();
+        let fabric = fabric(&kept, &bonding.pairs, container.period());
         let spread = fabric
             .symmetric_eigenvalues()
             .map(|e| (3.0 * e - 1.0).abs())
@@ -102,16 +95,16 @@ impl PackingReport {
         Self {
             coordination_all: bonding.coordination_all,
             coordination_retained: 2.0 * bonding.pairs.len() as f64 / count,
-            coordination_interior: interior.iter().sum::<f64>() / interior.len().max(1) as f64,
+            coordination_interior: interior_coordination(container, &kept, &bonding.pairs, 4.0 * mean_radius),
             volume_fraction: 4.0 / 3.0 * std::f64::consts::PI * cubes / container.volume(),
             mean_radius,
             radius_range: [low, high],
             radius_histogram,
-            mean_overlap,
+            mean_overlap: made.overlap,
             bond_tolerance: bonding.tolerance,
             fabric,
             fabric_anisotropy: spread,
-            asked,
+            asked: made.asked,
             placed: spheres.len(),
             dropped,
             dropped_share: match dropped {
@@ -121,7 +114,35 @@ impl PackingReport {
             bodies: bodies.len(),
             across: narrow::across(bodies, spheres, body),
             cut: Cut::default(),
-            steps,
+            steps: made.steps,
         }
     }
+}
+
+/// Fabric tensor `mean(n n^T)` of bonds.
+fn fabric(spheres: &[Sphere], pairs: &[[u32; 2]], period: Option<[f64; 3]>) -> Matrix3<f64> {
+    let mut out = Matrix3::zeros();
+    for pair in pairs {
+        let [a, b] = pair.map(|i| centre(&spheres[i as usize]));
+        let d: [f64; 3] = (b - a).into();
+        let n = Vector3::from(period.map_or(d, |p| image(d, &p))).normalize();
+        out += n * n.transpose() / pairs.len() as f64;
+    }
+    out
+}
+
+/// Mean number of bonds of the spheres farther than `reach` from any wall; 0 if there are none.
+fn interior_coordination(container: &Container, spheres: &[Sphere], pairs: &[[u32; 2]], reach: f64) -> f64 {
+    let mut degree = vec![0_u32; spheres.len()];
+    pairs.iter().flatten().for_each(|i| degree[*i as usize] += 1);
+    let mut container = container.clone();
+    container.prepare(reach);
+    let inside = |(s, _): &(&Sphere, &u32)| container.gap(&centre(s), reach) >= reach;
+    let interior: Vec<f64> = spheres
+        .iter()
+        .zip(&degree)
+        .filter(inside)
+        .map(|(_, d)| f64::from(*d))
+        .collect();
+    interior.iter().sum::<f64>() / interior.len().max(1) as f64
 }

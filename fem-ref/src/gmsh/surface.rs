@@ -11,7 +11,7 @@ use std::path::Path;
 /// Triangles of a surface. Those of solids face outwards, those of surface meshes as they do in the file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Triangles {
-    /// Corners (m); some may belong to no triangle.
+    /// Corners \[m\]; some may belong to no triangle.
     pub points: Vec<Point3<f64>>,
     /// Triangles; quadrilaterals are cut in two.
     pub triangles: Vec<[u32; 3]>,

@@ -29,21 +29,15 @@ pub(super) enum Deck {
 impl Deck {
     fn text(self) -> (&'static str, &'static str) {
         match self {
-            Self::A => (
-                "beam-a.toml",
-                include_str!("../../../examples/scenes/beam-a.toml"),
-            ),
+            Self::A => ("beam-a.toml", include_str!("../../scenes/beam-a.toml")),
             Self::AAlone => (
                 "beam-a-alone.toml",
-                include_str!("../../../examples/scenes/beam-a-alone.toml"),
+                include_str!("../../scenes/beam-a-alone.toml"),
             ),
-            Self::B => (
-                "beam-b.toml",
-                include_str!("../../../examples/scenes/beam-b.toml"),
-            ),
+            Self::B => ("beam-b.toml", include_str!("../../scenes/beam-b.toml")),
             Self::BAlone => (
                 "beam-b-alone.toml",
-                include_str!("../../../examples/scenes/beam-b-alone.toml"),
+                include_str!("../../scenes/beam-b-alone.toml"),
             ),
         }
     }

@@ -7,7 +7,7 @@ use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::observer::Silent;
 use arlequin::core::{Result, TimeStep};
 use arlequin::dem_beam::fracture::locked;
-use arlequin::dem_beam::{Contact, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, Shape};
+use arlequin::dem_beam::{Contact, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, RigidShape};
 
 pub(super) const CASES: &[HardCase] = &[
     HardCase {
@@ -136,7 +136,7 @@ fn strike(speed: f64, step: TimeStep<f64>) -> Result<Torn> {
         step,
         ..Start::default()
     };
-    let ball = Shape::Sphere {
+    let ball = RigidShape::Sphere {
         centre: Point3::new(4.41, 0.5, 0.5),
         radius: 0.4,
     };

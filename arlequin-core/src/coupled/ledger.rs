@@ -1,7 +1,7 @@
 //! The energy ledger: where energy is, where it came from, and what is left unexplained.
 
+use super::momentum::{Body, RECORDED};
 use crate::Real;
-use crate::momentum::{Body, RECORDED};
 
 /// One line of the ledger: an effect and the work it has done since the start \[J\].
 #[derive(Debug, Clone, PartialEq)]

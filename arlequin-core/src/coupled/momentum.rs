@@ -14,19 +14,12 @@
 //! both kinds meet, each leaves the `L` of the other a moment of the order of its forces times the displacements: then
 //! that about present positions is drawn up, and no claim is made.
 
-use crate::coupled::Coupled;
+use super::Coupled;
 use crate::weight::Weighting;
 use crate::{Real, Subdomain, parallel};
 use nalgebra::Vector3;
 
-/// Positions about which the moments of forces vanish.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arms {
-    /// Those at rest: linear laws.
-    Reference,
-    /// The present ones: laws that turn with their body, contact.
-    Current,
-}
+pub use crate::model::Arms;
 
 /// What of the momentum of a body stays as it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -177,7 +170,7 @@ impl<T: Real> Body<T> {
 fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Sums<T> {
     let layout = s.model().layout();
     let (d, turns) = (layout.components, layout.turns());
-    let (nodes, m, state) = (s.model().nodes(), &s.inertia, &s.state);
+    let (nodes, m, state) = (s.model().nodes(), s.inertia(), s.state());
     let first = layout.translations();
     let part = |range: std::ops::Range<usize>| {
         range.fold(Sums::zero(), |mut sum, k| {
@@ -309,10 +302,10 @@ impl<T: Real> Coupled<T> {
             for (k, x) in s.model().nodes().iter().enumerate() {
                 let mut y = x.coords;
                 if arms == Arms::Current {
-                    (0..d).for_each(|c| y[c] += s.state.q[k * d + c]);
+                    (0..d).for_each(|c| y[c] += s.state().q[k * d + c]);
                 }
-                sum += y * s.inertia[k * d];
-                mass += s.inertia[k * d];
+                sum += y * s.inertia()[k * d];
+                mass += s.inertia()[k * d];
             }
         }
         if mass > T::zero() { sum / mass } else { sum }
@@ -342,9 +335,14 @@ impl<T: Real> Coupled<T> {
         }
         let mut doubt = None;
         for p in self.pairs.iter().filter(|p| members.contains(&p.sides[0])) {
-            match p.effect.arms() {
-                Some(arms) => laws.push((format!("'{}'", p.effect.name()), arms)),
-                None => doubt = Some(format!("'{}' does not say what its moments are", p.effect.name())),
+            match p.line.effect.arms() {
+                Some(arms) => laws.push((format!("'{}'", p.line.effect.name()), arms)),
+                None => {
+                    doubt = Some(format!(
+                        "'{}' does not say what its moments are",
+                        p.line.effect.name()
+                    ))
+                }
             }
         }
         let find = |wanted: Arms| laws.iter().find(|l| l.1 == wanted).map(|l| &l.0);

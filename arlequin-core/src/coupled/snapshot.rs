@@ -1,0 +1,107 @@
+//! Snapshots: everything a run must remember to go on with the same bits.
+//!
+//! A snapshot holds the state, not the models: whoever restores one builds the same run first. Multipliers are kept for
+//! reports only; the scheme computes them anew every step.
+
+use super::Coupled;
+use crate::record::same;
+use crate::scalar::check_finite;
+use crate::{Real, Result, Subdomain};
+
+pub use crate::record::Record;
+pub use crate::subdomain::SubdomainSnapshot;
+
+/// What an effect between two subdomains must remember.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PairSnapshot<T> {
+    /// Work since the start \[J\].
+    pub work: T,
+    /// What the effect remembers.
+    pub effect: Record<T>,
+}
+
+/// What a run must remember.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Snapshot<T> {
+    /// Steps made.
+    pub step: usize,
+    /// Step \[s\]: must be that of the run it is restored into.
+    pub dt: T,
+    /// Energy removed by the consistent start \[J\].
+    pub start_loss: T,
+    /// Sums and extremes of the ledger.
+    pub ledger: Vec<T>,
+    /// Subdomains.
+    pub subdomains: Vec<SubdomainSnapshot<T>>,
+    /// Multipliers of every interface.
+    pub multipliers: Vec<Vec<T>>,
+    /// Effects between two subdomains.
+    pub pairs: Vec<PairSnapshot<T>>,
+}
+
+impl<T: Real> Coupled<T> {
+    /// The present state.
+    pub fn snapshot(&self) -> Snapshot<T> {
+        Snapshot {
+            step: self.step,
+            dt: self.dt,
+            start_loss: self.start_loss,
+            ledger: self.ledger.record(),
+            subdomains: self.subdomains.iter().map(Subdomain::snapshot).collect(),
+            multipliers: self.interfaces.iter().map(|i| i.multipliers().to_vec()).collect(),
+            pairs: self
+                .pairs
+                .iter()
+                .map(|p| PairSnapshot {
+                    work: p.line.work(),
+                    effect: p.line.effect.save(),
+                })
+                .collect(),
+        }
+    }
+
+    /// Goes to a state that the same run had: from here on it makes the same steps, bit by bit.
+    ///
+    /// # Errors
+    /// [`crate::Error::SizeMismatch`] or [`crate::Error::InvalidParameter`] where the snapshot does not fit, [`crate::Error::NotFinite`];
+    /// the run is then of no use.
+    pub fn restore(&mut self, from: &Snapshot<T>) -> Result<()> {
+        if from.dt != self.dt {
+            let rule = format!("the run has {}; restore into the run that was saved", self.dt);
+            return Err(crate::error::invalid("time step of the snapshot", from.dt, &rule));
+        }
+        same(
+            "subdomains of the snapshot",
+            self.subdomains.len(),
+            from.subdomains.len(),
+        )?;
+        same(
+            "interfaces of the snapshot",
+            self.interfaces.len(),
+            from.multipliers.len(),
+        )?;
+        same(
+            "effects between two models in the snapshot",
+            self.pairs.len(),
+            from.pairs.len(),
+        )?;
+        for (p, f) in self.pairs.iter_mut().zip(&from.pairs) {
+            p.line.restore(f.work, &f.effect)?;
+        }
+        for (s, f) in self.subdomains.iter_mut().zip(&from.subdomains) {
+            s.restore(f)?;
+        }
+        for (i, f) in self.interfaces.iter_mut().zip(&from.multipliers) {
+            same("multipliers of the snapshot", i.lambda.len(), f.len())?;
+            check_finite("multipliers of the snapshot", f)?;
+            i.lambda.copy_from_slice(f);
+        }
+        self.ledger.restore(&from.ledger)?;
+        self.step = from.step;
+        self.time = self.start_time + T::of(from.step as f64) * self.dt;
+        self.start_loss = from.start_loss;
+        Ok(())
+    }
+}

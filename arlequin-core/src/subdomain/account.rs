@@ -1,0 +1,116 @@
+//! What a subdomain is held to: works of its effects, energies, the discrete invariant.
+
+use super::Subdomain;
+use crate::effect::EffectLine;
+use crate::phase::Phase;
+use crate::{Real, parallel};
+
+/// What left a model that evolves.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Evolved<T> {
+    /// The effect that took it.
+    effect: &'static str,
+    /// Its work \[J\], negative.
+    pub(super) work: T,
+}
+
+impl<T: Real> Evolved<T> {
+    pub(super) fn new(effect: &'static str) -> Self {
+        let work = T::zero();
+        Self { effect, work }
+    }
+
+    /// Energy \[J\] leaves the model.
+    pub(super) fn release(&mut self, energy: T) {
+        self.work -= energy;
+    }
+}
+
+impl<T: Real> Subdomain<T> {
+    /// Invariant of the step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
+    /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs the displacements kept by [`Self::predict`].
+    pub(crate) fn invariant(&mut self, dt: T) -> T {
+        let (half, quarter) = (T::of(0.5), T::of(0.25));
+        let [q_before, force_before] = self.forces.before();
+        self.drawn_energy = self.model().internal_energy(&self.state.q);
+        let potential = half * (self.model().internal_energy(q_before) + self.drawn_energy);
+        let (q, force, inertia) = (&self.state.q, self.forces.internal(), &self.inertia);
+        let part = |range: std::ops::Range<usize>| {
+            range.fold(T::zero(), |sum, i| {
+                let dq = q[i] - q_before[i];
+                let v = dq / dt;
+                sum + (half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]))
+            })
+        };
+        potential + parallel::sum(q.len(), &part)
+    }
+
+    /// Internal energy at the whole step \[J\].
+    pub fn internal_energy(&self) -> T {
+        self.model().internal_energy(&self.state.q)
+    }
+
+    /// Kinetic energy at the whole step \[J\].
+    pub fn kinetic_energy(&self) -> T {
+        let (m, v) = (&self.inertia, &self.state.v);
+        let part = |range: std::ops::Range<usize>| range.fold(T::zero(), |s, i| s + m[i] * v[i] * v[i]);
+        T::of(0.5) * parallel::sum(v.len(), &part)
+    }
+
+    /// Internal energy \[J\] found by the last [`Self::invariant`].
+    pub(crate) fn drawn_energy(&self) -> T {
+        self.drawn_energy
+    }
+
+    /// Adds the work of effects over the step; returns that of the moving supports.
+    pub(crate) fn account(&mut self, dt: T) -> T {
+        for e in &mut self.effects {
+            let work = dt * e.effect.power(&self.state.v);
+            e.add(work);
+        }
+        let total = self.forces.total();
+        let mut support = T::zero();
+        for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {
+            for &d in &motion.dofs {
+                let reaction = self.inertia[d] * self.state.a[d] - total[d];
+                support += dt * reaction * self.state.v[d];
+            }
+        }
+        support
+    }
+
+    /// Works since the start \[J\]: of every effect, then of what left the model.
+    pub(crate) fn works(&self) -> impl Iterator<Item = T> {
+        let evolved = self.evolved.iter().map(|e| e.work);
+        self.effects.iter().map(|e| e.work()).chain(evolved)
+    }
+
+    /// Energy \[J\] that its effects have created, above zero only where their laws are at fault.
+    pub(crate) fn created(&self) -> T {
+        self.effects.iter().map(|e| e.created()).sum()
+    }
+
+    /// What its effects did: those of the model first.
+    pub(crate) fn effect_lines(&self, own: usize) -> Vec<EffectLine<T>> {
+        let name = |effect: &str| format!("{}/{effect}", self.model().name());
+        let of_model = self.model().effects().iter().map(|effect| {
+            let taken = self.evolved.filter(|e| e.effect == *effect);
+            EffectLine {
+                name: name(effect),
+                phase: taken.map(|_| Phase::Evolve(own)),
+                work: taken.map(|e| e.work),
+                pending: T::zero(),
+                stored: T::zero(),
+                supplied: taken.map(|_| T::zero()),
+                facts: taken.map_or_else(Vec::new, |_| self.model().facts()),
+            }
+        });
+        let added = self.effects.iter().enumerate();
+        let added = added.map(|(k, e)| e.line(name(e.effect.name()), Phase::Effect(own, k)));
+        of_model.chain(added).collect()
+    }
+
+    pub(crate) fn is_finite(&self) -> bool {
+        self.state.v.iter().all(|v| v.is_finite())
+    }
+}

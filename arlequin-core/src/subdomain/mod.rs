@@ -1,0 +1,232 @@
+//! A subdomain: one model with its weights, supports, effects and state.
+//!
+//! [`Subdomain`] is put together here; `prepare` finds its inertia and attaches the effects, `step` makes velocity Verlet's
+//! half of the step and owns the forces, `account` owns the works and energies.
+
+mod account;
+mod motion;
+mod prepare;
+mod record;
+mod step;
+
+pub use motion::PrescribedMotion;
+pub use record::SubdomainSnapshot;
+pub(crate) use step::{Announce, Reached};
+
+use crate::effect::{Attached, Effect, EffectSpec};
+use crate::field::{Interpolation, ShapeRow};
+use crate::model::{CoarseModel, Finding, FineModel, Model, State};
+use crate::record::Record;
+use crate::scalar::check_finite;
+use crate::weight::{Weighting, Weights};
+use crate::{Error, NodallyWeighted, Real, Result};
+use account::Evolved;
+use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
+use step::Forces;
+
+/// Whether the weights of a model must sum to one with those of the models it is tied to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Deserialize),
+    serde(rename_all = "kebab-case")
+)]
+pub enum Partition {
+    /// They must, wherever one of these models is; refused otherwise.
+    #[default]
+    Checked,
+    /// They need not: a deliberate study, such as an impedance jump by constant weights over whole models. Mass and
+    /// stiffness are then not those of the body.
+    Unchecked,
+}
+
+/// One model with everything the coupled run knows of it.
+pub struct Subdomain<T: Real> {
+    model: Box<dyn Model<T>>,
+    field: Arc<dyn Interpolation<T>>,
+    weights: Weights<T>,
+    partition: Partition,
+    supports: Vec<PrescribedMotion<T>>,
+    /// Effects until they are attached.
+    chosen: Vec<Box<dyn EffectSpec<T>>>,
+    /// Effects with their lines of the ledger.
+    effects: Vec<Attached<T, dyn Effect<T>>>,
+    /// What the model is to remember from the start.
+    memory: Option<Record<T>>,
+    state: State<T>,
+    inertia: Vec<T>,
+    inverse_inertia: Vec<T>,
+    forces: Forces<T>,
+    /// Line of the ledger of a model that evolves.
+    evolved: Option<Evolved<T>>,
+    /// Internal energy \[J\] found by the last [`Self::invariant`].
+    drawn_energy: T,
+}
+
+impl<T: Real> std::fmt::Debug for Subdomain<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Subdomain")
+            .field("model", &self.model.name())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<T: Real> Subdomain<T> {
+    /// A model in the coarse role.
+    pub fn coarse(model: impl CoarseModel<T> + 'static, weights: Weights<T>) -> Self {
+        let field = model.coarse_field();
+        Self::new(Box::new(model), field, weights)
+    }
+
+    /// A model in the fine role.
+    pub fn fine(model: impl FineModel<T> + 'static, weights: Weights<T>) -> Self {
+        let field = model.fine_field();
+        Self::new(Box::new(model), field, weights)
+    }
+
+    /// A model with an explicitly chosen field.
+    pub fn new(model: Box<dyn Model<T>>, field: Arc<dyn Interpolation<T>>, weights: Weights<T>) -> Self {
+        let mut model = match weights.weighting {
+            Weighting::Energy => model,
+            Weighting::Nodal => Box::new(NodallyWeighted::new(model)),
+        };
+        let n = model.layout().dofs();
+        Self {
+            field,
+            weights,
+            partition: Partition::Checked,
+            supports: Vec::new(),
+            chosen: Vec::new(),
+            effects: Vec::new(),
+            memory: None,
+            state: State::zero(n),
+            inertia: vec![T::zero(); n],
+            inverse_inertia: vec![T::zero(); n],
+            forces: Forces::zero(n),
+            evolved: model.evolving().map(|e| Evolved::new(e.effect())),
+            drawn_energy: T::zero(),
+            model,
+        }
+    }
+
+    /// Adds an effect.
+    #[must_use]
+    pub fn with_effect(mut self, effect: Box<dyn EffectSpec<T>>) -> Self {
+        self.chosen.push(effect);
+        self
+    }
+
+    /// Adds a support or a prescribed motion.
+    #[must_use]
+    pub fn with_support(mut self, motion: PrescribedMotion<T>) -> Self {
+        self.supports.push(motion);
+        self
+    }
+
+    /// Says whether the weights must sum to one with those of the models this one is tied to; one unchecked model frees
+    /// all of them. Checked unless said otherwise.
+    #[must_use]
+    pub fn with_partition(mut self, partition: Partition) -> Self {
+        self.partition = partition;
+        self
+    }
+
+    /// Sets initial displacements \[m\] (and rotation vectors \[rad\]) and velocities \[m/s\] (and spins \[rad/s\]).
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] or [`Error::NotFinite`].
+    pub fn with_initial(mut self, q: Vec<T>, v: Vec<T>) -> Result<Self> {
+        for (what, x) in [("initial displacement", &q), ("initial velocity", &v)] {
+            let expected = self.model.layout().dofs();
+            if x.len() != expected {
+                return Err(Error::SizeMismatch {
+                    what: what.into(),
+                    expected,
+                    found: x.len(),
+                });
+            }
+            check_finite(what, x)?;
+        }
+        self.state.q = q;
+        self.state.v = v;
+        Ok(self)
+    }
+
+    /// Lets the model go on from what an equal one remembered, [`Model::save`]: the initial displacements are then those
+    /// at which it was saved.
+    #[must_use]
+    pub fn with_memory(mut self, of: Record<T>) -> Self {
+        self.memory = Some(of);
+        self
+    }
+
+    /// What the present state would need effects for, whether they are on or not.
+    pub(crate) fn watch(&self) -> Vec<Finding> {
+        self.model
+            .watching()
+            .map_or_else(Vec::new, |m| m.watch(&self.state))
+    }
+
+    /// The model.
+    pub fn model(&self) -> &dyn Model<T> {
+        &*self.model
+    }
+    /// The displacement field that interfaces and probes see.
+    pub fn field(&self) -> &Arc<dyn Interpolation<T>> {
+        &self.field
+    }
+    /// The weights.
+    pub fn weights(&self) -> &Weights<T> {
+        &self.weights
+    }
+    /// Current state.
+    pub fn state(&self) -> &State<T> {
+        &self.state
+    }
+    /// Lumped inertia weighted by `β` \[kg, kg m²\].
+    pub fn inertia(&self) -> &[T] {
+        &self.inertia
+    }
+    /// Its inverse; zero for prescribed unknowns.
+    pub fn inverse_inertia(&self) -> &[T] {
+        &self.inverse_inertia
+    }
+    /// Effects in the order they were added; none before the run has attached them.
+    pub fn effects(&self) -> impl Iterator<Item = &dyn Effect<T>> {
+        self.effects.iter().map(|e| &*e.effect)
+    }
+    /// Supports and prescribed motions.
+    pub fn supports(&self) -> &[PrescribedMotion<T>] {
+        &self.supports
+    }
+
+    /// Whether its weights must sum to one with those of others.
+    pub(crate) fn partition(&self) -> Partition {
+        self.partition
+    }
+
+    /// The state and the inverse inertia, for constraints to correct the one by the other.
+    pub(crate) fn correctable(&mut self) -> (&mut State<T>, &[T]) {
+        (&mut self.state, &self.inverse_inertia)
+    }
+
+    /// Displacement and velocity of the field at a point \[m, m/s\].
+    ///
+    /// # Errors
+    /// [`Error::OutsideDomain`].
+    pub fn sample(&self, x: &Point3<T>) -> Result<[Vector3<T>; 2]> {
+        let mut row = ShapeRow::default();
+        self.field().shape_at(x, false, &mut row)?;
+        let d = self.model().layout().components;
+        let mut out = [Vector3::zeros(); 2];
+        for (sum, values) in out.iter_mut().zip([&self.state.q, &self.state.v]) {
+            for (&k, &n) in row.nodes.iter().zip(&row.values) {
+                sum.iter_mut()
+                    .zip(&values[k * d..(k + 1) * d])
+                    .for_each(|(s, v)| *s += n * *v);
+            }
+        }
+        Ok(out)
+    }
+}

@@ -1,0 +1,80 @@
+//! What a subdomain must remember to go on with the same bits.
+
+use super::Subdomain;
+use crate::record::{Record, same};
+use crate::scalar::check_finite;
+use crate::{Real, Result};
+
+/// What a subdomain must remember.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SubdomainSnapshot<T> {
+    /// Displacements \[m\], rotations \[rad\].
+    pub q: Vec<T>,
+    /// Velocities.
+    pub v: Vec<T>,
+    /// Accelerations.
+    pub a: Vec<T>,
+    /// Internal forces at `q`.
+    pub internal: Vec<T>,
+    /// Works of the effects since the start \[J\].
+    pub works: Vec<T>,
+    /// Work of the evolution of the model since the start \[J\].
+    pub evolved: Option<T>,
+    /// What the model remembers.
+    pub model: Record<T>,
+    /// What the effects remember.
+    pub effects: Vec<Record<T>>,
+}
+
+impl<T: Real> Subdomain<T> {
+    pub(crate) fn snapshot(&self) -> SubdomainSnapshot<T> {
+        SubdomainSnapshot {
+            q: self.state.q.clone(),
+            v: self.state.v.clone(),
+            a: self.state.a.clone(),
+            internal: self.forces.internal().to_vec(),
+            works: self.effects.iter().map(|e| e.work()).collect(),
+            evolved: self.evolved.map(|e| e.work),
+            model: self.model().save(),
+            effects: self.effects.iter().map(|e| e.effect.save()).collect(),
+        }
+    }
+
+    pub(crate) fn restore(&mut self, from: &SubdomainSnapshot<T>) -> Result<()> {
+        let name = self.model().name().to_owned();
+        let parts = [
+            ("displacements", &from.q),
+            ("velocities", &from.v),
+            ("accelerations", &from.a),
+            ("internal forces", &from.internal),
+        ];
+        for (what, x) in parts {
+            let what = format!("{what} of '{name}' in the snapshot");
+            same(&what, self.state.q.len(), x.len())?;
+            check_finite(&what, x)?;
+        }
+        same(
+            &format!("works of '{name}' in the snapshot"),
+            self.effects.len(),
+            from.works.len(),
+        )?;
+        same(
+            &format!("effects of '{name}' in the snapshot"),
+            self.effects.len(),
+            from.effects.len(),
+        )?;
+        self.state.q.copy_from_slice(&from.q);
+        self.state.v.copy_from_slice(&from.v);
+        self.state.a.copy_from_slice(&from.a);
+        self.forces.restore(&from.internal);
+        if let (Some(line), Some(work)) = (&mut self.evolved, from.evolved) {
+            line.work = work;
+        }
+        self.model.restore(&from.model)?;
+        for (e, (work, record)) in self.effects.iter_mut().zip(from.works.iter().zip(&from.effects)) {
+            e.restore(*work, record)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,265 @@
+//! Velocity Verlet's half of the step: positions, forces, uncorrected velocities.
+
+use super::Subdomain;
+use crate::effect::Instant;
+use crate::model::{Evolution, State};
+use crate::phase::Phase;
+use crate::{Real, Result, parallel};
+
+/// Hears what a step is doing.
+pub(crate) type Announce<'a> = dyn FnMut(Phase) + Send + 'a;
+
+/// The instant that a step leads to.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reached<T> {
+    /// Time \[s\].
+    pub(crate) time: T,
+    /// Length of the step that led there \[s\]; zero at the start of a run.
+    pub(crate) since: T,
+    /// Length of the steps of the run \[s\].
+    pub(crate) dt: T,
+}
+
+/// Forces beside the internal ones, and when the subdomain is accelerated.
+#[derive(Debug)]
+enum Loads<T> {
+    /// None.
+    Absent,
+    /// All forces, internal ones included: its own effects, or coupling forces on moving supports.
+    Own(Vec<T>),
+    /// The same where effects between two subdomains add theirs before it is accelerated.
+    Paired(Vec<T>),
+}
+
+/// Forces of this instant and of the one before.
+#[derive(Debug)]
+pub(super) struct Forces<T> {
+    internal: Vec<T>,
+    internal_before: Vec<T>,
+    /// Displacements one step earlier, where they were kept.
+    q_before: Vec<T>,
+    loads: Loads<T>,
+}
+
+impl<T: Real> Forces<T> {
+    pub(super) fn zero(dofs: usize) -> Self {
+        Self {
+            internal: vec![T::zero(); dofs],
+            internal_before: vec![T::zero(); dofs],
+            q_before: vec![T::zero(); dofs],
+            loads: Loads::Absent,
+        }
+    }
+
+    /// Makes room for forces beside the internal ones.
+    pub(super) fn expect_loads(&mut self, own: bool, paired: bool) {
+        let zeros = || vec![T::zero(); self.internal.len()];
+        self.loads = match (own, paired) {
+            (_, true) => Loads::Paired(zeros()),
+            (true, false) => Loads::Own(zeros()),
+            (false, false) => Loads::Absent,
+        };
+    }
+
+    /// Weighted internal forces \[N, N m\].
+    pub(super) fn internal(&self) -> &[T] {
+        &self.internal
+    }
+
+    /// Goes to the internal forces of another instant.
+    pub(super) fn restore(&mut self, internal: &[T]) {
+        self.internal.copy_from_slice(internal);
+    }
+
+    /// Displacements and internal forces one step earlier.
+    pub(super) fn before(&self) -> [&[T]; 2] {
+        [&self.q_before, &self.internal_before]
+    }
+
+    /// All forces.
+    pub(super) fn total(&self) -> &[T] {
+        match &self.loads {
+            Loads::Absent => &self.internal,
+            Loads::Own(total) | Loads::Paired(total) => total,
+        }
+    }
+
+    fn is_paired(&self) -> bool {
+        matches!(self.loads, Loads::Paired(_))
+    }
+
+    /// The instant as effects see it, and the forces they add to; none where there are no effects.
+    fn at<'a>(&'a mut self, reached: Reached<T>, state: &'a State<T>) -> (Instant<'a, T>, &'a mut [T]) {
+        let at = Instant {
+            time: reached.time,
+            q: &state.q,
+            v_half: &state.v,
+            dt: reached.since,
+            internal: &self.internal,
+            internal_before: &self.internal_before,
+        };
+        let total: &mut [T] = match &mut self.loads {
+            Loads::Absent => &mut [],
+            Loads::Own(total) | Loads::Paired(total) => total,
+        };
+        (at, total)
+    }
+}
+
+impl<T: Real> Subdomain<T> {
+    /// Whether effects between two subdomains act on this one; it is accelerated after them.
+    pub(crate) fn is_paired(&self) -> bool {
+        self.forces.is_paired()
+    }
+
+    /// Effect forces beside the internal ones, which are there. `own` is the number of this subdomain.
+    fn evaluate(&mut self, reached: Reached<T>, own: usize, announce: &mut Announce<'_>) -> Result<()> {
+        let (at, total) = self.forces.at(reached, &self.state);
+        if total.is_empty() {
+            return Ok(());
+        }
+        parallel::copy(total, at.internal);
+        for (k, e) in self.effects.iter_mut().enumerate() {
+            announce(Phase::Effect(own, k));
+            e.effect.add_forces(&at, total)?;
+        }
+        announce(Phase::Predict(own));
+        Ok(())
+    }
+
+    /// The instant, and the forces to which effects between two subdomains add theirs.
+    pub(crate) fn loaded_at(&mut self, reached: Reached<T>) -> (Instant<'_, T>, &mut [T]) {
+        self.forces.at(reached, &self.state)
+    }
+
+    /// Adds the forces of its effects at an instant of the caller's.
+    pub(crate) fn add_effects(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        self.effects
+            .iter_mut()
+            .try_for_each(|e| e.effect.add_forces(at, f))
+    }
+
+    /// `a` from all forces, `v += Δt/2 a`; prescribed motion.
+    pub(crate) fn accelerate(&mut self, reached: Reached<T>) {
+        let half = reached.since * T::of(0.5);
+        let State { v, a, .. } = &mut self.state;
+        parallel::accelerate(half, v, a, self.forces.total(), &self.inverse_inertia);
+        for motion in &self.supports {
+            let (_, velocity, acceleration) = motion.kinematics(reached.time, reached.dt);
+            for &d in &motion.dofs {
+                a[d] = acceleration;
+                v[d] = velocity;
+            }
+        }
+    }
+
+    /// Sets prescribed displacements and velocities of time `t`.
+    pub(crate) fn hold(&mut self, t: T, dt: T) {
+        for motion in &self.supports {
+            let (q, v, _) = motion.kinematics(t, dt);
+            for &d in &motion.dofs {
+                self.state.q[d] = q;
+                self.state.v[d] = v;
+            }
+        }
+    }
+
+    /// Finds forces and accelerations of the start, after [`Self::hold`].
+    pub(crate) fn start(&mut self, start: Reached<T>) -> Result<()> {
+        self.forces.internal.fill(T::zero());
+        self.model.advance(&self.state.q, &mut self.forces.internal)?;
+        self.evaluate(start, 0, &mut |_| {})?;
+        if !self.is_paired() {
+            self.accelerate(start);
+        }
+        Ok(())
+    }
+
+    /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` of the instant reached;
+    /// where effects between two subdomains act, up to the forces, and [`Self::accelerate`] follows them.
+    ///
+    /// Two passes over the unknowns beside the model's: before its forces and after. `own` is the number of this
+    /// subdomain, for what is announced; `keep` says whether displacements of the step before are kept for
+    /// [`Self::invariant`].
+    pub(crate) fn predict(
+        &mut self,
+        own: usize,
+        reached: Reached<T>,
+        keep: bool,
+        announce: &mut Announce<'_>,
+    ) -> Result<()> {
+        if parallel::pays(self.inertia.len()) {
+            // One entry into the pool for all passes: each would cost a wake-up otherwise.
+            rayon::scope(|_| self.passes(own, reached, keep, announce))
+        } else {
+            self.passes(own, reached, keep, announce)
+        }
+    }
+
+    fn passes(
+        &mut self,
+        own: usize,
+        reached: Reached<T>,
+        keep: bool,
+        announce: &mut Announce<'_>,
+    ) -> Result<()> {
+        let evolves = self.model.evolving().is_some();
+        let forces = &mut self.forces;
+        std::mem::swap(&mut forces.internal, &mut forces.internal_before);
+        let keeps = keep || evolves;
+        if keeps {
+            std::mem::swap(&mut self.state.q, &mut forces.q_before);
+        }
+        let State { q, v, a } = &mut self.state;
+        if keeps {
+            parallel::kick_and_drift_from(reached.since, &forces.q_before, q, v, a, &mut forces.internal);
+        } else {
+            parallel::kick_and_drift(reached.since, q, v, a, &mut forces.internal);
+        }
+        for motion in &self.supports {
+            let now = motion.at(reached.time);
+            motion.dofs.iter().for_each(|&d| q[d] = now);
+        }
+        // Found at zero by the model: the pass before left it so.
+        self.model.advance(q, &mut forces.internal)?;
+        if evolves {
+            announce(Phase::Evolve(own));
+            self.evolve(reached.time)?;
+            announce(Phase::Predict(own));
+        }
+        self.evaluate(reached, own, announce)?;
+        if !self.is_paired() {
+            self.accelerate(reached);
+        }
+        Ok(())
+    }
+
+    /// Lets the model change itself; what leaves it is a negative work.
+    fn evolve(&mut self, time: T) -> Result<()> {
+        if let (Some(model), Some(line)) = (self.model.evolving(), &mut self.evolved) {
+            line.release(model.evolve(Evolution {
+                time,
+                q_before: &self.forces.q_before,
+                q: &self.state.q,
+                f_before: &mut self.forces.internal_before,
+                f: &mut self.forces.internal,
+            })?);
+        }
+        Ok(())
+    }
+
+    pub(super) fn has_moving_support(&self) -> bool {
+        self.supports.iter().any(|m| m.amplitude != T::zero())
+    }
+
+    /// The force vector, where moving supports make the coupling forces on them a part of the balance.
+    pub(crate) fn force_on_moving_supports(&mut self) -> Option<&mut [T]> {
+        if !self.has_moving_support() {
+            return None;
+        }
+        match &mut self.forces.loads {
+            Loads::Absent => None,
+            Loads::Own(total) | Loads::Paired(total) => Some(total),
+        }
+    }
+}
