@@ -22,6 +22,12 @@ pub struct PhaseClock {
     seconds: Vec<(Phase, f64)>,
 }
 
+impl Default for PhaseClock {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl PhaseClock {
     /// Starts now.
     pub fn new() -> Self {
