@@ -108,10 +108,7 @@ pub(crate) fn text(text: &str) {
 
 /// A result as JSON.
 pub(crate) fn pretty(what: &impl Serialize) -> Result<String> {
-    serde_json::to_string_pretty(what).map_err(|e| Error::System {
-        what: "writing JSON",
-        message: e.to_string(),
-    })
+    arlequin_scene::output::json("writing JSON", what)
 }
 
 /// Prints a result as JSON, or in words.

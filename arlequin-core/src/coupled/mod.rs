@@ -203,7 +203,7 @@ impl<T: Real> Coupled<T> {
         self.time = next;
         observer.phase(Phase::Ledger);
         // The invariant of this step is the one before the forces of the new instant did any work.
-        let energy = invariant.map(|h| self.draw(h)).transpose()?;
+        let energy = invariant.map(|h| self.balance(h)).transpose()?;
         self.account();
         if draw {
             self.check_created()?;
@@ -327,7 +327,7 @@ impl<T: Real> Coupled<T> {
         }
     }
 
-    fn draw(&mut self, invariant: T) -> Result<EnergySample<T>> {
+    fn balance(&mut self, invariant: T) -> Result<EnergySample<T>> {
         if self.subdomains.iter().any(|s| !s.is_finite()) {
             return Err(self.diverged("velocity"));
         }
@@ -370,7 +370,7 @@ impl<T: Real> Coupled<T> {
         let mut momentum_drift = [T::zero(); 2];
         let rate = T::of(self.step as f64) / self.dt;
         for b in &mut self.ledger.bodies {
-            let one = b.draw(&self.subdomains, rate);
+            let one = b.balance(&self.subdomains, rate);
             (0..2).for_each(|k| momentum_drift[k] = momentum_drift[k].max(one[k]));
         }
         let sample = EnergySample {

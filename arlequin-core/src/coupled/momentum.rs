@@ -127,7 +127,7 @@ impl<T: Real> Body<T> {
     /// Draws up the momenta; their changes relative to what is in play, zero for those that need not stay. `rate` is the
     /// number of steps so far over the length of one: forces know displacements to their last digit only, and what they
     /// make of it adds up.
-    pub(crate) fn draw(&mut self, all: &[Subdomain<T>], rate: T) -> [T; 2] {
+    pub(crate) fn balance(&mut self, all: &[Subdomain<T>], rate: T) -> [T; 2] {
         let limits = self.limits();
         if limits[0].is_none() {
             return [T::zero(); 2];

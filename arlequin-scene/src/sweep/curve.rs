@@ -49,31 +49,43 @@ pub(super) fn probes(path: &Path) -> Result<Probes> {
 
 /// Headers and columns of a file with comma-separated values.
 fn table(path: &Path) -> Result<(Vec<String>, Vec<Vec<f64>>)> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Read {
-        path: path.to_owned(),
-        source,
-    })?;
-    let mut lines = text.lines();
-    let header = lines.next().unwrap_or_default();
-    let names: Vec<String> = header.split(',').map(|n| n.trim().to_owned()).collect();
-    let mut columns = vec![Vec::new(); names.len()];
-    for (row, line) in lines.enumerate().filter(|(_, l)| !l.trim().is_empty()) {
-        let cells: Vec<&str> = line.split(',').collect();
-        let bad = |what: String| {
-            let place = format!("'{}' row {}", path.display(), row + 2);
-            key(place, format!("{what}; a table of finite numbers is needed"))
-        };
-        if cells.len() != names.len() {
-            return Err(bad(format!(
-                "{} cells under {} headers",
-                cells.len(),
-                names.len()
-            )));
+    let bad = |line: Option<u64>, what: String| {
+        let place = format!("'{}' row {}", path.display(), line.unwrap_or(1));
+        key(place, format!("{what}; a table of finite numbers is needed"))
+    };
+    let fault = |e: csv::Error| {
+        let line = e.position().map(csv::Position::line);
+        match e.into_kind() {
+            csv::ErrorKind::Io(source) => Error::Read {
+                path: path.to_owned(),
+                source,
+            },
+            other => bad(line, format!("{other:?}")),
         }
-        for (c, cell) in columns.iter_mut().zip(cells) {
-            match cell.trim().parse::<f64>() {
+    };
+    let mut reader = csv::ReaderBuilder::new();
+    reader.trim(csv::Trim::All).flexible(true);
+    let mut reader = reader.from_path(path).map_err(fault)?;
+    let names: Vec<String> = reader
+        .headers()
+        .map_err(fault)?
+        .iter()
+        .map(str::to_owned)
+        .collect();
+    let mut columns = vec![Vec::new(); names.len()];
+    for row in reader.records() {
+        let row = row.map_err(fault)?;
+        let line = row.position().map(csv::Position::line);
+        if row.len() != names.len() {
+            return Err(bad(
+                line,
+                format!("{} cells under {} headers", row.len(), names.len()),
+            ));
+        }
+        for (c, cell) in columns.iter_mut().zip(&row) {
+            match cell.parse::<f64>() {
                 Ok(x) if x.is_finite() => c.push(x),
-                _ => return Err(bad(format!("'{cell}' is no finite number"))),
+                _ => return Err(bad(line, format!("'{cell}' is no finite number"))),
             }
         }
     }

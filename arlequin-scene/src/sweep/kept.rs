@@ -113,10 +113,7 @@ pub(super) fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {
 
 /// Writes JSON.
 pub(super) fn put(path: &Path, what: &impl Serialize) -> Result<()> {
-    let text = serde_json::to_string_pretty(what).map_err(|e| Error::System {
-        what: "writing JSON",
-        message: e.to_string(),
-    })?;
+    let text = crate::output::json("writing JSON", what)?;
     std::fs::write(path, text).map_err(write(path))
 }
 
