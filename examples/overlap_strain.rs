@@ -3,7 +3,7 @@
 
 #![allow(clippy::print_stdout, reason = "an example prints what it measured")]
 
-use arlequin::core::weight::Profile;
+use arlequin::core::Profile;
 use arlequin_studies::strain::{Bar, Pair};
 
 /// Borders of the strips of the overlap, counted from the fine border.

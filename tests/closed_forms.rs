@@ -6,13 +6,11 @@
 mod support;
 
 use arlequin::core::effect::{Absorber, BodyForce, BulkViscosity};
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Strain, Junction, L2, ShapeFunction};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Error, Model, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, Error, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, Model, Profile, Ramp,
+    ShapeFunction, Silent, Slab, Subdomain, TimeStep, Weights,
+};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::{COARSE, Line, rest};
 use arlequin_studies::solid::momentum_scale;

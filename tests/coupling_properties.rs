@@ -8,16 +8,12 @@ use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::cnem::{self, CnemModel, NaturalField, Options};
-use arlequin::core::conformance;
-use arlequin::core::field::Interpolation;
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, H1Strain, Junction, L2};
-use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Rotation3, Vector3};
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp, Weight};
-use arlequin::core::{Coupled, Error, Model, Sampling, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, Error, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Interpolation, Junction, L2,
+    Mediator, Model, Profile, Ramp, Sampling, Silent, Slab, Subdomain, TimeStep, Weight, Weights,
+    conformance,
+};
 use arlequin::dem_beam::{BeamMaterial, DemModel, Matter};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh, generate};
 use arlequin_studies::noise;

@@ -8,12 +8,10 @@
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::{CnemModel, Options, generate};
-use arlequin::core::Real;
 use arlequin::core::effect::SurfaceFacet;
-use arlequin::core::material::Elastic;
-use arlequin::core::model::{LinearModel, Model};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::sprs::TriMat;
+use arlequin::core::{Elastic, LinearModel, Model, Real};
 use arlequin::fem_ref::{self, ElementKind, FemModel, Mesh};
 use std::collections::HashMap;
 

@@ -5,9 +5,7 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::Coupled;
-use arlequin::core::junction::H1Gradient;
-use arlequin::core::observer::Silent;
+use arlequin::core::{Coupled, H1Gradient, Silent};
 use support::solid::busy;
 
 fn pool(threads: usize) -> rayon::ThreadPool {

@@ -4,9 +4,9 @@
 
 use arlequin::core::harmonic::{HarmonicOverlap, Port};
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Error, Partition, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{
+    Coupled, Error, Partition, Profile, Ramp, Slab, Subdomain, TimeStep, Weighting, Weights,
+};
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
 use arlequin::fem_ref::{Elastic, FemModel, generate};

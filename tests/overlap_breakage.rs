@@ -1,6 +1,6 @@
 //! Bonds of an overlap are loaded as in a body of particles alone (decision 0022).
 
-use arlequin::core::weight::Profile;
+use arlequin::core::Profile;
 use arlequin_studies::strain::{Bar, Pair};
 
 /// Hardest bond of the overlap over the hardest of the same bonds without elements.

@@ -2,13 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-use arlequin::core::conformance;
-use arlequin::core::coupled::Parts;
 use arlequin::core::effect::{
     AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec, StepDemand,
 };
-use arlequin::core::observer::{Phase, Silent};
-use arlequin::core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin::core::{Coupled, Model, Parts, Phase, Silent, Subdomain, TimeStep, Weights, conformance};
 use arlequin::fem_ref::{Elastic, FemModel, generate};
 
 /// `f = k (x_b − x_a) + c (v_b − v_a)` between the last node of the first and the first node of the second side. With

@@ -7,15 +7,12 @@ mod support;
 
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
-use arlequin::core::conformance;
 use arlequin::core::geometry::Cell;
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::{self, Point3};
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp, Uniform, Weight};
-use arlequin::core::{Coupled, Error, Model, Partition, Result, Sampling, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Model, Partition, Profile, Ramp, Result, Sampling,
+    Silent, Slab, Subdomain, TimeStep, Uniform, Weight, Weights, conformance,
+};
 use arlequin::dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh};

@@ -5,13 +5,11 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::conformance;
-use arlequin::core::junction::{H1Gradient, H1Strain, Junction, L2};
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::{Overlap, Primitive, Shell, Slab};
-use arlequin::core::weight::{Complement, Profile, Ramp, Weight};
-use arlequin::core::{Model, Subdomain, Weights};
+use arlequin::core::{
+    Complement, H1Gradient, H1Strain, Junction, L2, Model, Overlap, Primitive, Profile, Ramp, Shell, Silent,
+    Slab, Subdomain, Weight, Weights, conformance,
+};
 use arlequin::fem_ref::{ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::noise;
 use proptest::prelude::*;
@@ -116,7 +114,7 @@ proptest! {
         let mesh = jittered(solid::block(ElementKind::Tet4, [-2.0, 2.0], [7, 2, 2]), 0.1, seed);
         // Whatever the mesh, the weighted volume is the integral of the weight over the box.
         let cells = FemField::new(mesh);
-        let total: f64 = arlequin::core::field::Interpolation::cells(&cells).iter().map(|c| w.mean(c) * c.measure()).sum();
+        let total: f64 = arlequin::core::Interpolation::cells(&cells).iter().map(|c| w.mean(c) * c.measure()).sum();
         let n = 200_000;
         let sum: f64 = (0..n).map(|k| w.at(&Point3::new(-2.0 + 4.0 * (f64::from(k) + 0.5) / f64::from(n), 0.0, 0.0))).sum();
         prop_assert!((total - 4.0 * sum / f64::from(n)).abs() < 3e-5, "{total} {}", 4.0 * sum / f64::from(n));

@@ -5,17 +5,14 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::coupled::Parts;
 use arlequin::core::effect::{
     AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec, StepDemand,
 };
-use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Vector3;
-use arlequin::core::observer::Silent;
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Model, Partition, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, L2, Model, Partition, Parts, PrescribedMotion, Profile, Silent, Subdomain, TimeFunction,
+    TimeStep, Weights,
+};
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
 use arlequin::fem_ref::ElementKind;

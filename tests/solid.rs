@@ -6,18 +6,13 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::conformance;
 use arlequin::core::effect::{Absorber, BodyForce, Load, MassDamping};
-use arlequin::core::field::ShapeRow;
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, H1Strain, Junction, L2, Needs, ShapeFunction};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::weight::{Complement, Profile, Ramp, Weight};
-use arlequin::core::{Coupled, Error, Sampling, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Complement, Coupled, Error, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, Needs,
+    PrescribedMotion, Profile, Ramp, Sampling, ShapeFunction, ShapeRow, Silent, Slab, Subdomain,
+    TimeFunction, TimeStep, Weight, Weights, conformance,
+};
 use arlequin::fem_ref::{ElementKind, FemModel, Mesh};
 use arlequin_studies::solid::{kept, momentum_scale};
 use std::sync::Arc;

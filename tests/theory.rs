@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-use arlequin::core::observer::Silent;
+use arlequin::core::Silent;
 use arlequin_studies::checks::{Check, cantilever_cell, checks};
 use arlequin_studies::line::Line;
 

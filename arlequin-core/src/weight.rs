@@ -11,7 +11,7 @@ use crate::{Real, Result};
 use nalgebra::Point3;
 use std::sync::Arc;
 
-pub use crate::profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
+use crate::profile::Profile;
 
 /// How weights enter a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

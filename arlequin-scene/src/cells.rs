@@ -2,7 +2,7 @@
 
 use crate::error::{Result, core};
 use crate::setup::ModelInfo;
-use arlequin::core::field::ShapeRow;
+use arlequin::core::ShapeRow;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 
 /// Shape gradients at the centre of one cell.

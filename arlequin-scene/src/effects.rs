@@ -165,7 +165,7 @@ fn steps(built: Built) -> Result<Trace> {
     let every = steps.div_ceil(LOOKS).max(1);
     for made in 1..=steps {
         let stepped = run.advance(&mut clock);
-        clock.enter(Some(arlequin::core::observer::Phase::Observe));
+        clock.enter(Some(arlequin::core::Phase::Observe));
         if let Err(e) = stepped {
             out.failed = Some(core("time")(e));
             break;

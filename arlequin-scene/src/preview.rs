@@ -116,7 +116,7 @@ fn trial(run: &mut Coupled<f64>, steps: usize) -> Option<f64> {
 }
 
 /// Twelve vectors and a stiffness row of 81 entries per unknown, and the interface matrices.
-fn estimated_bytes(plan: &arlequin::core::coupled::Plan) -> usize {
+fn estimated_bytes(plan: &arlequin::core::Plan) -> usize {
     let unknowns: usize = plan.models.iter().map(|m| m.3).sum();
     let interface: usize = plan.interfaces.iter().map(|i| i.nonzeros).sum();
     unknowns * (12 * 8 + 81 * 12) + interface * 16

@@ -1,7 +1,7 @@
 //! Internal forces; the argument is whether the model is stabilised.
 //! Run with `cargo bench -p cnem --bench forces`; set `RAYON_NUM_THREADS` for the number of threads.
 
-use arlequin_core::model::Model;
+use arlequin_core::Model;
 use cnem::generate::Cylinder;
 use cnem::{CnemModel, Elastic, Options, Stabilisation};
 use divan::Bencher;

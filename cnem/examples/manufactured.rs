@@ -9,9 +9,7 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use arlequin_core::field::{Interpolation, ShapeRow};
-use arlequin_core::model::Model;
-use arlequin_core::weight::Weight;
+use arlequin_core::{Interpolation, Model, ShapeRow, Weight};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Interpolant;

@@ -267,7 +267,7 @@ impl From<Error> for arlequin_core::Error {
     fn from(e: Error) -> Self {
         match e {
             Error::Core(e) => e,
-            Error::Parameter { name, value, rule } => arlequin_core::error::invalid(name, value, rule),
+            Error::Parameter { name, value, rule } => arlequin_core::invalid(name, value, rule),
             Error::OutsideDomain { point, .. } => Self::OutsideDomain {
                 point,
                 role: "natural-neighbour".into(),

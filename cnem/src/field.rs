@@ -8,9 +8,8 @@ use crate::delaunay::linear_gradients;
 use crate::domain::Domain;
 use crate::error::{Result, parameter};
 use crate::natural::{Interpolant, Scratch};
-use arlequin_core::field::{Interpolation, ShapeRow, outside};
 use arlequin_core::geometry::{Cell, Polyhedron};
-use arlequin_core::mediator::Mediator;
+use arlequin_core::{Interpolation, Mediator, ShapeRow, outside};
 use nalgebra::Point3;
 use std::sync::{Mutex, PoisonError};
 
@@ -58,7 +57,7 @@ impl NaturalField {
     /// Field on points alone, such as the centres of particles; its domain is their convex hull.
     ///
     /// ```
-    /// use arlequin_core::field::{Interpolation, ShapeRow};
+    /// use arlequin_core::{Interpolation, ShapeRow};
     /// use cnem::{NaturalField, natural::Interpolant};
     /// use nalgebra::Point3;
     /// let corner = |i: u32| Point3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));

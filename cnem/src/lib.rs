@@ -37,7 +37,7 @@
 //! A cantilever that is pulled at its end:
 //!
 //! ```
-//! use arlequin_core::{Real, model::{LinearModel, Model}};
+//! use arlequin_core::{Real, LinearModel, Model};
 //! use cnem::{CnemModel, Elastic, Options, generate::Cylinder};
 //!
 //! let domain = Cylinder::with_spacing([0.0, 20e-3], 1e-3, 0.5e-3)?.domain()?;
@@ -83,7 +83,7 @@ pub mod scni;
 pub(crate) mod tet;
 pub mod voronoi;
 
-pub use arlequin_core::material::Elastic;
+pub use arlequin_core::Elastic;
 pub use constraint::Surface;
 pub use domain::Domain;
 pub use error::{Error, Result};

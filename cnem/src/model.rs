@@ -20,11 +20,10 @@ use crate::natural::Interpolant;
 use crate::scni::{BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells, stiffness};
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
-use arlequin_core::field::Interpolation;
-use arlequin_core::material::Elastic;
-use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
 use arlequin_core::sprs::CsMat;
-use arlequin_core::weight::Weight;
+use arlequin_core::{
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Weight, check_size,
+};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -83,7 +82,7 @@ impl CnemModel {
     /// Model with all weights one: a body that is not coupled. Its nodes are those of the domain, in the same order.
     ///
     /// ```
-    /// use arlequin_core::model::Model;
+    /// use arlequin_core::Model;
     /// use cnem::{CnemModel, Elastic, Options, constraint::Surface, domain::Domain};
     /// use nalgebra::Point3;
     /// let grid: Vec<_> =
@@ -307,12 +306,12 @@ impl Model<f64> for CnemModel {
         out.chunks_exact_mut(3)
             .zip(masses)
             .for_each(|(out, m)| out.fill(m));
-        arlequin_core::scalar::check_finite("weighted inertia", out)
+        arlequin_core::check_finite("weighted inertia", out)
     }
 
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
         let means = self.cell_means(alpha);
-        arlequin_core::scalar::check_finite("cell weights", &means)?;
+        arlequin_core::check_finite("cell weights", &means)?;
         self.forces.set_weights(means);
         Ok(())
     }

@@ -7,9 +7,7 @@
 
 mod common;
 
-use arlequin_core::Real;
-use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::Uniform;
+use arlequin_core::{LinearModel, Model, Real, Uniform};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Interpolant;

@@ -9,8 +9,7 @@
 mod common;
 
 use approx::assert_relative_eq;
-use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::Uniform;
+use arlequin_core::{LinearModel, Model, Uniform};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::{Interpolant, Scratch};

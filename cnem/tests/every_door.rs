@@ -4,8 +4,8 @@
 
 mod common;
 
-use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::geometry::Cell;
+use arlequin_core::{Interpolation, ShapeRow};
 use cnem::NaturalField;
 use cnem::natural::Interpolant;
 use common::{block, noise};

@@ -4,11 +4,8 @@
 mod common;
 
 use approx::assert_abs_diff_eq;
-use arlequin_core::Error;
-use arlequin_core::conformance;
-use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::geometry::Cell;
-use arlequin_core::mediator::Mediator;
+use arlequin_core::{Error, Interpolation, Mediator, ShapeRow, conformance};
 use cnem::NaturalField;
 use cnem::natural::Interpolant;
 use common::{block, noise};

@@ -5,8 +5,7 @@
 mod common;
 
 use arlequin_core::geometry::Cell;
-use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::Weight;
+use arlequin_core::{LinearModel, Model, Weight};
 use cnem::generate::Cylinder;
 use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation};

@@ -9,9 +9,7 @@
 mod beam;
 mod common;
 
-use arlequin_core::NodallyWeighted;
-use arlequin_core::model::Model;
-use arlequin_core::weight::{Uniform, Weight};
+use arlequin_core::{Model, NodallyWeighted, Uniform, Weight};
 use beam::{THICK, cylinder, percent, study};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;

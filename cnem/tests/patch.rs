@@ -10,9 +10,7 @@ mod common;
 
 use approx::assert_relative_eq;
 use arlequin_core::geometry::Cell;
-use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::{Uniform, Weight};
-use arlequin_core::{NodallyWeighted, conformance};
+use arlequin_core::{LinearModel, Model, NodallyWeighted, Uniform, Weight, conformance};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Interpolant;

@@ -7,7 +7,7 @@
 
 mod common;
 
-use arlequin_core::model::{LinearModel, Model};
+use arlequin_core::{LinearModel, Model};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::generate::Cylinder;

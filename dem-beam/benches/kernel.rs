@@ -5,8 +5,7 @@
 //! a shared machine), then divan's statistics of the same runs at 20 000 particles.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
-use arlequin_core::observer::Silent;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Container, DemModel, Packing, PackingSpec};
 use rayon::prelude::*;

@@ -3,9 +3,7 @@
 //! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
-use arlequin_core::observer::Silent;
-use arlequin_core::weight::Weight;
-use arlequin_core::{Coupled, Guard, Model, Partition, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Guard, Model, Partition, Silent, Subdomain, TimeStep, Weight, Weights};
 use dem_beam::{BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter};
 use nalgebra::Point3;
 use std::sync::Arc;

@@ -6,10 +6,9 @@
 #![allow(clippy::print_stdout, reason = "an example talks to a person")]
 
 use arlequin_core::effect::Load;
-use arlequin_core::observer::Silent;
-use arlequin_core::subdomain::PrescribedMotion;
-use arlequin_core::time::TimeFunction;
-use arlequin_core::{Coupled, Guard, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{
+    Coupled, Guard, Model, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights,
+};
 use dem_beam::{BeamMaterial, Container, DemModel, LoadShare, PackingSpec};
 use nalgebra::{Point3, Vector3};
 use std::error::Error;

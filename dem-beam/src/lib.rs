@@ -6,7 +6,7 @@
 //! particle give E = 75e9 Pa and nu = 0.17, with nothing fitted.
 //!
 //! ```
-//! use arlequin_core::{Coupled, Subdomain, TimeStep, Weights, observer::Silent};
+//! use arlequin_core::{Coupled, Subdomain, TimeStep, Weights, Silent};
 //! use dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
 //!
 //! // 1. Pack a bar (the quench variant: fast, for examples and tests).

@@ -18,10 +18,7 @@ use crate::model::DemModel;
 use crate::packing::Packing;
 use crate::statics::StaticProblem;
 use arlequin_core::effect::StiffnessDamping;
-use arlequin_core::observer::Silent;
-use arlequin_core::subdomain::PrescribedMotion;
-use arlequin_core::time::TimeFunction;
-use arlequin_core::{Coupled, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights};
 
 /// Transits of a wave along the bar in which an unloaded bar would reach the first broken bond.
 pub const LOADING: f64 = 10.0;

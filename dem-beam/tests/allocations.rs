@@ -1,9 +1,7 @@
 //! The internal forces of a model allocate nothing, nor does the core's whole step with its ledger.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use arlequin_core::observer::Silent;
-use arlequin_core::weight::Uniform;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Uniform, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, DemModel};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};

@@ -2,9 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::BodyForce;
-use arlequin_core::field::Interpolation;
-use arlequin_core::observer::Silent;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Interpolation, Model, Silent, Subdomain, TimeStep, Weights};
 use dem_beam::fracture::locked;
 use dem_beam::{
     BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter, Motion, Obstacle, RigidShape,

@@ -1,9 +1,7 @@
 //! Contact and obstacles: collisions against theory, friction, searches only when needed, energy never created.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
-use arlequin_core::model::Watching;
-use arlequin_core::observer::Silent;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Watching, Weights};
 use dem_beam::fracture::locked;
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{
@@ -288,7 +286,7 @@ fn a_bond_that_breaks_becomes_a_contact_without_a_jump() {
 #[test]
 fn overlap_without_contact_is_reported() {
     let model = dumbbells(&[0.0, 2.1 * R], &[R, R]);
-    let mut state = arlequin_core::model::State::zero(model.layout().dofs());
+    let mut state = arlequin_core::State::zero(model.layout().dofs());
     assert!(model.watch(&state).is_empty());
     let moved = model.places()[2] as usize;
     state.q[3 * moved] = -0.3 * R;

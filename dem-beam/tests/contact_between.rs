@@ -2,12 +2,11 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use approx::assert_abs_diff_eq;
-use arlequin_core::coupled::Parts;
 use arlequin_core::effect::{Host, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec};
-use arlequin_core::model::DofLayout;
-use arlequin_core::momentum::{Arms, Claim};
-use arlequin_core::observer::{Observer, Phase, Silent, StepReport};
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights, conformance};
+use arlequin_core::{
+    Arms, Claim, Coupled, DofLayout, Model, Observer, Parts, Phase, Silent, StepReport, Subdomain, TimeStep,
+    Weights, conformance,
+};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, ContactBetween, ContactBody, ContactLaw, DemModel};
 use nalgebra::Vector3;

@@ -3,8 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::EffectSpec;
-use arlequin_core::observer::Silent;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{
     BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter, Motion, Obstacle, RigidShape,

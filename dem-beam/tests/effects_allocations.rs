@@ -1,10 +1,8 @@
 //! Effects that are on allocate nothing in a step without a break or a search. Alone in its file: the counter is global.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
-use arlequin_core::coupled::Parts;
 use arlequin_core::effect::PairSpec;
-use arlequin_core::observer::Silent;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Parts, Silent, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{
     BeamMaterial, Contact, ContactBetween, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion,

@@ -1,11 +1,10 @@
 //! Bonds that break: the energy balance closes to round-off, and each hard case has its named outcome.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
-use arlequin_core::model::Watching;
-use arlequin_core::observer::{Observer, Phase, Silent, StepReport};
-use arlequin_core::subdomain::PrescribedMotion;
-use arlequin_core::time::TimeFunction;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{
+    Coupled, Model, Observer, Phase, PrescribedMotion, Silent, StepReport, Subdomain, TimeFunction, TimeStep,
+    Watching, Weights,
+};
 use dem_beam::finite::{Pose, energy, wrenches};
 use dem_beam::fracture::locked;
 use dem_beam::packing::{Lattice, lattice};
@@ -229,7 +228,7 @@ fn weibull_scatter_has_the_distribution_it_names() {
         let m = model(scatter);
         let n = m.layout().dofs();
         let strain = stress / BeamMaterial::SILICA.young;
-        let mut state = arlequin_core::model::State::zero(n);
+        let mut state = arlequin_core::State::zero(n);
         for (i, x) in m.nodes().iter().enumerate() {
             state.q[3 * i] = strain * x.x;
         }
@@ -305,7 +304,7 @@ fn absent_effects_are_never_called() {
 fn rotations_beyond_the_small_range_are_reported() {
     let model = bar(4);
     let n = model.layout().dofs();
-    let mut state = arlequin_core::model::State::zero(n);
+    let mut state = arlequin_core::State::zero(n);
     assert!(model.watch(&state).is_empty());
     state.q[n / 2 + 5] = 0.2;
     let found = model.watch(&state);

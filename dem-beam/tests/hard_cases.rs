@@ -1,11 +1,7 @@
 //! Hard cases with named outcomes: what the person reads, through the model.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use arlequin_core::coupled::Guard;
-use arlequin_core::observer::Silent;
-use arlequin_core::subdomain::PrescribedMotion;
-use arlequin_core::weight::Weight;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Guard, Model, PrescribedMotion, Silent, Subdomain, TimeStep, Weight, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Container, DemModel, Error, Matter, Packing, PackingSpec};
 use nalgebra::{Point3, Vector3};

@@ -2,10 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::effect::Load;
-use arlequin_core::observer::Silent;
-use arlequin_core::subdomain::PrescribedMotion;
-use arlequin_core::time::TimeFunction;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights};
 use dem_beam::{BeamMaterial, Container, DemModel, Packing, PackingSpec, Twist, critical};
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use std::sync::OnceLock;

@@ -1,11 +1,9 @@
 //! The model behind the coupling traits: conformance, weights, threads, a run of the core alone.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use arlequin_core::coupled::Guard;
-use arlequin_core::observer::Silent;
-use arlequin_core::weight::{Uniform, Weight};
 use arlequin_core::{
-    CoarseModel, Coupled, FineModel, Model, NodallyWeighted, Subdomain, TimeStep, Weights, conformance,
+    CoarseModel, Coupled, FineModel, Guard, Model, NodallyWeighted, Silent, Subdomain, TimeStep, Uniform,
+    Weight, Weights, conformance,
 };
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Container, DemModel, LoadShare, Packing, PackingSpec, Twist, critical};

@@ -1,8 +1,7 @@
 //! Free obstacles that turn, and runs taken up again while one is in touch.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
-use arlequin_core::observer::Silent;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, RigidShape};
 use nalgebra::{Point3, Vector3};

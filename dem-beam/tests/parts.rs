@@ -2,8 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use approx::{assert_abs_diff_eq, assert_relative_eq};
-use arlequin_core::Model;
-use arlequin_core::weight::Uniform;
+use arlequin_core::{Model, Uniform};
 use dem_beam::calibrate::{Bar, measure};
 use dem_beam::homogenise::bulk;
 use dem_beam::packing::{Cut, Loose, Part, narrow};

@@ -1,9 +1,7 @@
 //! The look at strengths in the force kernel against bonds compared one by one: the same breaks, to the bit.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
-use arlequin_core::observer::Silent;
-use arlequin_core::weight::Weight;
-use arlequin_core::{Coupled, Model, Partition, Subdomain, TimeStep, Weights};
+use arlequin_core::{Coupled, Model, Partition, Silent, Subdomain, TimeStep, Weight, Weights};
 use dem_beam::fracture::locked;
 use dem_beam::{BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter};
 use nalgebra::Point3;

@@ -1,12 +1,10 @@
 //! Free bodies of spheres that tumble: angular momentum and energy over many turns.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use arlequin_core::coupled::Guard;
 use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, MassDamping, StiffnessDamping};
-use arlequin_core::momentum::{Arms, Claim};
-use arlequin_core::observer::Silent;
-use arlequin_core::subdomain::PrescribedMotion;
-use arlequin_core::{Coupled, Model, Subdomain, TimeStep, Weights};
+use arlequin_core::{
+    Arms, Claim, Coupled, Guard, Model, PrescribedMotion, Silent, Subdomain, TimeStep, Weights,
+};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, DemModel};
 use nalgebra::{Rotation3, Vector3};

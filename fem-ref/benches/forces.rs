@@ -2,7 +2,7 @@
 //!
 //! Run with `cargo bench --profile release -p fem-ref`.
 
-use arlequin_core::model::Model;
+use arlequin_core::Model;
 use arlequin_core::nalgebra::Point3;
 use divan::{Bencher, black_box};
 use fem_ref::{Elastic, ElementKind, FemModel, Mesh, generate};

@@ -191,7 +191,7 @@ impl From<Error> for arlequin_core::Error {
     fn from(e: Error) -> Self {
         match e {
             Error::Core(e) => e,
-            Error::Parameter { name, value, rule } => arlequin_core::error::invalid(name, value, rule),
+            Error::Parameter { name, value, rule } => arlequin_core::invalid(name, value, rule),
             other => Self::of_model("fem", other),
         }
     }

@@ -8,10 +8,8 @@
 use crate::element::{self, ElementKind};
 use crate::error::Result;
 use crate::mesh::Mesh;
-use arlequin_core::Real;
-use arlequin_core::field::{Interpolation, ShapeRow, outside};
 use arlequin_core::geometry::{BoxTree, Cell, bounds_of};
-use arlequin_core::mediator::Mediator;
+use arlequin_core::{Interpolation, Mediator, Real, ShapeRow, outside};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::sync::Arc;
 
@@ -47,7 +45,7 @@ impl<T: Real> FemField<T> {
     /// Field on a mesh.
     ///
     /// ```
-    /// use arlequin_core::{field::{Interpolation, ShapeRow}, nalgebra::Point3};
+    /// use arlequin_core::{Interpolation, ShapeRow, nalgebra::Point3};
     /// use fem_ref::{ElementKind, FemField, generate};
     /// let mesh = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(2.0, 1.0, 1.0), [4, 2, 2])?;
     /// let field = FemField::new(mesh);
@@ -85,7 +83,7 @@ impl<T: Real> FemField<T> {
     /// cross-section \[m²\]. The points may come in any order; the field keeps their numbers.
     ///
     /// ```
-    /// use arlequin_core::{field::Interpolation, nalgebra::Point3};
+    /// use arlequin_core::{Interpolation, nalgebra::Point3};
     /// let chain: Vec<_> = (0..5).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
     /// let field = fem_ref::FemField::on_line(chain, 1e-6)?;
     /// assert_eq!((field.nodes().len(), field.cells().len()), (5, 4));

@@ -5,7 +5,7 @@
 //! materials in one model, shear-locking cures (a thin beam in bending needs at least four hexahedra across).
 //!
 //! ```
-//! use arlequin_core::model::{LinearModel, Model};
+//! use arlequin_core::{LinearModel, Model};
 //! use arlequin_core::Real;
 //! use fem_ref::{Elastic, ElementKind, FemModel, generate::{self, Cylinder}};
 //!
@@ -44,7 +44,7 @@ mod mesh;
 mod model;
 mod order;
 
-pub use arlequin_core::material::Elastic;
+pub use arlequin_core::Elastic;
 pub use element::{ElementKind, GaussPoint};
 pub use error::{Error, Result};
 pub use field::FemField;

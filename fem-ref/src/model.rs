@@ -8,12 +8,10 @@ use crate::error::{Error, Result};
 use crate::field::FemField;
 use crate::kernel;
 use crate::mesh::Mesh;
-use arlequin_core::Real;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::field::Interpolation;
-use arlequin_core::material::Elastic;
-use arlequin_core::model::{CoarseModel, DofLayout, FineModel, LinearModel, Model, check_size};
-use arlequin_core::weight::Weight;
+use arlequin_core::{
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Real, Weight, check_size,
+};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::CsMat;
@@ -34,7 +32,7 @@ impl<T: Real> FemModel<T> {
     /// Model with all weights one: a body that is not coupled.
     ///
     /// ```
-    /// use arlequin_core::model::Model;
+    /// use arlequin_core::Model;
     /// use fem_ref::{Elastic, FemModel, generate};
     /// let bar = FemModel::new("bar", generate::bar(0.0, 1.0, 10, 1.0)?, Elastic::new(1.0, 0.0, 1.0)?)?;
     /// let stretched: Vec<f64> = bar.nodes().iter().map(|p| 0.01 * p.x).collect();
@@ -149,12 +147,12 @@ impl<T: Real> Model<T> for FemModel<T> {
                 .iter_mut()
                 .for_each(|o| *o += m);
         }
-        arlequin_core::scalar::check_finite("weighted inertia", out)
+        arlequin_core::check_finite("weighted inertia", out)
     }
 
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> arlequin_core::Result<()> {
         let means = self.element_means(alpha);
-        arlequin_core::scalar::check_finite("element weights", &means)?;
+        arlequin_core::check_finite("element weights", &means)?;
         kernel::assemble(&mut self.stiffness, self.field.mesh(), &self.material, &means);
         Ok(())
     }

@@ -7,13 +7,10 @@
 
 mod common;
 
-use arlequin_core::Real;
-use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::geometry::Sample;
-use arlequin_core::model::{LinearModel, Model};
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin_core::sprs::CsMat;
-use arlequin_core::weight::Uniform;
+use arlequin_core::{Interpolation, LinearModel, Model, Real, ShapeRow, Uniform};
 use common::{free_part, noise, silica, solve};
 use fem_ref::generate::{self, Cylinder, Rim};
 use fem_ref::{Elastic, ElementKind, FemModel};

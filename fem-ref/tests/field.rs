@@ -8,11 +8,9 @@
 mod common;
 
 use approx::{assert_abs_diff_eq, assert_relative_eq};
-use arlequin_core::Error;
-use arlequin_core::field::{Interpolation, ShapeRow};
 use arlequin_core::geometry::{Cell, Sample};
-use arlequin_core::mediator::Mediator;
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin_core::{Error, Interpolation, Mediator, ShapeRow};
 use common::jittered;
 use fem_ref::generate::{self, Cylinder, Rim};
 use fem_ref::{ElementKind, FemField, Mesh};

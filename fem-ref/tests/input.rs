@@ -5,7 +5,7 @@
     reason = "a test fails by panicking and may compare exact values"
 )]
 
-use arlequin_core::model::Model;
+use arlequin_core::Model;
 use arlequin_core::nalgebra::{Point3, Vector3};
 use fem_ref::generate::{self, Cylinder, Rim};
 use fem_ref::{Elastic, ElementKind, Error, FemModel, Mesh};

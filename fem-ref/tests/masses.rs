@@ -1,9 +1,8 @@
 //! Lumped masses are the integrals of the shape functions; node tags of a file are unique.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use arlequin_core::model::Model;
 use arlequin_core::nalgebra::Point3;
-use arlequin_core::weight::Uniform;
+use arlequin_core::{Model, Uniform};
 use fem_ref::{Elastic, ElementKind, FemModel, generate, gmsh};
 
 fn masses(model: &FemModel<f64>) -> Vec<f64> {

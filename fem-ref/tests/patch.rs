@@ -7,12 +7,9 @@
 
 mod common;
 
-use arlequin_core::NodallyWeighted;
-use arlequin_core::Real;
 use arlequin_core::geometry::Cell;
-use arlequin_core::model::{LinearModel, Model};
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3, center};
-use arlequin_core::weight::{Uniform, Weight};
+use arlequin_core::{LinearModel, Model, NodallyWeighted, Real, Uniform, Weight};
 use common::{jittered, largest, noise, silica, solve};
 use fem_ref::{Elastic, ElementKind, FemModel, Mesh, generate};
 use proptest::prelude::*;

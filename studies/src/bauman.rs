@@ -6,14 +6,11 @@
 //! RESULT u(3)
 
 use arlequin::core::effect::Load;
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, H1Seminorm, Junction, L2};
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::overlap::Slab;
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, H1Gradient, H1Seminorm, InterfaceOptions, InterfaceSpec, Junction, L2, PrescribedMotion,
+    Profile, Ramp, Result, Slab, Subdomain, TimeFunction, TimeStep, Weights,
+};
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use spring_chain::Chain;
 use std::sync::Arc;

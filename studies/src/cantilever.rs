@@ -1,14 +1,11 @@
 //! The cantilever of Norma.jl (Sandia): clamped at x = 0, released from `u_y = 0.393701 x²`, two non-nested hexahedral
 //! meshes that overlap around the middle. Linear law here, finite strain there: compare the drift, not the path.
 
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, InterfaceOptions, InterfaceSpec, L2, PrescribedMotion, Profile, Ramp, Result, Silent, Slab,
+    Subdomain, TimeStep, Weights,
+};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh, generate};
 use std::sync::Arc;
 

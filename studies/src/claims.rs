@@ -3,8 +3,7 @@
 
 use crate::line::{COARSE, FINE, Line, pulse, rest, run};
 use crate::waves;
-use arlequin::core::observer::Silent;
-use arlequin::core::{Coupled, Result};
+use arlequin::core::{Coupled, Result, Silent};
 
 /// Largest difference over the wavelengths (in coarse elements) between the two ways through an overlap: of the reflected
 /// amplitudes, and of the shares of power that pass. Harmonic analysis.

@@ -2,12 +2,11 @@
 //! `[−L_O, 0]`, coarse bar nodes at `−h j` to the left, particles at `−L_O + j` to the right, P1 mediator of equal
 //! elements.
 
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, Junction, L2};
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp, Weight};
-use arlequin::core::{Coupled, Partition, Result, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{
+    Coupled, H1Gradient, InterfaceOptions, InterfaceSpec, Junction, L2, Partition, Profile, Ramp, Result,
+    Slab, Subdomain, TimeStep, Weight, Weighting, Weights,
+};
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use spring_chain::Chain;
 use std::sync::Arc;
@@ -89,7 +88,7 @@ pub type Wave<'a> = &'a dyn Fn(f64) -> (f64, f64);
 impl Line {
     fn coarse_weights(&self) -> Result<Weights<f64>> {
         let weight: Arc<dyn Weight<f64>> = match self.everywhere {
-            Some(w) => Arc::new(arlequin::core::weight::Uniform(w)),
+            Some(w) => Arc::new(arlequin::core::Uniform(w)),
             None => {
                 let slab = Slab::between(Point3::origin(), Point3::new(-self.overlap, 0.0, 0.0))?;
                 Arc::new(Ramp::new(Arc::new(slab), self.profile.clone(), self.epsilon)?)
@@ -191,9 +190,7 @@ pub fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> (f64, f
 /// # Errors
 /// Those of the steps.
 pub fn run(coupled: &mut Coupled<f64>, steps: usize) -> Result<()> {
-    coupled
-        .run(steps, &mut arlequin::core::observer::Silent)
-        .map(|_| ())
+    coupled.run(steps, &mut arlequin::core::Silent).map(|_| ())
 }
 
 /// Displacement of one subdomain that is largest in modulus, among nodes that satisfy a condition on x.

@@ -1,12 +1,10 @@
 //! Three-dimensional setting: a coarse box on the left, a fine one on the right, non-coincident meshes in the overlap.
 
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, H1Strain, Junction, L2};
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Real, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, Profile, Ramp, Real,
+    Result, Silent, Slab, Subdomain, TimeStep, Weights,
+};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh, generate};
 use std::sync::Arc;
 

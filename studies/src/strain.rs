@@ -4,15 +4,11 @@
 //! about one.
 
 use arlequin::core::effect::{Absorber, Load};
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec, Sampling};
-use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::{Overlap, Place, Slab};
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, InterfaceOptions, InterfaceSpec, L2, Overlap, Place, PrescribedMotion, Profile, Ramp, Result,
+    Sampling, Silent, Slab, Subdomain, TimeFunction, TimeStep, Weights,
+};
 use arlequin::dem_beam::{
     BeamMaterial, BondedParticles, Container, Criterion, DemModel, LoadShare, Matter, Packing, PackingSpec,
 };
@@ -277,7 +273,7 @@ impl Bar {
     }
 
     fn paired(&self, packing: &Packing, coupled: &Loads, alone: &Loads) -> Result<Vec<Pair>> {
-        use arlequin::core::weight::Weight;
+        use arlequin::core::Weight;
         let (slab, weight) = (self.slab()?, self.weight()?);
         let of = |(key, load): (&[u32; 2], &f64)| {
             let [a, b] = key.map(|i| packing.positions[i as usize]);

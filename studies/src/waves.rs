@@ -3,11 +3,8 @@
 use crate::line::{COARSE, FINE, Line, peak, pulse, rest, run};
 use arlequin::core::effect::Absorber;
 use arlequin::core::harmonic::{HarmonicOverlap, Port, Scattering};
-use arlequin::core::interface::InterfaceReport;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::{Coupled, Result};
+use arlequin::core::{Coupled, InterfaceReport, PrescribedMotion, Result, TimeFunction};
 use arlequin::fem_ref::{FemField, generate};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;

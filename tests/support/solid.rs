@@ -1,10 +1,8 @@
 //! The shared solid deck with failures turned into failed tests, and a large run with every effect.
 
 use arlequin::core::effect::{Absorber, BodyForce};
-use arlequin::core::junction::Junction;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Guard, Real, Subdomain, TimeStep, Weights};
+use arlequin::core::{Coupled, Guard, Junction, Profile, Real, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::solid as deck;
 #[allow(unused_imports, reason = "each test binary uses its part")]

@@ -19,7 +19,7 @@ mod work_precision;
 pub(crate) use calibrate::text as calibration;
 pub(crate) use run::{comparison, finished, plan, proposal};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 use std::io::IsTerminal;

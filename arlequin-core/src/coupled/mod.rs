@@ -8,16 +8,16 @@
 //!
 //! This is RATTLE for linear velocity constraints: it conserves `H` of [`crate::ledger`] and filters nothing.
 
-pub mod ledger;
-pub mod momentum;
+pub(crate) mod ledger;
+pub(crate) mod momentum;
 mod motions;
-pub mod observer;
+pub(crate) mod observer;
 mod pairs;
 mod partition;
 mod setup;
 pub mod snapshot;
 mod start;
-pub mod statics;
+pub(crate) mod statics;
 mod tie;
 
 pub use crate::subdomain::Partition;

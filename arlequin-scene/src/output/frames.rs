@@ -6,8 +6,7 @@ use crate::cells::{self, Cell};
 use crate::error::{Error, Result, write};
 use crate::setup::{Grid, ModelInfo};
 use crate::spec::OutputField;
-use arlequin::core::material::Elastic;
-use arlequin::core::{Coupled, Subdomain};
+use arlequin::core::{Coupled, Elastic, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
 

@@ -4,9 +4,8 @@ use super::packing::PackingLine;
 use crate::recorder::{PhaseClock, Recorder};
 use crate::setup::{ParticlesWithoutContact, ProbeReader};
 use crate::spectrum;
-use arlequin::core::Coupled;
 use arlequin::core::effect::EffectLine;
-use arlequin::core::momentum::{Arms, BodyMomentum, Claim};
+use arlequin::core::{Arms, BodyMomentum, Claim, Coupled};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -342,7 +341,7 @@ pub fn models(run: &Coupled<f64>, packings: &[Option<PackingLine>]) -> Vec<Model
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
 pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
-    let line = |(k, i): (usize, &arlequin::core::interface::Interface<f64>)| {
+    let line = |(k, i): (usize, &arlequin::core::Interface<f64>)| {
         let r = i.report();
         let model = run.subdomains()[i.sides()[0]].model().name();
         let group = run

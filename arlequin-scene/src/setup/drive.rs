@@ -7,13 +7,11 @@ use crate::spec::{
     Axis, Bearer, Effect, EffectKind, Field, Initial, Load, ModelKind, Motion, SceneSpec, Spin, Support,
     TimeShape, Wave,
 };
-use arlequin::core::Subdomain;
 use arlequin::core::effect::{
     self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping, SurfaceFacet,
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
+use arlequin::core::{PrescribedMotion, Subdomain, TimeFunction};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
@@ -211,7 +209,7 @@ fn load_on_nodes(
     let layout = body.model.layout();
     let count = layout.components;
     let mut inertia = vec![0.0; layout.dofs()];
-    let one = arlequin::core::weight::Uniform(1.0);
+    let one = arlequin::core::Uniform(1.0);
     body.model
         .lumped_inertia(&one, &mut inertia)
         .map_err(core(path))?;

@@ -8,13 +8,11 @@ use crate::spec::{
 };
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
-use arlequin::core::field::{Interpolation, ShapeRow};
-use arlequin::core::junction::Junction;
-use arlequin::core::mediator::Mediator;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
-use arlequin::core::overlap::{Overlap, Place, Primitive, Shell, Slab};
-use arlequin::core::weight::{Ramp, Weight, Weighting};
-use arlequin::core::{InterfaceOptions, InterfaceSpec, Partition, Sampling, Weights};
+use arlequin::core::{
+    InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place, Primitive,
+    Ramp, Sampling, ShapeRow, Shell, Slab, Weight, Weighting, Weights,
+};
 use arlequin::fem_ref::FemField;
 use arlequin::fem_ref::generate::Rim;
 use std::path::Path;

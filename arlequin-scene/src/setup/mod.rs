@@ -25,11 +25,10 @@ pub use probe::ProbeReader;
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
 use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec, StepChoice};
-use arlequin::core::coupled::Parts;
-use arlequin::core::field::Interpolation;
-use arlequin::core::material::Elastic;
 use arlequin::core::snapshot::Record;
-use arlequin::core::{Coupled, Guard, Partition, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{
+    Coupled, Elastic, Guard, Interpolation, Partition, Parts, Subdomain, TimeStep, Weighting, Weights,
+};
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
 use interface::BuiltInterface;

@@ -8,7 +8,7 @@ use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::cnem::{CnemModel, Inertia, Options, Stabilisation};
-use arlequin::core::model::CoarseModel;
+use arlequin::core::CoarseModel;
 use arlequin::fem_ref::Mesh;
 use arlequin::fem_ref::generate::Rim;
 use std::collections::{BTreeMap, BTreeSet};

@@ -5,10 +5,8 @@ use crate::spec::{
     CriterionKind, Effect, EffectKind, ModelKind, ModelTable, OverlapShape, RegionShape, SceneSpec, Shape,
     TimeShape,
 };
-use arlequin::core::field::ShapeRow;
-use arlequin::core::material::Elastic;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Coupled, Subdomain};
+use arlequin::core::{Coupled, Elastic, ShapeRow, Subdomain};
 
 /// Steps above which a run is hardly meant: months at a microsecond each.
 const MANY_STEPS: f64 = 1e9;

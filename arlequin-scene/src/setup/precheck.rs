@@ -7,7 +7,7 @@ use crate::error::{Result, core, dem, key, unknown};
 use crate::spec::{
     Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
 };
-use arlequin::core::error::invalid;
+use arlequin::core::invalid;
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 

@@ -6,10 +6,8 @@ use super::plausible::corners;
 use super::select;
 use crate::error::{Error, Result, core, key, value};
 use crate::spec::{Probe, Quantity, SceneSpec};
-use arlequin::core::Subdomain;
-use arlequin::core::field::ShapeRow;
-use arlequin::core::momentum::Arms;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Arms, ShapeRow, Subdomain};
 
 /// A probe, ready to be read.
 #[derive(Debug, Clone)]

@@ -3,8 +3,8 @@
 use super::model::{Element, Shape};
 use serde::Deserialize;
 
-pub use arlequin::core::junction::JunctionKind;
-pub use arlequin::core::weight::ProfileKind;
+pub use arlequin::core::JunctionKind;
+pub use arlequin::core::ProfileKind;
 use arlequin::core::{Partition, Sampling, Weighting};
 
 /// `[interface.NAME]`.

@@ -3,7 +3,7 @@
 use super::plan::Member;
 use super::spec::SweepFile;
 use super::{Outcome, Runner};
-use crate::error::{Error, Result, write};
+use crate::error::{Result, write};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -3,12 +3,11 @@
 use crate::error::{Result, core, value};
 use crate::setup::{Built, ModelInfo, Start};
 use crate::spec::Wake;
-use arlequin::core::field::{Interpolation, ShapeRow};
-use arlequin::core::model::DofLayout;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::snapshot::Record;
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::{Coupled, Error as Core, Subdomain};
+use arlequin::core::{
+    Coupled, DofLayout, Error as Core, Interpolation, PrescribedMotion, ShapeRow, Subdomain,
+};
 use rayon::prelude::*;
 
 /// How far beyond the field of the sleeping scene a node may lie, in units of its spacing.

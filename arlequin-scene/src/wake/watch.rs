@@ -5,9 +5,8 @@ use crate::cells::{self, Cell};
 use crate::error::{Result, key, value};
 use crate::setup::ModelInfo;
 use crate::spec::{ModelKind, Near, Wake};
-use arlequin::core::Coupled;
-use arlequin::core::material::Elastic;
 use arlequin::core::nalgebra::{Matrix3, Point3};
+use arlequin::core::{Coupled, Elastic};
 
 /// The criterion and where it is looked at.
 #[derive(Debug)]

@@ -37,7 +37,7 @@ use crate::constraint::{depth, key};
 use crate::domain::Domain;
 use crate::error::Result;
 use crate::tet::FACES;
-use arlequin_core::field::ShapeRow;
+use arlequin_core::ShapeRow;
 use nalgebra::{Point3, Vector3};
 
 /// How far outside an edge or face, in its own barycentric coordinates, a point on its line or plane still counts as on it.

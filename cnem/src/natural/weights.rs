@@ -7,7 +7,7 @@
 
 use super::cavity::{Border, Cavity, Inner, Ridge};
 use super::{Interpolant, polish};
-use arlequin_core::field::ShapeRow;
+use arlequin_core::ShapeRow;
 use nalgebra::Vector3;
 
 /// Negative weights above this are round-off.

@@ -12,8 +12,8 @@
 
 use super::matrix::{CHUNK, SERIAL};
 use super::{Smoothing, SubCells};
+use arlequin_core::Elastic;
 use arlequin_core::adjacency::Adjacency;
-use arlequin_core::material::Elastic;
 use rayon::prelude::*;
 use std::ops::Range;
 

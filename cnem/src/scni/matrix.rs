@@ -5,9 +5,9 @@
 //! order: results have the same bits for any number of threads.
 
 use super::{Smoothing, SubCells};
+use arlequin_core::Elastic;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::material::Elastic;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 

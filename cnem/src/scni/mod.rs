@@ -19,7 +19,7 @@ use crate::error::Result;
 use crate::natural::{Interpolant, Scratch};
 use crate::tet::NONE;
 use crate::voronoi::{Facet, Side, Voronoi};
-use arlequin_core::field::ShapeRow;
+use arlequin_core::ShapeRow;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 

@@ -3,9 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use super::common::{lowest, silica, solve};
-use arlequin_core::Real;
-use arlequin_core::model::{LinearModel, Model};
-use arlequin_core::weight::Uniform;
+use arlequin_core::{LinearModel, Model, Real, Uniform};
 use cnem::generate::Cylinder;
 use cnem::{CnemModel, Options};
 use nalgebra::Vector3;

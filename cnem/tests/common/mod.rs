@@ -208,8 +208,7 @@ fn waves() -> ([Vector3<f64>; 3], [f64; 3]) {
 
 /// Relative errors of a manufactured solution in `L2` and in the gradient, displacements given on the whole border.
 pub(crate) fn mms(domain: Domain, options: cnem::Options) -> [f64; 2] {
-    use arlequin_core::field::{Interpolation, ShapeRow};
-    use arlequin_core::model::{LinearModel, Model};
+    use arlequin_core::{Interpolation, LinearModel, Model, ShapeRow};
     let mut fixed = vec![false; 3 * domain.nodes().len()];
     for v in domain.constrained_faces().flat_map(|f| f.0) {
         fixed[3 * v..3 * v + 3].fill(true);
@@ -221,7 +220,7 @@ pub(crate) fn mms(domain: Domain, options: cnem::Options) -> [f64; 2] {
     let (mut u, mut f) = (Vec::new(), Vec::new());
     let mut mass = vec![0.0; model.layout().dofs()];
     // The density is one: the loads go with the masses, as those of a body force do.
-    let one = arlequin_core::weight::Uniform(1.0);
+    let one = arlequin_core::Uniform(1.0);
     model.lumped_inertia(&one, &mut mass).unwrap();
     for (x, v) in model.nodes().iter().zip(mass.iter().step_by(3)) {
         let (exact, _, s) = manufactured(x);

@@ -13,8 +13,8 @@ use super::law::ContactLaw;
 use super::neighbours::CrossList;
 use super::touching::Touching;
 use crate::error::Result;
+use arlequin_core::Arms;
 use arlequin_core::effect::{AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, StepDemand};
-use arlequin_core::momentum::Arms;
 use arlequin_core::snapshot::Record;
 
 /// Contact between two cohesive-beam bodies, an effect between their subdomains, in the order of the models.

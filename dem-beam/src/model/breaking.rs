@@ -6,8 +6,8 @@ use crate::error::{Error, Result};
 use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
+use arlequin_core::Evolution;
 use arlequin_core::effect::Finding;
-use arlequin_core::model::Evolution;
 use arlequin_core::snapshot::Record;
 
 /// Rotation \[rad\] up to which the small-rotation law is good to half a per cent of its forces.

@@ -41,17 +41,13 @@ use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::effect::Finding;
-use arlequin_core::field::{Interpolation, ParticleField};
 use arlequin_core::geometry::Sample;
-use arlequin_core::model::{
-    CoarseModel, DofLayout, Evolution, Evolving, FineModel, LinearModel, Model, State, Watching, check_size,
-};
-use arlequin_core::momentum::Arms;
-use arlequin_core::parallel;
 use arlequin_core::snapshot::Record;
-use arlequin_core::spectrum;
 use arlequin_core::sprs::CsMat;
-use arlequin_core::weight::Weight;
+use arlequin_core::{
+    Arms, CoarseModel, DofLayout, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
+    ParticleField, State, Watching, Weight, check_size, parallel, spectrum,
+};
 use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
 use poses::Reader;

@@ -1,8 +1,8 @@
 //! What a weight is to bonds and particles.
 
 use super::DemModel;
+use arlequin_core::Weight;
 use arlequin_core::geometry::Cell;
-use arlequin_core::weight::Weight;
 use rayon::prelude::*;
 
 /// Round-off below zero that a weight `1 - sum` may have.
@@ -19,7 +19,7 @@ impl DemModel {
             if w < 0.0 && w > -ROUND_OFF { 0.0 } else { w }
         };
         let means: Vec<f64> = self.body.pairs().par_iter().map(mean).collect();
-        arlequin_core::scalar::check_finite("bond weights", &means)?;
+        arlequin_core::check_finite("bond weights", &means)?;
         Ok(means)
     }
 

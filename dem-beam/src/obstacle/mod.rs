@@ -154,7 +154,7 @@ impl Body {
         }
         let step = (self.moved - before).norm();
         if at.dt > 0.0 && step > self.smallest {
-            return Err(arlequin_core::error::invalid(
+            return Err(arlequin_core::invalid(
                 &format!("step of obstacle '{}'", self.name),
                 format_args!("{step:e} m"),
                 &format!(

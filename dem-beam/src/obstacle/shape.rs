@@ -1,7 +1,7 @@
 //! Shapes of obstacles and how they move.
 
 use crate::error::{Error, Result, positive};
-use arlequin_core::time::TimeFunction;
+use arlequin_core::TimeFunction;
 use nalgebra::{Point3, Vector3};
 
 /// A rigid shape at rest.

@@ -2,10 +2,9 @@
 
 use super::element_stiffness;
 use crate::mesh::Mesh;
-use arlequin_core::Real;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::material::Elastic;
+use arlequin_core::{Elastic, Real};
 use rayon::prelude::*;
 
 /// Elements whose matrices are in flight at once.

@@ -10,8 +10,7 @@ pub(crate) use blocks::{assemble, stiffness};
 
 use crate::element::{ElementKind, MAX_CORNERS};
 use crate::mesh::Mesh;
-use arlequin_core::Real;
-use arlequin_core::material::Elastic;
+use arlequin_core::{Elastic, Real};
 use nalgebra::Matrix3;
 
 /// Stiffness blocks of one element, `K_ij = ∫ λ g_i g_jᵀ + μ g_j g_iᵀ + μ (g_i · g_j) I dV` \[N/m\];

@@ -2,7 +2,7 @@
 
 use super::check::{Accept, Check};
 use crate::solid::momentum_scale;
-use arlequin::core::observer::Silent;
+use arlequin::core::Silent;
 use arlequin_scene::error::{Error, Result, core, write};
 use arlequin_scene::setup::{self, Built};
 use arlequin_scene::spectrum;

@@ -4,8 +4,7 @@ use super::check::{Accept, Check, short};
 use super::{Figure, Report, Runs, Series, at};
 use crate::line::{Line, Product, rest};
 use crate::waves;
-use arlequin::core::weight::Profile;
-use arlequin::core::{Result as CoreResult, Weighting};
+use arlequin::core::{Profile, Result as CoreResult, Weighting};
 use arlequin_scene::Result;
 
 const J13: &str = "Jebahi et al. 2013";

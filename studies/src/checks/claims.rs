@@ -5,7 +5,7 @@ use super::{Report, Runs, at};
 use crate::claims as runs;
 use crate::line::{COARSE, FINE, Line};
 use crate::waves;
-use arlequin::core::weight::Profile;
+use arlequin::core::Profile;
 use arlequin_scene::Result;
 
 const J13: &str = "Jebahi et al. 2013";

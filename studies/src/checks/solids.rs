@@ -3,8 +3,7 @@
 use super::check::{Accept, Check};
 use super::{Report, Runs, at};
 use crate::{bauman as deck, cantilever as bar, solid};
-use arlequin::core::conformance;
-use arlequin::core::weight::Profile;
+use arlequin::core::{Profile, conformance};
 use arlequin::fem_ref::ElementKind;
 use arlequin_scene::Result;
 
@@ -67,7 +66,7 @@ pub(super) fn momenta(_: &Runs) -> Result<Report> {
     }
     let overhang = solid::mediator::<f64>(ElementKind::Hex8, [2.0, 3.25], [2, 2, 2]).and_then(|space| {
         let bodies = solid::bodies(Profile::Cubic, 0.05)?.into();
-        let l2 = Box::new(arlequin::core::junction::L2);
+        let l2 = Box::new(arlequin::core::L2);
         Ok(solid::couple(bodies, space, l2).is_err())
     });
     let refused = f64::from(u8::from(overhang.map_err(at("momenta"))?));

@@ -5,8 +5,7 @@ use super::{Figure, Report, Runs, Series, at};
 use crate::line::{Line, rest, run};
 use crate::waves::{self, Damping};
 use arlequin::core::harmonic::Scattering;
-use arlequin::core::weight::Profile;
-use arlequin::core::{Error as Core, TimeStep};
+use arlequin::core::{Error as Core, Profile, TimeStep};
 use arlequin_scene::Result;
 
 /// Numbers of a program of its own, written before this one from the same equations.

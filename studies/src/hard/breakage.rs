@@ -4,12 +4,11 @@
 use super::{HardCase, Outcome};
 use crate::solid::{self, block};
 use arlequin::core::effect::EffectSpec;
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec, Sampling};
-use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Vector3;
-use arlequin::core::observer::Silent;
-use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Model, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, InterfaceOptions, InterfaceSpec, L2, Model, Profile, Result, Sampling, Silent, Subdomain,
+    TimeStep, Weights,
+};
 use arlequin::dem_beam::fracture::{SharedLog, locked};
 use arlequin::dem_beam::{BeamMaterial, Contact, ContactLaw, Criterion, DemModel, Fracture, Matter};
 use arlequin::fem_ref::{Elastic, ElementKind, FemModel};

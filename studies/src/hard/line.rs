@@ -4,10 +4,9 @@ use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, shaken};
 use crate::line::{COARSE, FINE, Line, Product, peak, pulse, rest, run};
 use crate::waves::{patch, random_state, top_reflection, wavelengths};
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::L2;
-use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Error, Partition, Result, Weighting};
+use arlequin::core::{
+    Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Partition, Profile, Result, Weighting,
+};
 use arlequin::fem_ref::{FemField, generate};
 use std::sync::Arc;
 

@@ -3,12 +3,8 @@
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::line::{Line, run};
 use crate::solid;
-use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Profile, Ramp};
-use arlequin::core::{Coupled, Error, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{Coupled, Error, L2, Profile, Ramp, Result, Silent, Slab, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{Elastic, ElementKind, FemModel, generate};
 use std::sync::Arc;
 

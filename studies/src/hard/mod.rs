@@ -99,7 +99,7 @@ pub fn cases() -> Vec<HardCase> {
 
 /// Step at which a run that must not survive is stopped by the guard; infinite if it survives `steps`.
 fn step_of_blow_up(run: &mut Coupled<f64>, steps: usize) -> Result<f64> {
-    match run.run(steps, &mut arlequin::core::observer::Silent) {
+    match run.run(steps, &mut arlequin::core::Silent) {
         Ok(_) => Ok(f64::INFINITY),
         Err(Error::EnergyGrowth { step, .. } | Error::Diverged { step, .. }) => Ok(step as f64),
         Err(e) => Err(e),

@@ -3,10 +3,9 @@
 //! Masses and stiffness are those of a ready run, so that only the coupling differs.
 
 use crate::line::{COARSE, FINE};
-use arlequin::core::field::{Interpolation, ShapeRow};
 use arlequin::core::nalgebra::{DMatrix, DVector, Point3};
 use arlequin::core::sprs::CsMat;
-use arlequin::core::{Coupled, Error, Result};
+use arlequin::core::{Coupled, Error, Interpolation, Result, ShapeRow};
 
 /// Where the junction integrals are sampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

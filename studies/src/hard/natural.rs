@@ -6,11 +6,8 @@ use crate::solid::{self, block, material};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::{CnemModel, Options, generate};
-use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::observer::Silent;
-use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Model, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{Coupled, L2, Model, Profile, Result, Silent, Subdomain, TimeStep, Weights};
 use arlequin::fem_ref::{ElementKind, FemModel, Mesh};
 
 pub(super) const CASES: &[HardCase] = &[HardCase {
@@ -53,7 +50,7 @@ fn tetrahedra(domain: &Domain) -> Result<f64> {
     };
     let mut model = FemModel::new("tetrahedra", mesh, material()?)?;
     let mut inertia = vec![0.0; model.layout().dofs()];
-    model.lumped_inertia(&arlequin::core::weight::Uniform(1.0), &mut inertia)?;
+    model.lumped_inertia(&arlequin::core::Uniform(1.0), &mut inertia)?;
     let inverse: Vec<f64> = inertia.iter().map(|m| 1.0 / m).collect();
     model.critical_step(&inverse)
 }

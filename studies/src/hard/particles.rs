@@ -2,12 +2,11 @@
 
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::solid::{self, block};
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec, Sampling};
-use arlequin::core::junction::L2;
 use arlequin::core::nalgebra::Vector3;
-use arlequin::core::observer::Silent;
-use arlequin::core::weight::Profile;
-use arlequin::core::{Coupled, Error, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Profile, Result, Sampling, Silent, Subdomain,
+    TimeStep, Weights,
+};
 use arlequin::dem_beam::packing::Loose;
 use arlequin::dem_beam::{BeamMaterial, Container, DemModel, Matter, Packing, PackingSpec};
 use arlequin::fem_ref::{Elastic, ElementKind, FemModel};

@@ -5,15 +5,12 @@ use super::{HardCase, Outcome, shaken};
 use crate::line::Line;
 use crate::solid::{self, block, material};
 use arlequin::core::effect::Load;
-use arlequin::core::interface::{InterfaceOptions, InterfaceSpec};
-use arlequin::core::junction::{H1Gradient, L2};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::observer::Silent;
-use arlequin::core::overlap::{Overlap, Place, Primitive, Shell};
-use arlequin::core::subdomain::PrescribedMotion;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::weight::{Profile, Ramp, Uniform, Weight};
-use arlequin::core::{Coupled, Error, Partition, Result, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, Error, H1Gradient, InterfaceOptions, InterfaceSpec, L2, Overlap, Partition, Place,
+    PrescribedMotion, Primitive, Profile, Ramp, Result, Shell, Silent, Subdomain, TimeFunction, TimeStep,
+    Uniform, Weight, Weights,
+};
 use arlequin::fem_ref::{ElementKind, FemField, FemModel, Mesh};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -238,7 +235,7 @@ impl Weight<f64> for Product {
 fn product_defect() -> Result<f64> {
     let ramp = |axis: usize| -> Result<Ramp<f64>> {
         let at = |s: f64| Point3::from(Vector3::from_fn(|k, _| if k == axis { s } else { 0.0 }));
-        let slab = arlequin::core::overlap::Slab::between(at(1.0), at(2.0))?;
+        let slab = arlequin::core::Slab::between(at(1.0), at(2.0))?;
         Ramp::new(Arc::new(slab), Profile::Cubic, 0.0)
     };
     let pair = |coarse| -> Result<Product> { Ok(Product([ramp(0)?, ramp(1)?], coarse)) };

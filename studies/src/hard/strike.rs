@@ -4,8 +4,7 @@ use super::breakage::{Cloud, Start, Torn, coupled};
 use super::{HardCase, Outcome};
 use arlequin::core::effect::EffectSpec;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::observer::Silent;
-use arlequin::core::{Result, TimeStep};
+use arlequin::core::{Result, Silent, TimeStep};
 use arlequin::dem_beam::fracture::locked;
 use arlequin::dem_beam::{Contact, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, RigidShape};
 

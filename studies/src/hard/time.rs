@@ -5,10 +5,7 @@ use super::{HardCase, Outcome, critical, step_of_blow_up};
 use crate::line::{FINE, Line, rest, run};
 use crate::waves::random_state;
 use arlequin::core::effect::Load;
-use arlequin::core::interface::InterfaceOptions;
-use arlequin::core::observer::Silent;
-use arlequin::core::time::TimeFunction;
-use arlequin::core::{Coupled, Error, Result, TimeStep, Weighting};
+use arlequin::core::{Coupled, Error, InterfaceOptions, Result, Silent, TimeFunction, TimeStep, Weighting};
 
 pub(super) const CASES: &[HardCase] = &[
     HardCase {

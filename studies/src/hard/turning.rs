@@ -1,12 +1,10 @@
 //! A free body that tumbles: orientations are no vectors.
 
 use super::{HardCase, Outcome, step_of_blow_up};
-use arlequin::core::model::{DofLayout, FineModel, Model};
-use arlequin::core::momentum::Arms;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::observer::Silent;
-use arlequin::core::weight::{Weight, Weights};
-use arlequin::core::{Coupled, Result, Subdomain, TimeStep};
+use arlequin::core::{
+    Arms, Coupled, DofLayout, FineModel, Model, Result, Silent, Subdomain, TimeStep, Weight, Weights,
+};
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, DemModel};
 use std::f64::consts::PI;

@@ -5,9 +5,9 @@ use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::line::{Line, rest, run};
 use crate::waves::random_state;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::overlap::Slab;
-use arlequin::core::weight::{Complement, Profile, Ramp, Weight};
-use arlequin::core::{Coupled, Error, Result, Subdomain, TimeStep, Weighting, Weights};
+use arlequin::core::{
+    Complement, Coupled, Error, Profile, Ramp, Result, Slab, Subdomain, TimeStep, Weight, Weighting, Weights,
+};
 use arlequin::fem_ref::{Elastic, FemModel, generate};
 use std::sync::Arc;
 
