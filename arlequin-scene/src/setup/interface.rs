@@ -305,7 +305,7 @@ fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
 }
 
 /// Positions `s` of the mediator layers across the overlap.
-fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
+pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
     let position = |x: &Point3<f64>| match overlap.place(x) {
         Place::Fine => 0.0,
         Place::Coarse => 1.0,

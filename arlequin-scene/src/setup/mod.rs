@@ -32,6 +32,7 @@ use arlequin::core::{
 use arlequin::dem_beam::fracture::SharedLog;
 use drive::Attachments;
 use interface::BuiltInterface;
+pub(crate) use interface::stations;
 use std::path::Path;
 use std::sync::Arc;
 

@@ -3,12 +3,18 @@
 
 use super::path::{self, Arrival};
 use super::scenario::{Scenario, Spectrum};
-use crate::error::{Error, Result, core};
+use crate::error::{Result, core};
 use crate::setup;
-use crate::spec::{JunctionKind, ProfileKind, SceneSpec};
+use crate::spec::{JunctionKind, ProfileKind};
 use arlequin::core::harmonic::{HarmonicOverlap, Port};
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::{
+    Coupled, Elastic, InterfaceSpec, Interpolation, L2, Mediator, Ramp, Slab, Subdomain, TimeStep, Weights,
+};
+use arlequin::fem_ref::{FemField, FemModel, generate};
 use rayon::prelude::*;
-use std::path::Path;
+use spring_chain::Chain;
+use std::sync::Arc;
 
 /// The chain of the analysis is at most this much finer than the bar: beyond, the reflection hardly changes, the
 /// matrices grow.
@@ -65,42 +71,33 @@ pub(super) fn tables(forms: &[Form]) -> Result<Vec<Table>> {
 }
 
 /// A chain and a bar of unit modulus, density and element length, with the overlap of the form.
-fn miniature(f: &Form) -> String {
+fn miniature(f: &Form) -> arlequin::core::Result<Coupled<f64>> {
     let r = 1.0 / f.ratio.min(FINEST);
-    let value = if f.profile == ProfileKind::Constant {
-        ", value = 0.5"
-    } else {
-        ""
-    };
-    let length = match f.length_ratio {
-        Some(l) if f.junction != JunctionKind::L2 => format!(", length = {}", l * f.h_b),
-        _ => String::new(),
-    };
     let (bonds, elements) = (((f.overlap / r).round() + 4.0), f.overlap.ceil() + 4.0);
-    format!(
-        "[model.bar]\nkind = \"fem\"\nrole = \"coarse\"\nshape.bar = {{ from = 0, to = {elements}, section = 1 }}\n\
-         spacing = 1\nmaterial = {{ young = 1, density = 1 }}\n\
-         [model.chain]\nkind = \"chain\"\nrole = \"fine\"\nshape.bar = {{ from = {from}, to = {to}, section = 1 }}\n\
-         divisions = [{bonds}]\nmaterial = {{ young = 1, density = 1 }}\n\
-         [interface.joint]\ncoarse = \"bar\"\nfine = \"chain\"\n\
-         overlap.slab = {{ fine = [0, 0, 0], coarse = [{to}, 0, 0] }}\n\
-         weight = {{ profile = \"{profile}\"{value} }}\nmediator = {{ spacing = {h_b} }}\n\
-         junction = {{ kind = \"{junction}\"{length} }}\n[time]\nsteps = 1\n",
-        from = f.overlap - bonds * (f.overlap + 4.0 * r) / bonds,
-        to = f.overlap,
-        profile = f.profile,
-        h_b = f.h_b,
-        junction = f.junction,
-    )
+    let start = f.overlap - bonds * (f.overlap + 4.0 * r) / bonds;
+    let h = (f.overlap - start) / bonds;
+    let chain = Chain::new("chain", start, h, bonds as usize, h, 1.0 / h)?;
+    let line = |to: f64, n: f64| generate::bar(0.0, to, n as usize, 1.0);
+    let bar = FemModel::new("bar", line(elements, elements)?, Elastic::new(1.0, 0.0, 1.0)?)?;
+    let mediator = FemField::new(line(f.overlap, (f.overlap / f.h_b).round().max(1.0))?);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Arc::new(Slab::between(point(0.0), point(f.overlap))?);
+    let half = (f.profile == ProfileKind::Constant).then_some(0.5);
+    let stations = setup::stations(&*slab, mediator.nodes());
+    let ramp = Ramp::new(slab, f.profile.profile(half, &stations)?, 1e-6)?;
+    let coarse = Weights::same(Arc::new(ramp));
+    let fine = Weights::complement_of(std::slice::from_ref(&coarse));
+    let length = f.length_ratio.map_or(0.25 * mediator.spacing(), |l| l * f.h_b);
+    let tie = InterfaceSpec {
+        junction: f.junction.junction(length)?,
+        ..InterfaceSpec::new("joint", 0, 1, Arc::new(mediator), L2)
+    };
+    let parts = vec![Subdomain::coarse(bar, coarse), Subdomain::fine(chain, fine)];
+    Coupled::new(parts, vec![tie], TimeStep::Fraction(0.9), None)
 }
 
 fn table(f: &Form) -> Result<Table> {
-    let text = miniature(f);
-    let scene: SceneSpec = toml::from_str(&text).map_err(|e| Error::System {
-        what: "writing the miniature of an overlap",
-        message: e.message().to_owned(),
-    })?;
-    let run = setup::build(&scene, Path::new("."))?.run;
+    let run = miniature(f).map_err(core("interface"))?;
     let nodes = |k: usize| run.subdomains()[k].model().nodes();
     let spacing = |k: usize| (nodes(k)[1].x - nodes(k)[0].x).abs();
     let port = |subdomain: usize, dof: usize| {
@@ -301,6 +298,7 @@ fn everywhere(c: &Candidate, fates: &[Fate], s: &Scenario, spectrum: &Spectrum, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spec::SceneSpec;
 
     #[test]
     fn lattices_lag_as_their_strains_are_taken() {
@@ -344,24 +342,41 @@ mod tests {
         }
     }
 
+    /// A chain of the bar's own spacing.
+    const ALIKE: &str = r#"
+[model.bar]
+kind = "fem"
+role = "coarse"
+shape.bar = { from = 0, to = 8, section = 1 }
+spacing = 1
+material = { young = 1, density = 1 }
+[model.chain]
+kind = "chain"
+role = "fine"
+shape.bar = { from = -4, to = 4, section = 1 }
+divisions = [8]
+material = { young = 1, density = 1 }
+[interface.joint]
+coarse = "bar"
+fine = "chain"
+overlap.slab = { fine = [0, 0, 0], coarse = [4, 0, 0] }
+weight = { profile = "cubic" }
+mediator = { spacing = 1 }
+junction = { kind = "l2" }
+[time]
+steps = 1
+"#;
+
     /// A body of two lengths of 1 m whose lattices are alike: nothing disperses, what is lost is lost in the overlap. The
     /// signal is slow and of no place, or with a probe at `x` a short wave that starts 2 m before the overlap.
     fn alike(end: f64, loss: f64, probe: Option<f64>) -> Errors {
-        let form = Form {
-            ratio: 1.0,
-            h_b: 1.0,
-            overlap: 4.0,
-            profile: ProfileKind::Cubic,
-            junction: JunctionKind::L2,
-            length_ratio: None,
-        };
         let more = probe.map_or_else(String::new, |x| {
             format!(
                 "[[initial]]\nwave = {{ component = \"x\", along = \"x\", centre = -2, width = 0.5, amplitude = 1 }}\n\
                  [probe.p]\nmodel = \"bar\"\nat = [{x}, 0, 0]\nquantity = \"velocity\"\ncomponent = \"x\"\n"
             )
         });
-        let scene: SceneSpec = toml::from_str(&(miniature(&form) + &more)).expect("a scene");
+        let scene: SceneSpec = toml::from_str(&(ALIKE.to_owned() + &more)).expect("a scene");
         let mut s = super::super::scenario::scenario(&scene).expect("a scenario");
         let (h, dt, frequency) = match probe {
             None => (1.0, 0.5, Some(0.01)),
