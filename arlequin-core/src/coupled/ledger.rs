@@ -35,7 +35,7 @@ pub struct EnergySample<T> {
     /// Drift relative to the energy in play.
     pub relative_drift: T,
     /// Largest change of linear and of angular momentum of a body that should keep it, relative to what is in play; see
-    /// [`crate::momentum`].
+    /// [`crate::BodyMomentum`].
     pub momentum_drift: [T; 2],
     /// Largest jump of velocity between the models, relative to the largest velocity in the run so far.
     pub constraint_residual: T,

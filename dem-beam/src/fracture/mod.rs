@@ -2,7 +2,7 @@
 //!
 //! A bond breaks at the first instant at which its criterion reaches its strength; it then carries nothing, for ever.
 //! Masses stay: a particle that has lost all bonds moves freely, and one in an overlap stays tied by the multipliers,
-//! with the weight it had in the reference configuration. The model warns of it ([`arlequin_core::Model::watch`]);
+//! with the weight it had in the reference configuration. The model warns of it ([`arlequin_core::Watching::watch`]);
 //! [`Fracture::spare_overlap`] prevents it.
 //!
 //! The force kernel compares a bound of every bond's load with its strength on the way and marks blocks of particles;

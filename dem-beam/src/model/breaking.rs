@@ -27,7 +27,7 @@ impl DemModel {
         Ok(self)
     }
 
-    /// The same body; strengths are compared only when [`arlequin_core::Model::watch`] is called, and nothing breaks.
+    /// The same body; strengths are compared only when [`arlequin_core::Watching::watch`] is called, and nothing breaks.
     ///
     /// # Errors
     /// As [`Self::with_fracture`].
