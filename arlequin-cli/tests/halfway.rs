@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{SMALL, arlequin, number, scratch, succeed, summary, text};
+use common::{SMALL, WAKING, arlequin, changed, number, succeed, summary, text, written};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
@@ -41,12 +41,6 @@ fn both(scene: &Path) -> [serde_json::Value; 2] {
     found
 }
 
-fn written(name: &str, scene: &str) -> PathBuf {
-    let path = scratch(name).join("scene.toml");
-    std::fs::write(&path, scene).expect("scene");
-    path
-}
-
 /// Waves that die out: energy and velocity jumps (of a lumped constraint) are largest at the start, which a run that goes
 /// on from half way has not seen.
 #[test]
@@ -79,50 +73,21 @@ fn a_resumed_run_knows_the_energy_and_the_largest_jump_of_its_start() {
 /// A pulse has passed the place that is looked at long before the checkpoint; the zone never wakes.
 #[test]
 fn a_run_resumed_asleep_knows_the_highest_strain_of_before() {
-    let scene = r#"
-[model.left]
-kind = "fem"
-role = "coarse"
-shape.box = { low = [0.0, 0.0, 0.0], high = [20.0, 1.0, 1.0] }
-spacing = 0.5
-material = { young = 1.0, poisson = 0.0, density = 1.0 }
-
-[model.right]
-kind = "fem"
-role = "fine"
-shape.box = { low = [18.0, 0.0, 0.0], high = [30.0, 1.0, 1.0] }
-spacing = 0.5
-material = { young = 1.0, poisson = 0.0, density = 1.0 }
-
-[interface.joint]
-coarse = "left"
-fine = "right"
-overlap.slab = { coarse = [18.0, 0.5, 0.5], fine = [20.0, 0.5, 0.5] }
-
-[wake]
-model = "right"
-by = "left"
-asleep = ["model.left.shape.box.high=[30.0, 1.0, 1.0]"]
-criterion.strain = 1.0
-near.box = { low = [2.9, 0.0, 0.0], high = [3.6, 1.0, 1.0] }
-every = 1
-
-[[load]]
-model = "left"
-where = "x-min"
-traction = [-1e-3, 0.0, 0.0]
-time.pulse = { duration = 5.0 }
-
-[time]
-end = 20.0
-step.fraction = 0.02
-
-[output]
-checkpoint_every = 1500
-every = 100000
-plots = false
-"#;
-    let [whole, resumed] = both(&written("half-asleep", scene));
+    let scene = changed(
+        WAKING,
+        &[
+            ("spacing = 0.25", "spacing = 0.5"),
+            ("criterion.strain = 5e-4", "criterion.strain = 1.0"),
+            (
+                "low = [11.9, 0.0, 0.0], high = [12.6",
+                "low = [2.9, 0.0, 0.0], high = [3.6",
+            ),
+            ("duration = 10.0", "duration = 5.0"),
+            ("end = 26.0", "end = 20.0\nstep.fraction = 0.02"),
+            ("[output]", "[output]\ncheckpoint_every = 1500\nevery = 100000"),
+        ],
+    );
+    let [whole, resumed] = both(&written("half-asleep", &scene));
     let peak = number(&whole, "/wake/value");
     assert!((peak / 1e-3 - 1.0).abs() < 0.1, "the pulse passed: {peak}");
     assert_eq!(whole["wake"], resumed["wake"]);

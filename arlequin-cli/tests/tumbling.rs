@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{number, scratch, succeed, summary, text};
+use common::{WAKING, changed, number, succeed, summary, text, written};
 use serde_json::Value;
 use std::path::PathBuf;
 
@@ -57,10 +57,8 @@ plots = false
 "#;
 
 fn run(name: &str, scene: &str, more: &[&str]) -> (PathBuf, String, Value) {
-    let folder = scratch(name);
-    let path = folder.join("scene.toml");
-    std::fs::write(&path, scene).unwrap();
-    let out = folder.join("out");
+    let path = written(name, scene);
+    let out = path.with_file_name("out");
     let mut arguments = vec!["run", text(&path), "--out", text(&out)];
     arguments.extend(more);
     let said = succeed(&arguments);
@@ -174,55 +172,25 @@ fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
 /// A sleeping scene hands a body that tumbles beside it over with its orientation, not with the spin it added up.
 #[test]
 fn a_body_that_tumbles_keeps_its_orientation_when_another_wakes() {
-    let scene = r#"
-[model.left]
-kind = "fem"
-role = "coarse"
-shape.box = { low = [0.0, 0.0, 0.0], high = [20.0, 1.0, 1.0] }
-spacing = 0.5
-material = { young = 1.0, poisson = 0.0, density = 1.0 }
-
-[model.right]
-kind = "fem"
-role = "fine"
-shape.box = { low = [18.0, 0.0, 0.0], high = [30.0, 1.0, 1.0] }
-spacing = 0.25
-material = { young = 1.0, poisson = 0.0, density = 1.0 }
-
+    let stick = r#"
 [model.stick]
 kind = "dem"
 shape.box = { low = [0.0, 10.0, 0.0], high = [6.0, 11.2, 1.4] }
 dem = { count = 150, protocol = "quench", finite_rotations = true }
 material = { young = 1.0, poisson = 0.17, density = 1.0 }
 
-[interface.joint]
-coarse = "left"
-fine = "right"
-overlap.slab = { coarse = [18.0, 0.5, 0.5], fine = [20.0, 0.5, 0.5] }
-
-[wake]
-model = "right"
-by = "left"
-asleep = ["model.left.shape.box.high=[30.0, 1.0, 1.0]"]
-criterion.strain = 5e-4
-near.box = { low = [16.9, 0.0, 0.0], high = [17.6, 1.0, 1.0] }
-
 [[initial]]
 models = ["stick"]
 spin = { rate = [0.12, 0.05, 0.03], centre = [3.0, 10.6, 0.7] }
-
-[[load]]
-model = "left"
-where = "x-min"
-traction = [-1e-3, 0.0, 0.0]
-time.pulse = { duration = 10.0 }
-
-[time]
-end = 30.0
-
-[output]
-plots = false
 "#;
+    let later = [
+        (
+            "low = [11.9, 0.0, 0.0], high = [12.6",
+            "low = [16.9, 0.0, 0.0], high = [17.6",
+        ),
+        ("end = 26.0", "end = 30.0"),
+    ];
+    let scene = &(changed(WAKING, &later) + stick);
     let (_, said, s) = run("wake-stick", scene, &[]);
     assert!(said.contains("'right' woke at t ="), "{said}");
     assert!(

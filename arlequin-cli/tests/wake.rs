@@ -3,62 +3,8 @@
 
 mod common;
 
-use common::{arlequin, number, scene, scratch, succeed, summary, text};
+use common::{WAKING, arlequin, number, scene, scratch, succeed, summary, text, written};
 use std::path::{Path, PathBuf};
-
-/// A long pulse runs along a bar of elements into a zone that wakes as coarse elements in place of finer ones.
-const BAR: &str = r#"
-[model.left]
-kind = "fem"
-role = "coarse"
-shape.box = { low = [0.0, 0.0, 0.0], high = [20.0, 1.0, 1.0] }
-spacing = 0.5
-material = { young = 1.0, poisson = 0.0, density = 1.0 }
-
-[model.right]
-kind = "fem"
-role = "fine"
-shape.box = { low = [18.0, 0.0, 0.0], high = [30.0, 1.0, 1.0] }
-spacing = 0.25
-material = { young = 1.0, poisson = 0.0, density = 1.0 }
-
-[interface.joint]
-coarse = "left"
-fine = "right"
-overlap.slab = { coarse = [18.0, 0.5, 0.5], fine = [20.0, 0.5, 0.5] }
-
-[wake]
-model = "right"
-by = "left"
-asleep = ["model.left.shape.box.high=[30.0, 1.0, 1.0]"]
-criterion.strain = 5e-4
-near.box = { low = [11.9, 0.0, 0.0], high = [12.6, 1.0, 1.0] }
-every = 1
-
-[[load]]
-model = "left"
-where = "x-min"
-traction = [-1e-3, 0.0, 0.0]
-time.pulse = { duration = 10.0 }
-
-[time]
-end = 26.0
-
-[output]
-plots = false
-
-[probe.behind]
-model = "right"
-at = [20.5, 0.5, 0.5]
-quantity = "velocity"
-component = "x"
-"#;
-
-fn written(name: &str, scene: &str) -> PathBuf {
-    let path = scratch(name).join("scene.toml");
-    std::fs::write(&path, scene).unwrap();
-    path
-}
 
 fn run(path: &Path, more: &[&str]) -> (PathBuf, String) {
     let out = path.with_file_name("out");
@@ -90,7 +36,7 @@ fn arrival(x: f64, c: f64, share: f64, d: f64) -> f64 {
 /// The zone wakes as theory has it; the pulse goes on as if nothing had happened.
 #[test]
 fn wakes_as_the_pulse_arrives() {
-    let path = written("wake-arrival", BAR);
+    let path = written("wake-arrival", WAKING);
     let (out, said) = run(&path, &[]);
     let s = summary(&out);
     assert!(said.contains("'right' woke at t ="), "{said}");
@@ -131,7 +77,7 @@ fn wakes_as_the_pulse_arrives() {
 /// Loads after the waking see the true time: a run that wakes early and one that never sleeps agree.
 #[test]
 fn waking_early_changes_little() {
-    let path = written("wake-early", BAR);
+    let path = written("wake-early", WAKING);
     let early = [
         "--set",
         "wake.near.box.low=[0.0, 0.0, 0.0]",
@@ -141,7 +87,8 @@ fn waking_early_changes_little() {
     let (out, _) = run(&path, &early);
     let woken = summary(&out);
     assert!(number(&woken, "/wake/time") < 3.0);
-    let awake = BAR.split("[wake]").next().unwrap().to_owned() + &BAR[BAR.find("[[load]]").unwrap()..];
+    let awake =
+        WAKING.split("[wake]").next().unwrap().to_owned() + &WAKING[WAKING.find("[[load]]").unwrap()..];
     let (out, _) = run(&written("wake-never-slept", &awake), &[]);
     let never = summary(&out);
     assert!(never.get("wake").is_none(), "off unless asked for");
@@ -153,7 +100,7 @@ fn waking_early_changes_little() {
 
 #[test]
 fn stress_is_a_criterion_too() {
-    let path = written("wake-stress", &BAR.replace("strain = 5e-4", "stress = 5e-4"));
+    let path = written("wake-stress", &WAKING.replace("strain = 5e-4", "stress = 5e-4"));
     let (out, _) = run(&path, &[]);
     let s = summary(&out);
     let [time, x] = [number(&s, "/wake/time"), number(&s, "/wake/place/0")];
@@ -167,7 +114,7 @@ fn stress_is_a_criterion_too() {
 
 #[test]
 fn sleeps_to_the_end() {
-    let path = written("wake-never", BAR);
+    let path = written("wake-never", WAKING);
     let (out, said) = run(&path, &["--set", "wake.criterion.strain=1.0"]);
     let s = summary(&out);
     assert!(said.contains("was asleep to the end"), "{said}");
@@ -219,7 +166,7 @@ fn spheres_wake() {
 /// Natural elements carry the sleeping zone as finite ones do.
 #[test]
 fn natural_elements_carry_too() {
-    let scene = BAR
+    let scene = WAKING
         .replacen("kind = \"fem\"", "kind = \"cnem\"", 1)
         .replace("end = 26.0", "end = 16.0")
         .replace("poisson = 0.0", "poisson = 0.1");
@@ -242,7 +189,7 @@ fn natural_elements_carry_too() {
 
 #[test]
 fn check_shows_both_parts() {
-    let path = written("wake-check", BAR);
+    let path = written("wake-check", WAKING);
     let plan: serde_json::Value = serde_json::from_str(&succeed(&["check", text(&path), "--json"])).unwrap();
     assert_eq!(plan["models"].as_array().map(Vec::len), Some(2));
     assert_eq!(plan["asleep"]["models"].as_array().map(Vec::len), Some(1));
@@ -293,8 +240,8 @@ fn bad_input_is_named() {
         ("end = 26.0", "steps = 100", "time.end"),
     ];
     for (k, (from, to, expected)) in cases.iter().enumerate() {
-        assert!(BAR.contains(from), "{from}");
-        let path = written(&format!("wake-bad-{k}"), &BAR.replacen(from, to, 1));
+        assert!(WAKING.contains(from), "{from}");
+        let path = written(&format!("wake-bad-{k}"), &WAKING.replacen(from, to, 1));
         let out = arlequin(&["check", text(&path)]);
         let error = String::from_utf8_lossy(&out.stderr).into_owned();
         assert_eq!(out.status.code(), Some(2), "{to}: {error}");
@@ -362,7 +309,7 @@ fn results(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 #[test]
 fn killed_asleep_and_awake_it_goes_on_with_the_same_bits() {
-    let slow = BAR.replace("end = 26.0", "end = 26.0\nstep.fraction = 0.02");
+    let slow = WAKING.replace("end = 26.0", "end = 26.0\nstep.fraction = 0.02");
     let path = written("wake-killed", &slow);
     let (whole, _) = run(&path, &[]);
     let expected = results(&whole);

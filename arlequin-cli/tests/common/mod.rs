@@ -104,3 +104,66 @@ model = "right"
 where = "x-max"
 component = "x"
 "#;
+
+/// A long pulse runs along a bar of elements into a zone that wakes as coarse elements in place of finer ones.
+pub(crate) const WAKING: &str = r#"
+[model.left]
+kind = "fem"
+role = "coarse"
+shape.box = { low = [0.0, 0.0, 0.0], high = [20.0, 1.0, 1.0] }
+spacing = 0.5
+material = { young = 1.0, poisson = 0.0, density = 1.0 }
+
+[model.right]
+kind = "fem"
+role = "fine"
+shape.box = { low = [18.0, 0.0, 0.0], high = [30.0, 1.0, 1.0] }
+spacing = 0.25
+material = { young = 1.0, poisson = 0.0, density = 1.0 }
+
+[interface.joint]
+coarse = "left"
+fine = "right"
+overlap.slab = { coarse = [18.0, 0.5, 0.5], fine = [20.0, 0.5, 0.5] }
+
+[wake]
+model = "right"
+by = "left"
+asleep = ["model.left.shape.box.high=[30.0, 1.0, 1.0]"]
+criterion.strain = 5e-4
+near.box = { low = [11.9, 0.0, 0.0], high = [12.6, 1.0, 1.0] }
+every = 1
+
+[[load]]
+model = "left"
+where = "x-min"
+traction = [-1e-3, 0.0, 0.0]
+time.pulse = { duration = 10.0 }
+
+[time]
+end = 26.0
+
+[output]
+plots = false
+
+[probe.behind]
+model = "right"
+at = [20.5, 0.5, 0.5]
+quantity = "velocity"
+component = "x"
+"#;
+
+/// A scene with some of its words exchanged; each must be there once.
+pub(crate) fn changed(scene: &str, changes: &[(&str, &str)]) -> String {
+    changes.iter().fold(scene.to_owned(), |text, (from, to)| {
+        assert_eq!(text.matches(from).count(), 1, "'{from}' in the scene");
+        text.replace(from, to)
+    })
+}
+
+/// Writes a scene into a fresh folder of that name.
+pub(crate) fn written(name: &str, scene: &str) -> PathBuf {
+    let path = scratch(name).join("scene.toml");
+    std::fs::write(&path, scene).expect("scene");
+    path
+}
