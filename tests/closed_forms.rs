@@ -8,8 +8,8 @@ mod support;
 use arlequin::core::effect::{Absorber, BodyForce, BulkViscosity};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{
-    Coupled, Error, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, Model, Profile, Ramp,
-    ShapeFunction, Silent, Slab, Subdomain, TimeStep, Weights,
+    Coupled, DofLayout, Error, H1Strain, InterfaceOptions, InterfaceSpec, Junction, JunctionKind, L2, Model,
+    Profile, Ramp, ShapeFunction, Silent, Slab, Subdomain, TimeStep, Weights,
 };
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::{COARSE, Line, rest};
@@ -227,4 +227,27 @@ fn accelerations_of_the_start_satisfy_the_constraint() {
             run.steps()
         );
     }
+}
+
+#[test]
+fn junctions_and_layouts_are_those_that_their_names_say() {
+    for (name, expected, length) in [
+        ("l2", "L2", false),
+        ("h1-strain", "H1 (strain)", true),
+        ("h1-gradient", "H1 (gradient)", true),
+        ("h1-seminorm", "H1 seminorm", true),
+    ] {
+        let kind: JunctionKind = name.parse().unwrap();
+        assert_eq!(kind.junction(0.1).unwrap().name(), expected);
+        assert_eq!((kind.name(), kind.has_length()), (name, length));
+    }
+    // Two particles: six displacements, then six rotations.
+    let layout = DofLayout {
+        nodes: 2,
+        components: 3,
+        rotations: 3,
+    };
+    let nodes: Vec<usize> = (0..layout.dofs()).map(|d| layout.node_of(d)).collect();
+    assert_eq!(nodes, [0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1]);
+    assert!(layout.turns());
 }

@@ -46,6 +46,12 @@ fn nodal_weights_multiply_forces_and_masses_of_the_unweighted_model() {
         };
         assert!((s.state().a[k] - force / whole).abs() < 1e-12);
     }
+    // `½ qᵀ D K q`, not `½ qᵀ K q`.
+    let terms = s.model().nodes().iter().enumerate();
+    let energy: f64 = terms
+        .map(|(k, _)| -0.5 * s.state().q[k] * s.inertia()[k] * s.state().a[k])
+        .sum();
+    assert!((s.internal_energy() / energy - 1.0).abs() < 1e-12);
     // They do not in the metric of a constraint: the step is shorter than h/c, that of the model alone.
     let step = weighted.critical_steps()[0];
     assert!(step > 0.7 * 0.25 && step < 0.25, "{step}");

@@ -10,13 +10,14 @@ use arlequin::core::effect::{
 };
 use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{
-    Coupled, L2, Model, Partition, Parts, PrescribedMotion, Profile, Silent, Subdomain, TimeFunction,
-    TimeStep, Weights,
+    Coupled, L2, Model, Observer, Partition, Parts, PrescribedMotion, Profile, Silent, StepReport, Subdomain,
+    TimeFunction, TimeStep, Weights,
 };
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
 use arlequin::fem_ref::ElementKind;
 use arlequin_studies::line::Line;
+use std::ops::ControlFlow;
 use support::solid::{self, bodies, couple, mediator};
 
 /// Goes on from a snapshot in a second run and compares every line of the ledger with the run that never stopped.
@@ -197,4 +198,30 @@ fn the_sample_of_the_ledger_holds_half_m_v_squared() {
         );
     }
     assert!(sample.internal.abs() < 1e-12, "{:e}", sample.internal);
+}
+
+/// Ends a run after its third step.
+struct Third(usize);
+
+impl Observer<f64> for Third {
+    fn observe(
+        &mut self,
+        run: &Coupled<f64>,
+        report: &StepReport<f64>,
+    ) -> arlequin::core::Result<ControlFlow<()>> {
+        self.0 += 1;
+        assert_eq!((report.step, run.steps()), (self.0, self.0));
+        Ok(if self.0 < 3 {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
+        })
+    }
+}
+
+#[test]
+fn an_observer_ends_a_run_after_the_step_it_saw() {
+    let mut run = Line::default().build(&|_| (0.0, 1.0), &|_| (0.0, 1.0)).unwrap();
+    assert_eq!(run.run(10, &mut Third(0)).unwrap(), 3);
+    assert_eq!(run.steps(), 3);
 }

@@ -440,6 +440,18 @@ fn lumping_is_offered_for_l2_only() {
     };
     let e = Coupled::new(bodies(), vec![interface], TimeStep::Fraction(0.8), None).unwrap_err();
     assert!(e.to_string().contains("lumping an H1 junction diverges"), "{e}");
+    // The name leads to the key of a scene.
+    assert!(matches!(e, Error::InvalidOption { name: "lumped", .. }), "{e}");
+    let options = InterfaceOptions {
+        sampling: Sampling::Particles,
+        ..InterfaceOptions::default()
+    };
+    let interface = InterfaceSpec {
+        options,
+        ..spec(space(), Box::new(L2))
+    };
+    let e = Coupled::new(bodies(), vec![interface], TimeStep::Fraction(0.8), None).unwrap_err();
+    assert!(matches!(e, Error::InvalidOption { name: "sampling", .. }), "{e}");
 }
 
 /// Runs the two bodies in 32-bit numbers.

@@ -213,6 +213,8 @@ fn a_crack_into_the_overlap_is_said_at_once_and_can_end_the_run_there() {
     assert_eq!(ended["status"], "stopped-at-overlap");
     assert!((number(&ended, "/time") - time).abs() < 0.5 * number(&ended, "/dt"));
     assert!(folder.join("ended/fracture-grains.csv").exists() && said(&ended) == 1);
+    // Such a run can go on.
+    assert!(folder.join("ended/checkpoint.bin").exists());
 }
 
 /// Where breakage in the overlap cannot be right, the set-up says so; with the defaults it has nothing to say.

@@ -3,6 +3,7 @@
 mod common;
 
 use arlequin::core::Coupled;
+use arlequin_scene::suggest::predict_as_given;
 use arlequin_scene::{End, Observer, RunFolder, Scene, Silent, resume};
 use common::{SMALL, scene, scratch, succeed, text};
 use std::ops::ControlFlow;
@@ -96,4 +97,47 @@ fn a_run_that_its_observer_ends_goes_on_from_its_folder() {
     assert_eq!((rest.end, rest.summary().steps), (End::Complete, 50));
     assert_eq!(rest.recorded.probes, whole.recorded.probes);
     assert_eq!(rest.folder.as_deref(), Some(target.as_path()));
+}
+
+#[test]
+fn changes_add_up_in_their_order() {
+    let scene = Scene::from_text(SMALL).expect("a scene");
+    let set = scene.set("output.energy_every", 3).expect("sets");
+    let set = set.set("model.left.spacing", 0.5).expect("sets");
+    let set = set.set("output.energy_every", 7).expect("sets");
+    let spec = set.spec();
+    assert_eq!(spec.output.energy_every, 7);
+    assert_eq!(spec.model["left"].spacing, Some(0.5));
+    let said = [
+        "output.energy_every=3",
+        "model.left.spacing=0.5",
+        "output.energy_every=7",
+    ];
+    assert_eq!(set.changes(), said);
+}
+
+/// The overlap that predictions analyse has the profile and the junction of the scene.
+#[test]
+fn a_prediction_is_of_the_overlap_that_the_scene_has() {
+    let bar = || Scene::read(scene("bar-1d.toml")).expect("reads");
+    let error = |changes: &[&str]| {
+        let changes: Vec<String> = changes.iter().map(|c| (*c).to_owned()).collect();
+        let set = bar().assign(&changes).expect("sets");
+        predict_as_given(&set).expect("predicts").displacement
+    };
+    let profile = |name: &str| error(&[&format!("interface.joint.weight.profile={name}")]);
+    let all = ["linear", "cubic", "quintic"].map(profile);
+    let apart = |a: f64, b: f64| (a / b - 1.0).abs() > 1e-6;
+    assert!(
+        apart(all[0], all[1]) && apart(all[1], all[2]) && apart(all[2], all[0]),
+        "{all:?}"
+    );
+    // Without a length, an H1 junction takes a quarter of the mediator's spacing of 5 mm.
+    let kind = "interface.joint.junction.kind=h1-gradient";
+    let lengths = [1.25e-3, 5e-3].map(|l| error(&[kind, &format!("interface.joint.junction.length={l}")]));
+    let usual = error(&[kind]);
+    assert!(
+        !apart(usual, lengths[0]) && apart(usual, lengths[1]),
+        "{usual} {lengths:?}"
+    );
 }
