@@ -35,16 +35,16 @@ pub use {cnem, dem_beam, fem_ref};
 /// more than one crate has (`cnem::Surface`, `dem_beam::Surface`) keep their crate's.
 pub mod prelude {
     pub use arlequin_core::effect::{
-        Absorber, BodyForce, BulkViscosity, Effect, EffectSpec, ForceLaw, Host, Instant, Load, LocalDamping,
-        MassDamping, PairSpec, Prestress, StepDemand, StiffnessDamping,
+        Absorber, AnyEffect, BodyForce, BulkViscosity, Effect, EffectSpec, ForceLaw, Host, Instant, Load,
+        LocalDamping, MassDamping, PairSpec, Prestress, StepDemand, StiffnessDamping,
     };
     pub use arlequin_core::nalgebra::{Matrix3, Point3, Vector3};
     pub use arlequin_core::{
-        CoarseModel, Complement, Coupled, DofLayout, Elastic, Equilibrium, Error, FineModel, Guard,
-        H1Gradient, H1Seminorm, H1Strain, InterfaceOptions, InterfaceSpec, Interpolation, Junction, L2,
-        LinearModel, Mediator, Model, Observer, Overlap, ParticleField, Partition, Parts, PrescribedMotion,
-        Primitive, Profile, Ramp, Result, Sampling, Shell, Silent, Slab, State, StepReport, Subdomain,
-        TimeFunction, TimeStep, Uniform, Weight, Weighting, Weights,
+        CoarseModel, Complement, Components, Coupled, DofLayout, Elastic, Equilibrium, Error, FineModel,
+        Guard, H1Gradient, H1Seminorm, H1Strain, InterfaceOptions, InterfaceSpec, Interpolation, Junction,
+        L2, LinearModel, Mediator, Model, Needs, Observer, Overlap, ParticleField, Partition, Parts,
+        PrescribedMotion, Primitive, Profile, Ramp, Result, Sampling, ShapeFunction, Shell, Silent, Slab,
+        State, StepReport, Subdomain, TimeFunction, TimeStep, Uniform, Weight, Weighting, Weights,
     };
     pub use cnem::{CnemModel, NaturalField};
     pub use dem_beam::{

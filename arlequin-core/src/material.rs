@@ -15,7 +15,7 @@ impl<T: Real> Elastic<T> {
     /// Material with Young's modulus `E` \[Pa\], Poisson's ratio `ν` \[–\] and density `ρ` \[kg/m³\].
     ///
     /// ```
-    /// use arlequin_core::material::Elastic;
+    /// use arlequin_core::Elastic;
     /// let silica = Elastic::new(72.5e9f64, 0.17, 2200.0)?;
     /// assert!((silica.bar_speed() - 5740.6).abs() < 0.1);
     /// # Ok::<(), arlequin_core::Error>(())

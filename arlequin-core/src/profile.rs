@@ -86,7 +86,7 @@ impl<T: Real> Profile<T> {
     /// exact where it is a polynomial of degree five on every eighth of the overlap, and close to that if it is smooth.
     ///
     /// ```
-    /// use arlequin_core::weight::Profile;
+    /// use arlequin_core::Profile;
     /// let sine = Profile::custom(|s: f64| 0.5 - 0.5 * (std::f64::consts::PI * s).cos())?;
     /// assert!((sine.at(0.25) - 0.146_446_609).abs() < 1e-9);
     /// assert!(Profile::custom(|s: f64| 1.0 - s).is_err());

@@ -1,5 +1,5 @@
-//! Scenes as a library: read a file, change values, build what it asks for, run it. Nothing is printed, and nothing is
-//! written but by [`Prepared::run_into`], which keeps results in a folder.
+//! Scenes as a library: read a file, change values, build what it asks for, run it. Nothing is printed; results
+//! are written by [`Prepared::run_into`] alone. Packings of spheres are kept in the user's cache, or where `ARLEQUIN_CACHE` says.
 //!
 //! ```
 //! use arlequin_scene::{Scene, Silent};

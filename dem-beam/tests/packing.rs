@@ -132,6 +132,8 @@ fn reproducible_cached_and_through_csv() {
     bytes[last] ^= 1;
     std::fs::write(&file, bytes).unwrap();
     assert!(spec.build_cached(&dir).unwrap() == one);
+    // Where nothing can be written, below a file, it is made each time.
+    assert!(spec.build_cached(&file.join("below")).unwrap() == one);
     std::fs::remove_dir_all(&dir).unwrap();
     let other = PackingSpec {
         seed: 12,

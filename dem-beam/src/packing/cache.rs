@@ -7,9 +7,10 @@
 use super::assemble::Packing;
 use super::parts::Loose;
 use super::protocol::{Compaction, PackingSpec};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use nalgebra::Vector3;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Changes whenever the protocol gives other packings for the same spec.
 const VERSION: f64 = 3.0;
@@ -48,10 +49,10 @@ impl PackingSpec {
         format!("{:016x}{:016x}", h[0], h[1])
     }
 
-    /// The packing from `directory` if it was made before, else made and stored there.
+    /// The packing from `directory` if it was made before, else made, and stored there if that can be done.
     ///
     /// # Errors
-    /// Those of [`Self::build`]; [`Error::Io`] if the directory cannot be written.
+    /// Those of [`Self::build`].
     pub fn build_cached(&self, directory: &Path) -> Result<Packing> {
         let name = self.content_hash();
         let path = directory.join(format!("packing-{name}.bin"));
@@ -63,16 +64,23 @@ impl PackingSpec {
             });
         }
         let packing = self.build()?;
-        let io = |e: std::io::Error| Error::Io {
-            path: path.display().to_string(),
-            reason: e.to_string(),
-        };
-        std::fs::create_dir_all(directory).map_err(io)?;
-        let aside = directory.join(format!("packing-{name}.{}.tmp", std::process::id()));
-        std::fs::write(&aside, encode(&packing)).map_err(io)?;
-        std::fs::rename(&aside, &path).map_err(io)?;
+        // A folder that cannot be written costs time on the next run, nothing else: the packing is right.
+        let _ = store(&packing, directory, &path);
         Ok(packing)
     }
+}
+
+/// Writes a packing whole or not at all; processes and threads that make the same one do not meet.
+fn store(packing: &Packing, directory: &Path, path: &Path) -> std::io::Result<()> {
+    static COUNT: AtomicUsize = AtomicUsize::new(0);
+    std::fs::create_dir_all(directory)?;
+    let own = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+    let aside = path.with_extension(format!("{own}.tmp"));
+    std::fs::write(&aside, encode(packing))
+        .and_then(|()| std::fs::rename(&aside, path))
+        .inspect_err(|_| {
+            let _ = std::fs::remove_file(&aside);
+        })
 }
 
 /// Passes every number of a packing through `word`, which reads or writes it: one order serves both. Nothing where there
