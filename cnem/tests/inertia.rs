@@ -14,7 +14,7 @@ use beam::{THICK, cylinder, percent, study};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::{CnemModel, Inertia, Options, generate};
-use common::{block, mms, silica};
+use common::{block, mms, silica, steps_under_falling_weights};
 use nalgebra::{Point3, Vector3};
 
 const CENTROIDS: Options = Options {
@@ -173,23 +173,7 @@ fn centroid_masses_keep_the_order_of_static_solutions() {
 /// A weight that falls to `ε` over four spacings: a light node shares the mass of heavier neighbours.
 #[test]
 fn small_weights_with_centroid_masses() {
-    struct Fall(f64);
-    impl Weight<f64> for Fall {
-        fn at(&self, x: &Point3<f64>) -> f64 {
-            self.0 + (1.0 - self.0) * ((0.75 - x.x) / 0.5).clamp(0.0, 1.0)
-        }
-    }
-    let domain = block([8, 4, 4], 0.125, 0.2, 1, |_, _, _| true);
-    let mut model = CnemModel::new("bar", domain, silica(), CENTROIDS).unwrap();
-    let mut mass = vec![0.0; model.layout().dofs()];
-    let mut step = |weight: &dyn Weight<f64>| {
-        model.set_internal_weight(weight).unwrap();
-        model.lumped_inertia(weight, &mut mass).unwrap();
-        let inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
-        model.critical_step(&inverse).unwrap()
-    };
-    let free = step(&Uniform(1.0));
-    let ratios = [0.05, 0.005, 0.0005].map(|e| step(&Fall(e)) / free);
+    let ratios = steps_under_falling_weights(CENTROIDS);
     println!("critical step with smallest weight 0.05, 0.005, 0.0005: {ratios:?}");
     assert!(ratios[0] > 0.9 && ratios[1] > 0.5);
 }

@@ -15,7 +15,7 @@ use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation, generate};
-use common::{block, largest, noise, silica, solve};
+use common::{block, largest, noise, silica, solve, steps_under_falling_weights};
 use nalgebra::{Matrix3, Point3, Vector3, center};
 
 fn gradient() -> Matrix3<f64> {
@@ -313,23 +313,7 @@ fn wrong_input_is_named() {
 /// The critical step under a weight that falls from 1 to `ε` over half the body, against the unweighted one.
 #[test]
 fn small_weights_shorten_the_step() {
-    struct Fall(f64);
-    impl Weight<f64> for Fall {
-        fn at(&self, x: &Point3<f64>) -> f64 {
-            self.0 + (1.0 - self.0) * ((0.75 - x.x) / 0.5).clamp(0.0, 1.0)
-        }
-    }
-    let domain = block([8, 4, 4], 0.125, 0.2, 1, |_, _, _| true);
-    let mut model = CnemModel::new("bar", domain, silica(), Options::default()).unwrap();
-    let mut mass = vec![0.0; model.layout().dofs()];
-    let mut step = |weight: &dyn Weight<f64>| {
-        model.set_internal_weight(weight).unwrap();
-        model.lumped_inertia(weight, &mut mass).unwrap();
-        let inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
-        model.critical_step(&inverse).unwrap()
-    };
-    let free = step(&Uniform(1.0));
-    let ratios = [0.05, 0.005, 0.0005].map(|e| step(&Fall(e)) / free);
+    let ratios = steps_under_falling_weights(Options::default());
     println!("critical step with smallest weight 0.05, 0.005, 0.0005: {ratios:?}");
     assert!(ratios[0] > 0.5);
 }

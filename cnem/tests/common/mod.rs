@@ -4,11 +4,11 @@
 
 pub(crate) mod bodies;
 
-use arlequin_core::Real;
 use arlequin_core::sprs::{CsMat, TriMat};
-use cnem::Elastic;
+use arlequin_core::{Model, Real, Uniform, Weight};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
+use cnem::{CnemModel, Elastic, Options};
 use nalgebra::{Point3, Vector3};
 
 /// A repeatable sequence in (−1, 1).
@@ -207,20 +207,20 @@ fn waves() -> ([Vector3<f64>; 3], [f64; 3]) {
 }
 
 /// Relative errors of a manufactured solution in `L2` and in the gradient, displacements given on the whole border.
-pub(crate) fn mms(domain: Domain, options: cnem::Options) -> [f64; 2] {
-    use arlequin_core::{Interpolation, LinearModel, Model, ShapeRow};
+pub(crate) fn mms(domain: Domain, options: Options) -> [f64; 2] {
+    use arlequin_core::{Interpolation, LinearModel, ShapeRow};
     let mut fixed = vec![false; 3 * domain.nodes().len()];
     for v in domain.constrained_faces().flat_map(|f| f.0) {
         fixed[3 * v..3 * v + 3].fill(true);
     }
     let material = Elastic::new(1.0, 0.25, 1.0).unwrap();
     let [lambda, mu] = material.lame();
-    let model = cnem::CnemModel::new("mms", domain, material, options).unwrap();
+    let model = CnemModel::new("mms", domain, material, options).unwrap();
     let (k, _) = waves();
     let (mut u, mut f) = (Vec::new(), Vec::new());
     let mut mass = vec![0.0; model.layout().dofs()];
     // The density is one: the loads go with the masses, as those of a body force do.
-    let one = arlequin_core::Uniform(1.0);
+    let one = Uniform(1.0);
     model.lumped_inertia(&one, &mut mass).unwrap();
     for (x, v) in model.nodes().iter().zip(mass.iter().step_by(3)) {
         let (exact, _, s) = manufactured(x);
@@ -261,4 +261,26 @@ pub(crate) fn mms(domain: Domain, options: cnem::Options) -> [f64; 2] {
 
 pub(crate) fn largest(v: &[f64]) -> f64 {
     v.iter().fold(0.0, |m, x| f64::max(m, x.abs()))
+}
+
+/// Critical steps of a block under weights that fall over four spacings from one to 0.05, 0.005 and 0.0005, in units of the
+/// step of the whole block.
+pub(crate) fn steps_under_falling_weights(options: Options) -> [f64; 3] {
+    struct Fall(f64);
+    impl Weight<f64> for Fall {
+        fn at(&self, x: &Point3<f64>) -> f64 {
+            self.0 + (1.0 - self.0) * ((0.75 - x.x) / 0.5).clamp(0.0, 1.0)
+        }
+    }
+    let domain = block([8, 4, 4], 0.125, 0.2, 1, |_, _, _| true);
+    let mut model = CnemModel::new("bar", domain, silica(), options).unwrap();
+    let mut mass = vec![0.0; model.layout().dofs()];
+    let mut step = |weight: &dyn Weight<f64>| {
+        model.set_internal_weight(weight).unwrap();
+        model.lumped_inertia(weight, &mut mass).unwrap();
+        let inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
+        model.critical_step(&inverse).unwrap()
+    };
+    let free = step(&Uniform(1.0));
+    [0.05, 0.005, 0.0005].map(|e| step(&Fall(e)) / free)
 }
