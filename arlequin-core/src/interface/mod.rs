@@ -13,6 +13,7 @@
 
 mod assembly;
 mod operator;
+mod rows;
 mod sums;
 
 pub use assembly::Sampling;
