@@ -339,7 +339,8 @@ fn check_names(scene: &SceneSpec) -> Result<()> {
         for name in names {
             let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
             if name.is_empty() || !name.chars().all(good) {
-                let rule = "has a name with other signs than a-z, A-Z, 0-9, - and _; it also names files";
+                let rule =
+                    "has a name with other signs than a-z, A-Z, 0-9, - and _; it also names files: rename it";
                 return Err(key(format!("{table}.{name}"), rule));
             }
         }

@@ -1,5 +1,6 @@
 //! Model tables.
 
+use super::choice::choice;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -19,7 +20,7 @@ pub enum ModelKind {
 
 impl ModelKind {
     /// Whether it has elements with a strain.
-    pub fn is_solid(self) -> bool {
+    pub fn is_continuum(self) -> bool {
         matches!(self, Self::Fem | Self::Cnem)
     }
 }
@@ -51,6 +52,13 @@ pub struct ModelTable {
     pub dem: DemTable,
 }
 
+impl ModelTable {
+    /// Whether it has volume elements with a strain.
+    pub fn is_solid(&self) -> bool {
+        self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
+    }
+}
+
 /// The part of a model in its interfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -73,7 +81,7 @@ impl RoleKind {
 
 /// A body.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Shape {
     /// A box along the axes.
     Box {
@@ -103,6 +111,11 @@ pub enum Shape {
     /// A Gmsh mesh, or for particles also an STL surface; relative to the scene file.
     File(PathBuf),
 }
+
+choice!(
+    Shape,
+    "{ box = { low, high } }, { cylinder = { from, length, radius } }, { bar = { from, to, section } }, { file = path }"
+);
 
 impl Shape {
     /// Key of the variant.
