@@ -54,7 +54,11 @@ impl<T: Real> Coupled<T> {
             dt: self.dt,
             start_loss: self.start_loss,
             ledger: self.ledger.record(),
-            subdomains: self.subdomains.iter().map(Subdomain::snapshot).collect::<Result<_>>()?,
+            subdomains: self
+                .subdomains
+                .iter()
+                .map(Subdomain::snapshot)
+                .collect::<Result<_>>()?,
             own_steps: self.subdomains.iter().map(Subdomain::own_steps).collect(),
             impulses: self.interfaces.iter().map(|i| i.impulse().to_vec()).collect(),
             pairs: self
