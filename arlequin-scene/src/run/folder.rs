@@ -4,7 +4,7 @@ use super::session::Session;
 use super::summary::Status;
 use super::{End, Observer, Recorded, Results};
 use crate::checkpoint::{self, Checkpoint, Origin};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, core};
 use crate::output::summary::{self, Summary, WakeReport};
 use crate::output::{Folder, Place, json, put, tables};
 use crate::scene::Scene;
@@ -73,17 +73,17 @@ impl Session<'_> {
     /// Writes a checkpoint, if the run is kept.
     pub(crate) fn save(&self) -> Result<()> {
         let Some(keep) = &self.keep else { return Ok(()) };
-        self.checkpoint(keep.origin.clone()).write(keep.folder.path())
+        self.checkpoint(keep.origin.clone())?.write(keep.folder.path())
     }
 
-    fn checkpoint(&self, origin: Origin) -> Checkpoint {
-        Checkpoint {
+    fn checkpoint(&self, origin: Origin) -> Result<Checkpoint> {
+        Ok(Checkpoint {
             version: env!("CARGO_PKG_VERSION").into(),
             origin,
-            snapshot: self.run.snapshot(),
+            snapshot: self.run.snapshot().map_err(core("model"))?,
             records: self.recorder.records(),
             wake: self.stage.clone(),
-        }
+        })
     }
 
     /// Takes the state of a checkpoint.
@@ -114,7 +114,7 @@ impl Session<'_> {
             if end.goes_on() {
                 self.save()?;
                 if self.keep.is_none() {
-                    rest = Some(Box::new(self.checkpoint(Origin::of(self.scene)?)));
+                    rest = Some(Box::new(self.checkpoint(Origin::of(self.scene)?)?));
                 }
             }
             Ok((end, rest, self.finish(end, wake.clone(), observer)?))

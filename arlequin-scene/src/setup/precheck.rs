@@ -23,6 +23,7 @@ pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
     for (name, table) in &scene.model {
         spacing(&format!("model.{name}.spacing"), table)?;
         kinds::check(name, table, folder)?;
+        super::time::check_own(name, table)?;
     }
     for (name, table) in &scene.interface {
         let [c, f] = sides_of(name, table, scene)?;

@@ -17,7 +17,7 @@ pub use interface::{
 };
 pub use model::{
     CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelKind, ModelTable, NotchBox,
-    ParticleFieldKind, Protocol, RoleKind, Shape,
+    OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
 };
 pub use wake::{Near, Wake};
 

@@ -41,6 +41,8 @@ pub struct ModelTable {
     pub divisions: Option<Vec<usize>>,
     /// What it is made of.
     pub material: Material,
+    /// How it steps between two reflections, where it is not to be chosen.
+    pub step: Option<OwnStepTable>,
     /// Choices of finite elements; read by `kind = "fem"` only.
     #[serde(default)]
     pub fem: FemTable,
@@ -57,6 +59,28 @@ impl ModelTable {
     pub fn is_solid(&self) -> bool {
         self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
     }
+}
+
+/// How a model steps between two reflections: one of `ratio`, `fraction`, or the implicit scheme.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OwnStepTable {
+    /// Number of its own steps in a step of the run.
+    pub ratio: Option<usize>,
+    /// Longest own step in units of its own critical step.
+    pub fraction: Option<f64>,
+    /// The scheme.
+    pub scheme: Option<Scheme>,
+}
+
+/// Time stepping schemes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scheme {
+    /// Velocity Verlet.
+    Explicit,
+    /// Average acceleration, one step in each of the run; for solids.
+    Implicit,
 }
 
 /// The part of a model in its interfaces.
