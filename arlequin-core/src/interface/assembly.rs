@@ -197,11 +197,7 @@ impl<T: Real> CellSet<T> {
 
     /// Calls `visit` with the pieces of `cell` inside the field and the cells they lie in; with the cell itself if the
     /// field has no cells.
-    fn pieces(
-        &self,
-        cell: &Cell<T>,
-        visit: &mut dyn FnMut(usize, &Cell<T>) -> Result<()>,
-    ) -> Result<()> {
+    fn pieces(&self, cell: &Cell<T>, visit: &mut dyn FnMut(usize, &Cell<T>) -> Result<()>) -> Result<()> {
         if !self.any {
             return visit(NO_CELL, cell);
         }

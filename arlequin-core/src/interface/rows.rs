@@ -4,10 +4,10 @@
 //! hands over its rows. Rows are merged in the order of the tasks, each by itself: nothing is sorted but the few entries
 //! of a row, and results have the same bits for any number of threads.
 
+use crate::Real;
 use crate::adjacency::Adjacency;
 use crate::field::ShapeRow;
 use crate::junction::{Junction, ShapeFunction};
-use crate::Real;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use sprs::CsMat;
@@ -281,7 +281,10 @@ mod tests {
     use crate::junction::{H1Strain, L2};
 
     fn row(nodes: &[usize], values: &[f64]) -> ShapeRow<f64> {
-        let gradients = values.iter().map(|v| Vector3::new(*v, 1.0 - v, 0.5 * v)).collect();
+        let gradients = values
+            .iter()
+            .map(|v| Vector3::new(*v, 1.0 - v, 0.5 * v))
+            .collect();
         ShapeRow {
             nodes: nodes.to_vec(),
             values: values.to_vec(),

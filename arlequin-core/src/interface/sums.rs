@@ -201,9 +201,8 @@ impl<'a, T: Real> Sampler<'a, T> {
                     Err(Error::OutsideDomain { .. }) => {
                         reached = true;
                         let beyond = self.beyond.as_ref().filter(|b| shared && m != b.particles);
-                        let found = beyond.map(|b| {
-                            (b.other).shape_at(&s.point, gradient, &mut to.cols[m], &mut to.reach)
-                        });
+                        let found = beyond
+                            .map(|b| (b.other).shape_at(&s.point, gradient, &mut to.cols[m], &mut to.reach));
                         inside &= match found {
                             None | Some(Err(Error::OutsideDomain { .. })) => false,
                             Some(other) => other.map(|()| true)?,
