@@ -211,11 +211,26 @@ fn momentum(all: &[MomentumLine]) {
     }
 }
 
+/// How a model steps in a step of the run.
+fn own_steps(m: &ModelLine) -> String {
+    let share = 100.0 * m.own_dt / m.critical_dt;
+    match (m.scheme, m.own_steps) {
+        ("implicit", _) => format!("one implicit step of {share:.0} % of it"),
+        (_, 1) => format!("one own step of {share:.0} % of it"),
+        (_, n) => format!("{n} own steps of {share:.0} % of it"),
+    }
+}
+
 fn models(all: &[ModelLine]) {
     for m in all {
         println!(
-            "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s",
-            m.name, m.kind, m.nodes, m.unknowns, m.critical_dt
+            "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s, {}",
+            m.name,
+            m.kind,
+            m.nodes,
+            m.unknowns,
+            m.critical_dt,
+            own_steps(m)
         );
         for text in m.packing.iter().flat_map(PackingLine::text) {
             println!("           {text}");

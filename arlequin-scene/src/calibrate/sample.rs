@@ -174,6 +174,7 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
             poisson: None,
             density: 1.0,
         },
+        step: None,
         fem: Default::default(),
         cnem: Default::default(),
         dem: DemTable {

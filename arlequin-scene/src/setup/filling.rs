@@ -195,6 +195,10 @@ fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize>
                 );
                 return Err(value(format!("{path}.spacing"), h, &rule));
             }
+            if n < 1.0 {
+                let rule = "no spheres of that diameter fit into the shape; choose a smaller one [m]";
+                return Err(value(format!("{path}.spacing"), h, rule));
+            }
             Ok(n as usize)
         }
         (None, Some(h)) => Err(value(format!("{path}.spacing"), h, "must be positive [m]")),

@@ -60,6 +60,7 @@ pub(super) fn interface(
     let overlap = overlap(&format!("{path}.overlap"), &table.overlap)?;
     let names = [&table.coarse, &table.fine];
     let points = sides.map(|s| s.1.model.nodes());
+    check_place(&path, &table.overlap, &*overlap, names, points)?;
     check_sense(&path, &table.overlap, names, points)?;
     let mediator_path = format!("{path}.mediator");
     let mut shape = mediator_shape(&mediator_path, table, sides.map(|s| &s.1.shape))?;
@@ -156,6 +157,99 @@ fn advise(
     out
 }
 
+/// First and last place of a body across a slab, zero at one of its points and one at the other.
+fn across(from: &[f64; 3], to: &[f64; 3], points: &[Point3<f64>]) -> [f64; 2] {
+    let (from, across) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
+    let places = points
+        .iter()
+        .map(|x| across.dot(&(x.coords - from)) / across.norm_squared());
+    places.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| {
+        [a.min(s), b.max(s)]
+    })
+}
+
+/// Lowest and highest corner of the box around points.
+fn around(points: &[Point3<f64>]) -> [Point3<f64>; 2] {
+    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
+    points
+        .iter()
+        .fold(ends, |[low, high], x| [low.inf(x), high.sup(x)])
+}
+
+/// Refuses an overlap that does not reach into both models: their weights would leave one of them without mass.
+pub(super) fn check_place(
+    path: &str,
+    shape: &OverlapShape,
+    overlap: &dyn Overlap<f64>,
+    names: [&String; 2],
+    points: [&[Point3<f64>]; 2],
+) -> Result<()> {
+    let boxes = points.map(around);
+    let (reached, place) = match shape {
+        OverlapShape::Slab { fine, coarse } => {
+            let reached = points.map(|p| {
+                let [first, last] = across(fine, coarse, p);
+                first < 1.0 - 1e-6 && last > 1e-6
+            });
+            (
+                reached,
+                format!("between the planes through {fine:?} and {coarse:?} m"),
+            )
+        }
+        OverlapShape::Shell { domain, .. } => {
+            let [low, high] = region_box(domain);
+            let alone = |x: Point3<f64>| overlap.place(&x) == Place::Fine;
+            let reached = boxes.map(|[a, b]| {
+                let apart = (0..3).any(|c| a[c] >= high[c] || b[c] <= low[c]);
+                let corner = |k: usize| {
+                    let end = |c: usize| if k >> c & 1 == 0 { a[c] } else { b[c] };
+                    Point3::new(end(0), end(1), end(2))
+                };
+                // Its regions are convex: a box whose corners are within one is.
+                !apart && !(0..8).map(corner).all(alone)
+            });
+            (reached, format!("from {low:?} to {high:?} m at most"))
+        }
+    };
+    let missed = match reached {
+        [true, true] => return Ok(()),
+        [false, false] => format!("the models '{}' and '{}'", names[0], names[1]),
+        [coarse, _] => format!("model '{}'", names[usize::from(coarse)]),
+    };
+    let lies = |k: usize| {
+        let [low, high] = &boxes[k];
+        let name = names[k];
+        format!(
+            "'{name}' from {:?} to {:?} m",
+            low.coords.as_slice(),
+            high.coords.as_slice()
+        )
+    };
+    let rule = format!(
+        "the overlap, {place}, does not lie in {missed}: {} and {}; place it where both models are",
+        lies(0),
+        lies(1)
+    );
+    Err(key(format!("{path}.overlap"), rule))
+}
+
+/// Lowest and highest corner of the box around a region, infinite where a cylinder is.
+fn region_box(shape: &RegionShape) -> [[f64; 3]; 2] {
+    match shape {
+        RegionShape::Ball { centre, radius } => [centre.map(|x| x - radius), centre.map(|x| x + radius)],
+        RegionShape::Box { low, high } => [*low, *high],
+        RegionShape::Cylinder { point, axis, radius } => {
+            let length = Vector3::from(*axis).norm();
+            // How far the circle, and a point far along the axis, reach.
+            let reach = |c: usize| match axis[c] / length {
+                0.0 => *radius,
+                _ => f64::INFINITY,
+            };
+            [-1.0, 1.0].map(|sign| [0, 1, 2].map(|c| point[c] + sign * reach(c)))
+        }
+    }
+}
+
 /// Refuses a slab whose two points are exchanged: the coarse model then has its own region where the fine one should have
 /// it, and the weights leave both without mass.
 pub(super) fn check_sense(
@@ -171,21 +265,14 @@ pub(super) fn check_sense(
     else {
         return Ok(());
     };
-    let (from, across) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
-    let place = |x: &Point3<f64>| across.dot(&(x.coords - from)) / across.norm_squared();
-    let ends = |points: &[Point3<f64>]| {
-        let places = points.iter().map(place);
-        places.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| {
-            [a.min(s), b.max(s)]
-        })
-    };
-    let ([c0, c1], [f0, f1]) = (ends(coarse_points), ends(fine_points));
+    let across = |points: &[Point3<f64>]| across(from, to, points);
+    let ([c0, c1], [f0, f1]) = (across(coarse_points), across(fine_points));
     let outside = |s: f64| !(-1e-6..=1.0 + 1e-6).contains(&s);
     if f0 > -1e-6 && outside(f1) && c1 < 1.0 + 1e-6 && outside(c0) {
         let rule = format!(
             "the slab is reversed: fine = {:?} must lie on the border to the region of '{fine}' alone, which is beyond \
              coarse = {to:?}, as that of '{coarse}' is beyond fine; exchange the two points",
-            from.as_slice()
+            from
         );
         return Err(key(format!("{path}.overlap.slab"), rule));
     }

@@ -1,5 +1,6 @@
 //! Model tables.
 
+use super::choice::choice;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -19,7 +20,7 @@ pub enum ModelKind {
 
 impl ModelKind {
     /// Whether it has elements with a strain.
-    pub fn is_solid(self) -> bool {
+    pub fn is_continuum(self) -> bool {
         matches!(self, Self::Fem | Self::Cnem)
     }
 }
@@ -40,6 +41,8 @@ pub struct ModelTable {
     pub divisions: Option<Vec<usize>>,
     /// What it is made of.
     pub material: Material,
+    /// How it steps between two reflections, where it is not to be chosen.
+    pub step: Option<OwnStepTable>,
     /// Choices of finite elements; read by `kind = "fem"` only.
     #[serde(default)]
     pub fem: FemTable,
@@ -49,6 +52,35 @@ pub struct ModelTable {
     /// Choices of particles; read by `kind = "dem"` only.
     #[serde(default)]
     pub dem: DemTable,
+}
+
+impl ModelTable {
+    /// Whether it has volume elements with a strain.
+    pub fn is_solid(&self) -> bool {
+        self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
+    }
+}
+
+/// How a model steps between two reflections: one of `ratio`, `fraction`, or the implicit scheme.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OwnStepTable {
+    /// Number of its own steps in a step of the run.
+    pub ratio: Option<usize>,
+    /// Longest own step in units of its own critical step.
+    pub fraction: Option<f64>,
+    /// The scheme.
+    pub scheme: Option<Scheme>,
+}
+
+/// Time stepping schemes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scheme {
+    /// Velocity Verlet.
+    Explicit,
+    /// Average acceleration, one step in each of the run; for solids.
+    Implicit,
 }
 
 /// The part of a model in its interfaces.
@@ -73,7 +105,7 @@ impl RoleKind {
 
 /// A body.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Shape {
     /// A box along the axes.
     Box {
@@ -103,6 +135,11 @@ pub enum Shape {
     /// A Gmsh mesh, or for particles also an STL surface; relative to the scene file.
     File(PathBuf),
 }
+
+choice!(
+    Shape,
+    "{ box = { low, high } }, { cylinder = { from, length, radius } }, { bar = { from, to, section } }, { file = path }"
+);
 
 impl Shape {
     /// Key of the variant.
