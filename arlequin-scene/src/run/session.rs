@@ -8,7 +8,7 @@ use crate::output::Frames;
 use crate::output::packing::PackingLine;
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::scene::Scene;
-use crate::setup::{PhaseTime, Bounds, Built, ParticlesWithoutContact};
+use crate::setup::{Bounds, Built, ParticlesWithoutContact, PhaseTime};
 use crate::wake::Stage;
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::SharedLog;
