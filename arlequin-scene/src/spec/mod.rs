@@ -15,8 +15,8 @@ pub use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
 };
 pub use model::{
-    CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelKind, ModelTable, NotchBox,
-    ParticleFieldKind, Protocol, RoleKind, Shape,
+    CnemTable, DemTable, Element, Functions, Hole, LooseKind, Masses, Material, ModelKind, ModelTable,
+    NotchBox, ParticleFieldKind, Protocol, RoleKind, Shape,
 };
 pub use wake::{Near, Wake};
 

@@ -81,6 +81,8 @@ pub enum Shape {
         low: [f64; 3],
         /// Highest corner \[m\].
         high: [f64; 3],
+        /// What is left out of it.
+        hole: Option<Hole>,
     },
     /// A circular cylinder along x.
     Cylinder {
@@ -102,6 +104,16 @@ pub enum Shape {
     },
     /// A Gmsh mesh, or for particles also an STL surface; relative to the scene file.
     File(PathBuf),
+}
+
+/// A box left out of a box.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hole {
+    /// Lowest corner \[m\].
+    pub low: [f64; 3],
+    /// Highest corner \[m\].
+    pub high: [f64; 3],
 }
 
 impl Shape {
