@@ -78,7 +78,7 @@ component = "x"
 }
 
 /// Words of `two-bodies.toml`, what a mistake makes of them, what is said of it.
-const MISTAKES: [(&str, &str, &str); 15] = [
+const MISTAKES: [(&str, &str, &str); 16] = [
     (
         "where = \"z-min\"",
         "where = \"bottom\"",
