@@ -201,7 +201,15 @@ impl Scene {
     /// # Errors
     /// What is wrong with the scene: the key, its value, the limit and a way out.
     pub fn prepare(&self) -> Result<Prepared> {
-        Prepared::new(self)
+        self.prepare_with(&mut |_| ())
+    }
+
+    /// The same; `tell` hears of every phase of the set-up as it begins, in words.
+    ///
+    /// # Errors
+    /// Those of [`Self::prepare`].
+    pub fn prepare_with(&self, tell: &mut dyn FnMut(&str)) -> Result<Prepared> {
+        Prepared::new(self, tell)
     }
 }
 

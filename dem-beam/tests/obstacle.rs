@@ -113,11 +113,11 @@ fn a_free_ball_turns_and_keeps_the_angular_momentum() {
         assert!(lost[0] < 1e-12 && lost[1] < 1e-12, "{lost:?}");
         assert!(gone > 0.0 && gone < 1.0 && drift < 1e-10, "{gone} {drift}");
     }
-    let rough = ContactLaw {
+    let elastic = ContactLaw {
         friction: 0.3,
         ..ContactLaw::elastic(E)
     };
-    let stroke = Stroke::of(rough, None);
+    let stroke = Stroke::of(elastic, None);
     let (spin, lost, gone) = (stroke.spin().norm(), stroke.lost(), stroke.gone());
     // Without dashpots friction alone takes energy.
     assert!(

@@ -2,7 +2,7 @@
 
 use super::packing::PackingLine;
 use crate::recorder::{PhaseClock, Recorder};
-use crate::setup::{ParticlesWithoutContact, ProbeReader};
+use crate::setup::{ParticlesWithoutContact, PhaseTime, ProbeReader};
 use crate::spectrum;
 use arlequin::core::effect::EffectLine;
 use arlequin::core::{Arms, BodyMomentum, Claim, Coupled, OwnStep, Subdomain};
@@ -150,6 +150,8 @@ pub struct ModelLine {
 pub struct WallSeconds {
     /// Reading, meshing, factoring.
     pub setup: f64,
+    /// Parts of `setup`, in order.
+    pub setup_phases: Vec<PhaseTime>,
     /// Steps without output.
     pub stepping: f64,
     /// Probes, frames, plots.

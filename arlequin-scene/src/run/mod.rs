@@ -147,12 +147,12 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    pub(crate) fn new(scene: &Scene) -> Result<Self> {
+    pub(crate) fn new(scene: &Scene, tell: &mut dyn FnMut(&str)) -> Result<Self> {
         let begin = Instant::now();
         let (asleep, built) = match &scene.spec().wake {
-            None => (None, setup::build(scene.spec(), scene.folder())?),
+            None => (None, setup::build_from(scene.spec(), scene.folder(), None, tell)?),
             Some(wake) => {
-                let (asleep, built) = wake::prepare(scene, wake)?;
+                let (asleep, built) = wake::prepare(scene, wake, tell)?;
                 (Some(asleep), built)
             }
         };
@@ -249,12 +249,12 @@ impl Resumed {
         let scene = saved.origin.scene()?;
         let mut prepared = match &saved.wake {
             Some(Stage::Awake { start, .. }) => Prepared {
-                built: setup::build_from(scene.spec(), scene.folder(), Some(start))?,
+                built: setup::build_from(scene.spec(), scene.folder(), Some(start), &mut |_| ())?,
                 asleep: None,
                 setup: 0.0,
                 scene,
             },
-            _ => Prepared::new(&scene)?,
+            _ => Prepared::new(&scene, &mut |_| ())?,
         };
         prepared.setup = begin.elapsed().as_secs_f64();
         Ok(Self {

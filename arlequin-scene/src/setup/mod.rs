@@ -1,11 +1,13 @@
 //! From the scene to a run that is ready to step.
 
 mod between;
+mod clock;
 mod drive;
 pub mod filling;
 mod grains;
 mod interface;
 mod kinds;
+mod mediator;
 mod mesh;
 mod natural;
 mod particles;
@@ -16,6 +18,7 @@ mod select;
 mod time;
 
 pub use between::ParticlesWithoutContact;
+pub use clock::PhaseTime;
 pub use drive::{effect_models, model_index};
 pub use grains::cut;
 pub use kinds::Body;
@@ -31,6 +34,7 @@ use arlequin::core::{
     Coupled, Elastic, Guard, Interpolation, Partition, Parts, Subdomain, Weighting, Weights,
 };
 use arlequin::dem_beam::fracture::SharedLog;
+use clock::SetupClock;
 use drive::Attachments;
 use interface::BuiltInterface;
 pub(crate) use interface::stations;
@@ -110,19 +114,28 @@ pub struct Built {
     pub warnings: Vec<String>,
     /// What the motion is held against.
     pub bounds: Bounds,
+    /// Where the time of the set-up went, in order.
+    pub phases: Vec<PhaseTime>,
 }
 
 /// Builds everything a scene asks for.
 pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
-    build_from(scene, folder, None)
+    build_from(scene, folder, None, &mut |_| ())
 }
 
-/// The same with a state of its own to start from.
-pub fn build_from(scene: &SceneSpec, folder: &Path, start: Option<&Start>) -> Result<Built> {
+/// The same with a state of its own to start from; `tell` hears of every phase as it begins.
+pub fn build_from(
+    scene: &SceneSpec,
+    folder: &Path,
+    start: Option<&Start>,
+    tell: &mut dyn FnMut(&str),
+) -> Result<Built> {
+    let mut clock = SetupClock::new(tell);
     check_numbers(scene)?;
     check_names(scene)?;
     precheck::scene(scene, folder)?;
-    let mut bodies = bodies_of(scene, folder)?;
+    let mut bodies = bodies_of(scene, folder, &mut clock)?;
+    clock.begin("mediators, probes and effects".to_owned());
     let mut interfaces = interfaces_of(scene, &bodies, folder)?;
     let probes = scene.probe.iter();
     let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies));
@@ -152,7 +165,13 @@ pub fn build_from(scene: &SceneSpec, folder: &Path, start: Option<&Start>) -> Re
         interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
     };
-    let run = Coupled::of(parts, time::step(scene), Some(guard(scene))).map_err(located)?;
+    let names = [
+        scene.model.keys().cloned().collect(),
+        scene.interface.keys().cloned().collect(),
+    ];
+    let mut announce = |phase| clock.begin(clock::name(phase, &names));
+    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce);
+    let run = run.map_err(located)?;
     for i in run.interfaces().iter().map(|i| i.report()) {
         warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
     }
@@ -167,17 +186,20 @@ pub fn build_from(scene: &SceneSpec, folder: &Path, start: Option<&Start>) -> Re
         warnings,
         bounds,
         run,
+        phases: Vec::new(),
     };
+    clock.begin("plausibility of the scene".to_owned());
     let odd = plausible::warnings(scene, &built);
     built.warnings.extend(odd);
+    built.phases = clock.finish();
     Ok(built)
 }
 
-fn bodies_of(scene: &SceneSpec, folder: &Path) -> Result<Vec<Body>> {
+fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Result<Vec<Body>> {
     let effects = effects_by_model(scene)?;
     let tables = scene.model.iter().zip(&effects);
     tables
-        .map(|((name, table), e)| kinds::body(name, table, folder, e))
+        .map(|((name, table), e)| kinds::body(name, table, folder, e, clock))
         .collect()
 }
 
