@@ -193,7 +193,10 @@ impl<T: Real> Coupled<T> {
         observer.phase(Phase::Interface);
         for i in &self.interfaces {
             for (m, s) in i.sides.into_iter().enumerate() {
-                i.kick_again(m, self.subdomains[s].correctable().0);
+                // A guest has had its share.
+                if !self.subdomains[s].is_guest() {
+                    i.kick_again(m, self.subdomains[s].correctable().0);
+                }
             }
         }
         self.own_steps_of_all(draw, &mut |phase| observer.phase(phase))?;
@@ -203,6 +206,9 @@ impl<T: Real> Coupled<T> {
             let [coarse, fine] = i.sides;
             let [(v, p), (w, q)] = pair(&mut self.subdomains, coarse, fine).map(Subdomain::correctable);
             i.reflect([v, w], [p, q]);
+            for (m, s) in i.sides.into_iter().enumerate() {
+                self.subdomains[s].hand_over(i, m)?;
+            }
         }
         self.step += 1;
         self.time = self.instant(0);
