@@ -251,13 +251,13 @@ impl<T: Real> Coupled<T> {
         for i in &mut self.interfaces {
             let [coarse, fine] = i.sides;
             let mut sides = pair(&mut self.subdomains, coarse, fine);
-            let [(c, p), (d, q)] = sides.each_mut().map(|s| s.correctable());
-            i.project([&mut c.v, &mut d.v], [p, q], T::one() / half);
-            i.accelerate(0, p, &mut c.a);
-            i.accelerate(1, q, &mut d.a);
+            let [(c, _), (d, _)] = sides.each_mut().map(|s| s.correctable());
+            i.reflect([&mut c.v, &mut d.v]);
+            i.accelerate(0, T::one() / half, &mut c.a);
+            i.accelerate(1, T::one() / half, &mut d.a);
             for (m, s) in sides.into_iter().enumerate() {
                 if let Some(force) = s.force_on_moving_supports() {
-                    i.add_force(m, force);
+                    i.add_force(m, T::one(), force);
                 }
             }
         }

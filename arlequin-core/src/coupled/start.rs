@@ -32,9 +32,10 @@ impl<T: Real> Coupled<T> {
         let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         for i in &mut self.interfaces {
             let [coarse, fine] = i.sides;
-            let [(c, p), (d, q)] = pair(&mut self.subdomains, coarse, fine).map(Subdomain::correctable);
-            i.project([&mut c.v, &mut d.v], [p, q], T::zero());
-            i.project([&mut c.a, &mut d.a], [p, q], T::one());
+            let [(c, _), (d, _)] = pair(&mut self.subdomains, coarse, fine).map(Subdomain::correctable);
+            i.pace(self.dt);
+            i.reflect([&mut c.v, &mut d.v]);
+            i.reflect([&mut c.a, &mut d.a]);
         }
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
@@ -76,9 +77,9 @@ fn close<T: Real>(i: &mut Interface<T>, [c, d]: [&mut Subdomain<T>; 2], work: &m
             limit: i.start_jump.as_f64(),
         });
     }
-    let [(c, m), (d, n)] = [c, d].map(Subdomain::correctable);
+    let [(c, _), (d, _)] = [c, d].map(Subdomain::correctable);
     let before = [c.q.clone(), d.q.clone()];
-    i.project([&mut c.q, &mut d.q], [m, n], T::zero());
+    i.reflect([&mut c.q, &mut d.q]);
     let moved = |now: &[T], before: &[T]| {
         let all = now.iter().zip(before);
         all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))

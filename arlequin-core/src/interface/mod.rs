@@ -5,15 +5,17 @@
 //!
 //! ```text
 //! constraint   B_C u̇ − B_D ḋ = 0
-//! operator     S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ,     A = Δt/2 S
-//! correction   A λ = B_C u̇* − B_D ḋ*,   u̇ = u̇* − Δt/2 M_C⁻¹ B_Cᵀ λ,   ḋ = ḋ* + Δt/2 M_D⁻¹ B_Dᵀ λ
+//! operator     S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ
+//! projection   S μ = B_C u̇* − B_D ḋ*,   u̇ = u̇* − M_C⁻¹ B_Cᵀ μ,   ḋ = ḋ* + M_D⁻¹ B_Dᵀ μ,   λ = 2 μ/ΔT
 //! ```
 //!
-//! `S` does not depend on the step: it is factored once.
+//! Velocities at the instant are the projected ones; the change is added a second time at the start of the next step, which makes
+//! the two a reflection. `S` does not depend on the step: it is factored once.
 
 mod assembly;
 mod operator;
 mod sums;
+mod transfer;
 
 pub use assembly::Sampling;
 pub use operator::NullMode;
@@ -29,6 +31,7 @@ use nalgebra::Point3;
 use operator::Operator;
 use sprs::{CsMat, TriMat};
 use std::sync::Arc;
+use transfer::Transfer;
 
 /// Warp of hexahedra, relative to their lengths, from which a user should know of it.
 const WARP: f64 = 1e-6;
@@ -195,28 +198,6 @@ impl<T: Real> Coupling<T> {
         }
         all.to_csr()
     }
-
-    /// `out += sign · B v`.
-    pub(crate) fn gather(&self, sign: T, v: &[T], out: &mut [T]) {
-        let d = self.shared;
-        for (i, row) in self.matrix.outer_iterator().enumerate() {
-            for (j, b) in row.iter() {
-                let b = sign * *b;
-                (0..d).for_each(|c| out[i * d + c] += b * v[j * d + c]);
-            }
-        }
-    }
-
-    /// `out += sign · diag(scale) Bᵀ λ`.
-    pub(crate) fn scatter(&self, sign: T, lambda: &[T], scale: &[T], out: &mut [T]) {
-        let d = self.shared;
-        for (i, row) in self.matrix.outer_iterator().enumerate() {
-            for (j, b) in row.iter() {
-                let b = sign * *b;
-                (0..d).for_each(|c| out[j * d + c] += scale[j * d + c] * b * lambda[i * d + c]);
-            }
-        }
-    }
 }
 
 /// A ready interface between a coarse and a fine subdomain.
@@ -225,9 +206,13 @@ pub struct Interface<T: Real> {
     /// Subdomains: coarse, fine.
     pub(crate) sides: [usize; 2],
     /// Coupling matrices: coarse, fine.
-    pub(crate) coupling: [Coupling<T>; 2],
+    pub(crate) coupling: [Transfer<T>; 2],
     operator: Operator<T>,
     pub(crate) lambda: Vec<T>,
+    /// `μ` of half a reflection.
+    impulse: Vec<T>,
+    /// `λ = rate μ`.
+    rate: T,
     pub(crate) report: InterfaceReport,
     pub(crate) start_jump: T,
     components: usize,
@@ -237,7 +222,7 @@ pub struct Interface<T: Real> {
 impl<T: Real> Interface<T> {
     /// Whether each component of a multiplier acts on that component alone.
     pub(crate) fn splits(&self) -> bool {
-        self.components == 1 || self.coupling[0].shared == self.components
+        self.components == 1 || self.coupling[0].shared() == self.components
     }
 
     /// Builds the coupling matrices of a mediator between two sides (coarse first) and factors the operator.
@@ -268,7 +253,9 @@ impl<T: Real> Interface<T> {
         let inverse = [sides[0].inverse_inertia, sides[1].inverse_inertia];
         let operator = Operator::new(spec, &built.coupling, inverse, components)?;
         let size = built.coupling[0].matrix.rows() * built.coupling[0].shared;
-        let coupled_nodes = [0, 1].map(|m| coupled_nodes(&built.coupling[m], components).len());
+        let signs = [-T::one(), T::one()];
+        let coupling = [0, 1].map(|m| Transfer::new(&built.coupling[m], signs[m], inverse[m]));
+        let coupled_nodes = [0, 1].map(|m| coupled_nodes(&coupling[m], components).len());
         let mut report = InterfaceReport {
             name: spec.name.clone(),
             junction: spec.junction.name(),
@@ -278,7 +265,7 @@ impl<T: Real> Interface<T> {
             measure: built.measure.as_f64(),
             coupled_nodes,
             momentum_defect: built.momentum_defect.as_f64(),
-            nonzeros: built.coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>() + operator.nonzeros(),
+            nonzeros: coupling.iter().map(Transfer::nonzeros).sum::<usize>() + operator.nonzeros(),
             null_modes: operator.null_modes.clone(),
             degree: built.degree,
             outside: 0.0,
@@ -301,9 +288,11 @@ impl<T: Real> Interface<T> {
         }
         Ok(Self {
             sides: [spec.coarse, spec.fine],
-            coupling: built.coupling,
+            coupling,
             operator,
             lambda: vec![T::zero(); size],
+            impulse: vec![T::zero(); size],
+            rate: T::zero(),
             report,
             start_jump: spec.options.start_jump,
             components,
@@ -330,13 +319,13 @@ impl<T: Real> Interface<T> {
     /// interleaved \[m³ for L2\]. The constraint is `B_C u̇ − B_D ḋ = 0`. Expanded from the stored matrix at every call;
     /// `None` for a side above 1.
     pub fn coupling_matrix(&self, side: usize) -> Option<CsMat<T>> {
-        self.coupling.get(side).map(Coupling::expanded)
+        self.coupling.get(side).map(|c| c.matrix().expanded())
     }
 
     /// `S = Σ_m B_m diag(inverse_m) B_mᵀ` for given inverse inertias.
     pub(crate) fn operator_matrix(&self, inverse: [&[T]; 2]) -> CsMat<T> {
         let coupling = self.coupling.each_ref().map(|c| Coupling {
-            matrix: c.expanded(),
+            matrix: c.matrix().expanded(),
             shared: 1,
         });
         operator::operator(&coupling, &inverse.map(<[T]>::to_vec))
@@ -352,40 +341,72 @@ impl<T: Real> Interface<T> {
         self.components
     }
 
-    /// Solves `S μ = B_C x_C − B_D x_D`, stores `scale · μ` as multipliers and corrects
-    /// `x_C −= M_C⁻¹ B_Cᵀ μ`, `x_D += M_D⁻¹ B_Dᵀ μ`.
-    pub(crate) fn project(&mut self, x: [&mut [T]; 2], inverse: [&[T]; 2], scale: T) {
-        let [coarse, fine] = x;
-        self.lambda.fill(T::zero());
-        self.coupling[0].gather(T::one(), coarse, &mut self.lambda);
-        self.coupling[1].gather(-T::one(), fine, &mut self.lambda);
-        self.operator.solve(&mut self.lambda);
-        self.coupling[0].scatter(-T::one(), &self.lambda, inverse[0], coarse);
-        self.coupling[1].scatter(T::one(), &self.lambda, inverse[1], fine);
-        self.lambda.iter_mut().for_each(|l| *l *= scale);
-    }
-
-    /// Adds what the multipliers do to the acceleration of one side, `−M⁻¹ B_Cᵀ λ` or `M⁻¹ B_Dᵀ λ`.
-    pub(crate) fn accelerate(&self, side: usize, inverse_inertia: &[T], a: &mut [T]) {
-        let sign = if side == 0 { -T::one() } else { T::one() };
-        self.coupling[side].scatter(sign, &self.lambda, inverse_inertia, a);
-    }
-
-    /// Adds the coupling force of one side, `−C_C λ` or `c_D λ` \[N\].
-    pub(crate) fn add_force(&self, side: usize, force: &mut [T]) {
-        let d = self.coupling[side].shared;
-        let sign = if side == 0 { -T::one() } else { T::one() };
-        for (v, (i, j)) in self.coupling[side].matrix.iter() {
-            (0..d).for_each(|c| force[j * d + c] += sign * *v * self.lambda[i * d + c]);
+    /// Solves `S μ = B_C x_C − B_D x_D` and keeps `scale μ` with what it changes,
+    /// `δ_C = −scale M_C⁻¹ B_Cᵀ μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`.
+    pub(crate) fn find(&mut self, x: [&[T]; 2], scale: T) {
+        self.coupling.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
+        transfer::local_jump(self.coupling.each_ref(), &mut self.impulse);
+        self.operator.solve(&mut self.impulse);
+        if scale != T::one() {
+            self.impulse.iter_mut().for_each(|m| *m *= scale);
         }
+        self.spread();
+    }
+
+    /// `v += δ` on one side.
+    pub(crate) fn kick_again(&self, side: usize, v: &mut [T]) {
+        self.coupling[side].kick(v);
+    }
+
+    /// First half of the reflection `v ← (I − 2P) v`: finds what takes the jump out of the velocities, takes it out and
+    /// keeps it for the second half, [`Self::kick_again`], with which the next step begins.
+    pub(crate) fn reflect(&mut self, v: [&mut [T]; 2]) {
+        let [coarse, fine] = v;
+        self.find([coarse, fine], T::one());
+        self.kick_again(0, coarse);
+        self.kick_again(1, fine);
+    }
+
+    /// `a += rate δ` on one side.
+    pub(crate) fn accelerate(&mut self, side: usize, rate: T, a: &mut [T]) {
+        self.coupling[side].kick_scaled(rate, a);
+    }
+
+    /// Impulses `μ` of half a reflection; `λ = 2 μ/ΔT`.
+    pub(crate) fn impulse(&self) -> &[T] {
+        &self.impulse
+    }
+
+    /// Goes back to the impulses of another instant, and to what they change.
+    pub(crate) fn restore(&mut self, impulse: &[T]) {
+        self.impulse.copy_from_slice(impulse);
+        self.spread();
+    }
+
+    /// `δ` of both sides and `λ` from the impulses.
+    fn spread(&mut self) {
+        for (l, m) in self.lambda.iter_mut().zip(&self.impulse) {
+            *l = *m * self.rate;
+        }
+        self.coupling.iter_mut().for_each(|c| c.spread(&self.impulse));
+    }
+
+    /// Sets the length of the steps between reflections \[s\], to which multipliers refer.
+    pub(crate) fn pace(&mut self, step: T) {
+        self.rate = T::of(2.0) / step;
+    }
+
+    /// Adds the coupling force of one side, `−C_C λ` or `c_D λ` \[N\], times `scale`.
+    pub(crate) fn add_force(&self, side: usize, scale: T, force: &mut [T]) {
+        let sign = if side == 0 { -scale } else { scale };
+        self.coupling[side].add_force(sign, &self.lambda, force);
     }
 
     /// `λᵀ(B_C x_C − B_D x_D)` and the largest component of the jump divided by the multiplier's own measure.
     pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> (T, T) {
         work.clear();
         work.resize(self.lambda.len(), T::zero());
-        self.coupling[0].gather(T::one(), x[0], work);
-        self.coupling[1].gather(-T::one(), x[1], work);
+        transfer::jump(self.coupling.each_ref(), x, work);
         let power = dot(&self.lambda, work);
         let largest = work
             .iter()
@@ -402,19 +423,9 @@ impl<T: Real> Interface<T> {
 }
 
 /// Nodes a coupling matrix touches, ascending.
-pub(crate) fn coupled_nodes<T: Real>(coupling: &Coupling<T>, components: usize) -> Vec<usize> {
-    let per_column = if coupling.shared > 1 || components == 1 {
-        1
-    } else {
-        components
-    };
-    let mut nodes: Vec<usize> = coupling
-        .matrix
-        .iter()
-        .filter(|(v, _)| **v != T::zero())
-        .map(|(_, (_, col))| col / per_column)
-        .collect();
-    nodes.sort_unstable();
+pub(crate) fn coupled_nodes<T: Real>(coupling: &Transfer<T>, components: usize) -> Vec<usize> {
+    let per_column = components / coupling.shared();
+    let mut nodes: Vec<usize> = (coupling.coupled().iter().map(|j| *j as usize / per_column)).collect();
     nodes.dedup();
     nodes
 }

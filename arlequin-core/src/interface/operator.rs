@@ -37,10 +37,11 @@ enum Block<T: Real> {
 
 #[derive(Debug)]
 pub(super) struct Operator<T: Real> {
-    blocks: Vec<Block<T>>,
-    /// Block that serves each component.
-    serves: Vec<usize>,
-    gather: Vec<T>,
+    /// Blocks, each with the components that it serves.
+    blocks: Vec<(Block<T>, Vec<usize>)>,
+    /// Right-hand sides of one block, one after another.
+    columns: Vec<T>,
+    shared: usize,
     pub(super) condition: T,
     pub(super) null_modes: Vec<NullMode>,
     /// `Σ_j |B_C,ij|` per multiplier unknown: turns a constraint residual into a velocity.
@@ -62,7 +63,7 @@ impl<T: Real> Operator<T> {
     ) -> Result<Self> {
         let shared = coupling[0].shared;
         let rows = coupling[0].matrix.rows();
-        let (mut blocks, mut serves, mut null_modes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut blocks, mut null_modes) = (Vec::<(Block<T>, Vec<usize>)>::new(), Vec::new());
         let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
         let mut condition = T::one();
         let mut seen: Vec<[Vec<T>; 2]> = Vec::new();
@@ -75,7 +76,7 @@ impl<T: Real> Operator<T> {
             let weights = [pick(0), pick(1)];
             let known = seen.iter().position(|w| same_on_coupled(coupling, w, &weights));
             if let Some(k) = known {
-                serves.push(k);
+                blocks[k].1.push(c);
                 let repeated: Vec<NullMode> = modes_of[k].clone();
                 null_modes.extend(repeated);
                 continue;
@@ -87,10 +88,9 @@ impl<T: Real> Operator<T> {
                 factor(spec, &s, components / shared)?
             };
             condition = condition.max(outcome.condition);
-            serves.push(blocks.len());
             null_modes.extend(outcome.null_modes.iter().cloned());
             modes_of.push(outcome.null_modes);
-            blocks.push(outcome.block);
+            blocks.push((outcome.block, vec![c]));
             seen.push(weights);
         }
         if null_modes.len() == rows * shared {
@@ -108,8 +108,8 @@ impl<T: Real> Operator<T> {
         let row_measure = (0..rows * shared).map(|k| measure(k / shared)).collect();
         Ok(Self {
             blocks,
-            serves,
-            gather: vec![T::zero(); rows],
+            columns: vec![T::zero(); rows * shared],
+            shared,
             condition,
             null_modes,
             row_measure,
@@ -126,24 +126,41 @@ impl<T: Real> Operator<T> {
             Block::Modes { modes, .. } => modes.len(),
             Block::Diagonal { inverse } => inverse.len(),
         };
-        self.blocks.iter().map(count).sum()
+        self.blocks.iter().map(|(b, _)| count(b)).sum()
     }
 
     /// `b ← S⁻¹ b`, components interleaved.
     pub(super) fn solve(&mut self, b: &mut [T]) {
-        let d = self.serves.len();
-        for c in 0..d {
-            let n = self.gather.len();
-            (0..n).for_each(|i| self.gather[i] = b[i * d + c]);
-            self.blocks[self.serves[c]].solve(&mut self.gather);
-            (0..n).for_each(|i| b[i * d + c] = self.gather[i]);
+        let d = self.shared;
+        let n = b.len() / d;
+        for (block, components) in &mut self.blocks {
+            let columns = &mut self.columns[..n * components.len()];
+            for (column, c) in columns.chunks_exact_mut(n).zip(&*components) {
+                column
+                    .iter_mut()
+                    .zip(b[*c..].iter().step_by(d))
+                    .for_each(|(x, b)| *x = *b);
+            }
+            block.solve(columns, n);
+            for (column, c) in columns.chunks_exact(n).zip(&*components) {
+                b[*c..]
+                    .iter_mut()
+                    .step_by(d)
+                    .zip(column)
+                    .for_each(|(b, x)| *b = *x);
+            }
         }
     }
 }
 
 impl<T: Real> Block<T> {
-    fn solve(&mut self, b: &mut [T]) {
-        let scaled = |b: &mut [T], s: &[T]| b.iter_mut().zip(s).for_each(|(b, s)| *b *= *s);
+    /// Solves for right-hand sides of length `n`, one after another.
+    fn solve(&mut self, b: &mut [T], n: usize) {
+        let scaled = |b: &mut [T], s: &[T]| {
+            for b in b.chunks_exact_mut(n) {
+                b.iter_mut().zip(s).for_each(|(b, s)| *b *= *s);
+            }
+        };
         match self {
             Self::Diagonal { inverse } => scaled(b, inverse),
             Self::Factor { scale, factor } => {
@@ -153,12 +170,14 @@ impl<T: Real> Block<T> {
             }
             Self::Modes { scale, modes, work } => {
                 scaled(b, scale);
-                work.fill(T::zero());
-                for mode in modes.chunks_exact(b.len()) {
-                    let a = dot(mode, b);
-                    work.iter_mut().zip(mode).for_each(|(w, m)| *w += a * *m);
+                for b in b.chunks_exact_mut(n) {
+                    work.fill(T::zero());
+                    for mode in modes.chunks_exact(n) {
+                        let a = dot(mode, b);
+                        work.iter_mut().zip(mode).for_each(|(w, m)| *w += a * *m);
+                    }
+                    b.copy_from_slice(work);
                 }
-                b.copy_from_slice(work);
                 scaled(b, scale);
             }
         }
@@ -230,7 +249,7 @@ fn factor<T: Real>(spec: &InterfaceSpec<T>, s: &CsMat<T>, per_node: usize) -> Re
         let range = extremes(&scaled, &mut |b| factor.solve(b));
         if range[0] > range[1] * spec.options.rank_tolerance {
             let mut block = Block::Factor { scale, factor };
-            let [low, high] = extremes(s, &mut |b| block.solve(b));
+            let [low, high] = extremes(s, &mut |b| block.solve(b, s.rows()));
             return Ok(Outcome {
                 block,
                 condition: high / low,
