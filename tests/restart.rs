@@ -24,7 +24,7 @@ use support::solid::{self, bodies, couple, mediator};
 fn same_ledger(build: impl Fn() -> Coupled<f64>, [first, then]: [usize; 2]) -> Coupled<f64> {
     let mut whole = build();
     whole.run(first, &mut Silent).unwrap();
-    let saved = whole.snapshot();
+    let saved = whole.snapshot().unwrap();
     let mut again = build();
     again.restore(&saved).unwrap();
     let figures = |run: &Coupled<f64>| {

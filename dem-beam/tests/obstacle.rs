@@ -180,7 +180,7 @@ fn a_stroke_goes_on_with_the_same_bits() {
         first.run(cut, &mut Silent).unwrap();
         let mut second = build();
         second.run(33, &mut Silent).unwrap();
-        second.restore(&first.snapshot()).unwrap();
+        second.restore(&first.snapshot().unwrap()).unwrap();
         second.run(600 - cut, &mut Silent).unwrap();
         assert!(bits(&whole) == bits(&second), "cut at {cut}");
     }

@@ -1,6 +1,9 @@
 //! Building a coupled run: checks, operators, consistent start.
 
-use super::{Coupled, Ledger, motions, pairs, partition, tie};
+use super::own_steps::{Held, Lockstep};
+use super::{Coupled, Ledger, motions, pace, pairs, partition, tie};
+#[cfg(doc)]
+use crate::OwnStep;
 use crate::effect::PairSpec;
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
@@ -8,14 +11,19 @@ use crate::subdomain::Subdomain;
 use crate::weight::Weighting;
 use crate::{Error, Real, Result};
 
-/// How the time step is chosen.
+/// How the step of a run is chosen: the time between two reflections, in which each participant makes its own steps
+/// ([`OwnStep`]).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeStep<T> {
-    /// In seconds; refused above the critical step.
+    /// In seconds; refused where an own step exceeds the critical one of its participant.
     Seconds(T),
-    /// As a share of the critical step, below one.
+    /// The longest one of which every own step is at most this share, below one, of the critical one of its participant.
     Fraction(T),
-    /// In seconds, whatever the critical step: for studies of stability.
+    /// The finest participant at this share, below one, of its critical step; the step of the run is as many of these, up to
+    /// five, as one that takes half of the largest critical step has room for. Participants that ask for nothing
+    /// ([`OwnStep::Same`]) make as many own steps as they need.
+    Chosen(T),
+    /// In seconds, whatever the critical steps: for studies of stability.
     Unchecked(T),
 }
 
@@ -62,9 +70,11 @@ impl<T: Real> Guard<T> {
 pub struct Plan {
     /// Name, kind, nodes, unknowns and critical step \[s\] of every model.
     pub models: Vec<(String, String, usize, usize, f64)>,
-    /// Chosen step \[s\].
+    /// Own steps of every model in a step of the run.
+    pub own_steps: Vec<usize>,
+    /// Step of the run \[s\].
     pub dt: f64,
-    /// Largest stable step \[s\].
+    /// Smallest critical step of a model \[s\].
     pub critical_dt: f64,
     /// Interfaces.
     pub interfaces: Vec<InterfaceReport>,
@@ -153,14 +163,22 @@ impl<T: Real> Coupled<T> {
         for (k, s) in subdomains.iter_mut().enumerate() {
             critical.push(s.critical_step(&pairs::demands(&pairs, k))?);
         }
-        let dt = choose_step(step, &critical, &subdomains)?;
+        let between: Vec<_> = pairs.iter().map(|p| p.sides).collect();
+        let lockstep = Lockstep::of(subdomains.len(), &between);
+        let pace = pace::choose(step, &critical, &subdomains, &lockstep)?;
+        for (s, steps) in subdomains.iter_mut().zip(pace.steps) {
+            s.set_pace(pace.dt, steps);
+        }
+        let held = built.iter().map(|i| Held::new(i, &subdomains)).collect();
         let guard = checked_guard(guard, &subdomains)?;
         let mut run = Self {
             subdomains,
             interfaces: built,
+            held,
+            lockstep,
             pairs,
             critical,
-            dt,
+            dt: pace.dt,
             time: start,
             start_time: start,
             step: 0,
@@ -190,6 +208,7 @@ impl<T: Real> Coupled<T> {
         let effects = self.effects().into_iter().map(|e| e.name).collect();
         Plan {
             models: models.collect(),
+            own_steps: self.subdomains.iter().map(Subdomain::own_steps).collect(),
             dt: self.dt.as_f64(),
             critical_dt: self.critical.iter().fold(f64::INFINITY, |a, b| a.min(b.as_f64())),
             interfaces: self.interfaces.iter().map(|i| i.report().clone()).collect(),
@@ -235,36 +254,6 @@ fn checked_guard<T: Real>(given: Option<Guard<T>>, subdomains: &[Subdomain<T>]) 
         ));
     }
     Ok(guard)
-}
-
-fn choose_step<T: Real>(step: TimeStep<T>, critical: &[T], subdomains: &[Subdomain<T>]) -> Result<T> {
-    let (k, limit) = critical
-        .iter()
-        .enumerate()
-        .fold((0, critical[0]), |a, (k, c)| if *c < a.1 { (k, *c) } else { a });
-    match step {
-        TimeStep::Fraction(f) if f > T::zero() && f < T::one() => Ok(limit * f),
-        TimeStep::Fraction(f) => Err(invalid(
-            "fraction of the critical step",
-            f,
-            "must be above 0 and below 1",
-        )),
-        TimeStep::Seconds(dt) if dt.is_finite() && dt > T::zero() => {
-            if dt > limit {
-                let model = subdomains[k].model().name().to_owned();
-                return Err(Error::UnstableStep {
-                    dt: dt.as_f64(),
-                    critical: limit.as_f64(),
-                    model,
-                });
-            }
-            Ok(dt)
-        }
-        TimeStep::Unchecked(dt) if dt.is_finite() && dt > T::zero() => Ok(dt),
-        TimeStep::Seconds(dt) | TimeStep::Unchecked(dt) => {
-            Err(invalid("time step", dt, "must be positive and finite"))
-        }
-    }
 }
 
 /// Interfaces are solved one after the other, which is exact only if no node belongs to two of them.

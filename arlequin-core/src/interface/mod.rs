@@ -14,6 +14,7 @@
 
 mod assembly;
 mod operator;
+mod rows;
 mod sums;
 mod transfer;
 
@@ -211,6 +212,9 @@ pub struct Interface<T: Real> {
     pub(crate) lambda: Vec<T>,
     /// `μ` of half a reflection.
     impulse: Vec<T>,
+    /// `b = B_C v_C − B_D v_D` before the last kick.
+    jump: Vec<T>,
+    power: T,
     /// `λ = rate μ`.
     rate: T,
     pub(crate) report: InterfaceReport,
@@ -292,6 +296,8 @@ impl<T: Real> Interface<T> {
             operator,
             lambda: vec![T::zero(); size],
             impulse: vec![T::zero(); size],
+            jump: vec![T::zero(); size],
+            power: T::zero(),
             rate: T::zero(),
             report,
             start_jump: spec.options.start_jump,
@@ -346,11 +352,13 @@ impl<T: Real> Interface<T> {
     pub(crate) fn find(&mut self, x: [&[T]; 2], scale: T) {
         self.coupling.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
         transfer::local_jump(self.coupling.each_ref(), &mut self.impulse);
+        self.jump.copy_from_slice(&self.impulse);
         self.operator.solve(&mut self.impulse);
-        if scale != T::one() {
-            self.impulse.iter_mut().for_each(|m| *m *= scale);
-        }
+        self.impulse.iter_mut().for_each(|m| *m *= scale);
         self.spread();
+        // μᵀ(b − S μ), as B v = b − S μ after the kick.
+        let spent: T = self.coupling.iter().map(Transfer::twice_kinetic).sum();
+        self.power = self.rate * (dot(&self.jump, &self.impulse) - spent);
     }
 
     /// `v += δ` on one side.
@@ -365,11 +373,6 @@ impl<T: Real> Interface<T> {
         self.find([coarse, fine], T::one());
         self.kick_again(0, coarse);
         self.kick_again(1, fine);
-    }
-
-    /// `a += rate δ` on one side.
-    pub(crate) fn accelerate(&mut self, side: usize, rate: T, a: &mut [T]) {
-        self.coupling[side].kick_scaled(rate, a);
     }
 
     /// Impulses `μ` of half a reflection; `λ = 2 μ/ΔT`.
@@ -396,29 +399,20 @@ impl<T: Real> Interface<T> {
         self.rate = T::of(2.0) / step;
     }
 
-    /// Adds the coupling force of one side, `−C_C λ` or `c_D λ` \[N\], times `scale`.
-    pub(crate) fn add_force(&self, side: usize, scale: T, force: &mut [T]) {
-        let sign = if side == 0 { -scale } else { scale };
-        self.coupling[side].add_force(sign, &self.lambda, force);
+    /// `λᵀ(B_C v_C − B_D v_D)` \[W\] with the velocities that the last [`Self::reflect`] left: zero but for round-off where
+    /// the multipliers are solved for exactly or by Galerkin's condition.
+    pub(crate) fn power(&self) -> T {
+        self.power
     }
 
-    /// `λᵀ(B_C x_C − B_D x_D)` and the largest component of the jump divided by the multiplier's own measure.
-    pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> (T, T) {
+    /// Largest component of the jump `B_C x_C − B_D x_D` divided by the multiplier's own measure.
+    pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> T {
         work.clear();
         work.resize(self.lambda.len(), T::zero());
         transfer::jump(self.coupling.each_ref(), x, work);
-        let power = dot(&self.lambda, work);
-        let largest = work
-            .iter()
-            .zip(&self.operator.row_measure)
-            .fold(T::zero(), |m, (r, s)| {
-                m.max(if *s > T::zero() {
-                    (*r / *s).abs()
-                } else {
-                    T::zero()
-                })
-            });
-        (power, largest)
+        let measured = work.iter().zip(&self.operator.row_measure);
+        let measured = measured.filter(|(_, s)| **s > T::zero());
+        measured.fold(T::zero(), |m, (r, s)| m.max((*r / *s).abs()))
     }
 }
 

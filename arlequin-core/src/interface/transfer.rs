@@ -69,19 +69,20 @@ impl<T: Real> Rows<T> {
         even
     }
 
-    /// Calls `one` with every row of a range and its place in `out`, on several threads where that pays.
+    /// `out_k = one(k)` for a range of rows, on several threads where that pays.
     fn each<const N: usize>(
         &self,
         rows: Range<usize>,
         out: &mut [[T; N]],
-        one: &(dyn Fn(Range<usize>, &mut [[T; N]]) + Sync),
+        one: &(impl Fn(usize) -> [T; N] + Sync),
     ) {
         let entries = self.starts[rows.end] - self.starts[rows.start];
         if rows.len() < 2 || entries <= GRAIN || !parallel::pays(entries * N) {
-            return one(rows, out);
+            return rows.zip(out).for_each(|(k, out)| *out = one(k));
         }
-        let middle = rows.start + rows.len() / 2;
-        let (low, high) = out.split_at_mut(rows.len() / 2);
+        let half = rows.len() / 2;
+        let middle = rows.start + half;
+        let (low, high) = out.split_at_mut(half);
         rayon::join(
             || self.each(rows.start..middle, low, one),
             || self.each(middle..rows.end, high, one),
@@ -104,6 +105,8 @@ pub(crate) struct Transfer<T> {
     coupled: Vec<u32>,
     /// `∓M⁻¹` of the coupled columns, components interleaved; zero where motion is prescribed.
     mobility: Vec<T>,
+    /// `M` of the coupled columns; zero where motion is prescribed.
+    inertia: Vec<T>,
     /// Velocities of the coupled columns, then what multipliers change, `δ = ∓M⁻¹ Bᵀ μ`.
     local: Vec<T>,
 }
@@ -130,7 +133,10 @@ impl<T: Real> Transfer<T> {
             columns: matrix.cols(),
             gather: Rows::of(matrix.rows(), entries().map(|(i, j, v)| (i, place[j], v))),
             scatter: Rows::of(coupled.len(), turned.into_iter()),
-            mobility: mobility.map(|w| sign * *w).collect(),
+            mobility: mobility.clone().map(|w| sign * *w).collect(),
+            inertia: mobility
+                .map(|w| if *w > T::zero() { T::one() / *w } else { T::zero() })
+                .collect(),
             local: vec![T::zero(); coupled.len() * shared],
             coupled: coupled.into_iter().map(|j| j as u32).collect(),
         }
@@ -197,25 +203,22 @@ impl<T: Real> Transfer<T> {
         let ([multipliers, mobility], rows) =
             ([multipliers, &self.mobility].map(nodes::<T, N>), &self.scatter);
         let change = self.local.as_chunks_mut::<N>().0;
-        rows.each(0..change.len(), change, &|range, change| {
-            for (k, out) in range.zip(change) {
-                let sum = rows.times(k, |i| multipliers[i]);
-                (0..N).for_each(|c| out[c] = mobility[k][c] * sum[c]);
-            }
+        rows.each(0..change.len(), change, &|k| {
+            let mut sum = rows.times(k, |i| multipliers[i]);
+            (0..N).for_each(|c| sum[c] *= mobility[k][c]);
+            sum
         });
+    }
+
+    /// `δᵀ M δ`.
+    pub(super) fn twice_kinetic(&self) -> T {
+        let terms = |k: usize| self.inertia[k] * self.local[k] * self.local[k];
+        parallel::sum(self.local.len(), &|range| range.map(terms).sum())
     }
 
     /// `x += δ`.
     pub(super) fn kick(&self, x: &mut [T]) {
         self.add(&self.local, x);
-    }
-
-    /// `x += scale δ`.
-    pub(super) fn kick_scaled(&mut self, scale: T, x: &mut [T]) {
-        let mut change = std::mem::take(&mut self.local);
-        change.iter_mut().for_each(|d| *d *= scale);
-        self.add(&change, x);
-        self.local = change;
     }
 
     /// Adds a vector on the coupled columns.
@@ -296,9 +299,7 @@ fn rows_of<T: Real, const N: usize>(
     // Cut by the side with more entries.
     let [b, c] = sides.map(|s| &s.gather);
     let longer = if c.values.len() > b.values.len() { c } else { b };
-    longer.each(0..out.len(), out, &|range, out| {
-        range.zip(out).for_each(|(k, out)| *out = row(k));
-    });
+    longer.each(0..out.len(), out, row);
 }
 
 fn minus<T: Real, const N: usize>(mut a: [T; N], b: [T; N]) -> [T; N] {

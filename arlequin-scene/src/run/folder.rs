@@ -4,7 +4,7 @@ use super::session::Session;
 use super::summary::Status;
 use super::{End, Observer, Recorded, Results};
 use crate::checkpoint::{self, Checkpoint, Origin};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, core};
 use crate::output::summary::{self, Summary, WakeReport};
 use crate::output::{Folder, Place, json, put, tables};
 use crate::scene::Scene;
@@ -76,7 +76,7 @@ impl Session<'_> {
         Checkpoint {
             version: env!("CARGO_PKG_VERSION").into(),
             origin: keep.origin.clone(),
-            snapshot: self.run.snapshot(),
+            snapshot: self.run.snapshot().map_err(core("model"))?,
             records: self.recorder.records(),
             wake: self.stage.clone(),
         }
