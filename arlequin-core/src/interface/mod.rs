@@ -13,13 +13,16 @@
 //! the two a reflection. `S` does not depend on the step: it is factored once.
 
 mod assembly;
+mod gradients;
 mod operator;
+mod rank;
 mod rows;
 mod sums;
 mod transfer;
 
 pub use assembly::Sampling;
-pub use operator::NullMode;
+pub use operator::Solver;
+pub use rank::NullMode;
 
 use crate::field::Interpolation;
 use crate::junction::{Components, Junction, Needs};
@@ -27,7 +30,7 @@ use crate::mediator::Mediator;
 use crate::model::DofLayout;
 use crate::scalar::dot;
 use crate::weight::Weight;
-use crate::{Error, Real, Result};
+use crate::{Error, Real, Result, parallel};
 use nalgebra::Point3;
 use operator::Operator;
 use sprs::{CsMat, TriMat};
@@ -95,6 +98,8 @@ impl<T: Real> std::fmt::Debug for InterfaceSpec<T> {
 pub struct InterfaceOptions<T: Real> {
     /// How the junction integrals are sampled.
     pub sampling: Sampling,
+    /// How the multipliers are solved for.
+    pub solver: Solver<T>,
     /// Lump the multiplier operator to its row sums (L2 only). The constraint then holds only in the mean.
     pub lumped: bool,
     /// Eigenvalues of the scaled operator below this share of the largest count as zero.
@@ -113,6 +118,7 @@ impl<T: Real> Default for InterfaceOptions<T> {
         let rank_tolerance = T::of(1e-10).max(T::epsilon() * T::of(100.0));
         Self {
             sampling: Sampling::Intersection,
+            solver: Solver::Auto,
             lumped: false,
             rank_tolerance,
             start_jump: T::of(0.1),
@@ -151,8 +157,10 @@ pub struct InterfaceReport {
     pub junction: &'static str,
     /// Multiplier unknowns.
     pub multipliers: usize,
-    /// Independent ones.
+    /// Independent ones; all of them where it is not known (a warning says so).
     pub rank: usize,
+    /// How they are solved for: `factor`, `conjugate gradients`, these `on a factor` of independent multipliers, `lumped`.
+    pub solver: &'static str,
     /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
     pub condition: f64,
     /// Measure of the overlap \[m³\].
@@ -265,6 +273,7 @@ impl<T: Real> Interface<T> {
             junction: spec.junction.name(),
             multipliers: size,
             rank: size - operator.dropped(),
+            solver: operator.solver,
             condition: operator.condition.as_f64(),
             measure: built.measure.as_f64(),
             coupled_nodes,
@@ -279,6 +288,12 @@ impl<T: Real> Interface<T> {
             warnings: built.warnings,
         };
         report.warnings.extend(advice(&report, spec, components));
+        if !operator.ranked {
+            report.warnings.push(format!(
+                "{size} multiplier unknowns are too many to tell whether some are dependent; that costs no energy, but a mediator \
+                 finer than one of the models reflects long waves"
+            ));
+        }
         let warp = (sides.iter().map(|s| s.field.warp())).fold(spec.mediator.warp(), |m, w| m.max(w));
         if warp.as_f64() > WARP {
             report.warnings.push(format!(
@@ -337,6 +352,11 @@ impl<T: Real> Interface<T> {
         operator::operator(&coupling, &inverse.map(<[T]>::to_vec))
     }
 
+    /// Iterations that the last solve took; zero with a factor.
+    pub fn iterations(&self) -> usize {
+        self.operator.iterations()
+    }
+
     /// Mediator nodes \[m\].
     pub fn nodes(&self) -> &[Point3<T>] {
         &self.nodes
@@ -350,10 +370,19 @@ impl<T: Real> Interface<T> {
     /// Solves `S μ = B_C x_C − B_D x_D` and keeps `scale μ` with what it changes,
     /// `δ_C = −scale M_C⁻¹ B_Cᵀ μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`.
     pub(crate) fn find(&mut self, x: [&[T]; 2], scale: T) {
+        if parallel::pays(self.coupling.iter().map(Transfer::nonzeros).sum()) {
+            // One entry into the pool for all passes: each would cost a wake-up otherwise.
+            rayon::scope(|_| self.find_here(x, scale));
+        } else {
+            self.find_here(x, scale);
+        }
+    }
+
+    fn find_here(&mut self, x: [&[T]; 2], scale: T) {
         self.coupling.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
         transfer::local_jump(self.coupling.each_ref(), &mut self.impulse);
         self.jump.copy_from_slice(&self.impulse);
-        self.operator.solve(&mut self.impulse);
+        self.operator.solve(&mut self.impulse, &mut self.coupling);
         self.impulse.iter_mut().for_each(|m| *m *= scale);
         self.spread();
         // μᵀ(b − S μ), as B v = b − S μ after the kick.

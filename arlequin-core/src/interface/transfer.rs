@@ -15,7 +15,7 @@ const GRAIN: usize = 4_096;
 
 /// Sparse rows that are only read along.
 #[derive(Debug, Clone)]
-struct Rows<T> {
+pub(super) struct Rows<T> {
     starts: Vec<usize>,
     columns: Vec<u32>,
     values: Vec<T>,
@@ -23,7 +23,7 @@ struct Rows<T> {
 
 impl<T: Real> Rows<T> {
     /// `count` rows of entries that come row by row.
-    fn of(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
+    pub(super) fn of(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
         let (mut starts, mut columns, mut values) = (vec![0; count + 1], Vec::new(), Vec::new());
         for (row, column, value) in entries {
             starts[row + 1] += 1;
@@ -36,6 +36,17 @@ impl<T: Real> Rows<T> {
             columns,
             values,
         }
+    }
+
+    /// Stored entries.
+    pub(super) fn nonzeros(&self) -> usize {
+        self.values.len()
+    }
+
+    /// `out = A x`, with `N` components each.
+    pub(super) fn product<const N: usize>(&self, x: &[T], out: &mut [T]) {
+        let (x, out) = (nodes::<T, N>(x), out.as_chunks_mut::<N>().0);
+        self.each(0..out.len(), out, &|k| self.times(k, |j| x[j]));
     }
 
     fn count(&self) -> usize {
@@ -163,7 +174,7 @@ impl<T: Real> Transfer<T> {
 
     /// Stored entries of one direction.
     pub(super) fn nonzeros(&self) -> usize {
-        self.gather.values.len()
+        self.gather.nonzeros()
     }
 
     /// Coupled columns, ascending.
@@ -287,6 +298,15 @@ fn local_jump_of<T: Real, const N: usize>(sides: [&Transfer<T>; 2], out: &mut [T
     let [x, y] = sides.map(|s| nodes::<T, N>(&s.local));
     let [b, c] = sides.map(|s| &s.gather);
     rows_of(sides, out, &|k| minus(b.times(k, |j| x[j]), c.times(k, |j| y[j])));
+}
+
+/// `out = S p`; overwrites what the sides hold.
+pub(super) fn operator<T: Real>(sides: &mut [Transfer<T>; 2], p: &[T], out: &mut [T]) {
+    sides.iter_mut().for_each(|s| s.spread(p));
+    let [b, c] = &*sides;
+    // Kicks are opposed to the jump.
+    local_jump([b, c], out);
+    out.iter_mut().for_each(|x| *x = -*x);
 }
 
 /// One number of components per multiplier, on several threads where that pays.
