@@ -101,7 +101,7 @@ pub use model::{
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;
-pub use observer::{Observer, Phase, Silent, StepReport};
+pub use observer::{Observer, Phase, SetupPhase, Silent, StepReport};
 pub use overlap::{Overlap, Place, Primitive, Region, Shell, Slab};
 pub use participant::Participant;
 pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};

@@ -137,6 +137,12 @@ impl LinearBond {
         })
     }
 
+    /// From the first centre to the second \[m\].
+    #[must_use]
+    pub fn span(&self) -> Vector3<f64> {
+        self.axis / self.axis.norm_squared()
+    }
+
     /// Forces and torques the beam puts on its two particles.
     #[must_use]
     pub fn wrenches(&self, k: &BeamRigidity, i: &Twist, j: &Twist) -> (Twist, Twist) {

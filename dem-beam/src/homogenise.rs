@@ -99,7 +99,7 @@ fn respond(body: &BondedParticles, volume: f64, strain: &Matrix3<f64>) -> Result
     let rest = Twist::zero();
     let jump = |b: usize| {
         let bond = body.bonds()[b];
-        let d = bond.axis / bond.axis.norm_squared();
+        let d = bond.span();
         let across = Twist {
             linear: strain * d,
             ..rest

@@ -9,6 +9,7 @@
 
 use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 use crate::error::{Error, Result, finite, positive};
+use crate::kernel::span::Grid;
 use crate::packing::Packing;
 use crate::packing::cells::image;
 use arlequin_core::adjacency::Adjacency;
@@ -33,6 +34,9 @@ pub struct BondedParticles {
     mass: Vec<f64>,
     inertia: Vec<f64>,
     rigidity: BeamRigidity,
+    grid: Grid,
+    /// Whether centres and stiffnesses are those that the kernel sees.
+    rounded: bool,
     adjacency: OnceLock<Arc<Adjacency<[u32; 2]>>>,
 }
 
@@ -56,6 +60,8 @@ pub(crate) struct Contents<'a> {
     pub(crate) loose: bool,
     /// Edges of the periodic box \[m\].
     pub(crate) period: Option<[f64; 3]>,
+    /// Whether centres move to the kernel's grid and stiffnesses to its 24 bits, so that all of a model is one law.
+    pub(crate) rounded: bool,
 }
 
 impl BondedParticles {
@@ -91,6 +97,7 @@ impl BondedParticles {
             volumes: &volumes,
             loose: false,
             period,
+            rounded: false,
         };
         Self::with_volumes(positions, radii, pairs, matter.density, matter.beam, &contents)
     }
@@ -104,13 +111,15 @@ impl BondedParticles {
             volumes: &volumes,
             loose: packing.loose,
             period: packing.period,
+            // Images of a periodic box lie off any grid; no model is made of one.
+            rounded: packing.period.is_none(),
         };
         Self::with_volumes(x.clone(), r.clone(), pairs.clone(), density, beam, &contents)
     }
 
     /// Spheres that were checked, with the volume each stands for.
     pub(crate) fn with_volumes(
-        positions: Vec<Vector3<f64>>,
+        mut positions: Vec<Vector3<f64>>,
         radii: Vec<f64>,
         pairs: Vec<[u32; 2]>,
         density: f64,
@@ -131,6 +140,14 @@ impl BondedParticles {
             degree[i as usize] += 1;
             degree[j as usize] += 1;
         }
+        let longest = bonds.iter().map(|b| b.span().amax()).fold(0.0, f64::max);
+        let grid = Grid::for_bonds(longest);
+        if contents.rounded {
+            positions.iter_mut().for_each(|x| *x = grid.snap(x));
+            for (b, (bond, pair)) in bonds.iter_mut().zip(&pairs).enumerate() {
+                *bond = grid.rounded(&make_bond(b, *pair, &positions, &radii, contents.period)?);
+            }
+        }
         if let Some(particle) = degree.iter().position(|&d| d == 0 && !contents.loose) {
             let isolated = degree.iter().filter(|&&d| d == 0).count();
             return Err(Error::IsolatedParticle { particle, isolated });
@@ -147,6 +164,8 @@ impl BondedParticles {
             full_mass,
             inertia,
             rigidity,
+            grid,
+            rounded: contents.rounded,
             adjacency: OnceLock::new(),
         })
     }
@@ -166,6 +185,9 @@ impl BondedParticles {
         }
         for (bond, &w) in self.bonds.iter_mut().zip(weights) {
             bond.scale = w / bond.axis.norm();
+            if self.rounded {
+                *bond = self.grid.rounded(bond);
+            }
         }
         self.weights.copy_from_slice(weights);
         for (i, w) in self.mean_over_bonds(weights, |_| 1.0).into_iter().enumerate() {
@@ -255,6 +277,11 @@ impl BondedParticles {
     #[must_use]
     pub fn inertia(&self) -> &[f64] {
         &self.inertia
+    }
+
+    /// Where the kernel sees centres.
+    pub(crate) fn grid(&self) -> Grid {
+        self.grid
     }
 
     /// Other end and bond of each bond of a particle, sorted.

@@ -7,6 +7,7 @@ use crate::OwnStep;
 use crate::effect::PairSpec;
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
+use crate::phase::SetupPhase;
 use crate::subdomain::Subdomain;
 use crate::weight::Weighting;
 use crate::{Error, Real, Result};
@@ -124,6 +125,19 @@ impl<T: Real> Coupled<T> {
     /// Those of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for one between a subdomain and
     /// itself.
     pub fn of(parts: Parts<T>, step: TimeStep<T>, guard: Option<Guard<T>>) -> Result<Self> {
+        Self::announced(parts, step, guard, &mut |_| ())
+    }
+
+    /// The same; `announce` hears of each phase before it begins.
+    ///
+    /// # Errors
+    /// Those of [`Self::of`].
+    pub fn announced(
+        parts: Parts<T>,
+        step: TimeStep<T>,
+        guard: Option<Guard<T>>,
+        announce: &mut dyn FnMut(SetupPhase),
+    ) -> Result<Self> {
         let Parts {
             start,
             mut subdomains,
@@ -141,21 +155,14 @@ impl<T: Real> Coupled<T> {
             pairs::check(p, subdomains.len())?;
             p.sides.iter().for_each(|&s| paired[s] = true);
         }
-        for (s, paired) in subdomains.iter_mut().zip(paired) {
+        for (k, (s, paired)) in subdomains.iter_mut().zip(paired).enumerate() {
+            announce(SetupPhase::Weights(k));
             s.prepare(paired)?;
         }
+        announce(SetupPhase::Partition);
         let (partition, outside) = partition::check(&subdomains, &interfaces)?;
-        let mut built = Vec::with_capacity(interfaces.len());
-        for (spec, outside) in interfaces.iter().zip(outside) {
-            let sides = [
-                side(&subdomains, spec, spec.coarse)?,
-                side(&subdomains, spec, spec.fine)?,
-            ];
-            let mut interface = Interface::new(spec, sides)?;
-            interface.report.outside = outside?;
-            interface.report.tied = tie::tied(&interface, &subdomains);
-            built.push(interface);
-        }
+        let built = interfaces_of(&interfaces, outside, &subdomains, announce)?;
+        announce(SetupPhase::Step);
         built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
         check_disjoint(&built, &subdomains)?;
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
@@ -189,6 +196,7 @@ impl<T: Real> Coupled<T> {
             partition,
             work: Vec::new(),
         };
+        announce(SetupPhase::Start);
         run.start()?;
         Ok(run)
     }
@@ -215,6 +223,28 @@ impl<T: Real> Coupled<T> {
             effects,
         }
     }
+}
+
+/// The interfaces, each with what the check of the partition says of it.
+fn interfaces_of<T: Real>(
+    specs: &[InterfaceSpec<T>],
+    outside: Vec<Result<f64>>,
+    subdomains: &[Subdomain<T>],
+    announce: &mut dyn FnMut(SetupPhase),
+) -> Result<Vec<Interface<T>>> {
+    let mut built = Vec::with_capacity(specs.len());
+    for (k, (spec, outside)) in specs.iter().zip(outside).enumerate() {
+        let sides = [
+            side(subdomains, spec, spec.coarse)?,
+            side(subdomains, spec, spec.fine)?,
+        ];
+        announce(SetupPhase::Junction(k));
+        let mut interface = Interface::announced(spec, sides, &mut || announce(SetupPhase::Operator(k)))?;
+        interface.report.outside = outside?;
+        interface.report.tied = tie::tied(&interface, subdomains);
+        built.push(interface);
+    }
+    Ok(built)
 }
 
 fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize) -> Result<Side<'a, T>> {

@@ -242,6 +242,15 @@ impl<T: Real> Interface<T> {
     /// # Errors
     /// Empty overlap, overhanging mediator, momentum leak, missing gradients, lumped H1, or no independent multiplier.
     pub fn new(spec: &InterfaceSpec<T>, sides: [Side<'_, T>; 2]) -> Result<Self> {
+        Self::announced(spec, sides, &mut || ())
+    }
+
+    /// The same; `factoring` is called when the coupling matrices are there.
+    pub(crate) fn announced(
+        spec: &InterfaceSpec<T>,
+        sides: [Side<'_, T>; 2],
+        factoring: &mut dyn FnMut(),
+    ) -> Result<Self> {
         let components = sides[0].layout.components;
         if sides[1].layout.components != components {
             return Err(Error::SizeMismatch {
@@ -262,6 +271,7 @@ impl<T: Real> Interface<T> {
             ));
         }
         let built = assembly::assemble(spec, &sides, components)?;
+        factoring();
         let inverse = [sides[0].inverse_inertia, sides[1].inverse_inertia];
         let operator = Operator::new(spec, &built.coupling, inverse, components)?;
         let size = built.coupling[0].matrix.rows() * built.coupling[0].shared;

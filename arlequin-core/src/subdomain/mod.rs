@@ -30,11 +30,8 @@ use step::Forces;
 
 /// Whether the weights of a model must sum to one with those of the models it is tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Partition {
     /// They must, wherever one of these models is; refused otherwise.
     #[default]

@@ -4,8 +4,10 @@ use super::lanes::{CacheLine, Job, LANES, Lanes, Portable, add_interleaved, eigh
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
 use super::screen::{NoVisitor, Screen, Screened, StrengthCheck, Visitor};
+use super::span::Slot;
 use crate::bond::BeamRigidity;
 use rayon::prelude::*;
+use std::marker::PhantomData;
 
 /// Blocks per unit of parallel work: 256 particles, about 30 microseconds.
 const CHUNK: usize = 32;
@@ -75,9 +77,10 @@ pub(crate) trait OnLanes {
 /// What a pass reads besides the particles.
 #[derive(Debug)]
 pub(crate) struct Pass<'a, W: Law> {
-    pub(crate) layout: &'a Layout<W>,
+    pub(crate) layout: &'a Layout,
     pub(crate) rigidity: BeamRigidity,
     pub(crate) isa: Isa,
+    pub(crate) law: PhantomData<W>,
 }
 
 /// How the rows of a law follow from the unknowns of a coupled model.
@@ -182,10 +185,11 @@ fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
 #[inline(always)]
 fn fetch<L: Lanes, W: Law, const FETCH: bool>(
     l: L,
-    layout: &Layout<W>,
+    layout: &Layout,
     rows: &[CacheLine],
+    k: &Rigidity<L>,
     s: usize,
-    slot: &W::Slot,
+    slot: &Slot,
     ready: &W::Ready<L>,
 ) -> W::Near<L> {
     if FETCH && s + AHEAD < layout.neighbours.len() {
@@ -198,7 +202,7 @@ fn fetch<L: Lanes, W: Law, const FETCH: bool>(
     }
     let near = &layout.neighbours[s];
     let other = l.transpose(eight!(r => rows[near[r] as usize].0));
-    W::near(l, slot, ready, &other)
+    W::near(l, k, slot, ready, &other)
 }
 
 /// Forces on the eight particles of a block. `visitor` sees every slot.
@@ -219,17 +223,17 @@ fn gather<L: Lanes, W: Law, K: Visitor<L, W>, const FETCH: bool>(
     // Sums run slot after slot, in the order of storage: the same bits for any number of threads.
     let mut acc = [l.splat(0.0); 6];
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
-    let mut before: Option<(usize, &W::Slot, W::Near<L>)> = None;
+    let mut before: Option<(usize, &Slot, W::Near<L>)> = None;
     for (slot, ahead) in layout.slots[range.clone()].iter().zip(range) {
-        let near = fetch::<L, W, FETCH>(l, layout, rows, ahead, slot, &ready);
+        let near = fetch::<L, W, FETCH>(l, layout, rows, k, ahead, slot, &ready);
         if let Some((index, slot, near)) = before.replace((ahead, slot, near)) {
             W::add(l, k, slot, &ready, &near, &mut acc);
-            visitor.visit(index, slot, &ready, &near);
+            visitor.visit(k, index, slot, &ready, &near);
         }
     }
     if let Some((index, slot, near)) = before {
         W::add(l, k, slot, &ready, &near, &mut acc);
-        visitor.visit(index, slot, &ready, &near);
+        visitor.visit(k, index, slot, &ready, &near);
     }
     acc
 }
@@ -238,7 +242,7 @@ impl<L: Lanes, W: Screened, const FETCH: bool> Job for With<L, AddForces<'_, '_,
     #[inline(always)]
     fn call(self) {
         let (l, mut j) = (self.0, self.1);
-        let k = Rigidity::new(l, &j.pass.rigidity);
+        let k = Rigidity::new(l, &j.pass.rigidity, &j.pass.layout.grid);
         let Some((screen, marks)) = j.marks.take() else {
             for b in 0..j.sink.linear.len().div_ceil(3 * LANES) {
                 j.add_block::<L, NoVisitor, FETCH>(l, &k, b, &mut NoVisitor);

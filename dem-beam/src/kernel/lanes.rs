@@ -55,6 +55,10 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn run<J: Job>(self, job: J);
     fn splat(self, x: f64) -> Self::V;
     fn load(self, x: &[f64; LANES]) -> Self::V;
+    /// Eight integers, exact.
+    fn load_i32(self, x: &[i32; LANES]) -> Self::V;
+    /// Eight numbers of single precision, exact.
+    fn load_f32(self, x: &[f32; LANES]) -> Self::V;
     fn store(self, x: Self::V) -> [f64; LANES];
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
@@ -109,6 +113,14 @@ impl Lanes for Portable {
     #[inline(always)]
     fn load(self, x: &[f64; LANES]) -> Self::V {
         *x
+    }
+    #[inline(always)]
+    fn load_i32(self, x: &[i32; LANES]) -> Self::V {
+        eight!(k => f64::from(x[k]))
+    }
+    #[inline(always)]
+    fn load_f32(self, x: &[f32; LANES]) -> Self::V {
+        eight!(k => f64::from(x[k]))
     }
     #[inline(always)]
     fn store(self, x: Self::V) -> [f64; LANES] {
@@ -178,8 +190,8 @@ pub(crate) fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> 
 
 /// Three coordinates from memory.
 #[inline(always)]
-pub(crate) fn load3<L: Lanes>(l: L, x: &[[f64; LANES]; 3]) -> Vec3<L> {
-    [l.load(&x[0]), l.load(&x[1]), l.load(&x[2])]
+pub(crate) fn load3<L: Lanes>(l: L, x: &[[i32; LANES]; 3]) -> Vec3<L> {
+    [l.load_i32(&x[0]), l.load_i32(&x[1]), l.load_i32(&x[2])]
 }
 
 /// `a s`.

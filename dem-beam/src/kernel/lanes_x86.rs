@@ -69,6 +69,14 @@ impl Lanes for Wide512 {
         cast(*x)
     }
     #[inline(always)]
+    fn load_i32(self, x: &[i32; LANES]) -> __m512d {
+        self.0.avx512f._mm512_cvtepi32_pd(cast(*x))
+    }
+    #[inline(always)]
+    fn load_f32(self, x: &[f32; LANES]) -> __m512d {
+        self.0.avx512f._mm512_cvtps_pd(cast(*x))
+    }
+    #[inline(always)]
     fn store(self, x: __m512d) -> [f64; LANES] {
         cast(x)
     }
@@ -180,6 +188,16 @@ impl Lanes for Wide256 {
     #[inline(always)]
     fn load(self, x: &[f64; LANES]) -> Self::V {
         cast(*x)
+    }
+    #[inline(always)]
+    fn load_i32(self, x: &[i32; LANES]) -> Self::V {
+        let halves: [[i32; 4]; 2] = cast(*x);
+        both!(k => self.0.avx._mm256_cvtepi32_pd(cast(halves[k])))
+    }
+    #[inline(always)]
+    fn load_f32(self, x: &[f32; LANES]) -> Self::V {
+        let halves: [[f32; 4]; 2] = cast(*x);
+        both!(k => self.0.avx._mm256_cvtps_pd(cast(halves[k])))
     }
     #[inline(always)]
     fn store(self, x: Self::V) -> [f64; LANES] {

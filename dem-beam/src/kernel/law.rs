@@ -20,81 +20,111 @@
 //! ```
 
 use super::lanes::{Lanes, Vec3, axpy, cross, diff, dot, load3, minus, scale, sum};
-use crate::bond::{BeamRigidity, LinearBond};
+use super::span::{Grid, Slot};
+use crate::bond::BeamRigidity;
 
 /// A force law on rows of eight numbers per particle.
 pub(crate) trait Law: Copy + Send + Sync {
     /// Little arithmetic per byte: worth fetching constants ahead even out of the second-level cache.
     const LIGHT: bool;
-    /// Constants of one bond in the eight lanes.
-    type Slot: Copy + Send + Sync + Default + std::fmt::Debug;
     /// What the loop over bonds needs of the eight particles.
     type Ready<L: Lanes>: Copy;
     /// What it needs of eight neighbours.
     type Near<L: Lanes>: Copy;
-
-    /// Writes a half-bond, seen from its own particle, into lane `lane`.
-    fn fill(slot: &mut Self::Slot, lane: usize, bond: &LinearBond);
 
     /// From the rows of the eight particles.
     fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
 
     /// First stage of a slot, from the rows of the eight neighbours. It runs while the second stage of the slot
     /// before is under way: the processor's own look-ahead is too short to hide loads, shuffles and roots.
-    fn near<L: Lanes>(l: L, slot: &Self::Slot, own: &Self::Ready<L>, other: &[L::V; 8]) -> Self::Near<L>;
+    fn near<L: Lanes>(
+        l: L,
+        k: &Rigidity<L>,
+        slot: &Slot,
+        own: &Self::Ready<L>,
+        other: &[L::V; 8],
+    ) -> Self::Near<L>;
 
     /// Second stage: adds forces and torques on the eight own particles.
     fn add<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        slot: &Self::Slot,
+        slot: &Slot,
         own: &Self::Ready<L>,
         near: &Self::Near<L>,
         acc: &mut [L::V; 6],
     );
+
+    /// Elastic energy of the eight bonds, weights included.
+    fn energy<L: Lanes>(
+        l: L,
+        k: &Rigidity<L>,
+        slot: &Slot,
+        own: &Self::Ready<L>,
+        near: &Self::Near<L>,
+    ) -> L::V;
 }
 
-/// Section rigidities in all lanes, with the multiples the laws use.
+/// Section rigidities in all lanes, with the multiples the laws use, in the units of a [`Grid`]: `e = 1/u³`, `g` its step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rigidity<L: Lanes> {
+    /// `ES e g²`, `GI_O e g²`, `2 EI e g²`.
     axial: L::V,
     torsion: L::V,
     bending2: L::V,
-    minus_bending12: L::V,
+    /// `12 EI e`, `6 EI e g`.
+    side: L::V,
+    lever: L::V,
+    /// `(GI_O + 2 EI) e g²`, `(GI_O - 4 EI) e g²`.
     along: L::V,
     across: L::V,
-    two: L::V,
+    /// `g`, `1/g`.
+    pub(super) step: L::V,
+    pub(super) per_step: L::V,
+    pub(super) one: L::V,
+    pub(super) two: L::V,
     three: L::V,
+    quarter: L::V,
+    half: L::V,
 }
 
 impl<L: Lanes> Rigidity<L> {
     #[inline(always)]
-    pub(crate) fn new(l: L, k: &BeamRigidity) -> Self {
+    pub(crate) fn new(l: L, k: &BeamRigidity, grid: &Grid) -> Self {
         macro_rules! s {
             ($x:expr) => {
                 l.splat($x)
             };
         }
+        let g = grid.step();
+        let e = grid.per_volume();
+        let square = e * g * g;
         Self {
-            axial: s!(k.axial),
-            torsion: s!(k.torsion),
-            bending2: s!(2.0 * k.bending),
-            minus_bending12: s!(-12.0 * k.bending),
-            along: s!(k.torsion + 2.0 * k.bending),
-            across: s!(k.torsion - 4.0 * k.bending),
+            axial: s!(k.axial * square),
+            torsion: s!(k.torsion * square),
+            bending2: s!(2.0 * k.bending * square),
+            side: s!(12.0 * k.bending * e),
+            lever: s!(6.0 * k.bending * e * g),
+            along: s!((k.torsion + 2.0 * k.bending) * square),
+            across: s!((k.torsion - 4.0 * k.bending) * square),
+            step: s!(g),
+            per_step: s!(1.0 / g),
+            one: s!(1.0),
             two: s!(2.0),
             three: s!(3.0),
+            quarter: s!(0.25),
+            half: s!(0.5),
         }
     }
 }
 
 /// Small rotations: rows are `u (3), -, th (3), -`; the free places may hold anything.
 ///
-/// With `b = 2 EI s q`, `s = w l`, `p = n/l`, `q = p.p`, a half-bond adds
+/// With `s = w/l³` and the span `d`, a half-bond adds
 ///
 /// ```text
-/// f += 3 b (2 q Du + p x (th_i + th_j)) + (ES - 12 EI q) s (p.Du) p
-/// c += 3 b p x Du - b (2 th_i + th_j) + s [(GI_O + 2 EI) p.th_j - (GI_O - 4 EI) p.th_i] p
+/// f += 6 EI s (2 Du + d x (th_i + th_j)) + (ES - 12 EI/l²) s (d.Du) d
+/// c += 6 EI s d x Du - 2 EI s l² (2 th_i + th_j) + s [(GI_O + 2 EI) d.th_j - (GI_O - 4 EI) d.th_i] d
 /// ```
 ///
 /// What multiplies the own rotation could be summed over the bonds at set-up: ten operations fewer, but 72 bytes more
@@ -102,28 +132,12 @@ impl<L: Lanes> Rigidity<L> {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Linear;
 
-/// `n/l` and `w l` of eight half-bonds; zero in empty lanes.
-#[derive(Debug, Clone, Copy, Default)]
-#[repr(C, align(64))]
-pub(crate) struct LinearSlot {
-    pub(super) axis: [[f64; 8]; 3],
-    scale: [f64; 8],
-}
-
 impl Law for Linear {
     const LIGHT: bool = true;
-    type Slot = LinearSlot;
     /// `u_i` and `th_i`.
     type Ready<L: Lanes> = [Vec3<L>; 2];
     /// `u_j - u_i` and `th_j`.
     type Near<L: Lanes> = [Vec3<L>; 2];
-
-    fn fill(slot: &mut LinearSlot, lane: usize, bond: &LinearBond) {
-        for a in 0..3 {
-            slot.axis[a][lane] = bond.axis[a];
-        }
-        slot.scale[lane] = bond.scale;
-    }
 
     #[inline(always)]
     fn ready<L: Lanes>(_l: L, own: &[L::V; 8]) -> [Vec3<L>; 2] {
@@ -131,7 +145,13 @@ impl Law for Linear {
     }
 
     #[inline(always)]
-    fn near<L: Lanes>(l: L, _slot: &LinearSlot, &[u, _]: &[Vec3<L>; 2], other: &[L::V; 8]) -> [Vec3<L>; 2] {
+    fn near<L: Lanes>(
+        l: L,
+        _: &Rigidity<L>,
+        _: &Slot,
+        &[u, _]: &[Vec3<L>; 2],
+        other: &[L::V; 8],
+    ) -> [Vec3<L>; 2] {
         let du = diff(l, [other[0], other[1], other[2]], u);
         [du, [other[4], other[5], other[6]]]
     }
@@ -140,53 +160,59 @@ impl Law for Linear {
     fn add<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        slot: &LinearSlot,
+        slot: &Slot,
         &[_, ti]: &[Vec3<L>; 2],
         &[du, tj]: &[Vec3<L>; 2],
         acc: &mut [L::V; 6],
     ) {
-        let p: Vec3<L> = load3(l, &slot.axis);
-        let s = l.load(&slot.scale);
-        let q = dot(l, p, p);
-        let b = l.mul(l.mul(k.bending2, s), q);
-        let b3 = l.mul(b, k.three);
+        let d: Vec3<L> = load3(l, &slot.span);
+        let s = l.load_f32(&slot.stiffness);
+        let q = l.max(dot(l, d, d), k.one);
+        let stiff = l.mul(l.nmadd(k.side, l.recip(q), k.axial), s);
+        let lever = l.mul(k.lever, s);
         // `th_i + th_j` serves force and torque: two additions instead of a second pass over the rotations.
         let both = sum(l, ti, tj);
-        let lever = axpy(l, du, l.mul(k.two, q), cross(l, p, both));
-        let stretch = l.mul(l.mul(l.madd(k.minus_bending12, q, k.axial), s), dot(l, p, du));
-        let f = axpy(l, p, stretch, axpy(l, lever, b3, [acc[0], acc[1], acc[2]]));
-        let along = l.nmadd(k.across, dot(l, p, ti), l.mul(k.along, dot(l, p, tj)));
-        let c = axpy(l, cross(l, p, du), b3, [acc[3], acc[4], acc[5]]);
-        let most = sum(l, ti, both);
-        let c = axpy(l, p, l.mul(along, s), minus(l, most, b, c));
+        let f = axpy(l, du, l.mul(k.side, s), [acc[0], acc[1], acc[2]]);
+        let f = axpy(l, cross(l, d, both), lever, f);
+        let f = axpy(l, d, l.mul(stiff, dot(l, d, du)), f);
+        let along = l.nmadd(k.across, dot(l, d, ti), l.mul(k.along, dot(l, d, tj)));
+        let c = axpy(l, cross(l, d, du), lever, [acc[3], acc[4], acc[5]]);
+        let c = minus(l, sum(l, ti, both), l.mul(l.mul(k.bending2, s), q), c);
+        let c = axpy(l, d, l.mul(along, s), c);
         *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
+    }
+
+    #[inline(always)]
+    fn energy<L: Lanes>(
+        l: L,
+        k: &Rigidity<L>,
+        slot: &Slot,
+        &[_, ti]: &[Vec3<L>; 2],
+        &[du, tj]: &[Vec3<L>; 2],
+    ) -> L::V {
+        let d: Vec3<L> = load3(l, &slot.span);
+        let s = l.load_f32(&slot.stiffness);
+        let q = l.max(dot(l, d, d), k.one);
+        let (both, apart) = (sum(l, ti, tj), diff(l, tj, ti));
+        let (stretch, twist) = (dot(l, d, du), dot(l, d, apart));
+        // End rotations against the chord: a.a + a.b + b.b = 3/4 |a + b|^2 + 1/4 |a - b|^2.
+        let chord = l.mul(l.mul(k.two, k.per_step), l.recip(q));
+        let y = minus(l, cross(l, d, du), chord, both);
+        let along = dot(l, d, both);
+        let sums = l.nmadd(along, along, l.mul(q, dot(l, y, y)));
+        let twist2 = l.mul(twist, twist);
+        let differences = l.sub(l.mul(q, dot(l, apart, apart)), twist2);
+        let bend = l.mul(l.mul(k.quarter, k.bending2), l.madd(k.three, sums, differences));
+        let held = l.madd(k.axial, l.mul(stretch, stretch), l.mul(k.torsion, twist2));
+        l.mul(s, l.madd(k.half, held, bend))
     }
 }
 
 /// Finite rotations: rows are `u (3), q (scalar, vector), -`.
+///
+/// With spans `d` for axes, `D_i = R_i d` and `C_i = n.D_i`, all rigidities take the factor `s = w/l0³`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Finite;
-
-/// `n0`, `l0` and `w/l0` of eight half-bonds; in empty lanes a unit axis without stiffness.
-#[derive(Debug, Clone, Copy)]
-#[repr(C, align(64))]
-pub(crate) struct FiniteSlot {
-    axis: [[f64; 8]; 3],
-    pub(super) rest: [f64; 8],
-    scale: [f64; 8],
-}
-
-impl Default for FiniteSlot {
-    fn default() -> Self {
-        let zero = [0.0; 8];
-        let one = [1.0; 8];
-        Self {
-            axis: [one, zero, zero],
-            rest: one,
-            scale: zero,
-        }
-    }
-}
 
 /// Displacement, quaternion and rotation matrix (rows) of the own particles.
 #[derive(Debug, Clone, Copy)]
@@ -205,24 +231,16 @@ pub(crate) struct FiniteNear<L: Lanes> {
     shrink: L::V,
     /// `l - l0`.
     pub(super) stretch: L::V,
+    /// `(l0/g)²`.
+    pub(super) square: L::V,
     s: L::V,
     q: Vec3<L>,
 }
 
 impl Law for Finite {
     const LIGHT: bool = false;
-    type Slot = FiniteSlot;
     type Ready<L: Lanes> = FiniteReady<L>;
     type Near<L: Lanes> = FiniteNear<L>;
-
-    fn fill(slot: &mut FiniteSlot, lane: usize, bond: &LinearBond) {
-        let inverse = bond.axis.norm();
-        for a in 0..3 {
-            slot.axis[a][lane] = bond.axis[a] / inverse;
-        }
-        slot.rest[lane] = 1.0 / inverse;
-        slot.scale[lane] = bond.scale * inverse * inverse;
-    }
 
     #[inline(always)]
     fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> FiniteReady<L> {
@@ -245,13 +263,20 @@ impl Law for Finite {
     }
 
     #[inline(always)]
-    fn near<L: Lanes>(l: L, slot: &FiniteSlot, own: &FiniteReady<L>, other: &[L::V; 8]) -> FiniteNear<L> {
-        let n0: Vec3<L> = load3(l, &slot.axis);
-        let rest = l.load(&slot.rest);
+    fn near<L: Lanes>(
+        l: L,
+        k: &Rigidity<L>,
+        slot: &Slot,
+        own: &FiniteReady<L>,
+        other: &[L::V; 8],
+    ) -> FiniteNear<L> {
+        let d0: Vec3<L> = load3(l, &slot.span);
+        let square = l.max(dot(l, d0, d0), k.one);
+        let rest = l.mul(l.sqrt(square), k.step);
         let du = diff(l, [other[0], other[1], other[2]], own.u);
-        let d = axpy(l, n0, rest, du);
+        let d = axpy(l, d0, k.step, du);
         // l^2 - l0^2 = (d + d0).du, without cancellation for small strains.
-        let gain = dot(l, axpy(l, n0, rest, d), du);
+        let gain = dot(l, axpy(l, d0, k.step, d), du);
         let length = l.sqrt(l.madd(rest, rest, gain));
         let sum = l.add(length, rest);
         // One division for both 1/l and 1/(l + l0).
@@ -261,6 +286,7 @@ impl Law for Finite {
             n: scale(l, d, shrink),
             shrink,
             stretch: l.mul(gain, l.mul(both, length)),
+            square,
             s: other[3],
             q: [other[4], other[5], other[6]],
         }
@@ -270,12 +296,12 @@ impl Law for Finite {
     fn add<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        slot: &FiniteSlot,
+        slot: &Slot,
         own: &FiniteReady<L>,
         near: &FiniteNear<L>,
         acc: &mut [L::V; 6],
     ) {
-        let s = l.load(&slot.scale);
+        let s = l.load_f32(&slot.stiffness);
         let FiniteNear {
             n, shrink, stretch, ..
         } = *near;
@@ -285,7 +311,8 @@ impl Law for Finite {
             twist,
         } = turned_axes(l, k.two, slot, own, near);
         let r0 = l.madd(own.s, near.s, dot(l, own.q, near.q));
-        let kt = l.mul(l.mul(k.torsion, s), twist);
+        let whole = l.mul(s, near.square);
+        let kt = l.mul(l.mul(k.torsion, whole), twist);
         let kb = l.mul(k.bending2, s);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
         let (a, b) = (l.madd(k.two, ci, cj), l.madd(k.two, cj, ci));
@@ -294,7 +321,7 @@ impl Law for Finite {
         let (ka, kbb) = (l.mul(kbs, a), l.mul(kbs, b));
         let kts = l.mul(kt, shrink);
         let along = l.madd(ka, ci, l.nmadd(kts, twist, l.mul(kbb, cj)));
-        let pull = l.madd(l.mul(k.axial, s), stretch, along);
+        let pull = l.madd(l.mul(k.axial, whole), stretch, along);
         let twice = l.mul(kts, k.two);
         let f = axpy(l, n, pull, axpy(l, r, twice, [acc[0], acc[1], acc[2]]));
         let m = axpy(
@@ -308,9 +335,32 @@ impl Law for Finite {
         let m = minus(l, bend, kb, m);
         *acc = [f[0], f[1], f[2], m[0], m[1], m[2]];
     }
+
+    #[inline(always)]
+    fn energy<L: Lanes>(
+        l: L,
+        k: &Rigidity<L>,
+        slot: &Slot,
+        own: &FiniteReady<L>,
+        near: &FiniteNear<L>,
+    ) -> L::V {
+        let s = l.load_f32(&slot.stiffness);
+        let Turned {
+            axes: [ti, tj],
+            twist,
+            ..
+        } = turned_axes(l, k.two, slot, own, near);
+        let n = near.n;
+        // Transverse parts: 1 - c^2 = |e|^2 and t_i.t_j - c_i c_j = e_i.e_j, without cancellation.
+        let (ei, ej) = (minus(l, n, dot(l, n, ti), ti), minus(l, n, dot(l, n, tj), tj));
+        let bend = l.add(dot(l, ei, sum(l, ei, ej)), dot(l, ej, ej));
+        let held = l.mul(k.axial, l.mul(near.stretch, near.stretch));
+        let held = l.mul(l.madd(k.torsion, l.mul(twist, twist), held), near.square);
+        l.mul(s, l.madd(k.half, held, l.mul(k.bending2, bend)))
+    }
 }
 
-/// The axes at rest turned with either end, `vec(q_j q_i*)`, and the twist `s`.
+/// The spans at rest turned with either end, `vec(q_j q_i*)`, and the twist `s`.
 pub(super) struct Turned<L: Lanes> {
     pub(super) axes: [Vec3<L>; 2],
     relative: Vec3<L>,
@@ -321,11 +371,11 @@ pub(super) struct Turned<L: Lanes> {
 pub(super) fn turned_axes<L: Lanes>(
     l: L,
     two: L::V,
-    slot: &FiniteSlot,
+    slot: &Slot,
     own: &FiniteReady<L>,
     near: &FiniteNear<L>,
 ) -> Turned<L> {
-    let n0: Vec3<L> = load3(l, &slot.axis);
+    let n0: Vec3<L> = load3(l, &slot.span);
     let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (own.q, near.q, near.s);
     let ti: Vec3<L> = [
         dot(l, own.turn[0], n0),

@@ -5,23 +5,24 @@
 //! order whatever the number of threads.
 
 use super::lanes::LANES;
-use super::law::Law;
+use super::span::{Grid, Slot};
 use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
 
 /// The bonds of one body, whose numbers are places in the blocks.
 #[derive(Debug)]
-pub(crate) struct Layout<W: Law> {
+pub(crate) struct Layout {
     particles: usize,
+    pub(crate) grid: Grid,
     /// First slot of each block, and one past the last.
     pub(crate) start: Vec<u32>,
     /// Half-bonds.
-    pub(crate) slots: Vec<W::Slot>,
+    pub(crate) slots: Vec<Slot>,
     /// The other particle of each half-bond; the particle itself in empty lanes.
     pub(crate) neighbours: Vec<[u32; LANES]>,
 }
 
-impl<W: Law> Layout<W> {
+impl Layout {
     /// `adjacency` gives other end and bond of each bond of a particle, sorted by the other end: the sum over a
     /// particle's bonds does not depend on how the caller numbered bonds.
     pub(crate) fn new(body: &BondedParticles) -> Self {
@@ -29,6 +30,7 @@ impl<W: Law> Layout<W> {
         let blocks = body.len().div_ceil(LANES);
         let mut out = Self {
             particles: body.len(),
+            grid: body.grid(),
             start: vec![0],
             slots: Vec::new(),
             neighbours: Vec::new(),
@@ -36,7 +38,7 @@ impl<W: Law> Layout<W> {
         for b in 0..blocks {
             let most = out.lanes(b).map(|i| adjacency.row(i).len()).max().unwrap_or(0);
             let slots = out.slots.len() + most;
-            out.slots.resize(slots, W::Slot::default());
+            out.slots.resize(slots, Slot::default());
             out.neighbours.resize(slots, [0; LANES]);
             out.start.push(slots as u32);
             out.refresh(b, body, &adjacency, &|_| true);
@@ -58,7 +60,7 @@ impl<W: Law> Layout<W> {
     ) {
         let first = block * LANES;
         let (from, to) = (self.start[block] as usize, self.start[block + 1] as usize);
-        self.slots[from..to].fill(W::Slot::default());
+        self.slots[from..to].fill(Slot::default());
         self.neighbours[from..to].fill(std::array::from_fn(|k| (first + k) as u32));
         for i in self.lanes(block) {
             let left = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
@@ -66,7 +68,7 @@ impl<W: Law> Layout<W> {
                 let bond = body.bonds()[b as usize];
                 let own = body.pairs()[b as usize][0] as usize == i;
                 let bond = if own { bond } else { bond.reversed() };
-                W::fill(&mut self.slots[from + s], i - first, &bond);
+                self.slots[from + s].set(i - first, &bond, &self.grid);
                 self.neighbours[from + s][i - first] = other;
             }
         }
@@ -74,6 +76,6 @@ impl<W: Law> Layout<W> {
 
     /// Bytes of bond data.
     pub(crate) fn bond_bytes(&self) -> usize {
-        self.slots.len() * (size_of::<W::Slot>() + size_of::<[u32; LANES]>())
+        self.slots.len() * (size_of::<Slot>() + size_of::<[u32; LANES]>())
     }
 }

@@ -8,4 +8,5 @@ pub(crate) mod law;
 pub(crate) mod layout;
 pub mod order;
 pub(crate) mod screen;
+pub(crate) mod span;
 pub(crate) mod turn;

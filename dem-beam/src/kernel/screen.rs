@@ -17,8 +17,9 @@
 //! multiplied by a length where that saves a division.
 
 use super::engine::Posed;
-use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, sum};
-use super::law::{Finite, FiniteNear, FiniteReady, FiniteSlot, Law, Linear, LinearSlot, turned_axes};
+use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, scale, sum};
+use super::law::{Finite, FiniteNear, FiniteReady, Law, Linear, Rigidity, turned_axes};
+use super::span::Slot;
 use crate::fracture::Criterion;
 use crate::fracture::criterion::Section;
 
@@ -169,8 +170,9 @@ pub(crate) trait Screened: Posed {
     /// Above zero where a half-bond may have reached its limit.
     fn excess<L: Lanes>(
         l: L,
+        k: &Rigidity<L>,
         t: &Test<L>,
-        slot: &Self::Slot,
+        slot: &Slot,
         own: &Self::Ready<L>,
         near: &Self::Near<L>,
         share: Option<L::V>,
@@ -184,13 +186,17 @@ impl Screened for Linear {
     #[inline(always)]
     fn excess<L: Lanes>(
         l: L,
+        k: &Rigidity<L>,
         t: &Test<L>,
-        slot: &LinearSlot,
+        slot: &Slot,
         &[_, ti]: &[Vec3<L>; 2],
         &[du, tj]: &[Vec3<L>; 2],
         share: Option<L::V>,
     ) -> L::V {
-        let p: Vec3<L> = load3(l, &slot.axis);
+        let d: Vec3<L> = load3(l, &slot.span);
+        // `n/l`, and nothing in empty lanes.
+        let per = l.mul(k.per_step, l.recip(l.max(dot(l, d, d), k.one)));
+        let p = scale(l, d, per);
         let strain = dot(l, p, du);
         if matches!(t.criterion, Criterion::Axial) {
             return l.sub(t.shared(l, l.mul(t.young, strain), share), t.one);
@@ -230,13 +236,14 @@ impl Screened for Finite {
     #[inline(always)]
     fn excess<L: Lanes>(
         l: L,
+        k: &Rigidity<L>,
         t: &Test<L>,
-        slot: &FiniteSlot,
+        slot: &Slot,
         own: &FiniteReady<L>,
         near: &FiniteNear<L>,
         share: Option<L::V>,
     ) -> L::V {
-        let rest = l.load(&slot.rest);
+        let rest = l.mul(l.sqrt(near.square), k.step);
         let (n, stretch) = (near.n, near.stretch);
         if matches!(t.criterion, Criterion::Axial) {
             return l.sub(t.shared(l, l.mul(t.young, stretch), share), rest);
@@ -244,17 +251,23 @@ impl Screened for Finite {
         let turned = turned_axes(l, t.two, slot, own, near);
         let ([ti, tj], twist) = (turned.axes, turned.twist);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
+        // Squares of turned spans over this are those of turned axes.
+        let unit = l.recip(near.square);
         if matches!(t.criterion, Criterion::Energy) {
             let both = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
             let apart = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
             let apart = minus(l, n, l.sub(ci, cj), apart);
+            let bent = l.madd(
+                t.sum,
+                dot(l, both, both),
+                l.mul(t.difference, dot(l, apart, apart)),
+            );
             let held = l.madd(
                 t.twist,
                 l.mul(twist, twist),
                 l.mul(t.stretch, l.mul(stretch, stretch)),
             );
-            let held = l.madd(t.sum, dot(l, both, both), held);
-            let held = l.madd(t.difference, dot(l, apart, apart), held);
+            let held = l.madd(bent, unit, held);
             return l.sub(t.shared(l, held, share), rest);
         }
         let half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
@@ -262,7 +275,8 @@ impl Screened for Finite {
         let per = l.recip(rest);
         let per = t.shared(l, per, share);
         let square = l.mul(per, per);
-        let bend = l.mul(l.mul(t.bend, dot(l, half, half)), square);
+        let bent = l.mul(dot(l, half, half), unit);
+        let bend = l.mul(l.mul(t.bend, bent), square);
         let shear = l.mul(l.mul(t.shear, l.mul(twist, twist)), square);
         t.of_stress(l, l.mul(l.mul(t.young, stretch), per), bend, shear)
     }
@@ -292,7 +306,7 @@ fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
 /// Something that sees every slot while forces are gathered.
 pub(crate) trait Visitor<L: Lanes, W: Law> {
     fn begin(&mut self, own: &W::Ready<L>);
-    fn visit(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>);
+    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>);
 }
 
 /// Sees nothing, costs nothing.
@@ -302,7 +316,7 @@ impl<L: Lanes, W: Law> Visitor<L, W> for NoVisitor {
     #[inline(always)]
     fn begin(&mut self, _: &W::Ready<L>) {}
     #[inline(always)]
-    fn visit(&mut self, _: usize, _: &W::Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
+    fn visit(&mut self, _: &Rigidity<L>, _: usize, _: &Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
 }
 
 /// The worst of what it saw in a block.
@@ -340,14 +354,14 @@ impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
     }
 
     #[inline(always)]
-    fn visit(&mut self, index: usize, slot: &W::Slot, own: &W::Ready<L>, near: &W::Near<L>) {
+    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>) {
         let l = self.l;
         #[allow(clippy::manual_map, reason = "as in `squared`")]
         let share = match self.each {
             Some(rows) => Some(l.load(&rows[index].0)),
             None => None,
         };
-        let excess = W::excess(l, &self.test, slot, own, near, share);
+        let excess = W::excess(l, k, &self.test, slot, own, near, share);
         self.worst = l.max(excess, self.worst);
     }
 }

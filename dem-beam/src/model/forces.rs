@@ -11,6 +11,7 @@ use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
+use std::marker::PhantomData;
 
 /// Particles above which a second thread pays for its wake-up.
 const LARGE: usize = 4_000;
@@ -96,7 +97,7 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
 /// One body, one law.
 #[derive(Debug)]
 pub(crate) struct Gather<W: Posed> {
-    layout: Layout<W>,
+    layout: Layout,
     /// Particles at the positions reached last, and their rotation unknowns there.
     rows: Vec<CacheLine>,
     reached: Vec<f64>,
@@ -105,6 +106,7 @@ pub(crate) struct Gather<W: Posed> {
     tried_at: Vec<f64>,
     rigidity: BeamRigidity,
     isa: Isa,
+    law: PhantomData<W>,
 }
 
 impl<W: Screened> Gather<W> {
@@ -127,6 +129,7 @@ impl<W: Screened> Gather<W> {
             rows,
             rigidity: *body.rigidity(),
             isa: Isa::detect(),
+            law: PhantomData,
         }
     }
 
@@ -163,6 +166,7 @@ impl<W: Screened> Gather<W> {
             layout: &self.layout,
             rigidity: self.rigidity,
             isa: self.isa,
+            law: PhantomData,
         }
     }
 }

@@ -100,6 +100,7 @@ impl DemModel {
             volumes: &volumes,
             loose: packing.loose,
             period: None,
+            rounded: true,
         };
         let matter = Matter {
             beam,
@@ -129,6 +130,7 @@ impl DemModel {
             volumes: &volumes,
             loose: false,
             period: None,
+            rounded: true,
         };
         Self::of_body(name, &body, &contents, matter)
     }
