@@ -236,14 +236,14 @@ impl<T: Real> Subdomain<T> {
         self.partition
     }
 
-    /// Velocities and inverse inertia, for constraints to correct the ones by the other.
-    pub(crate) fn correctable(&mut self) -> (&mut [T], &[T]) {
-        (&mut self.state.v, &self.inverse_inertia)
+    /// Velocities, for constraints to correct.
+    pub(crate) fn velocities(&mut self) -> &mut [T] {
+        &mut self.state.v
     }
 
-    /// The same with displacements.
-    pub(crate) fn movable(&mut self) -> (&mut [T], &[T]) {
-        (&mut self.state.q, &self.inverse_inertia)
+    /// Displacements, for constraints to correct.
+    pub(crate) fn displacements(&mut self) -> &mut [T] {
+        &mut self.state.q
     }
 
     /// Displacement and velocity of the field at a point \[m, m/s\].
