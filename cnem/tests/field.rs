@@ -63,7 +63,7 @@ fn points_in_a_cell_need_no_search() {
         field.shape_in(k, &samples[0].point, true, &mut b).unwrap();
         for (n, v) in a.nodes.iter().zip(&a.values) {
             let other = b.nodes.iter().position(|m| m == n).map_or(0.0, |at| b.values[at]);
-            assert_abs_diff_eq!(v, other, epsilon = 1e-10);
+            assert_abs_diff_eq!(*v, other, epsilon = 1e-10);
         }
     }
 }

@@ -88,7 +88,7 @@ fn two_shells_keep_the_mass_of_their_own_volume() {
     );
     assert!(parts[0].spheres + parts[1].spheres + r.dropped == 900);
     for (mass, volume) in masses(&packing).iter().zip([8e-9, 1e-9]) {
-        assert_relative_eq!(mass, DENSITY * volume, epsilon = 0.0, max_relative = 1e-12);
+        assert_relative_eq!(*mass, DENSITY * volume, epsilon = 0.0, max_relative = 1e-12);
     }
     // Both are packed alike, and each sphere lies in its own body.
     let mean = |b: u32| {
@@ -123,7 +123,7 @@ fn cavities_belong_to_their_body_and_islands_in_them_are_bodies() {
     let volumes: Vec<f64> = nested.bodies().iter().map(Surface::volume).collect();
     assert_eq!(volumes.len(), 3);
     for (found, wanted) in volumes.iter().zip([19e-9, 1e-9, 1e-9]) {
-        assert_relative_eq!(found, wanted, epsilon = 0.0, max_relative = 1e-12);
+        assert_relative_eq!(*found, wanted, epsilon = 0.0, max_relative = 1e-12);
     }
     // A point that no triangle has does not widen the body.
     let (mut v, t) = cube(at(0.0), 1e-3, false);
