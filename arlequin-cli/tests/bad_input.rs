@@ -82,7 +82,7 @@ fn files_and_syntax() {
             (
                 "spacing = 1.0",
                 "spacng = 1.0",
-                &["unknown field `spacng`", "expected one of", ":6:1]"],
+                &["unknown field `spacng`", "expected one of", ":6:1"],
             ),
             (
                 "spacing = 1.0",
