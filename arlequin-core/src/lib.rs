@@ -93,7 +93,7 @@ pub use interface::{
 pub use junction::{
     Components, H1Gradient, H1Seminorm, H1Strain, Junction, JunctionKind, L2, Needs, ShapeFunction,
 };
-pub use ledger::{EnergySample, WorkLine};
+pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::Elastic;
 pub use mediator::Mediator;
 pub use model::{
