@@ -87,7 +87,9 @@ pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, TimeS
 use coupled::{ledger, momentum, observer};
 pub use error::{Error, ModelError, Result, Share, invalid, not_negative};
 pub use field::{Interpolation, ParticleField, ShapeRow, outside};
-pub use interface::{Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side};
+pub use interface::{
+    Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side, Solver,
+};
 pub use junction::{
     Components, H1Gradient, H1Seminorm, H1Strain, Junction, JunctionKind, L2, Needs, ShapeFunction,
 };

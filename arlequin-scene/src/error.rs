@@ -155,14 +155,9 @@ pub enum Error {
         /// The system's words.
         message: String,
     },
-    /// A plot cannot be drawn.
-    #[error("cannot draw '{name}': {message}")]
-    Plot {
-        /// File name.
-        name: String,
-        /// The library's words.
-        message: String,
-    },
+    /// What watches a run, or shows its results, failed at its own work.
+    #[error("{0}")]
+    Observer(Box<dyn std::error::Error + Send + Sync>),
 }
 
 /// Result of what scenes do.
@@ -204,7 +199,7 @@ impl Error {
             Self::Write { .. }
                 | Self::NotFinite { .. }
                 | Self::System { .. }
-                | Self::Plot { .. }
+                | Self::Observer(_)
                 | Self::Kept { .. }
                 | Self::Core {
                     source: Core::Diverged { .. } | Core::EnergyGrowth { .. },

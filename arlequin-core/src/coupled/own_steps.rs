@@ -110,6 +110,7 @@ impl<T: Real> Coupled<T> {
         for &k in &self.lockstep[group].members {
             announce(Phase::Predict(k));
             self.subdomains[k].predict(k, reached, keep, announce)?;
+            self.ledger.supports += self.subdomains[k].work_within();
         }
         self.add_pair_forces(group, |_| reached, announce)
     }

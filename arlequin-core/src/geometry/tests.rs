@@ -1,4 +1,5 @@
 use super::*;
+use approx::assert_abs_diff_eq;
 use proptest::prelude::*;
 
 fn cube(low: f64, side: f64) -> Polyhedron<f64> {
@@ -50,7 +51,7 @@ fn quintic_rule_is_exact_on_a_tetrahedron() {
                         .sum();
                     let exact =
                         fact(a as u32) * fact(b as u32) * fact(c as u32) / fact((a + b + c + 3) as u32);
-                    assert!((s - exact).abs() < 1e-15, "{a} {b} {c}");
+                    assert_abs_diff_eq!(s, exact, epsilon = 1e-15);
                 }
             }
         }
@@ -83,7 +84,7 @@ fn four_samples_integrate_quadratics_over_a_polyhedron() {
                 .map(|s| s.measure * s.point.x.powi(a) * s.point.y.powi(b) * s.point.z.powi(c))
                 .sum::<f64>()
         };
-        assert!((sum(&whole) - sum(&parts)).abs() < 1e-14, "{a} {b} {c}");
+        assert_abs_diff_eq!(sum(&whole), sum(&parts), epsilon = 1e-14);
     }
 }
 
@@ -122,7 +123,7 @@ fn the_lean_rule_integrates_quintics_with_half_the_samples() {
 fn mean_over_a_segment_with_a_kink() {
     let ends = [Point3::new(-1.0, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0)];
     let cell = Cell::Segment { ends, section: 2.0 };
-    assert!((mean(&cell, 1, &|x: &Point3<f64>| x.x.abs()) - 0.5).abs() < 1e-15);
+    assert_abs_diff_eq!(mean(&cell, 1, &|x: &Point3<f64>| x.x.abs()), 0.5, epsilon = 1e-15);
 }
 
 #[test]
@@ -131,7 +132,7 @@ fn a_plane_through_a_face_cuts_nothing_or_everything() {
         normal: Vector3::z(),
         offset: 1.0,
     };
-    assert!((cube(0.0, 1.0).clip(&plane).volume() - 1.0).abs() < 1e-15);
+    assert_abs_diff_eq!(cube(0.0, 1.0).clip(&plane).volume(), 1.0, epsilon = 1e-15);
     assert_eq!(cube(0.0, 1.0).clip(&plane.flipped()).faces.len(), 0);
 }
 
@@ -220,8 +221,8 @@ fn tetrahedra_whose_faces_coincide_to_round_off_have_the_same_intersection_both_
     ]);
     // Exact: the part of A with x between 1/3 and 1/2 that lies in B; both ways, and 3.17 instead of 3.52 thousandths.
     let (ab, ba) = (common(&a, &b), common(&b, &a));
-    assert!((ab - ba).abs() < 1e-16, "{ab:e} {ba:e}");
-    assert!((ab - 3.1722e-3).abs() < 1e-7, "{ab:e}");
+    assert_abs_diff_eq!(ab, ba, epsilon = 1e-16);
+    assert_abs_diff_eq!(ab, 3.1722e-3, epsilon = 1e-7);
 }
 
 /// Rotation and shift, and a shake of round-off size.

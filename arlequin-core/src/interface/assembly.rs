@@ -14,11 +14,8 @@ use sprs::{CsMat, TriMat};
 /// How the junction integrals are sampled. Every choice uses the same points for both sides, so that action equals
 /// reaction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Sampling {
     /// Quadrature on the common refinement of mediator, coarse and fine cells: exact for polynomial shapes.
     #[default]

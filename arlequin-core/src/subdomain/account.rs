@@ -1,6 +1,6 @@
 //! What a subdomain is held to: works of its effects, energies, the discrete invariant.
 
-use super::Subdomain;
+use super::{Stepper, Subdomain};
 use crate::effect::EffectLine;
 use crate::phase::Phase;
 use crate::{Real, parallel};
@@ -30,6 +30,11 @@ impl<T: Real> Subdomain<T> {
     /// Invariant of the own step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
     /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs the displacements kept by [`Self::predict`].
     pub(crate) fn invariant(&mut self) -> T {
+        match self.stepper {
+            Stepper::Verlet => {}
+            Stepper::Average(_) => return self.average_invariant(),
+            Stepper::Guest(_) => return self.guest_invariant(),
+        }
         let dt = self.pace.dt;
         let (half, quarter) = (T::of(0.5), T::of(0.25));
         let [q_before, force_before] = self.forces.before();
@@ -65,6 +70,9 @@ impl<T: Real> Subdomain<T> {
 
     /// Adds the work of effects over an own step; returns that of the moving supports, but for coupling forces on them.
     pub(crate) fn account(&mut self) -> T {
+        if !matches!(self.stepper, Stepper::Verlet) {
+            return T::zero();
+        }
         let dt = self.pace.dt;
         for e in &mut self.effects {
             let work = dt * e.effect.power(&self.state.v);
@@ -79,6 +87,14 @@ impl<T: Real> Subdomain<T> {
             }
         }
         support
+    }
+
+    /// Work of the moving supports in a step whose works are known as it is made, and not at its end.
+    pub(crate) fn work_within(&self) -> T {
+        match &self.stepper {
+            Stepper::Average(average) => average.support,
+            _ => T::zero(),
+        }
     }
 
     /// Works since the start \[J\]: of every effect, then of what left the model.

@@ -4,6 +4,8 @@
 //! half of the step and owns the forces, `account` owns the works and energies.
 
 mod account;
+mod average;
+mod guest;
 mod motion;
 mod own;
 mod prepare;
@@ -23,6 +25,8 @@ use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
 use crate::{Error, NodallyWeighted, Real, Result};
 use account::Evolved;
+use average::Average;
+use guest::Guest;
 use nalgebra::{Point3, Vector3};
 use own::Pace;
 use std::sync::Arc;
@@ -30,11 +34,8 @@ use step::Forces;
 
 /// Whether the weights of a model must sum to one with those of the models it is tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Partition {
     /// They must, wherever one of these models is; refused otherwise.
     #[default]
@@ -42,6 +43,17 @@ pub enum Partition {
     /// They need not: a deliberate study, such as an impedance jump by constant weights over whole models. Mass and
     /// stiffness are then not those of the body.
     Unchecked,
+}
+
+/// What makes the own steps.
+#[derive(Debug)]
+enum Stepper<T: Real> {
+    /// Velocity Verlet.
+    Verlet,
+    /// The implicit scheme.
+    Average(Box<Average<T>>),
+    /// A solver of its own.
+    Guest(Box<Guest<T>>),
 }
 
 /// One model with everything the coupled run knows of it.
@@ -64,6 +76,7 @@ pub struct Subdomain<T: Real> {
     /// How it was asked to step, and how it steps.
     own: OwnStep<T>,
     pace: Pace<T>,
+    stepper: Stepper<T>,
     /// Line of the ledger of a model that evolves.
     evolved: Option<Evolved<T>>,
     /// Internal energy \[J\] found by the last [`Self::invariant`].
@@ -115,6 +128,7 @@ impl<T: Real> Subdomain<T> {
                 steps: 1,
                 dt: T::zero(),
             },
+            stepper: Stepper::Verlet,
             evolved: model.evolving().map(|e| Evolved::new(e.effect())),
             drawn_energy: T::zero(),
             model,
@@ -222,14 +236,14 @@ impl<T: Real> Subdomain<T> {
         self.partition
     }
 
-    /// Velocities and inverse inertia, for constraints to correct the ones by the other.
-    pub(crate) fn correctable(&mut self) -> (&mut [T], &[T]) {
-        (&mut self.state.v, &self.inverse_inertia)
+    /// Velocities, for constraints to correct.
+    pub(crate) fn velocities(&mut self) -> &mut [T] {
+        &mut self.state.v
     }
 
-    /// The same with displacements.
-    pub(crate) fn movable(&mut self) -> (&mut [T], &[T]) {
-        (&mut self.state.q, &self.inverse_inertia)
+    /// Displacements, for constraints to correct.
+    pub(crate) fn displacements(&mut self) -> &mut [T] {
+        &mut self.state.q
     }
 
     /// Displacement and velocity of the field at a point \[m, m/s\].

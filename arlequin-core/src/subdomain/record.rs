@@ -36,7 +36,7 @@ impl<T: Real> Subdomain<T> {
             internal: self.forces.internal().to_vec(),
             works: self.effects.iter().map(|e| e.work()).collect(),
             evolved: self.evolved.map(|e| e.work),
-            model: self.model().save(),
+            model: self.save_model()?,
             effects: self.effects.iter().map(|e| e.effect.save()).collect(),
         })
     }
@@ -71,7 +71,7 @@ impl<T: Real> Subdomain<T> {
         if let (Some(line), Some(work)) = (&mut self.evolved, from.evolved) {
             line.work = work;
         }
-        self.model.restore(&from.model)?;
+        self.restore_model(&from.model)?;
         for (e, (work, record)) in self.effects.iter_mut().zip(from.works.iter().zip(&from.effects)) {
             e.restore(*work, record)?;
         }

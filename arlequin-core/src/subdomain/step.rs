@@ -1,6 +1,6 @@
 //! Velocity Verlet's half of the step: positions, forces, uncorrected velocities.
 
-use super::Subdomain;
+use super::{Stepper, Subdomain};
 use crate::effect::Instant;
 use crate::model::{Evolution, State};
 use crate::phase::Phase;
@@ -64,6 +64,11 @@ impl<T: Real> Forces<T> {
     /// Weighted internal forces \[N, N m\].
     pub(super) fn internal(&self) -> &[T] {
         &self.internal
+    }
+
+    /// The same, to be found anew.
+    pub(super) fn internal_mut(&mut self) -> &mut [T] {
+        &mut self.internal
     }
 
     /// Goes to the internal forces of another instant.
@@ -176,6 +181,10 @@ impl<T: Real> Subdomain<T> {
 
     /// Finds forces and accelerations of the start, after [`Self::hold`].
     pub(crate) fn start(&mut self, time: T) -> Result<()> {
+        if self.is_guest() {
+            self.guest_start();
+            return Ok(());
+        }
         let start = self.at_start(time);
         self.forces.internal.fill(T::zero());
         self.model.advance(&self.state.q, &mut self.forces.internal)?;
@@ -199,6 +208,11 @@ impl<T: Real> Subdomain<T> {
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
+        match self.stepper {
+            Stepper::Verlet => {}
+            Stepper::Average(_) => return self.average_step(reached),
+            Stepper::Guest(_) => return self.guest_step(reached),
+        }
         if parallel::pays(self.inertia.len()) {
             // One entry into the pool for all passes: each would cost a wake-up otherwise.
             rayon::scope(|_| self.passes(own, reached, keep, announce))

@@ -311,7 +311,7 @@ pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usiz
     let tables: Vec<&ModelTable> = scene.model.values().collect();
     let fits = |m: &usize| match bearer {
         Bearer::Any => true,
-        Bearer::Solids => tables[*m].is_solid(),
+        Bearer::Solids => tables[*m].has_volume(),
         Bearer::Particles => tables[*m].kind == ModelKind::Dem,
     };
     let all = model_indices(&path, e.models.as_deref(), scene)?;

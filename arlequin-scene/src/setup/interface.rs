@@ -1,20 +1,20 @@
 //! Interfaces: overlap, weights, mediator, junction, absorber.
 
 use super::kinds::Body;
+use super::mediator::{is_hull, mediator, mediator_shape, within_hull};
 use super::mesh::{Grid, Request};
 use crate::error::{Result, core, key, value};
 use crate::spec::{
-    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, Shape, WeightTable,
+    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, WeightTable,
 };
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::{
     InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place, Primitive,
-    Ramp, Sampling, ShapeRow, Shell, Slab, Weight, Weighting, Weights,
+    Ramp, Sampling, Shell, Slab, Weight, Weighting, Weights,
 };
 use arlequin::fem_ref::FemField;
-use arlequin::fem_ref::generate::Rim;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -101,36 +101,6 @@ pub(super) fn interface(
         absorber,
         advice,
     })
-}
-
-/// The mediator's body: as given, or what overlap and models leave.
-pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2]) -> Result<Shape> {
-    match &table.mediator.shape {
-        Some(s) => Ok(s.clone()),
-        None => derived_shape(path, &table.overlap, models),
-    }
-}
-
-/// The mediator's mesh, with elements as long as those of the coarse model \[m\] by default.
-pub(super) fn mediator<'a>(
-    key: &'a str,
-    table: &'a Interface,
-    shape: &'a Shape,
-    coarse: f64,
-    folder: &'a Path,
-) -> Request<'a> {
-    let t = &table.mediator;
-    let free = t.divisions.is_none() && !matches!(shape, Shape::File(_));
-    Request {
-        key,
-        shape,
-        spacing: t.spacing.or(free.then_some(coarse)),
-        divisions: t.divisions.as_deref(),
-        element: t.element,
-        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
-        rim: Rim::Inscribed,
-        folder,
-    }
 }
 
 /// What the interface is known not to do well.
@@ -452,131 +422,4 @@ fn absorber(
         Place::Overlap(s) => rate * s * s,
     };
     Ok(Absorber::new(resolved, Arc::new(field)))
-}
-
-/// Whether a field ends at the hull of particle centres, about a radius inside the body.
-fn is_hull(body: &Body) -> bool {
-    body.grains.is_some() && body.field.samples().is_none()
-}
-
-/// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
-/// of the particles. The hull is convex, so that its nodes decide. Only faces on the particles' own surface move.
-fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
-    let mut row = ShapeRow::default();
-    for step in 1..=30 {
-        let inset = 0.1 * f64::from(step) * grains.spacing;
-        let Some(shape) = moved_inwards(request.shape, &grains.shape, inset) else {
-            break;
-        };
-        let mesh = Request {
-            shape: &shape,
-            ..request
-        }
-        .mesh()?;
-        let mut nodes = mesh.nodes().iter();
-        if nodes.all(|x| grains.field.shape_at(x, false, &mut row).is_ok()) {
-            return Ok(shape);
-        }
-    }
-    let rule =
-        "no mediator fits into the hull of the particles; give mediator.shape, or dem.field = \"particles\"";
-    Err(key(request.key, rule))
-}
-
-/// Faces that lie on the given body, moved inwards; none if nothing is left.
-fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
-    let same = |a: f64, b: f64| (a - b).abs() < inset;
-    let ends = |low: f64, high: f64, first: f64, last: f64| {
-        let low = if same(low, first) { first + inset } else { low };
-        let high = if same(high, last) { last - inset } else { high };
-        (high > low).then_some([low, high])
-    };
-    match (shape, body) {
-        (
-            Shape::Cylinder { from, length, radius },
-            Shape::Cylinder {
-                from: first,
-                length: whole,
-                ..
-            },
-        ) => {
-            let [low, high] = ends(from[0], from[0] + length, first[0], first[0] + whole)?;
-            let radius = radius - inset;
-            (radius > 0.0).then_some(Shape::Cylinder {
-                from: [low, from[1], from[2]],
-                length: high - low,
-                radius,
-            })
-        }
-        (
-            Shape::Box { low, high },
-            Shape::Box {
-                low: first,
-                high: last,
-            },
-        ) => {
-            let mut corners = [[0.0; 3]; 2];
-            for c in 0..3 {
-                let [a, b] = ends(low[c], high[c], first[c], last[c])?;
-                corners[0][c] = a;
-                corners[1][c] = b;
-            }
-            Some(Shape::Box {
-                low: corners[0],
-                high: corners[1],
-            })
-        }
-        _ => None,
-    }
-}
-
-/// The slab's part of the space both models share.
-fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
-    let give = || {
-        key(
-            path,
-            "the mediator cannot be derived from this overlap and these shapes; give mediator.shape",
-        )
-    };
-    let OverlapShape::Slab { fine, coarse } = overlap else {
-        return Err(give());
-    };
-    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
-    let &[axis] = apart.as_slice() else {
-        return Err(give());
-    };
-    let (low, high) = (fine[axis].min(coarse[axis]), fine[axis].max(coarse[axis]));
-    match shapes {
-        [Shape::Bar { section, .. }, Shape::Bar { .. }] if axis == 0 => Ok(Shape::Bar {
-            from: low,
-            to: high,
-            section: *section,
-        }),
-        [
-            Shape::Cylinder {
-                from: a, radius: r, ..
-            },
-            Shape::Cylinder {
-                from: b, radius: s, ..
-            },
-        ] if axis == 0 && a[1..] == b[1..] && (r - s).abs() <= 1e-9 * r => Ok(Shape::Cylinder {
-            from: [low, a[1], a[2]],
-            length: high - low,
-            radius: *r,
-        }),
-        [Shape::Box { low: a, high: b }, Shape::Box { low: c, high: d }] => {
-            let mut corners = [[0.0; 3]; 2];
-            for k in 0..3 {
-                corners[0][k] = a[k].max(c[k]);
-                corners[1][k] = b[k].min(d[k]);
-            }
-            corners[0][axis] = low;
-            corners[1][axis] = high;
-            Ok(Shape::Box {
-                low: corners[0],
-                high: corners[1],
-            })
-        }
-        _ => Err(give()),
-    }
 }

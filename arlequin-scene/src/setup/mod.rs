@@ -7,6 +7,7 @@ pub mod filling;
 mod grains;
 mod interface;
 mod kinds;
+mod mediator;
 mod mesh;
 mod natural;
 mod particles;

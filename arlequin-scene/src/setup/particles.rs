@@ -139,7 +139,7 @@ fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String
         out.insert(name.to_owned(), model.clamp_layer(&at, &normal));
     };
     match *shape {
-        Shape::Box { low, high } => {
+        Shape::Box { low, high, .. } => {
             let axes = [("x", Vector3::x()), ("y", Vector3::y()), ("z", Vector3::z())];
             for (name, axis) in axes {
                 layer(&format!("{name}-min"), Point3::from(low), -axis);

@@ -2,7 +2,7 @@
 
 use super::drive::{self, model_index};
 use super::kinds;
-use super::{between, effects_by_model, grains, interface, probe, select, sides_of};
+use super::{between, effects_by_model, grains, interface, mediator, probe, select, sides_of};
 use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{
     Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
@@ -147,7 +147,7 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
 /// Lowest and highest corner of a shape that the scene describes.
 fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
     Some(match *shape {
-        Shape::Box { low, high } => [low, high],
+        Shape::Box { low, high, .. } => [low, high],
         Shape::Cylinder { from, length, radius } => {
             let [x, y, z] = from;
             [[x, y - radius, z - radius], [x + length, y + radius, z + radius]]
@@ -194,8 +194,8 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         return Err(key(format!("{path}.absorber"), rule));
     }
     let at = format!("{path}.mediator");
-    let shape = interface::mediator_shape(&at, table, models.map(|m| &m.shape))?;
-    interface::mediator(&at, table, &shape, 1.0, folder).check()
+    let shape = mediator::mediator_shape(&at, table, models.map(|m| &m.shape))?;
+    mediator::mediator(&at, table, &shape, 1.0, folder).check()
 }
 
 /// Numbers of an effect, whatever it acts on.

@@ -16,8 +16,8 @@ pub use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
 };
 pub use model::{
-    CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelKind, ModelTable, NotchBox,
-    OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
+    CnemTable, DemTable, Element, Functions, Hole, LooseKind, Masses, Material, ModelKind, ModelTable,
+    NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
 };
 pub use wake::{Near, Wake};
 

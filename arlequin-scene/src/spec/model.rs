@@ -55,8 +55,8 @@ pub struct ModelTable {
 }
 
 impl ModelTable {
-    /// Whether it has volume elements with a strain.
-    pub fn is_solid(&self) -> bool {
+    /// Whether it has elements that fill a volume.
+    pub fn has_volume(&self) -> bool {
         self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
     }
 }
@@ -113,6 +113,8 @@ pub enum Shape {
         low: [f64; 3],
         /// Highest corner \[m\].
         high: [f64; 3],
+        /// What is left out of it.
+        hole: Option<Hole>,
     },
     /// A circular cylinder along x.
     Cylinder {
@@ -140,6 +142,16 @@ choice!(
     Shape,
     "{ box = { low, high } }, { cylinder = { from, length, radius } }, { bar = { from, to, section } }, { file = path }"
 );
+
+/// A box left out of a box.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hole {
+    /// Lowest corner \[m\].
+    pub low: [f64; 3],
+    /// Highest corner \[m\].
+    pub high: [f64; 3],
+}
 
 impl Shape {
     /// Key of the variant.
