@@ -5,11 +5,11 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::effect::{Absorber, BodyForce, BulkViscosity};
+use arlequin::core::effect::{Absorber, BodyForce, BulkViscosity, Load};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{
     Coupled, DofLayout, Error, H1Strain, InterfaceOptions, InterfaceSpec, Junction, JunctionKind, L2, Model,
-    Profile, Ramp, ShapeFunction, Silent, Slab, Subdomain, TimeStep, Weights,
+    Profile, Ramp, ShapeFunction, Silent, Slab, Subdomain, TimeFunction, TimeStep, Weights,
 };
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::{COARSE, Line, rest};
@@ -250,4 +250,43 @@ fn junctions_and_layouts_are_those_that_their_names_say() {
     let nodes: Vec<usize> = (0..layout.dofs()).map(|d| layout.node_of(d)).collect();
     assert_eq!(nodes, [0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1]);
     assert!(layout.turns());
+}
+
+/// A traction on both models along the whole body pushes it once, in the overlap as elsewhere: `dp/dt = t A`, as a load on
+/// facets and as one on unknowns.
+#[test]
+fn a_load_over_an_overlap_counts_once() {
+    let (traction, area) = (Vector3::new(0.25, -2.0, 0.5), 4.0);
+    for on_facets in [true, false] {
+        let w = solid::weights(Profile::Linear, 1e-9);
+        let shares = [w.clone(), Weights::complement_of(&[w])];
+        // Both meshes have nodes on the borders of the overlap: the rules at centres and at nodes are exact there.
+        let meshes = [
+            solid::block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]),
+            solid::block(ElementKind::Tet4, [2.0, 4.0], [8, 3, 3]),
+        ];
+        let [left, right] = meshes.map(|mesh| {
+            let facets = mesh.surface("y-max").unwrap();
+            let load = if on_facets {
+                Load::traction("wind", facets, &|_| traction, TimeFunction::Step)
+            } else {
+                let nodes = facets.iter().flat_map(|f| f.nodes.iter().zip(&f.shares));
+                let forces = nodes.flat_map(|(n, a)| (0..3).map(move |c| (3 * n + c, traction[c] * a)));
+                Load::on_dofs("wind", forces.collect(), TimeFunction::Step)
+            };
+            (mesh, load.unwrap())
+        });
+        let body = |name: &str, mesh| FemModel::new(name, mesh, material()).unwrap();
+        let [mine, rest] = shares;
+        let coarse = Subdomain::coarse(body("left", left.0), mine).with_effect(Box::new(left.1));
+        let fine = Subdomain::fine(body("right", right.0), rest).with_effect(Box::new(right.1));
+        let space = mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2]);
+        let mut run = couple(vec![coarse, fine], space, Box::new(L2)).unwrap();
+        run.run(20, &mut Silent).unwrap();
+        let [found, expected] = [run.momentum()[0], traction * area * run.time()];
+        assert!(
+            (found - expected).norm() < 1e-8 * expected.norm(),
+            "on facets {on_facets}: {found:?}, not {expected:?}"
+        );
+    }
 }

@@ -104,7 +104,11 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             run::run(scene, out.as_deref(), force, common.json)
         }),
         Command::Check { common } => with_scene(&common, |scene| {
-            report::result(&scene.prepare()?.preview(), common.json, report::plan)?;
+            report::result(
+                &scene.prepare_with(&mut report::phase_teller())?.preview(),
+                common.json,
+                report::plan,
+            )?;
             Ok(ExitCode::SUCCESS)
         }),
         Command::Effects { common, repeat } => with_scene(&common, |scene| {

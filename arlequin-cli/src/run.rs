@@ -17,7 +17,7 @@ pub(crate) const INTERRUPTED: u8 = 130;
 /// Runs a scene and writes its results.
 pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool) -> Result<ExitCode> {
     let folder = RunFolder::new(scene, out, force)?;
-    let prepared = scene.prepare()?;
+    let prepared = scene.prepare_with(&mut report::phase_teller())?;
     finished(&prepared.run_into(folder, &mut Terminal::new(as_json)?)?, as_json)
 }
 

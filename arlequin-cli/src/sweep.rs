@@ -6,7 +6,7 @@ use crate::report::{self, Progress};
 use crate::{run, threads};
 use arlequin_scene::Source;
 use arlequin_scene::output::mark;
-use arlequin_scene::sweep::{Member, Outcome, Prepared, Runner};
+use arlequin_scene::sweep::{Member, Outcome, PlannedSweep, Runner};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -64,7 +64,7 @@ pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode, Located> {
     let out = out.unwrap_or_else(|| Path::new("results").join(stem));
     let progress = Progress::default();
     let make = || {
-        let prepared = Prepared::new(&source)?;
+        let prepared = PlannedSweep::new(&source)?;
         mark::claim("--out", &out)?;
         let file = prepared.file().clone();
         let processes = Processes::new(file.threads, run::watch_interrupt()?)?;
@@ -103,7 +103,7 @@ pub(crate) fn document(a: &DocumentArguments) -> Result<ExitCode, Located> {
     for pair in a.pairs.chunks_exact(2) {
         let source = Source::read(&pair[0])?;
         let reopen = || {
-            let prepared = Prepared::new(&source)?;
+            let prepared = PlannedSweep::new(&source)?;
             if let Some(label) = prepared.unfinished(&pair[1]) {
                 let [path, out] = [&pair[0], &pair[1]].map(|p| p.display());
                 let rule =

@@ -456,14 +456,14 @@ fn arguments() {
             "--set {assignment} should say '{expected}':\n{error}"
         );
     };
-    set("time.stps=5", "--set time.stps=5: unknown field `stps`");
+    set("time.stps=5", "cannot set time.stps = 5: unknown field `stps`");
     set(
         "model.lft.spacing=1.0",
         "the scene has no model 'lft'; it has: left, right",
     );
     set("time.steps", "expected PATH=VALUE");
     set("support.7.model=left", "there is no entry 7: the list has 1");
-    set("title.x=1", "--set title.x=1");
+    set("title.x=1", "cannot set title.x = 1");
     set("model.left.spacing=wide", "invalid type: string \"wide\"");
     set("model.left.spacing.x=1", "'x' is below a plain value");
     let out = bench.folder.join("taken");

@@ -4,8 +4,8 @@ mod common;
 
 use arlequin::core::Coupled;
 use arlequin_scene::suggest::predict_as_given;
-use arlequin_scene::{End, Observer, RunFolder, Scene, Silent, resume};
-use common::{SMALL, scene, scratch, succeed, text};
+use arlequin_scene::{End, Observer, Results, RunFolder, Scene, Silent, resume};
+use common::{SMALL, WAKING, scene, scratch, succeed, text};
 use std::ops::ControlFlow;
 
 /// The numbers of a table, as their bits.
@@ -75,6 +75,19 @@ impl Observer for Until {
     }
 }
 
+/// Ends a run when it has heard of so many steps.
+struct At(usize);
+
+impl Observer for At {
+    fn step(&mut self, _: &Coupled<f64>, _: usize) -> ControlFlow<()> {
+        self.0 = self.0.saturating_sub(1);
+        match self.0 {
+            0 => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        }
+    }
+}
+
 #[test]
 fn a_run_that_its_observer_ends_goes_on_from_its_folder() {
     let target = scratch("library-resume").join("out");
@@ -97,6 +110,59 @@ fn a_run_that_its_observer_ends_goes_on_from_its_folder() {
     assert_eq!((rest.end, rest.summary().steps), (End::Complete, 50));
     assert_eq!(rest.recorded.probes, whole.recorded.probes);
     assert_eq!(rest.folder.as_deref(), Some(target.as_path()));
+}
+
+#[test]
+fn a_run_that_its_observer_ends_goes_on_in_memory() {
+    let scene = Scene::from_text(SMALL).expect("a scene");
+    let whole = scene.prepare().expect("builds").run(&mut Silent).expect("runs");
+    let mut part = scene
+        .prepare()
+        .expect("builds")
+        .run(&mut Until(20))
+        .expect("runs");
+    for steps in [35, 50] {
+        assert_eq!(part.end, End::Interrupted);
+        part = part
+            .resume()
+            .expect("steps are left")
+            .run(&mut Until(steps))
+            .expect("runs");
+        assert_eq!((part.summary().steps, part.folder.as_deref()), (steps, None));
+    }
+    assert_eq!(part.end, End::Complete);
+    assert_eq!(part.recorded.probes, whole.recorded.probes);
+    assert_eq!(part.recorded.energy, whole.recorded.energy);
+    let told = part.resume().expect_err("all steps are made").to_string();
+    assert!(
+        told.contains("all steps are made; prepare the scene with a later end"),
+        "{told}"
+    );
+}
+
+/// A model that wakes on the way changes nothing of that, before it does and after.
+#[test]
+fn a_waking_run_goes_on_in_memory() {
+    let scene = Scene::from_text(WAKING).expect("a scene");
+    let whole = scene.prepare().expect("builds").run(&mut Silent).expect("runs");
+    let slept = whole.asleep.as_ref().expect("it wakes").summary.steps;
+    let mut part = scene
+        .prepare()
+        .expect("builds")
+        .run(&mut At(slept / 2))
+        .expect("runs");
+    assert!(part.asleep.is_none());
+    part = part
+        .resume()
+        .expect("asleep")
+        .run(&mut At(slept - slept / 2 + 7))
+        .expect("runs");
+    assert!(part.asleep.is_some() && part.end == End::Interrupted);
+    part = part.resume().expect("awake").run(&mut Silent).expect("runs");
+    assert_eq!(part.end, End::Complete);
+    assert_eq!(part.recorded.probes, whole.recorded.probes);
+    let before = |r: &Results| r.asleep.as_ref().map(|a| a.probes.clone());
+    assert_eq!(before(&part), before(&whole));
 }
 
 #[test]

@@ -77,6 +77,86 @@ component = "x"
     );
 }
 
+/// Words of `two-bodies.toml`, what a mistake makes of them, what is said of it.
+const MISTAKES: [(&str, &str, &str); 16] = [
+    (
+        "where = \"z-min\"",
+        "where = \"bottom\"",
+        "there is no group of the model of this name",
+    ),
+    ("strength = 800e6", "strength = -800e6", "bond strength"),
+    (
+        "contact = { friction = 0.3 }",
+        "contact = { friction = -0.3 }",
+        "friction coefficient",
+    ),
+    (
+        "stiffness_damping = { time = 1e-9 }",
+        "stiffness_damping = { time = -1e-9 }",
+        "effect[3]",
+    ),
+    (
+        "between = [\"ball\", \"grains\"]",
+        "between = [\"ball\", \"grain\"]",
+        "effect[2].between[1] = 'grain'",
+    ),
+    (
+        "mediator = { spacing = 0.75e-3 }",
+        "mediator = { spacing = -0.75e-3 }",
+        "interface.layer.mediator.spacing",
+    ),
+    (
+        "mediator = { spacing = 0.75e-3 }",
+        "weight = { epsilon = 0.7 }",
+        "epsilon = 0.7",
+    ),
+    (
+        "mediator = { spacing = 0.75e-3 }",
+        "junction = { kind = \"l2\", length = 1.0 }",
+        "the l2 junction has no length",
+    ),
+    (
+        "mediator = { spacing = 0.75e-3 }",
+        "absorber = { spacing = 1.0 }",
+        "needs exactly one of rate",
+    ),
+    (
+        "coarse = [0.0, 0.0, -3e-3]",
+        "coarse = [0.0, 0.0, -1.5e-3]",
+        "overlap width = 0",
+    ),
+    (
+        "at = [0.0, 0.0, -4e-3]",
+        "at = [0.0, 0.0, -4.0]",
+        "probe.below.at",
+    ),
+    (
+        "at = [0.0, 0.0, -4e-3]",
+        "where = \"z-min\"\nat = [0.0, 0.0, -4e-3]",
+        "probe.below: needs exactly one of",
+    ),
+    (
+        "models = [\"ball\"]\nvelocity",
+        "models = [\"bal\"]\nvelocity",
+        "initial[0].models[0] = 'bal'",
+    ),
+    (
+        "velocity.uniform = [0.0, 0.0, -25.0]",
+        "",
+        "initial[0]: needs displacement, velocity, spin or wave",
+    ),
+    (
+        "spacing = 0.5e-3",
+        "spacing = -0.5e-3",
+        "model.block.spacing = -0.0005",
+    ),
+    (
+        "shape.file = \"ball.stl\"",
+        "shape.file = \"bal.stl\"",
+        "cannot read",
+    ),
+];
+
 /// A scene whose packing takes seconds, and one mistake at a time in a table that is read late.
 #[test]
 fn mistakes_in_the_file_are_found_before_any_set_up() {
@@ -85,85 +165,7 @@ fn mistakes_in_the_file_are_found_before_any_set_up() {
     std::fs::copy(common::scene("ball.stl"), folder.join("ball.stl")).expect("copy");
     // Dear on purpose: 40 times the spheres.
     let scene = scene.replace("spacing = 0.35e-3", "spacing = 0.1e-3");
-    let cases = [
-        (
-            "where = \"z-min\"",
-            "where = \"bottom\"",
-            "there is no group of the model of this name",
-        ),
-        ("strength = 800e6", "strength = -800e6", "bond strength"),
-        (
-            "contact = { friction = 0.3 }",
-            "contact = { friction = -0.3 }",
-            "friction coefficient",
-        ),
-        (
-            "stiffness_damping = { time = 1e-9 }",
-            "stiffness_damping = { time = -1e-9 }",
-            "effect[3]",
-        ),
-        (
-            "between = [\"ball\", \"grains\"]",
-            "between = [\"ball\", \"grain\"]",
-            "effect[2].between[1] = 'grain'",
-        ),
-        (
-            "mediator = { spacing = 0.75e-3 }",
-            "mediator = { spacing = -0.75e-3 }",
-            "interface.layer.mediator.spacing",
-        ),
-        (
-            "mediator = { spacing = 0.75e-3 }",
-            "weight = { epsilon = 0.7 }",
-            "epsilon = 0.7",
-        ),
-        (
-            "mediator = { spacing = 0.75e-3 }",
-            "junction = { kind = \"l2\", length = 1.0 }",
-            "the l2 junction has no length",
-        ),
-        (
-            "mediator = { spacing = 0.75e-3 }",
-            "absorber = { spacing = 1.0 }",
-            "needs exactly one of rate",
-        ),
-        (
-            "coarse = [0.0, 0.0, -3e-3]",
-            "coarse = [0.0, 0.0, -1.5e-3]",
-            "overlap width = 0",
-        ),
-        (
-            "at = [0.0, 0.0, -4e-3]",
-            "at = [0.0, 0.0, -4.0]",
-            "probe.below.at",
-        ),
-        (
-            "at = [0.0, 0.0, -4e-3]",
-            "where = \"z-min\"\nat = [0.0, 0.0, -4e-3]",
-            "probe.below: needs exactly one of",
-        ),
-        (
-            "models = [\"ball\"]\nvelocity",
-            "models = [\"bal\"]\nvelocity",
-            "initial[0].models[0] = 'bal'",
-        ),
-        (
-            "velocity.uniform = [0.0, 0.0, -25.0]",
-            "",
-            "initial[0]: needs displacement, velocity, spin or wave",
-        ),
-        (
-            "spacing = 0.5e-3",
-            "spacing = -0.5e-3",
-            "model.block.spacing = -0.0005",
-        ),
-        (
-            "shape.file = \"ball.stl\"",
-            "shape.file = \"bal.stl\"",
-            "cannot read",
-        ),
-    ];
-    for (from, to, words) in cases {
+    for (from, to, words) in MISTAKES {
         assert!(scene.contains(from), "{from}");
         let begin = Instant::now();
         let message = said(&folder, &scene.replacen(from, to, 1));

@@ -301,15 +301,22 @@ pub enum Error {
     },
     /// The time step is not stable.
     #[error(
-        "time step {dt:e} s exceeds the critical step {critical:e} s of model '{model}'; reduce it to at most {critical:e} s"
+        "time step {dt:e} s exceeds the critical step {critical:e} s of model '{model}', which makes {steps} own steps in a step of \
+         the run; reduce it to at most {critical:e} s: by a step of the run of at most {longest:e} s, or by at least {needed} own steps"
     )]
     UnstableStep {
-        /// Chosen step \[s\].
+        /// Step of the model \[s\].
         dt: f64,
-        /// Largest stable step \[s\].
+        /// Its largest stable step \[s\].
         critical: f64,
-        /// Model with the smallest critical step.
+        /// The model that exceeds it most.
         model: String,
+        /// Its own steps in a step of the run.
+        steps: usize,
+        /// Longest step of the run with so many \[s\].
+        longest: f64,
+        /// Least own steps that are stable.
+        needed: usize,
     },
     /// The run diverged.
     #[error(

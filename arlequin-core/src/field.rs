@@ -65,6 +65,17 @@ pub trait Interpolation<T: Real>: Send + Sync {
         Vec::new()
     }
 
+    /// The cells whose boxes meet a box given by its low and high corner, with their numbers in [`Interpolation::cells`];
+    /// none if the field has no cells at all. A field of many cells need not make all of them for that.
+    fn cells_within(&self, [low, high]: &[Point3<T>; 2]) -> Option<Vec<(usize, Cell<T>)>> {
+        let all = self.cells();
+        let meets = |c: &Cell<T>| {
+            let [from, to] = c.bounds();
+            (0..3).all(|k| from[k] <= high[k] && low[k] <= to[k])
+        };
+        (!all.is_empty()).then(|| all.into_iter().enumerate().filter(|c| meets(&c.1)).collect())
+    }
+
     /// Polynomial degree of the shape functions on a cell; chooses the quadrature.
     fn degree(&self) -> usize {
         1

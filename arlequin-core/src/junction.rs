@@ -59,6 +59,12 @@ pub trait Junction<T: Real>: Send + Sync {
 
     /// Density of `⟨N_row e_a, N_col e_b⟩` at the point `x` \[m\], as a matrix over the components `a`, `b`.
     fn block(&self, x: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T>;
+
+    /// `[a, b]` where every component has the density `a N_row N_col + b ∇N_row·∇N_col` at `x`: what [`Self::block`] says,
+    /// summed without a call per pair of shape functions. None for any other density.
+    fn coefficients(&self, _: &Point3<T>) -> Option<[T; 2]> {
+        None
+    }
 }
 
 /// `∫ λ·v`.
@@ -77,6 +83,9 @@ impl<T: Real> Junction<T> for L2 {
     }
     fn block(&self, _: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T> {
         Matrix3::from_diagonal_element(row.value * col.value)
+    }
+    fn coefficients(&self, _: &Point3<T>) -> Option<[T; 2]> {
+        Some([T::one(), T::zero()])
     }
 }
 
@@ -137,6 +146,9 @@ impl<T: Real> Junction<T> for H1Gradient<T> {
         let gradient = row.gradient.dot(&col.gradient) * self.0 * self.0;
         Matrix3::from_diagonal_element(row.value * col.value + gradient)
     }
+    fn coefficients(&self, _: &Point3<T>) -> Option<[T; 2]> {
+        Some([T::one(), self.0 * self.0])
+    }
 }
 
 /// `∫ l² ∇λ:∇v`: ties gradients only. Needs a pinned point per component.
@@ -173,6 +185,9 @@ impl<T: Real> Junction<T> for H1Seminorm<T> {
     }
     fn block(&self, _: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T> {
         Matrix3::from_diagonal_element(row.gradient.dot(&col.gradient) * self.0 * self.0)
+    }
+    fn coefficients(&self, _: &Point3<T>) -> Option<[T; 2]> {
+        Some([T::zero(), self.0 * self.0])
     }
 }
 

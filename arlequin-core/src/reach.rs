@@ -24,7 +24,6 @@ pub(crate) struct Reach<'a, T: Real, F: Interpolation<T> + ?Sized> {
     tree: BoxTree<T>,
     /// Distance at which the search for nodes begins \[m\].
     start: T,
-    rows: [ShapeRow<T>; 2],
 }
 
 impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
@@ -36,28 +35,33 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
             field,
             tree: BoxTree::new(nodes.iter().map(|x| [*x, *x]).collect()),
             start: (high - low).norm() / count.cbrt(),
-            rows: [ShapeRow::default(), ShapeRow::default()],
         }
     }
 
     /// Shape functions at a point outside, as long as it is no farther from the surface than the mean of the nearest
-    /// nodes is behind it.
+    /// nodes is behind it; `work` is memory to use.
     ///
     /// # Errors
     /// [`Error::OutsideDomain`] farther away; those of the field.
-    pub(crate) fn shape_at(&mut self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
+    pub(crate) fn shape_at(
+        &self,
+        x: &Point3<T>,
+        gradient: bool,
+        row: &mut ShapeRow<T>,
+        work: &mut [ShapeRow<T>; 2],
+    ) -> Result<()> {
         let nearest = self.nearest(x);
         let count = T::of(nearest.len().max(1) as f64);
         let arms = nearest
             .iter()
             .fold(Vector3::zeros(), |s, k| s + (self.field.nodes()[*k] - x));
         let (way, mut far, mut near) = (arms / count, T::one(), T::zero());
-        if !self.inside(&(x + way), false, 0)? {
+        if !self.inside(&(x + way), false, &mut work[0])? {
             return Err(outside(x, self.field.kind()));
         }
         for _ in 0..HALVINGS {
             let middle = (far + near) * T::of(0.5);
-            if self.inside(&(x + way * middle), false, 0)? {
+            if self.inside(&(x + way * middle), false, &mut work[0])? {
                 far = middle;
             } else {
                 near = middle;
@@ -66,14 +70,14 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
         // As far behind the surface as the point is before it.
         let behind = far + far;
         if behind > T::one()
-            || !self.inside(&(x + way * behind), gradient, 1)?
-            || !self.inside(&(x + way * far), gradient, 0)?
+            || !self.inside(&(x + way * behind), gradient, &mut work[1])?
+            || !self.inside(&(x + way * far), gradient, &mut work[0])?
         {
             return Err(outside(x, self.field.kind()));
         }
         row.clear();
         for (k, factor) in [(0, T::of(2.0)), (1, -T::one())] {
-            let from = &self.rows[k];
+            let from = &work[k];
             for (n, &node) in from.nodes.iter().enumerate() {
                 let value = from.values[n] * factor;
                 let slope = gradient.then(|| from.gradients[n] * factor);
@@ -94,8 +98,8 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
         Ok(())
     }
 
-    fn inside(&mut self, x: &Point3<T>, gradient: bool, slot: usize) -> Result<bool> {
-        match self.field.shape_at(x, gradient, &mut self.rows[slot]) {
+    fn inside(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<bool> {
+        match self.field.shape_at(x, gradient, row) {
             Ok(()) => Ok(true),
             Err(Error::OutsideDomain { .. }) => Ok(false),
             Err(e) => Err(e),

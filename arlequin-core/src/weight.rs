@@ -15,11 +15,8 @@ use crate::profile::Profile;
 
 /// How weights enter a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Weighting {
     /// Every element or bond carries the mean of the weight over itself, in stiffness **and** mass. Conserves the
     /// weighted energy and leaves the critical step as it is for any weight.

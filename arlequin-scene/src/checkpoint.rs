@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Name of the file in an output folder.
 pub(crate) const NAME: &str = "checkpoint.bin";
 /// Changes whenever the payload does.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;
@@ -245,7 +245,8 @@ mod tests {
                 start_loss: 0.0,
                 ledger: vec![0.0; 9],
                 subdomains: vec![body],
-                multipliers: vec![vec![1.0, 2.0]],
+                own_steps: vec![1],
+                impulses: vec![vec![1.0, 2.0]],
                 pairs: vec![PairSnapshot {
                     work: -0.5,
                     effect: Record::default(),

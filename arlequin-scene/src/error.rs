@@ -1,8 +1,8 @@
-//! Errors of the command line: each names a key of the scene, its value, the limit and a way out.
+//! Errors of scenes: each names a key of the scene, its value, the limit and a way out.
 
 use std::path::{Path, PathBuf};
 
-/// What can go wrong between the command line and the results.
+/// What can go wrong between a scene and its results.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file cannot be read.
@@ -26,14 +26,16 @@ pub enum Error {
     Syntax {
         /// The parser's words.
         message: String,
-        /// Bytes of the scene file it speaks of; none for values given by `--set`.
+        /// Bytes of the scene file it speaks of; none if it is not known.
         span: Option<std::ops::Range<usize>>,
     },
-    /// A `--set` that does not fit the scene.
-    #[error("--set {assignment}: {message}")]
+    /// A change that does not fit the scene.
+    #[error("cannot set {key} = {value}: {message}")]
     Set {
-        /// As given.
-        assignment: String,
+        /// Path as given.
+        key: String,
+        /// Value as given.
+        value: String,
         /// What is wrong, and the way out.
         message: String,
     },
@@ -68,7 +70,7 @@ pub enum Error {
         known: String,
     },
     /// The core refuses.
-    #[error("{source}")]
+    #[error("{key}: {source}")]
     Core {
         /// Path of the key it comes from.
         key: String,
@@ -153,17 +155,12 @@ pub enum Error {
         /// The system's words.
         message: String,
     },
-    /// A plot cannot be drawn.
-    #[error("cannot draw '{name}': {message}")]
-    Plot {
-        /// File name.
-        name: String,
-        /// The library's words.
-        message: String,
-    },
+    /// What watches a run, or shows its results, failed at its own work.
+    #[error("{0}")]
+    Observer(Box<dyn std::error::Error + Send + Sync>),
 }
 
-/// Result of the command line's operations.
+/// Result of what scenes do.
 pub type Result<V, E = Error> = std::result::Result<V, E>;
 
 impl Error {
@@ -171,7 +168,8 @@ impl Error {
     pub fn place(&self) -> (Option<&str>, Option<std::ops::Range<usize>>) {
         match self {
             Self::Syntax { span, .. } => (None, span.clone()),
-            Self::Value { key, .. }
+            Self::Set { key, .. }
+            | Self::Value { key, .. }
             | Self::Key { key, .. }
             | Self::UnknownName { key, .. }
             | Self::Core { key, .. }
@@ -201,7 +199,7 @@ impl Error {
             Self::Write { .. }
                 | Self::NotFinite { .. }
                 | Self::System { .. }
-                | Self::Plot { .. }
+                | Self::Observer(_)
                 | Self::Kept { .. }
                 | Self::Core {
                     source: Core::Diverged { .. } | Core::EnergyGrowth { .. },

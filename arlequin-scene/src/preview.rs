@@ -5,7 +5,7 @@ use crate::output::summary::{self, InterfaceLine, ModelLine};
 use crate::recorder::PhaseClock;
 use crate::run::Prepared;
 use crate::scene::Scene;
-use crate::setup::Built;
+use crate::setup::{Built, PhaseTime};
 use arlequin::core::Coupled;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -43,6 +43,8 @@ pub struct Preview {
     pub memory_bytes: usize,
     /// Seconds the set-up took.
     pub setup_seconds: f64,
+    /// Parts of them, in order.
+    pub setup_phases: Vec<PhaseTime>,
     /// Seconds the steps will take, from trial steps that are thrown away; none if these fail.
     pub stepping_seconds: Option<f64>,
     /// What a user should know.
@@ -72,6 +74,7 @@ impl Preview {
             steps,
             frame_every,
             warnings,
+            phases,
             ..
         } = built;
         let packings: Vec<_> = models.iter().map(|d| d.packing.clone()).collect();
@@ -94,6 +97,7 @@ impl Preview {
             output_bytes: count * frames.bytes_per_frame(),
             memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
             setup_seconds,
+            setup_phases: phases,
             warnings,
             asleep: None,
             stepping_seconds: trial(&mut run, steps),

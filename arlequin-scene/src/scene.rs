@@ -111,27 +111,28 @@ impl Scene {
     /// A text that is no scene, with its place.
     pub fn of(source: Source) -> Result<Self> {
         let syntax = |e: toml::de::Error| Error::Syntax {
-            message: e.message().to_owned(),
+            message: in_words(e.message()),
             span: e.span(),
         };
         let table: toml::Table = toml::from_str(&source.text).map_err(syntax)?;
+        plausible("", &table)?;
         // From the text, as only then errors know their line.
         let spec = toml::from_str(&source.text).map_err(syntax)?;
-        let out = Self {
+        Ok(Self {
             source,
             changes: Vec::new(),
             table,
             spec,
-        };
-        out.finite()
+        })
     }
 
     /// Sets one value by its path, such as `time.end` or `support.0.model`; a text is a TOML value, or else itself.
     ///
     /// # Errors
     /// A path that the scene does not have, a value that it cannot take.
-    pub fn set(self, path: &str, value: impl Display) -> Result<Self> {
-        self.assign(&[format!("{path}={value}")])
+    pub fn set(mut self, path: &str, value: impl Display) -> Result<Self> {
+        self.change(path.trim(), value.to_string().trim())?;
+        Ok(self)
     }
 
     /// Applies assignments `PATH=VALUE` in their order.
@@ -140,17 +141,27 @@ impl Scene {
     /// As those of [`Self::set`].
     pub fn assign(mut self, assignments: &[String]) -> Result<Self> {
         for assignment in assignments {
-            let bad = |message: String| Error::Set {
-                assignment: assignment.clone(),
-                message,
-            };
-            assign(&mut self.table, assignment).map_err(bad)?;
-            // From its text again: a second way to read all tables would take a tenth of this crate's code.
-            self.spec = toml::from_str(&self.table.to_string())
-                .map_err(|e: toml::de::Error| bad(e.message().to_owned()))?;
-            self.changes.push(assignment.clone());
+            let (path, value) = assignment
+                .split_once('=')
+                .ok_or_else(|| key(assignment, "expected PATH=VALUE, such as time.end=1e-3"))?;
+            self.change(path.trim(), value.trim())?;
         }
-        self.finite()
+        Ok(self)
+    }
+
+    fn change(&mut self, path: &str, value: &str) -> Result<()> {
+        let bad = |message: String| Error::Set {
+            key: path.to_owned(),
+            value: value.to_owned(),
+            message,
+        };
+        assign(&mut self.table, path, parse_value(value)).map_err(bad)?;
+        plausible("", &self.table)?;
+        // From its text again: a second way to read all tables would take a tenth of this crate's code.
+        self.spec = toml::from_str(&self.table.to_string())
+            .map_err(|e: toml::de::Error| bad(in_words(e.message())))?;
+        self.changes.push(format!("{path}={value}"));
+        Ok(())
     }
 
     /// What the scene says, changes included.
@@ -190,12 +201,15 @@ impl Scene {
     /// # Errors
     /// What is wrong with the scene: the key, its value, the limit and a way out.
     pub fn prepare(&self) -> Result<Prepared> {
-        Prepared::new(self)
+        self.prepare_with(&mut |_| ())
     }
 
-    fn finite(self) -> Result<Self> {
-        finite("", &Value::Table(self.table.clone()))?;
-        Ok(self)
+    /// The same; `tell` hears of every phase of the set-up as it begins, in words.
+    ///
+    /// # Errors
+    /// Those of [`Self::prepare`].
+    pub fn prepare_with(&self, tell: &mut dyn FnMut(&str)) -> Result<Prepared> {
+        Prepared::new(self, tell)
     }
 }
 
@@ -214,34 +228,61 @@ fn collect_files(at: &Value, out: &mut Vec<PathBuf>) {
     }
 }
 
-/// Refuses NaN and infinity anywhere in the scene.
-fn finite(path: &str, at: &Value) -> Result<()> {
-    let join = |k: &str| {
-        if path.is_empty() {
-            k.to_owned()
-        } else {
-            format!("{path}.{k}")
-        }
-    };
+/// Refuses NaN, infinity and dates anywhere in the scene.
+fn plausible(path: &str, at: &toml::Table) -> Result<()> {
+    at.iter().try_for_each(|(k, v)| match path {
+        "" => plausible_value(k, v),
+        _ => plausible_value(&format!("{path}.{k}"), v),
+    })
+}
+
+fn plausible_value(path: &str, at: &Value) -> Result<()> {
     match at {
-        Value::Float(x) if !x.is_finite() => Err(value(path, x, "must be a finite number")),
-        Value::Table(t) => t.iter().try_for_each(|(k, v)| finite(&join(k), v)),
+        Value::Float(x) if !x.is_finite() => {
+            let rule =
+                "must be a finite number, at most 1.8e308; give one, or remove the key for its default";
+            Err(value(path, x, rule))
+        }
+        Value::Datetime(d) => Err(value(
+            path,
+            d,
+            "is a date; a scene knows none: give a number in SI units",
+        )),
+        Value::Table(t) => plausible(path, t),
         Value::Array(a) => a
             .iter()
             .enumerate()
-            .try_for_each(|(k, v)| finite(&format!("{path}[{k}]"), v)),
-        Value::Datetime(d) => Err(key(path, format!("{d} is a date; a scene knows none"))),
+            .try_for_each(|(k, v)| plausible_value(&format!("{path}[{k}]"), v)),
         _ => Ok(()),
     }
 }
 
+/// A parser's message without the types of the language it is written in.
+fn in_words(message: &str) -> String {
+    const WORDS: [(&str, &str); 5] = [
+        ("expected f64", "expected a number, such as 1.5e-3"),
+        (
+            "expected usize",
+            "expected a whole number from 0 on, such as 20, below 9.2e18",
+        ),
+        (
+            "expected u64",
+            "expected a whole number from 0 on, such as 20, below 9.2e18",
+        ),
+        ("expected a boolean", "expected true or false"),
+        (
+            " as i128, expected any valid TOML value",
+            ": whole numbers end at 9.2e18; write it with a point or an exponent, such as 1e20",
+        ),
+    ];
+    let words = WORDS.iter();
+    words.fold(message.to_owned(), |text, (from, to)| text.replace(from, to))
+}
+
 /// Sets one value; `Err` says what is wrong with the path.
-fn assign(root: &mut toml::Table, assignment: &str) -> std::result::Result<(), String> {
-    let (path, text) = assignment
-        .split_once('=')
-        .ok_or("expected PATH=VALUE, such as time.end=1e-3")?;
-    let parts: Vec<&str> = path.trim().split('.').collect();
-    let new = parse_value(text.trim());
+fn assign(root: &mut toml::Table, path: &str, new: Value) -> std::result::Result<(), String> {
+    let parts = parts(path)?;
+    let parts: Vec<&str> = parts.iter().map(|k| k.get()).collect();
     // Tables whose keys are names: a misspelt name must not make a new model.
     if let [table @ ("model" | "interface" | "probe"), name, ..] = parts.as_slice() {
         let known: Vec<&String> = match root.get(*table) {
@@ -271,6 +312,20 @@ fn assign(root: &mut toml::Table, assignment: &str) -> std::result::Result<(), S
     Ok(())
 }
 
+/// Parts of a path as TOML writes it (`probe."my tip".at`); `support[0]`, as messages write it, is `support.0`.
+fn parts(path: &str) -> std::result::Result<Vec<toml_edit::Key>, String> {
+    let dotted = if path.contains(['"', '\'']) {
+        path.to_owned()
+    } else {
+        path.replace('[', ".").replace(']', "")
+    };
+    toml_edit::Key::parse(&dotted).map_err(|_| {
+        "is no path; write names with dots between them, such as time.end, and quote a name that holds others than \
+         a-z, A-Z, 0-9, - and _"
+            .to_owned()
+    })
+}
+
 fn child<'a>(at: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value, String> {
     match at {
         Value::Table(t) => Ok(t
@@ -280,19 +335,26 @@ fn child<'a>(at: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value
             let count = a.len();
             let index: usize = part
                 .parse()
-                .map_err(|_| format!("'{part}' is no index of a list of {count}"))?;
+                .map_err(|_| format!("'{part}' is no index of a list of {count}; count from 0"))?;
             a.get_mut(index)
-                .ok_or_else(|| format!("there is no entry {index}: the list has {count}"))
+                .ok_or_else(|| format!("there is no entry {index}: the list has {count}, counted from 0"))
         }
-        _ => Err(format!("'{part}' is below a plain value, which has no keys")),
+        _ => Err(format!(
+            "'{part}' is below a plain value, which has no keys; set the whole: {{ {part} = … }}"
+        )),
     }
 }
 
-/// A TOML value, or else the text itself.
+/// A TOML value; a number that TOML writes otherwise, such as a whole one beyond its integers; or else the text itself.
 fn parse_value(text: &str) -> Value {
     let parsed = toml::from_str::<toml::Table>(&format!("x = {text}"));
-    match parsed.ok().and_then(|mut t| t.remove("x")) {
-        Some(v) => v,
-        None => Value::String(text.to_owned()),
+    if let Some(v) = parsed.ok().and_then(|mut t| t.remove("x")) {
+        return v;
     }
+    // Words that Rust, but not TOML, takes for infinity could be names.
+    let number = text
+        .parse()
+        .ok()
+        .filter(|x: &f64| x.is_finite() || text.ends_with("NaN"));
+    number.map_or_else(|| Value::String(text.to_owned()), Value::Float)
 }

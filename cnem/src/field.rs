@@ -205,6 +205,22 @@ impl Interpolation<f64> for NaturalField {
             .collect()
     }
 
+    fn cells_within(&self, [low, high]: &[Point3<f64>; 2]) -> Option<Vec<(usize, Cell<f64>)>> {
+        if let Some(bodies) = &self.bodies {
+            return Some(bodies.iter().cloned().enumerate().collect());
+        }
+        let all = self.domain.elements().map(|t| t.map(|v| self.domain.nodes()[v]));
+        let meets = |p: &[Point3<f64>; 4]| {
+            let end = |of: fn(f64, f64) -> f64, k: usize| p[1..].iter().fold(p[0][k], |m, x| of(m, x[k]));
+            (0..3).all(|k| end(f64::min, k) <= high[k] && low[k] <= end(f64::max, k))
+        };
+        let near = all.enumerate().filter(|(_, p)| meets(p));
+        Some(
+            near.map(|(k, p)| (k, Cell::Polyhedron(Polyhedron::tetrahedron(p))))
+                .collect(),
+        )
+    }
+
     /// Natural-neighbour functions are no polynomials; linear functions are their best fit on a tetrahedron.
     fn degree(&self) -> usize {
         1

@@ -195,7 +195,7 @@ fn a_restart_in_mid_contact_goes_on_with_the_same_bits() {
         whole.advance(&mut Silent).unwrap();
     }
     whole.run(3, &mut Silent).unwrap();
-    let saved = whole.snapshot();
+    let saved = whole.snapshot().unwrap();
     assert!(whole.effects()[0].stored > 0.0);
     let mut again = impact(rough(), 0.7);
     again.restore(&saved).unwrap();
@@ -308,7 +308,7 @@ fn without_contact_between_them_bodies_pass_and_nothing_is_called() {
     let mut counter = Counter::default();
     run.run(400, &mut counter).unwrap();
     assert_eq!((counter.pair, counter.effect), (0, 0));
-    assert!(run.effects().is_empty() && run.works().is_empty() && run.snapshot().pairs.is_empty());
+    assert!(run.effects().is_empty() && run.works().is_empty() && run.snapshot().unwrap().pairs.is_empty());
     // They went through each other, which the watchdog's figures show.
     let q = [0, 1].map(|k: usize| &run.subdomains()[k].state().q[..]);
     let (count, worst) = below.overlaps(&above, q, 0.01).unwrap();

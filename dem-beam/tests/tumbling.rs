@@ -167,7 +167,7 @@ fn a_tumble_goes_on_from_a_snapshot_with_the_same_bits() {
     };
     let mut whole = free(spin, 0.8);
     whole.run(6_000, &mut Silent).unwrap();
-    let saved = whole.snapshot();
+    let saved = whole.snapshot().unwrap();
     whole.run(6_000, &mut Silent).unwrap();
     assert!(
         whole.time() * spin.norm() > 2.0 * PI,

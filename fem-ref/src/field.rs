@@ -16,8 +16,11 @@ use std::sync::Arc;
 /// How local coordinates of a hexahedron are found, and how far its faces are from planes.
 #[derive(Debug, Clone)]
 struct HexShape<T: Real> {
-    /// Inverse Jacobian where the map is affine (a parallelepiped).
-    affine: Option<Matrix3<T>>,
+    centre: Point3<T>,
+    /// Inverse Jacobian where the map is affine (a parallelepiped), or nearly so.
+    inverse: Option<Matrix3<T>>,
+    /// Whether it is affine to the last digits. Otherwise every correction with the same inverse gains eight digits.
+    affine: bool,
     /// Largest distance of a face's corners from a plane, relative to the element's size.
     warp: T,
 }
@@ -117,28 +120,42 @@ impl<T: Real> FemField<T> {
         self.mesh.cells_of(e, planar, out);
     }
 
+    /// Local coordinates of `x` in hexahedron `e`.
+    fn hex_local(&self, e: usize, x: &Point3<T>) -> Option<Vector3<T>> {
+        let shape = &self.hexes[e];
+        let Some(inverse) = &shape.inverse else {
+            return element::hex_inverse(&self.mesh.corners(e), x);
+        };
+        let mut xi = inverse * (x - shape.centre);
+        if !shape.affine {
+            let p = self.mesh.corners(e);
+            for _ in 0..2 {
+                xi += inverse * (x - element::hex_map(&p, &xi));
+            }
+        }
+        Some(xi)
+    }
+
     /// Local coordinates of `x` in element `e` and by how much they leave it.
     fn local(&self, e: usize, x: &Point3<T>) -> Option<Located<T>> {
-        let p = self.mesh.corners(e);
         let (zero, one) = (T::zero(), T::one());
         let (local, violation) = match self.mesh.kind() {
             ElementKind::Bar2 => {
+                let p = self.mesh.corners(e);
                 let d = p[1] - p[0];
                 let s = d.dot(&(x - p[0])) / d.norm_squared();
                 let off = (x - (p[0] + d * s)).norm() / d.norm();
                 ([one - s, s, zero, zero], (-s).max(s - one).max(off))
             }
             ElementKind::Tet4 => {
+                let p = self.mesh.corners(e);
                 let (g, _) = element::tet_gradients(&p);
                 let b = [1, 2, 3].map(|k: usize| g[k].dot(&(x - p[0])));
                 let local = [one - b[0] - b[1] - b[2], b[0], b[1], b[2]];
                 (local, local.into_iter().fold(-one, |v, l| v.max(-l)))
             }
             ElementKind::Hex8 => {
-                let xi = match &self.hexes[e].affine {
-                    Some(inverse) => inverse * (x - element::hex_map(&p, &Vector3::zeros())),
-                    None => element::hex_inverse(&p, x)?,
-                };
+                let xi = self.hex_local(e, x)?;
                 // A point off a face by round-off is taken onto it, so that the far nodes have no part in it.
                 let xi = xi.map(|c: T| {
                     if (c.abs() - one).abs() < T::epsilon() * T::of(128.0) {
@@ -198,7 +215,6 @@ impl<T: Real> FemField<T> {
     ) -> arlequin_core::Result<()> {
         row.clear();
         let nodes = self.mesh.element(at.element);
-        let p = self.mesh.corners(at.element);
         let mut values = [T::zero(); 8];
         let mut gradients = [Vector3::zeros(); 8];
         match self.mesh.kind() {
@@ -207,7 +223,12 @@ impl<T: Real> FemField<T> {
                 values = element::hex_values(&xi);
                 if gradient {
                     let local = element::hex_gradients(&xi);
-                    let Some(inverse) = element::hex_jacobian(&p, &local).try_inverse() else {
+                    let shape = &self.hexes[at.element];
+                    let inverse = match &shape.inverse {
+                        Some(inverse) if shape.affine => Some(*inverse),
+                        _ => element::hex_jacobian(&self.mesh.corners(at.element), &local).try_inverse(),
+                    };
+                    let Some(inverse) = inverse else {
                         return Err(outside(x, self.kind()));
                     };
                     gradients = local.map(|g| inverse.tr_mul(&g));
@@ -215,10 +236,14 @@ impl<T: Real> FemField<T> {
             }
             ElementKind::Tet4 => {
                 values[..4].copy_from_slice(&at.local);
-                gradients[..4].copy_from_slice(&element::tet_gradients(&p).0);
+                if gradient {
+                    let p = self.mesh.corners(at.element);
+                    gradients[..4].copy_from_slice(&element::tet_gradients(&p).0);
+                }
             }
             ElementKind::Bar2 => {
                 values[..2].copy_from_slice(&at.local[..2]);
+                let p = self.mesh.corners(at.element);
                 let d = p[1] - p[0];
                 gradients[1] = d / d.norm_squared();
                 gradients[0] = -gradients[1];
@@ -252,9 +277,12 @@ fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
         d[1].dot(&d[0].cross(&d[2])).abs() / (normal.norm() * size)
     });
     let warp = warp.fold(T::zero(), |a, b| a.max(b));
-    let exact = bent <= size * T::epsilon() * T::of(16.0);
+    // Below the root of epsilon, two corrections leave round-off.
+    let nearly = bent <= size * T::epsilon().sqrt();
     HexShape {
-        affine: if exact { j.try_inverse() } else { None },
+        centre,
+        inverse: if nearly { j.try_inverse() } else { None },
+        affine: bent <= size * T::epsilon() * T::of(16.0),
         warp,
     }
 }
@@ -294,6 +322,25 @@ impl<T: Real> Interpolation<T> for FemField<T> {
             self.cells_of(e, &mut out);
         }
         out
+    }
+
+    fn cells_within(&self, bounds: &[Point3<T>; 2]) -> Option<Vec<(usize, Cell<T>)>> {
+        if self.warped {
+            // Cells and elements are numbered differently.
+            return Some(self.cells().into_iter().enumerate().collect());
+        }
+        let mut near = Vec::new();
+        self.tree.any(bounds, &mut |e| {
+            near.push(e);
+            false
+        });
+        near.sort_unstable();
+        let mut one = Vec::with_capacity(1);
+        let cell = |e: usize| {
+            self.cells_of(e, &mut one);
+            one.pop().map(|c| (e, c))
+        };
+        Some(near.into_iter().filter_map(cell).collect())
     }
 
     fn degree(&self) -> usize {

@@ -8,6 +8,7 @@ use crate::error::{Error, Result, parameter};
 use crate::mesh::Mesh;
 use arlequin_core::Real;
 use nalgebra::Point3;
+use std::ops::Range;
 
 /// Bar along x from `x0` to `x1` \[m\] with `n` equal elements and a cross-section \[m²\]. Groups `x-min`, `x-max`.
 ///
@@ -64,46 +65,123 @@ pub fn block<T: Real>(
     high: Point3<T>,
     counts: [usize; 3],
 ) -> Result<Mesh<T>> {
-    for (k, name) in ["box corner x", "box corner y", "box corner z"]
+    cuboid(kind, &sides(low, high, counts)?, counts, |_| true)
+}
+
+/// The box of [`block`] without the hexahedra inside another box, `hole`: what a coarse model has around the region of a
+/// fine one. Faces of the hole lie on faces of hexahedra; where the hole reaches beyond the box, it is open.
+///
+/// ```
+/// use arlequin_core::nalgebra::Point3;
+/// use fem_ref::{ElementKind, generate};
+/// let frame = [Point3::new(1.0, 1.0, -1.0), Point3::new(3.0, 3.0, 2.0)];
+/// let high = Point3::new(4.0, 4.0, 1.0);
+/// let mesh = generate::hollow_block(ElementKind::Hex8, Point3::origin(), high, [4, 4, 1], frame)?;
+/// assert_eq!((mesh.element_count(), mesh.nodes().len()), (12, 2 * 24));
+/// # Ok::<(), fem_ref::Error>(())
+/// ```
+///
+/// # Errors
+/// As [`block`]; [`Error::Parameter`] for a face of the hole off the faces of hexahedra by more than 1e-6 of their length,
+/// and for a hole that takes none or all of them.
+pub fn hollow_block<T: Real>(
+    kind: ElementKind,
+    low: Point3<T>,
+    high: Point3<T>,
+    counts: [usize; 3],
+    hole: [Point3<T>; 2],
+) -> Result<Mesh<T>> {
+    let sides = sides(low, high, counts)?;
+    let mut gap = [[0; 2]; 3];
+    for (c, gap) in gap.iter_mut().enumerate() {
+        let name = ["hole corner x", "hole corner y", "hole corner z"][c];
+        ascending(name, hole[0][c], hole[1][c])?;
+        let n = T::of(counts[c] as f64);
+        for (layer, corner) in gap.iter_mut().zip(&hole) {
+            let place = (((corner[c] - low[c]) / (high[c] - low[c])) * n).clamp(T::zero(), n);
+            let nearest = place.round();
+            if (place - nearest).abs() > T::of(1e-6).max(T::epsilon() * n * T::of(8.0)) {
+                let rule = "must lie on a face between elements [m]; move it, or choose another element size";
+                return Err(parameter(name, corner[c], rule));
+            }
+            *layer = nearest.as_f64() as usize;
+        }
+    }
+    if gap.iter().any(|[a, b]| a == b) {
+        return Err(parameter(
+            "hole corner x",
+            hole[0].x,
+            "must leave out an element at least: hole and box do not meet",
+        ));
+    }
+    if (0..3).all(|c| gap[c] == [0, counts[c]]) {
+        return Err(parameter(
+            "hole corner x",
+            hole[0].x,
+            "must leave an element: the hole takes the whole box",
+        ));
+    }
+    let inside = |at: [usize; 3]| (0..3).all(|c| (gap[c][0]..gap[c][1]).contains(&at[c]));
+    cuboid(kind, &sides, counts, |at| !inside(at))
+}
+
+/// The sides of a box between two corners, with numbers of elements that can be meshed.
+fn sides<T: Real>(low: Point3<T>, high: Point3<T>, counts: [usize; 3]) -> Result<[Range<T>; 3]> {
+    for (c, name) in ["box corner x", "box corner y", "box corner z"]
         .into_iter()
         .enumerate()
     {
-        ascending(name, low[k], high[k])?;
-        count("box elements", counts[k])?;
+        ascending(name, low[c], high[c])?;
+        count("box elements", counts[c])?;
     }
     let [nx, ny, nz] = counts;
     count("box elements", nx.saturating_mul(ny).saturating_mul(nz))?;
-    let mut nodes = Vec::with_capacity((nx + 1) * (ny + 1) * (nz + 1));
-    for i in 0..=nx {
-        for j in 0..=ny {
-            for k in 0..=nz {
-                nodes.push(Point3::new(
-                    between(low.x, high.x, i, nx),
-                    between(low.y, high.y, j, ny),
-                    between(low.z, high.z, k, nz),
-                ));
-            }
-        }
-    }
+    Ok([0, 1, 2].map(|c| low[c]..high[c]))
+}
+
+/// A box of elements; `keep` tells which hexahedra, by their number along each axis, are there.
+fn cuboid<T: Real>(
+    kind: ElementKind,
+    sides: &[Range<T>; 3],
+    counts: [usize; 3],
+    keep: impl Fn([usize; 3]) -> bool,
+) -> Result<Mesh<T>> {
+    let [nx, ny, nz] = counts;
     let at = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
     let mut connectivity = Vec::with_capacity(8 * nx * ny * nz);
     for i in 0..nx {
         for j in 0..ny {
-            for k in 0..nz {
+            for k in (0..nz).filter(|&k| keep([i, j, k])) {
                 let ring = |k| [at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k)];
                 connectivity.extend(ring(k));
                 connectivity.extend(ring(k + 1));
             }
         }
     }
+    let mut used = vec![false; (nx + 1) * (ny + 1) * (nz + 1)];
+    for &v in &connectivity {
+        used[v as usize] = true;
+    }
+    let mut nodes = Vec::with_capacity(used.len());
+    let mut number = vec![0; used.len()];
+    for (v, _) in used.iter().enumerate().filter(|(_, used)| **used) {
+        number[v] = nodes.len() as u32;
+        let at = [v / ((ny + 1) * (nz + 1)), v / (nz + 1) % (ny + 1), v % (nz + 1)];
+        let x = [0, 1, 2].map(|c| between(sides[c].start, sides[c].end, at[c], counts[c]));
+        nodes.push(Point3::from(x));
+    }
+    for v in &mut connectivity {
+        *v = number[*v as usize];
+    }
+    let [low, high] = [0, 1].map(|end| [0, 1, 2].map(|c| [sides[c].start, sides[c].end][end]));
     Mesh::new(ElementKind::Hex8, nodes, connectivity)?
         .with_surfaces(&[
-            ("x-min", &|p| p.x <= low.x),
-            ("x-max", &|p| p.x >= high.x),
-            ("y-min", &|p| p.y <= low.y),
-            ("y-max", &|p| p.y >= high.y),
-            ("z-min", &|p| p.z <= low.z),
-            ("z-max", &|p| p.z >= high.z),
+            ("x-min", &|p| p.x <= low[0]),
+            ("x-max", &|p| p.x >= high[0]),
+            ("y-min", &|p| p.y <= low[1]),
+            ("y-max", &|p| p.y >= high[1]),
+            ("z-min", &|p| p.z <= low[2]),
+            ("z-max", &|p| p.z >= high[2]),
         ])?
         .into_kind(kind, "a box")
 }

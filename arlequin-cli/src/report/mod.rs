@@ -26,6 +26,16 @@ use std::io::IsTerminal;
 use std::sync::Mutex;
 use std::time::Duration;
 
+/// Says what a set-up is at, a line as each phase begins, to a user at a terminal.
+pub(crate) fn phase_teller() -> impl FnMut(&str) {
+    let terminal = std::io::stderr().is_terminal();
+    move |phase| {
+        if terminal {
+            eprintln!("set-up     {phase} ...");
+        }
+    }
+}
+
 /// A bar with the time to go on a terminal, a new one for each thing that is done; nothing elsewhere.
 #[derive(Debug, Default)]
 pub(crate) struct Progress(Mutex<Option<(String, ProgressBar)>>);

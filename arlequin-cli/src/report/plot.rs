@@ -163,15 +163,17 @@ fn thinned(times: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
     out
 }
 
+/// A plot that cannot be drawn, and why.
+pub(super) fn undrawn(name: &str, why: &dyn std::fmt::Display) -> Error {
+    Error::Observer(format!("cannot draw '{name}': {why}").into())
+}
+
 /// Draws a plot, if there is anything to draw.
 pub(crate) fn draw(path: &Path, plot: &Plot<'_>) -> Result<()> {
     if plot.curves.iter().all(|c| c.times.len() < 2) {
         return Ok(());
     }
-    draw_svg(path, plot).map_err(|message| Error::Plot {
-        name: path.display().to_string(),
-        message,
-    })
+    draw_svg(path, plot).map_err(|e| undrawn(&path.display().to_string(), &e))
 }
 
 /// Values the vertical axis spans, with a margin.

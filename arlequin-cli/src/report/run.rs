@@ -6,8 +6,12 @@ use arlequin_scene::output::packing::PackingLine;
 use arlequin_scene::output::summary::{
     EffectReport, InterfaceLine, ModelLine, MomentumLine, Summary, WakeReport,
 };
+use arlequin_scene::setup::PhaseTime;
 use arlequin_scene::suggest::Proposal;
 use std::path::Path;
+
+/// Seconds of a set-up below which its phases are of no interest.
+const SHORT: f64 = 0.5;
 
 /// Reports a finished or interrupted run.
 pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
@@ -47,6 +51,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
         "time       set-up {:.2} s, steps {:.2} s, output {:.2} s, {} threads",
         w.setup, w.stepping, w.output, s.threads
     );
+    phases(&w.setup_phases);
     if s.status == "interrupted" {
         println!(
             "interrupted by Ctrl-C after step {}: results up to t = {:.4e} s are in {}",
@@ -132,7 +137,19 @@ fn sizes(p: &Preview) {
             p.setup_seconds
         ),
     }
+    phases(&p.setup_phases);
     warnings(&p.warnings);
+}
+
+/// Prints where the time of a set-up went; nothing of one that no one waits for.
+fn phases(all: &[PhaseTime]) {
+    let total: f64 = all.iter().map(|p| p.seconds).sum();
+    if total < SHORT {
+        return;
+    }
+    for p in all.iter().filter(|p| p.seconds > 0.01 * total) {
+        println!("set-up     {:<42} {:>9.2} s", p.phase, p.seconds);
+    }
 }
 
 /// Prints what each effect changes and costs.
@@ -211,11 +228,26 @@ fn momentum(all: &[MomentumLine]) {
     }
 }
 
+/// How a model steps in a step of the run.
+fn own_steps(m: &ModelLine) -> String {
+    let share = 100.0 * m.own_dt / m.critical_dt;
+    match (m.scheme, m.own_steps) {
+        ("implicit", _) => format!("one implicit step of {share:.0} % of it"),
+        (_, 1) => format!("one own step of {share:.0} % of it"),
+        (_, n) => format!("{n} own steps of {share:.0} % of it"),
+    }
+}
+
 fn models(all: &[ModelLine]) {
     for m in all {
         println!(
-            "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s",
-            m.name, m.kind, m.nodes, m.unknowns, m.critical_dt
+            "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s, {}",
+            m.name,
+            m.kind,
+            m.nodes,
+            m.unknowns,
+            m.critical_dt,
+            own_steps(m)
         );
         for text in m.packing.iter().flat_map(PackingLine::text) {
             println!("           {text}");

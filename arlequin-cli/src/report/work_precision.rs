@@ -1,6 +1,7 @@
 //! Work-precision pictures as SVG: error against time on logarithmic axes.
 
-use crate::error::{Error, Result};
+use super::plot::undrawn;
+use crate::error::Result;
 use arlequin_scene::sweep::{Hook, HookRow, Mark, Run, Sweep, SweepFile, hook_rows};
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::prelude::*;
@@ -63,13 +64,6 @@ impl ValueFormatter<f64> for Decades {
         } else {
             format!("{v:.0e}")
         }
-    }
-}
-
-fn plot_error(name: &str) -> impl Fn(&dyn std::fmt::Display) -> Error + '_ {
-    move |e| Error::Plot {
-        name: name.to_owned(),
-        message: e.to_string(),
     }
 }
 
@@ -193,7 +187,7 @@ fn work_precision(s: &Sweep, shown: Shown) -> Result<Option<String>> {
         return Ok(None);
     };
     let mut svg = String::new();
-    draw_work(&mut svg, s, shown, [x, y], &points, &exact).map_err(|e| plot_error(&name)(&e))?;
+    draw_work(&mut svg, s, shown, [x, y], &points, &exact).map_err(|e| undrawn(&name, &e))?;
     Ok(Some(svg))
 }
 
@@ -339,7 +333,7 @@ fn hook(s: &Sweep, hook: &Hook) -> Result<Option<String>> {
         return Ok(None);
     }
     let mut svg = String::new();
-    draw_hook(&mut svg, &rows, hook, s.cost).map_err(|e| plot_error("hook")(&e))?;
+    draw_hook(&mut svg, &rows, hook, s.cost).map_err(|e| undrawn("hook", &e))?;
     Ok(Some(svg))
 }
 

@@ -1,17 +1,20 @@
-//! The coupled run: several subdomains, several disjoint interfaces, one velocity-Verlet step for all.
+//! The coupled run: several subdomains, several disjoint interfaces, and reflections between them.
 //!
 //! ```text
-//! u_{n+1} = u_n + Δt u̇_n + Δt²/2 ü_n
-//! ü* = M_β⁻¹ (F_ext − F_int)_{n+1},   u̇* = u̇_n + Δt/2 (ü_n + ü*)
-//! A λ = B_C u̇* − B_D ḋ*;  velocities corrected by Δt/2 M⁻¹Bᵀλ, accelerations by M⁻¹Bᵀλ
+//! every subdomain m      own steps Δt_m = ΔT/m of velocity Verlet with its own forces, from v⁺ to v⁻
+//! every interface        v⁺ = (I − 2P) v⁻,   P = M⁻¹BᵀS⁻¹B,   S = B M⁻¹ Bᵀ;   at the instant v = (I − P) v⁻
 //! ```
 //!
-//! This is RATTLE for linear velocity constraints: it conserves `H` of [`crate::ledger`] and filters nothing.
+//! A reflection keeps `½vᵀMv` of both sides together and moves nothing, so that the sum of the invariants that subdomains keep
+//! on their own is kept for any own steps ([`crate::ledger`]). With one own step for all it is RATTLE for linear velocity
+//! constraints. It filters nothing.
 
 pub(crate) mod ledger;
 pub(crate) mod momentum;
 mod motions;
 pub(crate) mod observer;
+mod own_steps;
+mod pace;
 mod pairs;
 mod partition;
 mod setup;
@@ -26,10 +29,11 @@ pub use setup::{Guard, Parts, Plan, TimeStep};
 
 use crate::interface::Interface;
 use crate::phase::Phase;
-use crate::subdomain::{Announce, Reached, Subdomain};
+use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
 use ledger::{EnergySample, Ledger, WorkLine};
 use observer::{Observer, StepReport};
+use own_steps::{Held, Lockstep};
 use pairs::Pair;
 use sprs::CsMat;
 use std::ops::ControlFlow;
@@ -46,6 +50,10 @@ const ROUND_OFF: f64 = 16.0;
 pub struct Coupled<T: Real> {
     pub(crate) subdomains: Vec<Subdomain<T>>,
     pub(crate) interfaces: Vec<Interface<T>>,
+    /// What their multipliers do to moving supports.
+    held: Vec<Held<T>>,
+    /// Subdomains that step together.
+    lockstep: Vec<Lockstep>,
     /// Effects between two subdomains.
     pub(crate) pairs: Vec<Pair<T>>,
     pub(crate) critical: Vec<T>,
@@ -71,7 +79,7 @@ impl<T: Real> Coupled<T> {
     pub fn interfaces(&self) -> &[Interface<T>] {
         &self.interfaces
     }
-    /// Time step \[s\].
+    /// Step of the run \[s\]: the time between two reflections.
     pub fn dt(&self) -> T {
         self.dt
     }
@@ -175,32 +183,29 @@ impl<T: Real> Coupled<T> {
         [velocity, displacement]
     }
 
-    /// Makes one step.
+    /// Makes one step: the second half of the last reflection, the own steps of every subdomain, the first half of the next.
     ///
     /// # Errors
     /// Errors of models and effects, [`Error::Diverged`], [`Error::EnergyGrowth`].
     pub fn advance(&mut self, observer: &mut dyn Observer<T>) -> Result<StepReport<T>> {
         // Works are drawn up every step; the invariant costs two energy evaluations and is drawn every few.
         let draw = self.ledger.start.is_none() || (self.step + 1).is_multiple_of(self.guard.interval);
-        let next = self.start_time + T::of((self.step + 1) as f64) * self.dt;
-        let reached = Reached {
-            time: next,
-            since: self.dt,
-            dt: self.dt,
-        };
-        for (k, s) in self.subdomains.iter_mut().enumerate() {
-            observer.phase(Phase::Predict(k));
-            s.predict(k, reached, draw, &mut |phase| observer.phase(phase))?;
-        }
-        if !self.pairs.is_empty() {
-            self.add_pair_forces(reached, &mut |phase| observer.phase(phase))?;
-        }
-        let invariant: Option<T> =
-            draw.then(|| self.subdomains.iter_mut().map(|s| s.invariant(self.dt)).sum());
         observer.phase(Phase::Interface);
-        self.correct();
+        for i in &self.interfaces {
+            for (m, s) in i.sides.into_iter().enumerate() {
+                i.kick_again(m, self.subdomains[s].correctable().0);
+            }
+        }
+        self.own_steps_of_all(draw, &mut |phase| observer.phase(phase))?;
+        let invariant: Option<T> = draw.then(|| self.subdomains.iter_mut().map(Subdomain::invariant).sum());
+        observer.phase(Phase::Interface);
+        for i in &mut self.interfaces {
+            let [coarse, fine] = i.sides;
+            let [(v, p), (w, q)] = pair(&mut self.subdomains, coarse, fine).map(Subdomain::correctable);
+            i.reflect([v, w], [p, q]);
+        }
         self.step += 1;
-        self.time = next;
+        self.time = self.instant(0);
         observer.phase(Phase::Ledger);
         // The invariant of this step is the one before the forces of the new instant did any work.
         let energy = invariant.map(|h| self.balance(h)).transpose()?;
@@ -230,52 +235,20 @@ impl<T: Real> Coupled<T> {
         Ok(steps)
     }
 
-    /// Forces between subdomains, then the accelerations of all they act on.
-    fn add_pair_forces(&mut self, reached: Reached<T>, announce: &mut Announce<'_>) -> Result<()> {
-        for (k, p) in self.pairs.iter_mut().enumerate() {
-            announce(Phase::Pair(k));
-            let [a, b] = pair(&mut self.subdomains, p.sides[0], p.sides[1]);
-            let ((here, f), (there, g)) = (a.loaded_at(reached), b.loaded_at(reached));
-            p.line.effect.add_forces([&here, &there], [f, g])?;
-        }
-        let paired = self.subdomains.iter_mut().enumerate();
-        for (k, s) in paired.filter(|(_, s)| s.is_paired()) {
-            announce(Phase::Predict(k));
-            s.accelerate(reached);
-        }
-        Ok(())
-    }
-
-    fn correct(&mut self) {
-        let half = self.dt * T::of(0.5);
-        for i in &mut self.interfaces {
-            let [coarse, fine] = i.sides;
-            let mut sides = pair(&mut self.subdomains, coarse, fine);
-            let [(c, p), (d, q)] = sides.each_mut().map(|s| s.correctable());
-            i.project([&mut c.v, &mut d.v], [p, q], T::one() / half);
-            i.accelerate(0, p, &mut c.a);
-            i.accelerate(1, q, &mut d.a);
-            for (m, s) in sides.into_iter().enumerate() {
-                if let Some(force) = s.force_on_moving_supports() {
-                    i.add_force(m, force);
-                }
-            }
-        }
-    }
-
     /// Adds the works of this instant, `Δt F_n·v_n`, with corrected velocities.
     fn account(&mut self) {
         for s in &mut self.subdomains {
-            self.ledger.supports += s.account(self.dt);
+            self.ledger.supports += s.account();
         }
         for p in &mut self.pairs {
-            p.account(self.dt, &self.subdomains);
+            p.account(&self.subdomains);
         }
-        for i in &self.interfaces {
+        for (i, held) in self.interfaces.iter().zip(&self.held) {
             let [c, d] = i.sides;
             let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
             let (power, _) = i.jump([&a.v, &b.v], &mut self.work);
             self.ledger.constraint -= self.dt * power;
+            self.ledger.supports -= self.dt * held.power(i.multipliers(), [&a.v, &b.v]);
         }
     }
 
@@ -368,7 +341,9 @@ impl<T: Real> Coupled<T> {
         self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
         self.ledger.top_residual = self.ledger.top_residual.max(residual);
         let mut momentum_drift = [T::zero(); 2];
-        let rate = T::of(self.step as f64) / self.dt;
+        let finest = self.subdomains.iter().map(Subdomain::own_steps).max();
+        let finest = T::of(finest.unwrap_or(1) as f64);
+        let rate = T::of(self.step as f64) * finest * finest / self.dt;
         for b in &mut self.ledger.bodies {
             let one = b.balance(&self.subdomains, rate);
             (0..2).for_each(|k| momentum_drift[k] = momentum_drift[k].max(one[k]));

@@ -5,7 +5,7 @@ use super::ledger::EnergySample;
 use crate::Real;
 use std::ops::ControlFlow;
 
-pub use crate::phase::Phase;
+pub use crate::phase::{Phase, SetupPhase};
 
 /// The step that was just made.
 #[derive(Debug, Clone, PartialEq)]

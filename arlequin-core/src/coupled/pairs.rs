@@ -25,8 +25,9 @@ impl<T: Real> std::fmt::Debug for Pair<T> {
 }
 
 impl<T: Real> Pair<T> {
-    /// Adds the work of this instant.
-    pub(crate) fn account(&mut self, dt: T, subdomains: &[Subdomain<T>]) {
+    /// Adds the work of this instant; both sides make the same steps.
+    pub(crate) fn account(&mut self, subdomains: &[Subdomain<T>]) {
+        let dt = subdomains[self.sides[0]].own_dt();
         let v = self.sides.map(|s| &subdomains[s].state().v[..]);
         let work = dt * self.line.effect.power(v);
         self.line.add(work);

@@ -1,21 +1,30 @@
 //! Building a coupled run: checks, operators, consistent start.
 
-use super::{Coupled, Ledger, motions, pairs, partition, tie};
+use super::own_steps::{Held, Lockstep};
+use super::{Coupled, Ledger, motions, pace, pairs, partition, tie};
+#[cfg(doc)]
+use crate::OwnStep;
 use crate::effect::PairSpec;
 use crate::error::invalid;
 use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
+use crate::phase::SetupPhase;
 use crate::subdomain::Subdomain;
 use crate::weight::Weighting;
 use crate::{Error, Real, Result};
 
-/// How the time step is chosen.
+/// How the step of a run is chosen: the time between two reflections, in which each participant makes its own steps
+/// ([`OwnStep`]).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeStep<T> {
-    /// In seconds; refused above the critical step.
+    /// In seconds; refused where an own step exceeds the critical one of its participant.
     Seconds(T),
-    /// As a share of the critical step, below one.
+    /// The longest one of which every own step is at most this share, below one, of the critical one of its participant.
     Fraction(T),
-    /// In seconds, whatever the critical step: for studies of stability.
+    /// The finest participant at this share, below one, of its critical step; the step of the run is as many of these, up to
+    /// five, as one that takes half of the largest critical step has room for. Participants that ask for nothing
+    /// ([`OwnStep::Same`]) make as many own steps as they need.
+    Chosen(T),
+    /// In seconds, whatever the critical steps: for studies of stability.
     Unchecked(T),
 }
 
@@ -62,9 +71,11 @@ impl<T: Real> Guard<T> {
 pub struct Plan {
     /// Name, kind, nodes, unknowns and critical step \[s\] of every model.
     pub models: Vec<(String, String, usize, usize, f64)>,
-    /// Chosen step \[s\].
+    /// Own steps of every model in a step of the run.
+    pub own_steps: Vec<usize>,
+    /// Step of the run \[s\].
     pub dt: f64,
-    /// Largest stable step \[s\].
+    /// Smallest critical step of a model \[s\].
     pub critical_dt: f64,
     /// Interfaces.
     pub interfaces: Vec<InterfaceReport>,
@@ -114,6 +125,19 @@ impl<T: Real> Coupled<T> {
     /// Those of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for one between a subdomain and
     /// itself.
     pub fn of(parts: Parts<T>, step: TimeStep<T>, guard: Option<Guard<T>>) -> Result<Self> {
+        Self::announced(parts, step, guard, &mut |_| ())
+    }
+
+    /// The same; `announce` hears of each phase before it begins.
+    ///
+    /// # Errors
+    /// Those of [`Self::of`].
+    pub fn announced(
+        parts: Parts<T>,
+        step: TimeStep<T>,
+        guard: Option<Guard<T>>,
+        announce: &mut dyn FnMut(SetupPhase),
+    ) -> Result<Self> {
         let Parts {
             start,
             mut subdomains,
@@ -131,21 +155,14 @@ impl<T: Real> Coupled<T> {
             pairs::check(p, subdomains.len())?;
             p.sides.iter().for_each(|&s| paired[s] = true);
         }
-        for (s, paired) in subdomains.iter_mut().zip(paired) {
+        for (k, (s, paired)) in subdomains.iter_mut().zip(paired).enumerate() {
+            announce(SetupPhase::Weights(k));
             s.prepare(paired)?;
         }
+        announce(SetupPhase::Partition);
         let (partition, outside) = partition::check(&subdomains, &interfaces)?;
-        let mut built = Vec::with_capacity(interfaces.len());
-        for (spec, outside) in interfaces.iter().zip(outside) {
-            let sides = [
-                side(&subdomains, spec, spec.coarse)?,
-                side(&subdomains, spec, spec.fine)?,
-            ];
-            let mut interface = Interface::new(spec, sides)?;
-            interface.report.outside = outside?;
-            interface.report.tied = tie::tied(&interface, &subdomains);
-            built.push(interface);
-        }
+        let built = interfaces_of(&interfaces, outside, &subdomains, announce)?;
+        announce(SetupPhase::Step);
         built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
         check_disjoint(&built, &subdomains)?;
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
@@ -153,14 +170,22 @@ impl<T: Real> Coupled<T> {
         for (k, s) in subdomains.iter_mut().enumerate() {
             critical.push(s.critical_step(&pairs::demands(&pairs, k))?);
         }
-        let dt = choose_step(step, &critical, &subdomains)?;
+        let between: Vec<_> = pairs.iter().map(|p| p.sides).collect();
+        let lockstep = Lockstep::of(subdomains.len(), &between);
+        let pace = pace::choose(step, &critical, &subdomains, &lockstep)?;
+        for (s, steps) in subdomains.iter_mut().zip(pace.steps) {
+            s.set_pace(pace.dt, steps);
+        }
+        let held = built.iter().map(|i| Held::new(i, &subdomains)).collect();
         let guard = checked_guard(guard, &subdomains)?;
         let mut run = Self {
             subdomains,
             interfaces: built,
+            held,
+            lockstep,
             pairs,
             critical,
-            dt,
+            dt: pace.dt,
             time: start,
             start_time: start,
             step: 0,
@@ -171,6 +196,7 @@ impl<T: Real> Coupled<T> {
             partition,
             work: Vec::new(),
         };
+        announce(SetupPhase::Start);
         run.start()?;
         Ok(run)
     }
@@ -190,12 +216,35 @@ impl<T: Real> Coupled<T> {
         let effects = self.effects().into_iter().map(|e| e.name).collect();
         Plan {
             models: models.collect(),
+            own_steps: self.subdomains.iter().map(Subdomain::own_steps).collect(),
             dt: self.dt.as_f64(),
             critical_dt: self.critical.iter().fold(f64::INFINITY, |a, b| a.min(b.as_f64())),
             interfaces: self.interfaces.iter().map(|i| i.report().clone()).collect(),
             effects,
         }
     }
+}
+
+/// The interfaces, each with what the check of the partition says of it.
+fn interfaces_of<T: Real>(
+    specs: &[InterfaceSpec<T>],
+    outside: Vec<Result<f64>>,
+    subdomains: &[Subdomain<T>],
+    announce: &mut dyn FnMut(SetupPhase),
+) -> Result<Vec<Interface<T>>> {
+    let mut built = Vec::with_capacity(specs.len());
+    for (k, (spec, outside)) in specs.iter().zip(outside).enumerate() {
+        let sides = [
+            side(subdomains, spec, spec.coarse)?,
+            side(subdomains, spec, spec.fine)?,
+        ];
+        announce(SetupPhase::Junction(k));
+        let mut interface = Interface::announced(spec, sides, &mut || announce(SetupPhase::Operator(k)))?;
+        interface.report.outside = outside?;
+        interface.report.tied = tie::tied(&interface, subdomains);
+        built.push(interface);
+    }
+    Ok(built)
 }
 
 fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize) -> Result<Side<'a, T>> {
@@ -235,36 +284,6 @@ fn checked_guard<T: Real>(given: Option<Guard<T>>, subdomains: &[Subdomain<T>]) 
         ));
     }
     Ok(guard)
-}
-
-fn choose_step<T: Real>(step: TimeStep<T>, critical: &[T], subdomains: &[Subdomain<T>]) -> Result<T> {
-    let (k, limit) = critical
-        .iter()
-        .enumerate()
-        .fold((0, critical[0]), |a, (k, c)| if *c < a.1 { (k, *c) } else { a });
-    match step {
-        TimeStep::Fraction(f) if f > T::zero() && f < T::one() => Ok(limit * f),
-        TimeStep::Fraction(f) => Err(invalid(
-            "fraction of the critical step",
-            f,
-            "must be above 0 and below 1",
-        )),
-        TimeStep::Seconds(dt) if dt.is_finite() && dt > T::zero() => {
-            if dt > limit {
-                let model = subdomains[k].model().name().to_owned();
-                return Err(Error::UnstableStep {
-                    dt: dt.as_f64(),
-                    critical: limit.as_f64(),
-                    model,
-                });
-            }
-            Ok(dt)
-        }
-        TimeStep::Unchecked(dt) if dt.is_finite() && dt > T::zero() => Ok(dt),
-        TimeStep::Seconds(dt) | TimeStep::Unchecked(dt) => {
-            Err(invalid("time step", dt, "must be positive and finite"))
-        }
-    }
 }
 
 /// Interfaces are solved one after the other, which is exact only if no node belongs to two of them.

@@ -1,7 +1,7 @@
 //! Snapshots: everything a run must remember to go on with the same bits.
 //!
-//! A snapshot holds the state, not the models: whoever restores one builds the same run first. Multipliers are kept for
-//! reports only; the scheme computes them anew every step.
+//! A snapshot holds the state, not the models: whoever restores one builds the same run first. Half of the last reflection is
+//! still to come; it is found again from the impulses, with the same bits.
 
 use super::Coupled;
 use crate::record::same;
@@ -35,22 +35,32 @@ pub struct Snapshot<T> {
     pub ledger: Vec<T>,
     /// Subdomains.
     pub subdomains: Vec<SubdomainSnapshot<T>>,
-    /// Multipliers of every interface.
-    pub multipliers: Vec<Vec<T>>,
+    /// Own steps of every subdomain in a step of the run: must be those of the run it is restored into.
+    pub own_steps: Vec<usize>,
+    /// Impulses of the last reflection of every interface, half of them still to come.
+    pub impulses: Vec<Vec<T>>,
     /// Effects between two subdomains.
     pub pairs: Vec<PairSnapshot<T>>,
 }
 
 impl<T: Real> Coupled<T> {
     /// The present state.
-    pub fn snapshot(&self) -> Snapshot<T> {
-        Snapshot {
+    ///
+    /// # Errors
+    /// [`crate::Error::Unsupported`] for a participant that cannot be saved.
+    pub fn snapshot(&self) -> Result<Snapshot<T>> {
+        Ok(Snapshot {
             step: self.step,
             dt: self.dt,
             start_loss: self.start_loss,
             ledger: self.ledger.record(),
-            subdomains: self.subdomains.iter().map(Subdomain::snapshot).collect(),
-            multipliers: self.interfaces.iter().map(|i| i.multipliers().to_vec()).collect(),
+            subdomains: self
+                .subdomains
+                .iter()
+                .map(Subdomain::snapshot)
+                .collect::<Result<_>>()?,
+            own_steps: self.subdomains.iter().map(Subdomain::own_steps).collect(),
+            impulses: self.interfaces.iter().map(|i| i.impulse().to_vec()).collect(),
             pairs: self
                 .pairs
                 .iter()
@@ -59,7 +69,7 @@ impl<T: Real> Coupled<T> {
                     effect: p.line.effect.save(),
                 })
                 .collect(),
-        }
+        })
     }
 
     /// Goes to a state that the same run had: from here on it makes the same steps, bit by bit.
@@ -72,6 +82,12 @@ impl<T: Real> Coupled<T> {
             let rule = format!("the run has {}; restore into the run that was saved", self.dt);
             return Err(crate::error::invalid("time step of the snapshot", from.dt, &rule));
         }
+        let own: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
+        if from.own_steps != own {
+            let rule = format!("the run has {own:?}; restore into the run that was saved");
+            let found = format_args!("{:?}", from.own_steps);
+            return Err(crate::error::invalid("own steps of the snapshot", found, &rule));
+        }
         same(
             "subdomains of the snapshot",
             self.subdomains.len(),
@@ -80,7 +96,7 @@ impl<T: Real> Coupled<T> {
         same(
             "interfaces of the snapshot",
             self.interfaces.len(),
-            from.multipliers.len(),
+            from.impulses.len(),
         )?;
         same(
             "effects between two models in the snapshot",
@@ -93,10 +109,11 @@ impl<T: Real> Coupled<T> {
         for (s, f) in self.subdomains.iter_mut().zip(&from.subdomains) {
             s.restore(f)?;
         }
-        for (i, f) in self.interfaces.iter_mut().zip(&from.multipliers) {
-            same("multipliers of the snapshot", i.lambda.len(), f.len())?;
-            check_finite("multipliers of the snapshot", f)?;
-            i.lambda.copy_from_slice(f);
+        for (i, f) in self.interfaces.iter_mut().zip(&from.impulses) {
+            same("impulses of the snapshot", i.impulse().len(), f.len())?;
+            check_finite("impulses of the snapshot", f)?;
+            let inverse = i.sides.map(|s| self.subdomains[s].inverse_inertia());
+            i.restore(f, inverse);
         }
         self.ledger.restore(&from.ledger)?;
         self.step = from.step;

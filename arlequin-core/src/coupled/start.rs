@@ -2,39 +2,44 @@
 
 use super::{Coupled, pair};
 use crate::interface::Interface;
-use crate::subdomain::{Reached, Subdomain};
+use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
 
 impl<T: Real> Coupled<T> {
-    /// Projects `u_0`, `v_0` and `a_0` on the constraint once, all weighted by the inertia. A displacement jump would stay
-    /// for ever, as the constraint is on velocities; one of the acceleration would flip its sign every step for ever.
+    /// Projects `u_0` and `v_0` on the constraint once, weighted by the inertia, and starts with the half reflection that a
+    /// constant acceleration needs, `δ_0 = −ΔT/2 P a_0`. A displacement jump would stay for ever, as the constraint is on
+    /// velocities; without `δ_0` multipliers would flip their sign every step for ever.
     pub(super) fn start(&mut self) -> Result<()> {
         for s in &mut self.subdomains {
-            s.hold(self.time, self.dt);
+            s.hold(self.time);
         }
         for i in &mut self.interfaces {
+            i.pace(self.dt);
             self.work
                 .resize(self.work.len().max(i.multipliers().len()), T::zero());
             let [coarse, fine] = i.sides;
             close(i, pair(&mut self.subdomains, coarse, fine), &mut self.work)?;
         }
-        let start = Reached {
-            time: self.time,
-            since: T::zero(),
-            dt: self.dt,
-        };
+        let time = self.time;
         for s in &mut self.subdomains {
-            s.start(start)?;
+            s.start(time)?;
         }
-        if !self.pairs.is_empty() {
-            self.add_pair_forces(start, &mut |_| {})?;
+        for g in 0..self.lockstep.len() {
+            self.add_pair_forces(g, |s| s.at_start(time), &mut |_| {})?;
         }
         let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        let half = self.dt * T::of(0.5);
         for i in &mut self.interfaces {
             let [coarse, fine] = i.sides;
-            let [(c, p), (d, q)] = pair(&mut self.subdomains, coarse, fine).map(Subdomain::correctable);
-            i.project([&mut c.v, &mut d.v], [p, q], T::zero());
-            i.project([&mut c.a, &mut d.a], [p, q], T::one());
+            let [c, d] = pair(&mut self.subdomains, coarse, fine);
+            let [(v, p), (w, q)] = [&mut *c, &mut *d].map(Subdomain::correctable);
+            i.reflect([v, w], [p, q]);
+            let sides = [&*c, &*d];
+            i.find(
+                sides.map(|s| &s.state().a[..]),
+                sides.map(Subdomain::inverse_inertia),
+                half,
+            );
         }
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
@@ -76,14 +81,14 @@ fn close<T: Real>(i: &mut Interface<T>, [c, d]: [&mut Subdomain<T>; 2], work: &m
             limit: i.start_jump.as_f64(),
         });
     }
-    let [(c, m), (d, n)] = [c, d].map(Subdomain::correctable);
-    let before = [c.q.clone(), d.q.clone()];
-    i.project([&mut c.q, &mut d.q], [m, n], T::zero());
+    let [(c, m), (d, n)] = [c, d].map(Subdomain::movable);
+    let before = [c.to_vec(), d.to_vec()];
+    i.reflect([&mut *c, &mut *d], [m, n]);
     let moved = |now: &[T], before: &[T]| {
         let all = now.iter().zip(before);
         all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))
     };
-    let moved = moved(&c.q, &before[0]).max(moved(&d.q, &before[1]));
+    let moved = moved(c, &before[0]).max(moved(d, &before[1]));
     i.report.start_moved = moved.as_f64();
     Ok(())
 }

@@ -1,22 +1,21 @@
 //! Coupling matrices: which points sample the junction integrals, and the sums over them.
 
-use super::sums::{Accumulator, NO_CELL, Sums, UNKNOWN, add_products};
+use super::rows::{Block, Rows};
+use super::sums::{NO_CELL, Sampler, Worker};
 use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
-use crate::geometry::{Body, BoxTree, Cell, HalfSpace};
+use crate::geometry::{Body, BoxTree, Cell, HalfSpace, bounds_of};
 use crate::junction::Needs;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
+use rayon::prelude::*;
 use sprs::{CsMat, TriMat};
 
 /// How the junction integrals are sampled. Every choice uses the same points for both sides, so that action equals
 /// reaction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Sampling {
     /// Quadrature on the common refinement of mediator, coarse and fine cells: exact for polynomial shapes.
     #[default]
@@ -89,16 +88,16 @@ pub(super) fn assemble<T: Real>(
                     ),
                 ));
             };
-            let mut sums = Sums::new(spec, sides, components).over_particles(m);
-            sums.add(samples, UNKNOWN)?;
-            let (coupling, [covered, reached]) = sums.finish(&mut warnings)?;
+            let sampler = Sampler::new(spec, sides, components);
+            let summed = sampler.over_particles(m, samples, &mut warnings)?;
+            let covered = summed.measure;
             check_coverage(
                 spec,
                 sides[m].name,
                 [covered, total],
                 [T::of(PARTICLE_COVERAGE); 2],
             )?;
-            (coupling, covered + reached)
+            (summed.coupling, covered + summed.reached)
         }
     };
     let mut built = Built {
@@ -168,41 +167,55 @@ fn check_coverage<T: Real>(
     Ok(())
 }
 
-/// Cells of a field, ready for intersections.
+/// Cells of a field in reach of the mediator, ready for intersections.
 struct CellSet<T: Real> {
-    cells: Vec<Cell<T>>,
+    cells: Vec<(usize, Cell<T>)>,
     planes: Vec<Vec<HalfSpace<T>>>,
     tree: BoxTree<T>,
+    /// Whether the field has cells at all.
+    any: bool,
 }
 
 impl<T: Real> CellSet<T> {
-    fn new(field: &dyn Interpolation<T>) -> Self {
-        let cells = field.cells();
-        let planes = cells.iter().map(Cell::half_spaces).collect();
-        let tree = BoxTree::new(cells.iter().map(Cell::bounds).collect());
-        Self { cells, planes, tree }
+    fn new(field: &dyn Interpolation<T>, within: &[Point3<T>; 2]) -> Self {
+        let (any, cells) = match field.cells_within(within) {
+            Some(cells) => (true, cells),
+            None => (false, Vec::new()),
+        };
+        let planes = cells.par_iter().map(|c| c.1.half_spaces()).collect();
+        let bounds = cells.par_iter().map(|c| c.1.bounds()).collect();
+        Self {
+            tree: BoxTree::new(bounds),
+            cells,
+            planes,
+            any,
+        }
     }
 
-    /// Pieces of `cell` inside the field and the cells they lie in; the cell itself if the field has no cells.
-    fn pieces(&self, cell: &Cell<T>) -> Vec<(usize, Cell<T>)> {
-        if self.cells.is_empty() {
-            return vec![(NO_CELL, cell.clone())];
+    /// Calls `visit` with the pieces of `cell` inside the field and the cells they lie in; with the cell itself if the
+    /// field has no cells.
+    fn pieces(&self, cell: &Cell<T>, visit: &mut dyn FnMut(usize, &Cell<T>) -> Result<()>) -> Result<()> {
+        if !self.any {
+            return visit(NO_CELL, cell);
         }
-        let mut out = Vec::new();
         let bounds = cell.bounds();
         let body = match cell {
             Cell::Polyhedron(p) => Some(Body::new(p)),
             Cell::Segment { .. } => None,
         };
+        let mut outcome = Ok(());
         self.tree.any(&bounds, &mut |k| {
-            let piece = match (&body, &self.cells[k]) {
+            let (number, other) = &self.cells[k];
+            let piece = match (&body, other) {
                 (Some(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k], &bounds),
                 (_, other) => cell.intersection(other),
             };
-            out.extend(piece.map(|c| (k, c)));
-            false
+            if let Some(piece) = piece {
+                outcome = visit(*number, &piece);
+            }
+            outcome.is_err()
         });
-        out
+        outcome
     }
 }
 
@@ -213,7 +226,7 @@ fn nonempty<T: Real>(p: &Body<T>, planes: &[HalfSpace<T>], [low, high]: &[Point3
     (body.volume() > size * size * size * T::epsilon() * T::of(16.0)).then_some(Cell::Polyhedron(body))
 }
 
-/// Sums over mediator ∩ coarse ∩ fine.
+/// Sums over mediator ∩ coarse ∩ fine, a cell of the mediator at a time.
 fn refined<T: Real>(
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
@@ -222,28 +235,31 @@ fn refined<T: Real>(
     components: usize,
     warnings: &mut Vec<String>,
 ) -> Result<([Coupling<T>; 2], T)> {
-    let sets = [CellSet::new(sides[0].field), CellSet::new(sides[1].field)];
+    let ends: Vec<_> = cells.iter().flat_map(Cell::bounds).collect();
+    let within = bounds_of(ends.iter());
+    let sets = sides.each_ref().map(|s| CellSet::new(s.field, &within));
     let degree = degree(spec, sides).unwrap_or(HIGHEST);
-    let mut covered = [T::zero(); 2];
-    let mut samples = Vec::new();
-    let mut sums = Sums::new(spec, sides, components);
-    for (m, cell) in cells.iter().enumerate() {
-        for (c, piece) in sets[0].pieces(cell) {
-            covered[0] += piece.measure();
-            for (f, part) in sets[1].pieces(&piece) {
+    let sampler = Sampler::new(spec, sides, components);
+    let task = |worker: &mut Worker<T>, m: usize| {
+        sets[0].pieces(&cells[m], &mut |c, piece| {
+            worker.tally.covered[0] += piece.measure();
+            sets[1].pieces(piece, &mut |f, part| {
+                let mut samples = std::mem::take(&mut worker.samples);
                 samples.clear();
                 part.quadrature(degree, &mut samples);
-                covered[1] += samples.iter().map(|s| s.measure).sum();
-                sums.add(&samples, [m, c, f])?;
-            }
-        }
-    }
+                worker.tally.covered[1] += samples.iter().map(|s| s.measure).sum();
+                let done = sampler.add(worker, &samples, [m, c, f]);
+                worker.samples = samples;
+                done
+            })
+        })
+    };
+    let summed = sampler.sum(cells.len(), warnings, &task)?;
     let limits = [T::of(TWICE).max(T::epsilon().sqrt()), T::of(OVERHANG_LIMIT)];
-    for (side, covered) in sides.iter().zip(covered) {
+    for (side, covered) in sides.iter().zip(summed.covered) {
         check_coverage(spec, side.name, [covered, total], limits)?;
     }
-    let (coupling, [measure, _]) = sums.finish(warnings)?;
-    Ok((coupling, measure))
+    Ok((summed.coupling, summed.measure))
 }
 
 /// `B = M_O P` with the mediator's own Gram matrix and the fields' values at the mediator nodes.
@@ -258,16 +274,20 @@ fn projection<T: Real>(
     let per_node = components / shared;
     let nodes = spec.mediator.nodes();
     let degree = degree(spec, sides).unwrap_or(HIGHEST);
-    let mut gram = Accumulator::new();
-    let (mut row, mut samples) = (ShapeRow::default(), Vec::new());
-    cells.iter().for_each(|c| c.quadrature(degree, &mut samples));
-    for s in &samples {
-        spec.mediator.shape_at(&s.point, gradient, &mut row)?;
-        let cols = row.clone();
-        add_products(spec, s, &row, &cols, components, &mut gram);
-    }
     let size = nodes.len() * per_node;
-    let gram = gram.into_matrix(size, size, per_node);
+    let mut gram = Rows::new(size);
+    let mut block = Block::new([nodes.len(); 2], per_node);
+    let (mut row, mut samples) = (ShapeRow::default(), Vec::new());
+    for cell in cells {
+        samples.clear();
+        cell.quadrature(degree, &mut samples);
+        for s in &samples {
+            spec.mediator.shape_at(&s.point, gradient, &mut row)?;
+            block.add(&*spec.junction, (&s.point, s.measure), &row, &row);
+        }
+        gram.add(block.take());
+    }
+    let gram = gram.into_matrix(size);
     let side = |m: usize| -> Result<Coupling<T>> {
         let mut values = TriMat::new((size, sides[m].layout.nodes * per_node));
         let mut row = ShapeRow::default();

@@ -5,14 +5,16 @@
 //!
 //! ```text
 //! constraint   B_C u̇ − B_D ḋ = 0
-//! operator     S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ,     A = Δt/2 S
-//! correction   A λ = B_C u̇* − B_D ḋ*,   u̇ = u̇* − Δt/2 M_C⁻¹ B_Cᵀ λ,   ḋ = ḋ* + Δt/2 M_D⁻¹ B_Dᵀ λ
+//! operator     S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ
+//! projection   S μ = B_C u̇* − B_D ḋ*,   u̇ = u̇* − M_C⁻¹ B_Cᵀ μ,   ḋ = ḋ* + M_D⁻¹ B_Dᵀ μ,   λ = 2 μ/ΔT
 //! ```
 //!
-//! `S` does not depend on the step: it is factored once.
+//! Velocities at the instant are the projected ones; the change is added a second time at the start of the next step, which makes
+//! the two a reflection. `S` does not depend on the step: it is factored once.
 
 mod assembly;
 mod operator;
+mod rows;
 mod sums;
 
 pub use assembly::Sampling;
@@ -219,6 +221,35 @@ impl<T: Real> Coupling<T> {
     }
 }
 
+/// Changes of the velocities of one side, on the unknowns that multipliers act on.
+#[derive(Debug)]
+struct Kick<T> {
+    dofs: Vec<usize>,
+    change: Vec<T>,
+    full: Vec<T>,
+}
+
+impl<T: Real> Kick<T> {
+    fn new(coupling: &Coupling<T>, components: usize) -> Self {
+        let nodes = coupled_nodes(coupling, components);
+        let dofs: Vec<usize> = (nodes
+            .iter()
+            .flat_map(|n| (0..components).map(move |c| n * components + c)))
+        .collect();
+        Self {
+            change: vec![T::zero(); dofs.len()],
+            full: vec![T::zero(); coupling.matrix.cols() * coupling.shared],
+            dofs,
+        }
+    }
+
+    fn add(&self, v: &mut [T]) {
+        for (k, d) in self.dofs.iter().zip(&self.change) {
+            v[*k] += *d;
+        }
+    }
+}
+
 /// A ready interface between a coarse and a fine subdomain.
 #[derive(Debug)]
 pub struct Interface<T: Real> {
@@ -228,6 +259,12 @@ pub struct Interface<T: Real> {
     pub(crate) coupling: [Coupling<T>; 2],
     operator: Operator<T>,
     pub(crate) lambda: Vec<T>,
+    /// `μ` of half a reflection.
+    impulse: Vec<T>,
+    /// `λ = rate μ`.
+    rate: T,
+    /// What the last reflection adds to the velocities, twice: coarse, fine.
+    kick: [Kick<T>; 2],
     pub(crate) report: InterfaceReport,
     pub(crate) start_jump: T,
     components: usize,
@@ -245,6 +282,15 @@ impl<T: Real> Interface<T> {
     /// # Errors
     /// Empty overlap, overhanging mediator, momentum leak, missing gradients, lumped H1, or no independent multiplier.
     pub fn new(spec: &InterfaceSpec<T>, sides: [Side<'_, T>; 2]) -> Result<Self> {
+        Self::announced(spec, sides, &mut || ())
+    }
+
+    /// The same; `factoring` is called when the coupling matrices are there.
+    pub(crate) fn announced(
+        spec: &InterfaceSpec<T>,
+        sides: [Side<'_, T>; 2],
+        factoring: &mut dyn FnMut(),
+    ) -> Result<Self> {
         let components = sides[0].layout.components;
         if sides[1].layout.components != components {
             return Err(Error::SizeMismatch {
@@ -265,9 +311,11 @@ impl<T: Real> Interface<T> {
             ));
         }
         let built = assembly::assemble(spec, &sides, components)?;
+        factoring();
         let inverse = [sides[0].inverse_inertia, sides[1].inverse_inertia];
         let operator = Operator::new(spec, &built.coupling, inverse, components)?;
         let size = built.coupling[0].matrix.rows() * built.coupling[0].shared;
+        let kick = [0, 1].map(|m| Kick::new(&built.coupling[m], components));
         let coupled_nodes = [0, 1].map(|m| coupled_nodes(&built.coupling[m], components).len());
         let mut report = InterfaceReport {
             name: spec.name.clone(),
@@ -304,6 +352,9 @@ impl<T: Real> Interface<T> {
             coupling: built.coupling,
             operator,
             lambda: vec![T::zero(); size],
+            impulse: vec![T::zero(); size],
+            rate: T::zero(),
+            kick,
             report,
             start_jump: spec.options.start_jump,
             components,
@@ -352,32 +403,62 @@ impl<T: Real> Interface<T> {
         self.components
     }
 
-    /// Solves `S μ = B_C x_C − B_D x_D`, stores `scale · μ` as multipliers and corrects
-    /// `x_C −= M_C⁻¹ B_Cᵀ μ`, `x_D += M_D⁻¹ B_Dᵀ μ`.
-    pub(crate) fn project(&mut self, x: [&mut [T]; 2], inverse: [&[T]; 2], scale: T) {
-        let [coarse, fine] = x;
-        self.lambda.fill(T::zero());
-        self.coupling[0].gather(T::one(), coarse, &mut self.lambda);
-        self.coupling[1].gather(-T::one(), fine, &mut self.lambda);
-        self.operator.solve(&mut self.lambda);
-        self.coupling[0].scatter(-T::one(), &self.lambda, inverse[0], coarse);
-        self.coupling[1].scatter(T::one(), &self.lambda, inverse[1], fine);
-        self.lambda.iter_mut().for_each(|l| *l *= scale);
+    /// Solves `S μ = B_C x_C − B_D x_D` and keeps `scale μ` with what it changes,
+    /// `δ_C = −scale M_C⁻¹ B_Cᵀ μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`.
+    pub(crate) fn find(&mut self, x: [&[T]; 2], inverse: [&[T]; 2], scale: T) {
+        let mu = &mut self.impulse;
+        mu.fill(T::zero());
+        self.coupling[0].gather(T::one(), x[0], mu);
+        self.coupling[1].gather(-T::one(), x[1], mu);
+        self.operator.solve(mu);
+        mu.iter_mut().for_each(|m| *m *= scale);
+        self.spread(inverse);
     }
 
-    /// Adds what the multipliers do to the acceleration of one side, `−M⁻¹ B_Cᵀ λ` or `M⁻¹ B_Dᵀ λ`.
-    pub(crate) fn accelerate(&self, side: usize, inverse_inertia: &[T], a: &mut [T]) {
-        let sign = if side == 0 { -T::one() } else { T::one() };
-        self.coupling[side].scatter(sign, &self.lambda, inverse_inertia, a);
+    /// `v += δ` on one side.
+    pub(crate) fn kick_again(&self, side: usize, v: &mut [T]) {
+        self.kick[side].add(v);
     }
 
-    /// Adds the coupling force of one side, `−C_C λ` or `c_D λ` \[N\].
-    pub(crate) fn add_force(&self, side: usize, force: &mut [T]) {
-        let d = self.coupling[side].shared;
-        let sign = if side == 0 { -T::one() } else { T::one() };
-        for (v, (i, j)) in self.coupling[side].matrix.iter() {
-            (0..d).for_each(|c| force[j * d + c] += sign * *v * self.lambda[i * d + c]);
+    /// First half of the reflection `v ← (I − 2P) v`: finds what takes the jump out of the velocities, takes it out and
+    /// keeps it for the second half, [`Self::kick_again`], with which the next step begins.
+    pub(crate) fn reflect(&mut self, v: [&mut [T]; 2], inverse: [&[T]; 2]) {
+        let [coarse, fine] = v;
+        self.find([coarse, fine], inverse, T::one());
+        self.kick_again(0, coarse);
+        self.kick_again(1, fine);
+    }
+
+    /// Impulses `μ` of half a reflection; `λ = 2 μ/ΔT`.
+    pub(crate) fn impulse(&self) -> &[T] {
+        &self.impulse
+    }
+
+    /// Goes back to the impulses of another instant, and to what they change.
+    pub(crate) fn restore(&mut self, impulse: &[T], inverse: [&[T]; 2]) {
+        self.impulse.copy_from_slice(impulse);
+        self.spread(inverse);
+    }
+
+    /// `δ` of both sides and `λ` from the impulses.
+    fn spread(&mut self, inverse: [&[T]; 2]) {
+        for (l, m) in self.lambda.iter_mut().zip(&self.impulse) {
+            *l = *m * self.rate;
         }
+        let signs = [-T::one(), T::one()];
+        for (side, inverse) in inverse.into_iter().enumerate() {
+            let kick = &mut self.kick[side];
+            kick.dofs.iter().for_each(|k| kick.full[*k] = T::zero());
+            self.coupling[side].scatter(signs[side], &self.impulse, inverse, &mut kick.full);
+            for (d, k) in kick.change.iter_mut().zip(&kick.dofs) {
+                *d = kick.full[*k];
+            }
+        }
+    }
+
+    /// Sets the length of the steps between reflections \[s\], to which multipliers refer.
+    pub(crate) fn pace(&mut self, step: T) {
+        self.rate = T::of(2.0) / step;
     }
 
     /// `λᵀ(B_C x_C − B_D x_D)` and the largest component of the jump divided by the multiplier's own measure.

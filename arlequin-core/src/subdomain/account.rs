@@ -27,9 +27,10 @@ impl<T: Real> Evolved<T> {
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Invariant of the step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
+    /// Invariant of the own step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
     /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs the displacements kept by [`Self::predict`].
-    pub(crate) fn invariant(&mut self, dt: T) -> T {
+    pub(crate) fn invariant(&mut self) -> T {
+        let dt = self.pace.dt;
         let (half, quarter) = (T::of(0.5), T::of(0.25));
         let [q_before, force_before] = self.forces.before();
         self.drawn_energy = self.model().internal_energy(&self.state.q);
@@ -62,15 +63,16 @@ impl<T: Real> Subdomain<T> {
         self.drawn_energy
     }
 
-    /// Adds the work of effects over the step; returns that of the moving supports.
-    pub(crate) fn account(&mut self, dt: T) -> T {
+    /// Adds the work of effects over an own step; returns that of the moving supports, but for coupling forces on them.
+    pub(crate) fn account(&mut self) -> T {
+        let dt = self.pace.dt;
         for e in &mut self.effects {
             let work = dt * e.effect.power(&self.state.v);
             e.add(work);
         }
         let total = self.forces.total();
         let mut support = T::zero();
-        for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {
+        for motion in self.moving() {
             for &d in &motion.dofs {
                 let reaction = self.inertia[d] * self.state.a[d] - total[d];
                 support += dt * reaction * self.state.v[d];

@@ -5,11 +5,13 @@
 
 mod account;
 mod motion;
+mod own;
 mod prepare;
 mod record;
 mod step;
 
 pub use motion::PrescribedMotion;
+pub use own::OwnStep;
 pub use record::SubdomainSnapshot;
 pub(crate) use step::{Announce, Reached};
 
@@ -22,16 +24,14 @@ use crate::weight::{Weighting, Weights};
 use crate::{Error, NodallyWeighted, Real, Result};
 use account::Evolved;
 use nalgebra::{Point3, Vector3};
+use own::Pace;
 use std::sync::Arc;
 use step::Forces;
 
 /// Whether the weights of a model must sum to one with those of the models it is tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Deserialize),
-    serde(rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Partition {
     /// They must, wherever one of these models is; refused otherwise.
     #[default]
@@ -58,6 +58,9 @@ pub struct Subdomain<T: Real> {
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
     forces: Forces<T>,
+    /// How it was asked to step, and how it steps.
+    own: OwnStep<T>,
+    pace: Pace<T>,
     /// Line of the ledger of a model that evolves.
     evolved: Option<Evolved<T>>,
     /// Internal energy \[J\] found by the last [`Self::invariant`].
@@ -104,6 +107,11 @@ impl<T: Real> Subdomain<T> {
             inertia: vec![T::zero(); n],
             inverse_inertia: vec![T::zero(); n],
             forces: Forces::zero(n),
+            own: OwnStep::Same,
+            pace: Pace {
+                steps: 1,
+                dt: T::zero(),
+            },
             evolved: model.evolving().map(|e| Evolved::new(e.effect())),
             drawn_energy: T::zero(),
             model,
@@ -201,14 +209,24 @@ impl<T: Real> Subdomain<T> {
         &self.supports
     }
 
+    /// Supports that move.
+    pub(crate) fn moving(&self) -> impl Iterator<Item = &PrescribedMotion<T>> {
+        self.supports.iter().filter(|m| m.amplitude != T::zero())
+    }
+
     /// Whether its weights must sum to one with those of others.
     pub(crate) fn partition(&self) -> Partition {
         self.partition
     }
 
-    /// The state and the inverse inertia, for constraints to correct the one by the other.
-    pub(crate) fn correctable(&mut self) -> (&mut State<T>, &[T]) {
-        (&mut self.state, &self.inverse_inertia)
+    /// Velocities and inverse inertia, for constraints to correct the ones by the other.
+    pub(crate) fn correctable(&mut self) -> (&mut [T], &[T]) {
+        (&mut self.state.v, &self.inverse_inertia)
+    }
+
+    /// The same with displacements.
+    pub(crate) fn movable(&mut self) -> (&mut [T], &[T]) {
+        (&mut self.state.q, &self.inverse_inertia)
     }
 
     /// Displacement and velocity of the field at a point \[m, m/s\].

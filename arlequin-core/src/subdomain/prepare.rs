@@ -20,9 +20,8 @@ impl<T: Real> Subdomain<T> {
         check_finite("weighted inertia", &self.inertia)?;
         let prescribed = self.prescribed()?;
         self.invert(&prescribed)?;
-        // Loads, and coupling forces on moving supports, must stay out of the invariant's internal forces.
-        let loaded = !self.chosen.is_empty() || self.has_moving_support();
-        self.forces.expect_loads(loaded, paired);
+        // Loads must stay out of the invariant's internal forces.
+        self.forces.expect_loads(!self.chosen.is_empty(), paired);
         let chosen = std::mem::take(&mut self.chosen);
         let host = self.host();
         let attached = chosen.into_iter().map(|e| e.attach(&host).map(Attached::new));

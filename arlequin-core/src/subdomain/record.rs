@@ -28,8 +28,8 @@ pub struct SubdomainSnapshot<T> {
 }
 
 impl<T: Real> Subdomain<T> {
-    pub(crate) fn snapshot(&self) -> SubdomainSnapshot<T> {
-        SubdomainSnapshot {
+    pub(crate) fn snapshot(&self) -> Result<SubdomainSnapshot<T>> {
+        Ok(SubdomainSnapshot {
             q: self.state.q.clone(),
             v: self.state.v.clone(),
             a: self.state.a.clone(),
@@ -38,7 +38,7 @@ impl<T: Real> Subdomain<T> {
             evolved: self.evolved.map(|e| e.work),
             model: self.model().save(),
             effects: self.effects.iter().map(|e| e.effect.save()).collect(),
-        }
+        })
     }
 
     pub(crate) fn restore(&mut self, from: &SubdomainSnapshot<T>) -> Result<()> {

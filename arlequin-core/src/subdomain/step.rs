@@ -16,7 +16,7 @@ pub(crate) struct Reached<T> {
     pub(crate) time: T,
     /// Length of the step that led there \[s\]; zero at the start of a run.
     pub(crate) since: T,
-    /// Length of the steps of the run \[s\].
+    /// Length of the steps of the subdomain \[s\].
     pub(crate) dt: T,
 }
 
@@ -25,7 +25,7 @@ pub(crate) struct Reached<T> {
 enum Loads<T> {
     /// None.
     Absent,
-    /// All forces, internal ones included: its own effects, or coupling forces on moving supports.
+    /// All forces, internal ones included: its own effects.
     Own(Vec<T>),
     /// The same where effects between two subdomains add theirs before it is accelerated.
     Paired(Vec<T>),
@@ -154,7 +154,8 @@ impl<T: Real> Subdomain<T> {
     }
 
     /// Sets prescribed displacements and velocities of time `t`.
-    pub(crate) fn hold(&mut self, t: T, dt: T) {
+    pub(crate) fn hold(&mut self, t: T) {
+        let dt = self.pace.dt;
         for motion in &self.supports {
             let (q, v, _) = motion.kinematics(t, dt);
             for &d in &motion.dofs {
@@ -164,8 +165,18 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
+    /// The instant at which a run starts.
+    pub(crate) fn at_start(&self, time: T) -> Reached<T> {
+        Reached {
+            time,
+            since: T::zero(),
+            dt: self.pace.dt,
+        }
+    }
+
     /// Finds forces and accelerations of the start, after [`Self::hold`].
-    pub(crate) fn start(&mut self, start: Reached<T>) -> Result<()> {
+    pub(crate) fn start(&mut self, time: T) -> Result<()> {
+        let start = self.at_start(time);
         self.forces.internal.fill(T::zero());
         self.model.advance(&self.state.q, &mut self.forces.internal)?;
         self.evaluate(start, 0, &mut |_| {})?;
@@ -175,7 +186,7 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// First half of velocity Verlet, up to the uncorrected velocity `u̇*` and acceleration `ü*` of the instant reached;
+    /// A step of velocity Verlet, up to the velocity and acceleration of the instant reached as they are without multipliers;
     /// where effects between two subdomains act, up to the forces, and [`Self::accelerate`] follows them.
     ///
     /// Two passes over the unknowns beside the model's: before its forces and after. `own` is the number of this
@@ -246,20 +257,5 @@ impl<T: Real> Subdomain<T> {
             })?);
         }
         Ok(())
-    }
-
-    pub(super) fn has_moving_support(&self) -> bool {
-        self.supports.iter().any(|m| m.amplitude != T::zero())
-    }
-
-    /// The force vector, where moving supports make the coupling forces on them a part of the balance.
-    pub(crate) fn force_on_moving_supports(&mut self) -> Option<&mut [T]> {
-        if !self.has_moving_support() {
-            return None;
-        }
-        match &mut self.forces.loads {
-            Loads::Absent => None,
-            Loads::Own(total) | Loads::Paired(total) => Some(total),
-        }
     }
 }

@@ -156,11 +156,13 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
         (_, Some([x, y, z])) => Shape::Box {
             low: from,
             high: [x, y, z],
+            hole: None,
         },
         // A periodic sample has no shape of its own.
         _ => Shape::Box {
             low: from,
             high: [1.0; 3],
+            hole: None,
         },
     };
     ModelTable {
@@ -174,6 +176,7 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
             poisson: None,
             density: 1.0,
         },
+        step: None,
         fem: Default::default(),
         cnem: Default::default(),
         dem: DemTable {
@@ -209,7 +212,7 @@ fn bar(at: &str, shape: &Shape) -> Result<Bar> {
             length,
             area: std::f64::consts::PI * radius * radius,
         }),
-        Shape::Box { low, high } => Ok(Bar {
+        Shape::Box { low, high, .. } => Ok(Bar {
             start: low[0],
             length: high[0] - low[0],
             area: (high[1] - low[1]) * (high[2] - low[2]),

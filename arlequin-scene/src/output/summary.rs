@@ -2,10 +2,10 @@
 
 use super::packing::PackingLine;
 use crate::recorder::{PhaseClock, Recorder};
-use crate::setup::{ParticlesWithoutContact, ProbeReader};
+use crate::setup::{ParticlesWithoutContact, PhaseTime, ProbeReader};
 use crate::spectrum;
 use arlequin::core::effect::EffectLine;
-use arlequin::core::{Arms, BodyMomentum, Claim, Coupled};
+use arlequin::core::{Arms, BodyMomentum, Claim, Coupled, OwnStep, Subdomain};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -134,6 +134,12 @@ pub struct ModelLine {
     pub unknowns: usize,
     /// Its own critical step \[s\].
     pub critical_dt: f64,
+    /// Its own steps in a step of the run.
+    pub own_steps: usize,
+    /// Length of these \[s\].
+    pub own_dt: f64,
+    /// How it steps: `"explicit"` or `"implicit"`.
+    pub scheme: &'static str,
     /// How the spheres were packed, where there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub packing: Option<PackingLine>,
@@ -144,6 +150,8 @@ pub struct ModelLine {
 pub struct WallSeconds {
     /// Reading, meshing, factoring.
     pub setup: f64,
+    /// Parts of `setup`, in order.
+    pub setup_phases: Vec<PhaseTime>,
     /// Steps without output.
     pub stepping: f64,
     /// Probes, frames, plots.
@@ -328,12 +336,19 @@ pub fn process_bytes(name: &str) -> Option<usize> {
 /// Models of a run.
 pub fn models(run: &Coupled<f64>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
     let plan = run.plan();
+    let sides = run.subdomains();
     let line = |(k, (name, kind, nodes, unknowns, critical_dt))| ModelLine {
         name,
         kind,
         nodes,
         unknowns,
         critical_dt,
+        own_steps: sides.get(k).map_or(1, Subdomain::own_steps),
+        own_dt: sides.get(k).map_or(plan.dt, Subdomain::own_dt),
+        scheme: match sides.get(k).map(Subdomain::step_choice).unwrap_or_default() {
+            OwnStep::Implicit => "implicit",
+            _ => "explicit",
+        },
         packing: packings.get(k).cloned().flatten(),
     };
     plan.models.into_iter().enumerate().map(line).collect()

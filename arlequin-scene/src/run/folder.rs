@@ -4,7 +4,7 @@ use super::session::Session;
 use super::summary::Status;
 use super::{End, Observer, Recorded, Results};
 use crate::checkpoint::{self, Checkpoint, Origin};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, core};
 use crate::output::summary::{self, Summary, WakeReport};
 use crate::output::{Folder, Place, json, put, tables};
 use crate::scene::Scene;
@@ -73,14 +73,17 @@ impl Session<'_> {
     /// Writes a checkpoint, if the run is kept.
     pub(crate) fn save(&self) -> Result<()> {
         let Some(keep) = &self.keep else { return Ok(()) };
-        Checkpoint {
+        self.checkpoint(keep.origin.clone())?.write(keep.folder.path())
+    }
+
+    fn checkpoint(&self, origin: Origin) -> Result<Checkpoint> {
+        Ok(Checkpoint {
             version: env!("CARGO_PKG_VERSION").into(),
-            origin: keep.origin.clone(),
-            snapshot: self.run.snapshot(),
+            origin,
+            snapshot: self.run.snapshot().map_err(core("model"))?,
             records: self.recorder.records(),
             wake: self.stage.clone(),
-        }
-        .write(keep.folder.path())
+        })
     }
 
     /// Takes the state of a checkpoint.
@@ -107,12 +110,16 @@ impl Session<'_> {
         observer: &mut dyn Observer,
     ) -> Result<Results> {
         let written = end.and_then(|end| {
+            let mut rest = None;
             if end.goes_on() {
                 self.save()?;
+                if self.keep.is_none() {
+                    rest = Some(Box::new(self.checkpoint(Origin::of(self.scene)?)?));
+                }
             }
-            Ok((end, self.finish(end, wake.clone(), observer)?))
+            Ok((end, rest, self.finish(end, wake.clone(), observer)?))
         });
-        let (end, summary) = match written {
+        let (end, rest, summary) = match written {
             Ok(done) => done,
             Err(e) => return Err(self.salvage(e, wake, observer)),
         };
@@ -133,6 +140,7 @@ impl Session<'_> {
             end,
             planned: self.steps,
             folder,
+            rest,
         })
     }
 

@@ -9,7 +9,7 @@ pub use folder::RunFolder;
 pub(crate) use session::Session;
 
 use crate::checkpoint::{self, Checkpoint};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, key};
 use crate::output::{Folder, summary::Summary};
 use crate::recorder::Table;
 use crate::scene::Scene;
@@ -96,9 +96,27 @@ pub struct Results {
     pub planned: usize,
     /// Folder of the results, if they are kept.
     pub folder: Option<PathBuf>,
+    /// What the steps that are left need, if there are any and no folder has it.
+    rest: Option<Box<Checkpoint>>,
 }
 
 impl Results {
+    /// The run as it can go on after its observer, or a bond that broke in an overlap, ended it: with the same bits as one
+    /// that was not stopped, and with what was recorded so far. The scene is built anew.
+    ///
+    /// # Errors
+    /// A run that has no steps left; files of the scene that changed since; a checkpoint in a folder that cannot be used.
+    pub fn resume(self) -> Result<Resumed> {
+        match (self.rest, &self.folder) {
+            (Some(rest), _) => Resumed::of(*rest, None, self.asleep),
+            (None, Some(folder)) if self.end.goes_on() => resume(folder),
+            _ => Err(key(
+                "time",
+                "all steps are made; prepare the scene with a later end",
+            )),
+        }
+    }
+
     /// The run in figures.
     pub fn summary(&self) -> &Summary {
         &self.recorded.summary
@@ -129,12 +147,12 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    pub(crate) fn new(scene: &Scene) -> Result<Self> {
+    pub(crate) fn new(scene: &Scene, tell: &mut dyn FnMut(&str)) -> Result<Self> {
         let begin = Instant::now();
         let (asleep, built) = match &scene.spec().wake {
-            None => (None, setup::build(scene.spec(), scene.folder())?),
+            None => (None, setup::build_from(scene.spec(), scene.folder(), None, tell)?),
             Some(wake) => {
-                let (asleep, built) = wake::prepare(scene, wake)?;
+                let (asleep, built) = wake::prepare(scene, wake, tell)?;
                 (Some(asleep), built)
             }
         };
@@ -188,8 +206,11 @@ impl Prepared {
 #[derive(Debug)]
 pub struct Resumed {
     prepared: Prepared,
-    target: PathBuf,
+    /// Folder of its results, if they are kept.
+    target: Option<PathBuf>,
     saved: Checkpoint,
+    /// What was recorded while a model slept, where no folder has it.
+    slept: Option<Recorded>,
 }
 
 /// Reads the last checkpoint of a folder and builds its scene.
@@ -197,7 +218,6 @@ pub struct Resumed {
 /// # Errors
 /// A checkpoint that cannot be used: damaged, of another version, of files that have changed since.
 pub fn resume(target: &Path) -> Result<Resumed> {
-    let begin = Instant::now();
     let place = Folder::left_behind(target);
     let saved = Checkpoint::read(&place)?;
     let refuse = |reason: String| {
@@ -219,26 +239,33 @@ pub fn resume(target: &Path) -> Result<Resumed> {
             env!("CARGO_PKG_VERSION")
         ));
     }
-    let scene = saved.origin.scene()?;
-    let mut prepared = match &saved.wake {
-        Some(Stage::Awake { start, .. }) => Prepared {
-            built: setup::build_from(scene.spec(), scene.folder(), Some(start))?,
-            asleep: None,
-            setup: 0.0,
-            scene,
-        },
-        _ => Prepared::new(&scene)?,
-    };
-    prepared.setup = begin.elapsed().as_secs_f64();
-    Ok(Resumed {
-        prepared,
-        target: target.to_owned(),
-        saved,
-    })
+    Resumed::of(saved, Some(target.to_owned()), None)
 }
 
 impl Resumed {
-    /// Makes the steps that are left and writes the results.
+    /// Builds the scene of a checkpoint.
+    fn of(saved: Checkpoint, target: Option<PathBuf>, slept: Option<Recorded>) -> Result<Self> {
+        let begin = Instant::now();
+        let scene = saved.origin.scene()?;
+        let mut prepared = match &saved.wake {
+            Some(Stage::Awake { start, .. }) => Prepared {
+                built: setup::build_from(scene.spec(), scene.folder(), Some(start), &mut |_| ())?,
+                asleep: None,
+                setup: 0.0,
+                scene,
+            },
+            _ => Prepared::new(&scene, &mut |_| ())?,
+        };
+        prepared.setup = begin.elapsed().as_secs_f64();
+        Ok(Self {
+            prepared,
+            target,
+            saved,
+            slept,
+        })
+    }
+
+    /// Makes the steps that are left; a run in a folder writes its results there.
     ///
     /// # Errors
     /// As those of [`Prepared::run_into`].
@@ -247,23 +274,29 @@ impl Resumed {
             prepared,
             target,
             mut saved,
+            slept,
         } = self;
-        let keep = Keep::reopen(&target, saved.origin.clone())?;
+        let keep = target
+            .map(|t| Keep::reopen(&t, saved.origin.clone()))
+            .transpose()?;
         let stage = saved.wake.take();
+        let setup = prepared.setup;
         match (prepared.asleep, stage) {
             (Some(mut asleep), Some(stage)) => {
                 asleep.go_on(&stage);
-                keep.take_back(wake::ASLEEP)?;
-                let setup = prepared.setup;
-                wake::run(&prepared.scene, asleep, Some(keep), setup, Some(saved), observer)
+                if let Some(keep) = &keep {
+                    keep.take_back(wake::ASLEEP)?;
+                }
+                wake::run(&prepared.scene, asleep, keep, setup, Some(saved), observer)
             }
             (_, stage) => {
-                let mut session = Session::new(&prepared.scene, prepared.built, Some(keep), prepared.setup)?;
+                let mut session = Session::new(&prepared.scene, prepared.built, keep, setup)?;
                 session.restore(saved)?;
-                match stage {
+                let done = match stage {
                     Some(Stage::Awake { start, report }) => wake::finish(session, start, *report, observer),
                     _ => session.complete(observer),
-                }
+                };
+                done.map(|r| Results { asleep: slept, ..r })
             }
         }
     }

@@ -8,7 +8,7 @@ use crate::output::Frames;
 use crate::output::packing::PackingLine;
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::scene::Scene;
-use crate::setup::{Bounds, Built, ParticlesWithoutContact};
+use crate::setup::{Bounds, Built, ParticlesWithoutContact, PhaseTime};
 use crate::wake::Stage;
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::SharedLog;
@@ -30,6 +30,7 @@ pub(crate) struct Session<'a> {
     pub(super) without_contact: ParticlesWithoutContact,
     pub(super) packings: Vec<Option<PackingLine>>,
     bounds: Bounds,
+    pub(super) phases: Vec<PhaseTime>,
 }
 
 impl<'a> Session<'a> {
@@ -73,6 +74,7 @@ impl<'a> Session<'a> {
             without_contact: built.without_contact,
             packings,
             bounds: built.bounds,
+            phases: built.phases,
         })
     }
 

@@ -53,6 +53,7 @@ impl Session<'_> {
             frames: r.frames.as_ref().map_or(0, |f| f.count()),
             wall_seconds: WallSeconds {
                 setup: self.setup,
+                setup_phases: self.phases.clone(),
                 stepping,
                 output: observing + writing,
                 phases: self.clock.phases(run),

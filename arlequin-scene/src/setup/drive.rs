@@ -4,8 +4,8 @@ use super::kinds::Body;
 use super::select;
 use crate::error::{Result, core, key, unknown, value};
 use crate::spec::{
-    Axis, Bearer, Effect, EffectKind, Field, Initial, Load, ModelKind, Motion, SceneSpec, Spin, Support,
-    TimeShape, Wave,
+    Axis, Bearer, Effect, EffectKind, Field, Initial, Load, ModelKind, ModelTable, Motion, SceneSpec, Spin,
+    Support, TimeShape, Wave,
 };
 use arlequin::core::effect::{
     self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping, SurfaceFacet,
@@ -281,6 +281,10 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
         EffectKind::BulkViscosity(b) => {
+            if body.model.layout().components != 3 {
+                let rule = format!("needs {SOLID}, which model '{}' is not", body.model.name());
+                return Err(key(path, rule));
+            }
             let m = &body.material;
             let impedance = (m.p_wave_modulus() * m.density()).sqrt();
             let made = BulkViscosity::new(body.field.clone(), b.coefficient, impedance);
@@ -294,6 +298,9 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     }
 }
 
+/// What bulk viscosity needs, and what a line can have in its place.
+const SOLID: &str = "a solid of kind = \"fem\" or \"cnem\" (a line can have stiffness_damping)";
+
 /// Models an effect acts on: those named, or all that can have it.
 pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usize>> {
     let path = format!("effect[{k}]");
@@ -301,17 +308,17 @@ pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usiz
         return Ok(Vec::new());
     }
     let (what, bearer) = (e.kind.key(), e.kind.bearer());
-    let kinds: Vec<ModelKind> = scene.model.values().map(|t| t.kind).collect();
+    let tables: Vec<&ModelTable> = scene.model.values().collect();
     let fits = |m: &usize| match bearer {
         Bearer::Any => true,
-        Bearer::Solids => kinds[*m].is_solid(),
-        Bearer::Particles => kinds[*m] == ModelKind::Dem,
+        Bearer::Solids => tables[*m].has_volume(),
+        Bearer::Particles => tables[*m].kind == ModelKind::Dem,
     };
     let all = model_indices(&path, e.models.as_deref(), scene)?;
     if let (Some(names), Some(at)) = (&e.models, all.iter().position(|m| !fits(m))) {
         let wanted = match bearer {
             Bearer::Particles => "kind = \"dem\"",
-            _ => "kind = \"fem\" or \"cnem\"",
+            _ => SOLID,
         };
         let rule = format!("{what} needs {wanted}, which model '{}' is not", names[at]);
         return Err(key(format!("{path}.models[{at}]"), rule));

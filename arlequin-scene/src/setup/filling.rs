@@ -39,7 +39,11 @@ impl Filling {
             faces: BTreeMap::new(),
         };
         match shape {
-            Shape::Box { low, high } => {
+            Shape::Box { hole: Some(_), .. } => {
+                let rule = "spheres fill a whole box; remove the hole, or give the outer surface in a file";
+                Err(crate::error::key(format!("{key}.shape.box.hole"), rule))
+            }
+            Shape::Box { low, high, .. } => {
                 let made = Container::cuboid(Vector3::from(*low), Vector3::from(*high));
                 let made = made.map_err(dem(&format!("{key}.shape.box")))?;
                 Ok(plain(made, Vector3::zeros()))
@@ -194,6 +198,10 @@ fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize>
                     e.x, e.y, e.z
                 );
                 return Err(value(format!("{path}.spacing"), h, &rule));
+            }
+            if n < 1.0 {
+                let rule = "no spheres of that diameter fit into the shape; choose a smaller one [m]";
+                return Err(value(format!("{path}.spacing"), h, rule));
             }
             Ok(n as usize)
         }

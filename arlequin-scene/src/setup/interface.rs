@@ -1,20 +1,20 @@
 //! Interfaces: overlap, weights, mediator, junction, absorber.
 
 use super::kinds::Body;
+use super::mediator::{is_hull, mediator, mediator_shape, within_hull};
 use super::mesh::{Grid, Request};
 use crate::error::{Result, core, key, value};
 use crate::spec::{
-    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, Shape, WeightTable,
+    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, WeightTable,
 };
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::{
     InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place, Primitive,
-    Ramp, Sampling, ShapeRow, Shell, Slab, Weight, Weighting, Weights,
+    Ramp, Sampling, Shell, Slab, Weight, Weighting, Weights,
 };
 use arlequin::fem_ref::FemField;
-use arlequin::fem_ref::generate::Rim;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -60,6 +60,7 @@ pub(super) fn interface(
     let overlap = overlap(&format!("{path}.overlap"), &table.overlap)?;
     let names = [&table.coarse, &table.fine];
     let points = sides.map(|s| s.1.model.nodes());
+    check_place(&path, &table.overlap, &*overlap, names, points)?;
     check_sense(&path, &table.overlap, names, points)?;
     let mediator_path = format!("{path}.mediator");
     let mut shape = mediator_shape(&mediator_path, table, sides.map(|s| &s.1.shape))?;
@@ -102,36 +103,6 @@ pub(super) fn interface(
     })
 }
 
-/// The mediator's body: as given, or what overlap and models leave.
-pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2]) -> Result<Shape> {
-    match &table.mediator.shape {
-        Some(s) => Ok(s.clone()),
-        None => derived_shape(path, &table.overlap, models),
-    }
-}
-
-/// The mediator's mesh, with elements as long as those of the coarse model \[m\] by default.
-pub(super) fn mediator<'a>(
-    key: &'a str,
-    table: &'a Interface,
-    shape: &'a Shape,
-    coarse: f64,
-    folder: &'a Path,
-) -> Request<'a> {
-    let t = &table.mediator;
-    let free = t.divisions.is_none() && !matches!(shape, Shape::File(_));
-    Request {
-        key,
-        shape,
-        spacing: t.spacing.or(free.then_some(coarse)),
-        divisions: t.divisions.as_deref(),
-        element: t.element,
-        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
-        rim: Rim::Inscribed,
-        folder,
-    }
-}
-
 /// What the interface is known not to do well.
 fn advise(
     table: &Interface,
@@ -156,6 +127,99 @@ fn advise(
     out
 }
 
+/// First and last place of a body across a slab, zero at one of its points and one at the other.
+fn across(from: &[f64; 3], to: &[f64; 3], points: &[Point3<f64>]) -> [f64; 2] {
+    let (from, across) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
+    let places = points
+        .iter()
+        .map(|x| across.dot(&(x.coords - from)) / across.norm_squared());
+    places.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| {
+        [a.min(s), b.max(s)]
+    })
+}
+
+/// Lowest and highest corner of the box around points.
+fn around(points: &[Point3<f64>]) -> [Point3<f64>; 2] {
+    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
+    points
+        .iter()
+        .fold(ends, |[low, high], x| [low.inf(x), high.sup(x)])
+}
+
+/// Refuses an overlap that does not reach into both models: their weights would leave one of them without mass.
+pub(super) fn check_place(
+    path: &str,
+    shape: &OverlapShape,
+    overlap: &dyn Overlap<f64>,
+    names: [&String; 2],
+    points: [&[Point3<f64>]; 2],
+) -> Result<()> {
+    let boxes = points.map(around);
+    let (reached, place) = match shape {
+        OverlapShape::Slab { fine, coarse } => {
+            let reached = points.map(|p| {
+                let [first, last] = across(fine, coarse, p);
+                first < 1.0 - 1e-6 && last > 1e-6
+            });
+            (
+                reached,
+                format!("between the planes through {fine:?} and {coarse:?} m"),
+            )
+        }
+        OverlapShape::Shell { domain, .. } => {
+            let [low, high] = region_box(domain);
+            let alone = |x: Point3<f64>| overlap.place(&x) == Place::Fine;
+            let reached = boxes.map(|[a, b]| {
+                let apart = (0..3).any(|c| a[c] >= high[c] || b[c] <= low[c]);
+                let corner = |k: usize| {
+                    let end = |c: usize| if k >> c & 1 == 0 { a[c] } else { b[c] };
+                    Point3::new(end(0), end(1), end(2))
+                };
+                // Its regions are convex: a box whose corners are within one is.
+                !apart && !(0..8).map(corner).all(alone)
+            });
+            (reached, format!("from {low:?} to {high:?} m at most"))
+        }
+    };
+    let missed = match reached {
+        [true, true] => return Ok(()),
+        [false, false] => format!("the models '{}' and '{}'", names[0], names[1]),
+        [coarse, _] => format!("model '{}'", names[usize::from(coarse)]),
+    };
+    let lies = |k: usize| {
+        let [low, high] = &boxes[k];
+        let name = names[k];
+        format!(
+            "'{name}' from {:?} to {:?} m",
+            low.coords.as_slice(),
+            high.coords.as_slice()
+        )
+    };
+    let rule = format!(
+        "the overlap, {place}, does not lie in {missed}: {} and {}; place it where both models are",
+        lies(0),
+        lies(1)
+    );
+    Err(key(format!("{path}.overlap"), rule))
+}
+
+/// Lowest and highest corner of the box around a region, infinite where a cylinder is.
+fn region_box(shape: &RegionShape) -> [[f64; 3]; 2] {
+    match shape {
+        RegionShape::Ball { centre, radius } => [centre.map(|x| x - radius), centre.map(|x| x + radius)],
+        RegionShape::Box { low, high } => [*low, *high],
+        RegionShape::Cylinder { point, axis, radius } => {
+            let length = Vector3::from(*axis).norm();
+            // How far the circle, and a point far along the axis, reach.
+            let reach = |c: usize| match axis[c] / length {
+                0.0 => *radius,
+                _ => f64::INFINITY,
+            };
+            [-1.0, 1.0].map(|sign| [0, 1, 2].map(|c| point[c] + sign * reach(c)))
+        }
+    }
+}
+
 /// Refuses a slab whose two points are exchanged: the coarse model then has its own region where the fine one should have
 /// it, and the weights leave both without mass.
 pub(super) fn check_sense(
@@ -171,21 +235,14 @@ pub(super) fn check_sense(
     else {
         return Ok(());
     };
-    let (from, across) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
-    let place = |x: &Point3<f64>| across.dot(&(x.coords - from)) / across.norm_squared();
-    let ends = |points: &[Point3<f64>]| {
-        let places = points.iter().map(place);
-        places.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| {
-            [a.min(s), b.max(s)]
-        })
-    };
-    let ([c0, c1], [f0, f1]) = (ends(coarse_points), ends(fine_points));
+    let across = |points: &[Point3<f64>]| across(from, to, points);
+    let ([c0, c1], [f0, f1]) = (across(coarse_points), across(fine_points));
     let outside = |s: f64| !(-1e-6..=1.0 + 1e-6).contains(&s);
     if f0 > -1e-6 && outside(f1) && c1 < 1.0 + 1e-6 && outside(c0) {
         let rule = format!(
             "the slab is reversed: fine = {:?} must lie on the border to the region of '{fine}' alone, which is beyond \
              coarse = {to:?}, as that of '{coarse}' is beyond fine; exchange the two points",
-            from.as_slice()
+            from
         );
         return Err(key(format!("{path}.overlap.slab"), rule));
     }
@@ -365,131 +422,4 @@ fn absorber(
         Place::Overlap(s) => rate * s * s,
     };
     Ok(Absorber::new(resolved, Arc::new(field)))
-}
-
-/// Whether a field ends at the hull of particle centres, about a radius inside the body.
-fn is_hull(body: &Body) -> bool {
-    body.grains.is_some() && body.field.samples().is_none()
-}
-
-/// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
-/// of the particles. The hull is convex, so that its nodes decide. Only faces on the particles' own surface move.
-fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
-    let mut row = ShapeRow::default();
-    for step in 1..=30 {
-        let inset = 0.1 * f64::from(step) * grains.spacing;
-        let Some(shape) = moved_inwards(request.shape, &grains.shape, inset) else {
-            break;
-        };
-        let mesh = Request {
-            shape: &shape,
-            ..request
-        }
-        .mesh()?;
-        let mut nodes = mesh.nodes().iter();
-        if nodes.all(|x| grains.field.shape_at(x, false, &mut row).is_ok()) {
-            return Ok(shape);
-        }
-    }
-    let rule =
-        "no mediator fits into the hull of the particles; give mediator.shape, or dem.field = \"particles\"";
-    Err(key(request.key, rule))
-}
-
-/// Faces that lie on the given body, moved inwards; none if nothing is left.
-fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
-    let same = |a: f64, b: f64| (a - b).abs() < inset;
-    let ends = |low: f64, high: f64, first: f64, last: f64| {
-        let low = if same(low, first) { first + inset } else { low };
-        let high = if same(high, last) { last - inset } else { high };
-        (high > low).then_some([low, high])
-    };
-    match (shape, body) {
-        (
-            Shape::Cylinder { from, length, radius },
-            Shape::Cylinder {
-                from: first,
-                length: whole,
-                ..
-            },
-        ) => {
-            let [low, high] = ends(from[0], from[0] + length, first[0], first[0] + whole)?;
-            let radius = radius - inset;
-            (radius > 0.0).then_some(Shape::Cylinder {
-                from: [low, from[1], from[2]],
-                length: high - low,
-                radius,
-            })
-        }
-        (
-            Shape::Box { low, high },
-            Shape::Box {
-                low: first,
-                high: last,
-            },
-        ) => {
-            let mut corners = [[0.0; 3]; 2];
-            for c in 0..3 {
-                let [a, b] = ends(low[c], high[c], first[c], last[c])?;
-                corners[0][c] = a;
-                corners[1][c] = b;
-            }
-            Some(Shape::Box {
-                low: corners[0],
-                high: corners[1],
-            })
-        }
-        _ => None,
-    }
-}
-
-/// The slab's part of the space both models share.
-fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
-    let give = || {
-        key(
-            path,
-            "the mediator cannot be derived from this overlap and these shapes; give mediator.shape",
-        )
-    };
-    let OverlapShape::Slab { fine, coarse } = overlap else {
-        return Err(give());
-    };
-    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
-    let &[axis] = apart.as_slice() else {
-        return Err(give());
-    };
-    let (low, high) = (fine[axis].min(coarse[axis]), fine[axis].max(coarse[axis]));
-    match shapes {
-        [Shape::Bar { section, .. }, Shape::Bar { .. }] if axis == 0 => Ok(Shape::Bar {
-            from: low,
-            to: high,
-            section: *section,
-        }),
-        [
-            Shape::Cylinder {
-                from: a, radius: r, ..
-            },
-            Shape::Cylinder {
-                from: b, radius: s, ..
-            },
-        ] if axis == 0 && a[1..] == b[1..] && (r - s).abs() <= 1e-9 * r => Ok(Shape::Cylinder {
-            from: [low, a[1], a[2]],
-            length: high - low,
-            radius: *r,
-        }),
-        [Shape::Box { low: a, high: b }, Shape::Box { low: c, high: d }] => {
-            let mut corners = [[0.0; 3]; 2];
-            for k in 0..3 {
-                corners[0][k] = a[k].max(c[k]);
-                corners[1][k] = b[k].min(d[k]);
-            }
-            corners[0][axis] = low;
-            corners[1][axis] = high;
-            Ok(Shape::Box {
-                low: corners[0],
-                high: corners[1],
-            })
-        }
-        _ => Err(give()),
-    }
 }

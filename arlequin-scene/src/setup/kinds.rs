@@ -3,6 +3,7 @@
 //! A new kind is a variant of [`ModelKind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
 //! into a table of that name in [`ModelTable`].
 
+use super::clock::SetupClock;
 use super::grains::Grains;
 use super::mesh::{self, Grid};
 use crate::error::{Result, core, fem, value};
@@ -55,13 +56,15 @@ pub(super) fn body(
     table: &ModelTable,
     folder: &Path,
     effects: &[(usize, &Effect)],
+    clock: &mut SetupClock<'_>,
 ) -> Result<Body> {
     let key = format!("model.{name}");
+    clock.begin(format!("model '{name}'"));
     elastic(&key, &table.material)?;
     match table.kind {
         ModelKind::Fem => finite_elements(name, &key, table, folder),
-        ModelKind::Cnem => super::natural::body(name, &key, table, folder),
-        ModelKind::Dem => super::particles::body(name, &key, table, folder, effects),
+        ModelKind::Cnem => super::natural::body(name, &key, table, folder, clock),
+        ModelKind::Dem => super::particles::body(name, &key, table, (folder, effects), clock),
         ModelKind::Chain => chain(name, &key, table),
     }
 }

@@ -1,7 +1,7 @@
 //! Shapes become meshes; meshes become pictures.
 
 use crate::error::{Result, fem, value};
-use crate::spec::{Element, Shape};
+use crate::spec::{Element, Hole, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
@@ -79,7 +79,7 @@ impl Request<'_> {
     pub(super) fn check(&self) -> Result<()> {
         let key = self.key;
         match self.shape {
-            Shape::Box { low, high } => {
+            Shape::Box { low, high, hole } => {
                 for c in 0..3 {
                     if high[c] <= low[c] {
                         let rule = format!("must be above low[{c}] = {} m", low[c]);
@@ -87,7 +87,16 @@ impl Request<'_> {
                     }
                 }
                 let extents = [0, 1, 2].map(|c| high[c] - low[c]);
-                divisions_of(key, &extents, self.spacing, self.divisions).map(|_| ())
+                divisions_of(key, &extents, self.spacing, self.divisions)?;
+                let thin = |h: &Hole| {
+                    (0..3)
+                        .find(|&c| h.high[c] <= h.low[c])
+                        .map(|c| (c, h.high[c], h.low[c]))
+                };
+                hole.as_ref().and_then(thin).map_or(Ok(()), |(c, high, low)| {
+                    let rule = format!("must be above low[{c}] = {low} m");
+                    Err(value(format!("{key}.shape.box.hole.high[{c}]"), high, &rule))
+                })
             }
             Shape::Cylinder { length, radius, .. } => {
                 for (name, x) in [("length", *length), ("radius", *radius)] {
@@ -125,11 +134,15 @@ impl Request<'_> {
             Element::Tet4 => ElementKind::Tet4,
         };
         match self.shape {
-            Shape::Box { low, high } => {
+            Shape::Box { low, high, hole } => {
                 let extents = [0, 1, 2].map(|c| high[c] - low[c]);
                 let n = divisions_of(key, &extents, self.spacing, self.divisions)?;
-                let mesh = generate::block(kind, Point3::from(*low), Point3::from(*high), [n[0], n[1], n[2]]);
-                mesh.map_err(fem(key))
+                let (n, [low, high]) = ([n[0], n[1], n[2]], [low, high].map(|x| Point3::from(*x)));
+                match hole {
+                    None => generate::block(kind, low, high, n).map_err(fem(key)),
+                    Some(h) => generate::hollow_block(kind, low, high, n, [h.low, h.high].map(Point3::from))
+                        .map_err(fem(&format!("{key}.shape.box.hole"))),
+                }
             }
             Shape::Cylinder { from, length, radius } => self.cylinder(kind, *from, *length, *radius),
             Shape::Bar { from, to, section } => {

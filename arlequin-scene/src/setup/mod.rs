@@ -1,11 +1,13 @@
 //! From the scene to a run that is ready to step.
 
 mod between;
+mod clock;
 mod drive;
 pub mod filling;
 mod grains;
 mod interface;
 mod kinds;
+mod mediator;
 mod mesh;
 mod natural;
 mod particles;
@@ -13,8 +15,10 @@ mod plausible;
 mod precheck;
 mod probe;
 mod select;
+mod time;
 
 pub use between::ParticlesWithoutContact;
+pub use clock::PhaseTime;
 pub use drive::{effect_models, model_index};
 pub use grains::cut;
 pub use kinds::Body;
@@ -24,12 +28,13 @@ pub use probe::ProbeReader;
 
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
-use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec, StepChoice};
+use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec};
 use arlequin::core::snapshot::Record;
 use arlequin::core::{
-    Coupled, Elastic, Guard, Interpolation, Partition, Parts, Subdomain, TimeStep, Weighting, Weights,
+    Coupled, Elastic, Guard, Interpolation, Partition, Parts, Subdomain, Weighting, Weights,
 };
 use arlequin::dem_beam::fracture::SharedLog;
+use clock::SetupClock;
 use drive::Attachments;
 use interface::BuiltInterface;
 pub(crate) use interface::stations;
@@ -109,19 +114,28 @@ pub struct Built {
     pub warnings: Vec<String>,
     /// What the motion is held against.
     pub bounds: Bounds,
+    /// Where the time of the set-up went, in order.
+    pub phases: Vec<PhaseTime>,
 }
 
 /// Builds everything a scene asks for.
 pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
-    build_from(scene, folder, None)
+    build_from(scene, folder, None, &mut |_| ())
 }
 
-/// The same with a state of its own to start from.
-pub fn build_from(scene: &SceneSpec, folder: &Path, start: Option<&Start>) -> Result<Built> {
+/// The same with a state of its own to start from; `tell` hears of every phase as it begins.
+pub fn build_from(
+    scene: &SceneSpec,
+    folder: &Path,
+    start: Option<&Start>,
+    tell: &mut dyn FnMut(&str),
+) -> Result<Built> {
+    let mut clock = SetupClock::new(tell);
     check_numbers(scene)?;
     check_names(scene)?;
     precheck::scene(scene, folder)?;
-    let mut bodies = bodies_of(scene, folder)?;
+    let mut bodies = bodies_of(scene, folder, &mut clock)?;
+    clock.begin("mediators, probes and effects".to_owned());
     let mut interfaces = interfaces_of(scene, &bodies, folder)?;
     let probes = scene.probe.iter();
     let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies));
@@ -147,36 +161,45 @@ pub fn build_from(scene: &SceneSpec, folder: &Path, start: Option<&Start>) -> Re
     let states = states_of(scene, &bodies, start)?;
     let parts = Parts {
         start: begin,
-        subdomains: subdomains_of(bodies, states, &mut interfaces, attachments)?,
+        subdomains: subdomains_of(scene, bodies, states, &mut interfaces, attachments)?,
         interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
     };
-    let run = Coupled::of(parts, step_of(scene), Some(guard(scene))).map_err(located)?;
+    let names = [
+        scene.model.keys().cloned().collect(),
+        scene.interface.keys().cloned().collect(),
+    ];
+    let mut announce = |phase| clock.begin(clock::name(phase, &names));
+    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce);
+    let run = run.map_err(located)?;
     for i in run.interfaces().iter().map(|i| i.report()) {
         warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
     }
-    let steps = steps_of(scene, begin, run.dt())?;
+    let steps = time::steps(scene, begin, run.dt())?;
     let mut built = Built {
         models,
         mediators,
         probes,
         steps,
-        frame_every: frames(scene, steps, run.dt()),
+        frame_every: time::frames(scene, steps, run.dt()),
         without_contact,
         warnings,
         bounds,
         run,
+        phases: Vec::new(),
     };
+    clock.begin("plausibility of the scene".to_owned());
     let odd = plausible::warnings(scene, &built);
     built.warnings.extend(odd);
+    built.phases = clock.finish();
     Ok(built)
 }
 
-fn bodies_of(scene: &SceneSpec, folder: &Path) -> Result<Vec<Body>> {
+fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Result<Vec<Body>> {
     let effects = effects_by_model(scene)?;
     let tables = scene.model.iter().zip(&effects);
     tables
-        .map(|((name, table), e)| kinds::body(name, table, folder, e))
+        .map(|((name, table), e)| kinds::body(name, table, folder, e, clock))
         .collect()
 }
 
@@ -194,6 +217,7 @@ fn states_of(scene: &SceneSpec, bodies: &[Body], start: Option<&Start>) -> Resul
 }
 
 fn subdomains_of(
+    scene: &SceneSpec,
     bodies: Vec<Body>,
     states: Vec<Begin>,
     interfaces: &mut [BuiltInterface],
@@ -205,7 +229,8 @@ fn subdomains_of(
         }
     }
     let of = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
-        let made = subdomain(m, body, state, interfaces, &mut attachments)?;
+        let own = time::own_step(scene, m);
+        let made = subdomain(m, body, state, interfaces, &mut attachments)?.with_step(own);
         Ok(match memory {
             Some(of) => made.with_memory(of),
             None => made,
@@ -243,41 +268,6 @@ fn effects_by_model(scene: &SceneSpec) -> Result<Vec<Vec<(usize, &Effect)>>> {
     Ok(out)
 }
 
-fn step_of(scene: &SceneSpec) -> TimeStep<f64> {
-    match scene.time.step {
-        StepChoice::Fraction(f) => TimeStep::Fraction(f),
-        StepChoice::Seconds(s) => TimeStep::Seconds(s),
-    }
-}
-
-/// Steps that no run lives to see, nor a number of them that counts each.
-const MANY_STEPS: f64 = 1e13;
-
-/// Whole steps up to the end; a step that ends there up to round-off is the last one.
-fn steps_of(scene: &SceneSpec, begin: f64, dt: f64) -> Result<usize> {
-    let end = match (scene.time.steps, scene.time.end) {
-        (Some(n), _) => return Ok(n),
-        (None, end) => end.unwrap_or_default(),
-    };
-    let steps = ((end - begin) / dt * (1.0 - 1e-12)).ceil();
-    if steps > MANY_STEPS {
-        let rule =
-            format!("is {steps:.1e} steps of {dt:e} s away, more than {MANY_STEPS:e}; choose an earlier end");
-        return Err(value("time.end", end, &rule));
-    }
-    Ok((steps as usize).max(1))
-}
-
-/// Steps between two frames: as asked for, or about twenty frames in all.
-fn frames(scene: &SceneSpec, steps: usize, dt: f64) -> usize {
-    let every = match (scene.output.every, scene.output.interval) {
-        (Some(n), _) => n,
-        (None, Some(seconds)) => (seconds / dt).round() as usize,
-        (None, None) => steps.div_ceil(20),
-    };
-    every.max(1)
-}
-
 fn guard(scene: &SceneSpec) -> Guard<f64> {
     let nodal = scene
         .interface
@@ -295,22 +285,7 @@ fn guard(scene: &SceneSpec) -> Guard<f64> {
 }
 
 fn check_numbers(scene: &SceneSpec) -> Result<()> {
-    match (scene.time.end, scene.time.steps) {
-        (Some(t), None) if t <= 0.0 => return Err(value("time.end", t, "must be positive [s]")),
-        (None, Some(0)) => return Err(value("time.steps", 0, "must be at least 1")),
-        (Some(_), None) | (None, Some(_)) => {}
-        _ => return Err(key("time", "needs exactly one of end [s], steps")),
-    }
-    match scene.time.step {
-        StepChoice::Fraction(f) if !(f > 0.0 && f < 1.0) => {
-            let rule = "must lie above 0 and below 1, in units of the critical step; take 0.9";
-            return Err(value("time.step.fraction", f, rule));
-        }
-        StepChoice::Seconds(s) if s <= 0.0 => {
-            return Err(value("time.step.seconds", s, "must be positive [s]"));
-        }
-        _ => {}
-    }
+    time::check(scene)?;
     let output = &scene.output;
     let counts = [
         ("every", output.every.unwrap_or(1)),
@@ -339,7 +314,8 @@ fn check_names(scene: &SceneSpec) -> Result<()> {
         for name in names {
             let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
             if name.is_empty() || !name.chars().all(good) {
-                let rule = "has a name with other signs than a-z, A-Z, 0-9, - and _; it also names files";
+                let rule =
+                    "has a name with other signs than a-z, A-Z, 0-9, - and _; it also names files: rename it";
                 return Err(key(format!("{table}.{name}"), rule));
             }
         }
@@ -416,7 +392,8 @@ fn located(source: arlequin::core::Error) -> Error {
     use arlequin::core::Error as Core;
     let interface = |name: &str, key: &str| format!("interface.{name}.{key}");
     let key = match &source {
-        Core::UnstableStep { .. } => "time.step.seconds".to_owned(),
+        Core::UnstableStep { steps: 1, .. } => "time.step.seconds".to_owned(),
+        Core::UnstableStep { model, .. } => format!("model.{model}.step"),
         Core::EmptyOverlap { interface: i, .. } | Core::OverhangingMediator { interface: i, .. } => {
             interface(i, "mediator")
         }

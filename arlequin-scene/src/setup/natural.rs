@@ -1,5 +1,6 @@
 //! `kind = "cnem"`: the nodes of a mesh carry natural-neighbour functions instead of elements.
 
+use super::clock::SetupClock;
 use super::kinds::{Body, solid_poisson};
 use super::mesh::{Grid, Request, one_material};
 use crate::error::{Result, cnem as natural, fem, value};
@@ -34,14 +35,22 @@ pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path)
 }
 
 /// Builds a natural-element body on the nodes of the mesh that the same table would give finite elements.
-pub(super) fn body(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+pub(super) fn body(
+    name: &str,
+    key: &str,
+    table: &ModelTable,
+    folder: &Path,
+    clock: &mut SetupClock<'_>,
+) -> Result<Body> {
     let request = request(key, table, folder)?;
     let mesh = request.mesh()?.into_tetrahedra().map_err(fem(key))?;
     let material = super::kinds::elastic(key, &table.material)?;
     let corners: Vec<[usize; 4]> = (0..mesh.element_count())
         .map(|e| [0, 1, 2, 3].map(|k: usize| mesh.element(e)[k] as usize))
         .collect();
+    clock.begin(format!("tetrahedra of '{name}'"));
     let domain = Domain::new(mesh.nodes(), &Surface::of_elements(&corners)).map_err(natural(key))?;
+    clock.begin(format!("cells and natural neighbours of '{name}'"));
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
     let mut warnings = model.warnings();
     warnings.extend(one_material(&mesh));

@@ -1,5 +1,6 @@
 //! `kind = "dem"`: a random packing of spheres joined by cohesive beams fills the shape.
 
+use super::clock::SetupClock;
 use super::filling::{Filling, Recipe, beam, dem};
 use super::grains::{self, Grains};
 use super::kinds::Body;
@@ -61,12 +62,14 @@ pub(super) fn body(
     name: &str,
     key: &str,
     table: &ModelTable,
-    folder: &Path,
-    effects: &[(usize, &Effect)],
+    (folder, effects): (&Path, &[(usize, &Effect)]),
+    clock: &mut SetupClock<'_>,
 ) -> Result<Body> {
+    clock.begin(format!("packing of '{name}'"));
     grains::check_loose(key, table, effects)?;
     let filling = Filling::of(key, &table.shape, folder)?;
     let mut packing = Recipe::of(key, table, folder, &filling)?.packing(key)?;
+    clock.begin(format!("model of '{name}'"));
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
     grains::cut(key, &table.dem.notch, &mut packing)?;
     let beam = beam(key, table)?;
@@ -119,7 +122,7 @@ fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String
         out.insert(name.to_owned(), model.clamp_layer(&at, &normal));
     };
     match *shape {
-        Shape::Box { low, high } => {
+        Shape::Box { low, high, .. } => {
             let axes = [("x", Vector3::x()), ("y", Vector3::y()), ("z", Vector3::z())];
             for (name, axis) in axes {
                 layer(&format!("{name}-min"), Point3::from(low), -axis);

@@ -245,6 +245,11 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
             | (RegionShape::Cylinder { radius: a, .. }, RegionShape::Cylinder { radius: b, .. }) => {
                 Some((b - a).abs())
             }
+            // Sides on which the inner box is open count for none.
+            (RegionShape::Box { low: a, high: b }, RegionShape::Box { low: c, high: d }) => (0..3)
+                .flat_map(|k| [a[k] - c[k], d[k] - b[k]])
+                .filter(|gap| *gap > 0.0)
+                .reduce(f64::min),
             _ => None,
         },
     }

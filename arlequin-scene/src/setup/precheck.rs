@@ -2,8 +2,8 @@
 
 use super::drive::{self, model_index};
 use super::kinds;
-use super::{between, effects_by_model, grains, interface, probe, select, sides_of};
-use crate::error::{Result, core, dem, key, unknown};
+use super::{between, effects_by_model, grains, interface, mediator, probe, select, sides_of};
+use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{
     Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
 };
@@ -21,7 +21,9 @@ pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
         return Err(key("model", "a scene needs at least one model"));
     }
     for (name, table) in &scene.model {
+        spacing(&format!("model.{name}.spacing"), table)?;
         kinds::check(name, table, folder)?;
+        super::time::check_own(name, table)?;
     }
     for (name, table) in &scene.interface {
         let [c, f] = sides_of(name, table, scene)?;
@@ -40,6 +42,19 @@ pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
     }
     acting(scene)?;
     watched(scene)
+}
+
+/// Refuses nodes or particles farther apart than the body is long: it would silently be one element.
+fn spacing(path: &str, table: &ModelTable) -> Result<()> {
+    let (Some(h), Some([low, high])) = (table.spacing, ends(&table.shape)) else {
+        return Ok(());
+    };
+    let longest = (0..3).map(|c| high[c] - low[c]).fold(0.0, f64::max);
+    if h <= longest || longest <= 0.0 {
+        return Ok(());
+    }
+    let rule = format!("exceeds the body's longest side of {longest} m; choose a fraction of that");
+    Err(value(path, h, &rule))
 }
 
 /// Supports, loads and initial states.
@@ -132,7 +147,7 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
 /// Lowest and highest corner of a shape that the scene describes.
 fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
     Some(match *shape {
-        Shape::Box { low, high } => [low, high],
+        Shape::Box { low, high, .. } => [low, high],
         Shape::Cylinder { from, length, radius } => {
             let [x, y, z] = from;
             [[x, y - radius, z - radius], [x + length, y + radius, z + radius]]
@@ -154,6 +169,7 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
     let overlap = interface::overlap(&format!("{path}.overlap"), &table.overlap)?;
     if let (Some(coarse), Some(fine)) = (corners(&models[0].shape), corners(&models[1].shape)) {
         let names = [&table.coarse, &table.fine];
+        interface::check_place(&path, &table.overlap, &*overlap, names, [&coarse, &fine])?;
         interface::check_sense(&path, &table.overlap, names, [&coarse, &fine])?;
     }
     // What lies in the mediator's space is known once there is one.
@@ -178,8 +194,8 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         return Err(key(format!("{path}.absorber"), rule));
     }
     let at = format!("{path}.mediator");
-    let shape = interface::mediator_shape(&at, table, models.map(|m| &m.shape))?;
-    interface::mediator(&at, table, &shape, 1.0, folder).check()
+    let shape = mediator::mediator_shape(&at, table, models.map(|m| &m.shape))?;
+    mediator::mediator(&at, table, &shape, 1.0, folder).check()
 }
 
 /// Numbers of an effect, whatever it acts on.

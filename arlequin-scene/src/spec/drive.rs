@@ -1,5 +1,6 @@
 //! What acts on the models and what is watched: supports, loads, effects, initial states, probes.
 
+use super::choice::choice;
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, MapAccess, Visitor};
@@ -16,10 +17,11 @@ pub enum Selection {
 impl<'de> Deserialize<'de> for Selection {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
-        #[serde(deny_unknown_fields, rename_all = "snake_case")]
+        #[serde(remote = "Self", deny_unknown_fields, rename_all = "snake_case")]
         enum Table {
             Box { low: [f64; 3], high: [f64; 3] },
         }
+        choice!(Table, "{ box = { low, high } }");
         struct Either;
         impl<'de> Visitor<'de> for Either {
             type Value = Selection;
@@ -68,7 +70,7 @@ impl Axis {
 
 /// A dimensionless function of time.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum TimeShape {
     /// One from time zero on.
     Step,
@@ -85,6 +87,11 @@ pub enum TimeShape {
     /// Linear between `[time, value]` rows.
     Table(Vec<(f64, f64)>),
 }
+
+choice!(
+    TimeShape,
+    "\"step\", { ramp = { duration = seconds } }, { pulse = { duration = seconds } }, { table = [[time, value], …] }"
+);
 
 /// `[[support]]`.
 #[derive(Debug, Clone, Deserialize)]
@@ -163,13 +170,18 @@ pub struct Spin {
 
 /// A vector field.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Field {
     /// The same everywhere.
     Uniform([f64; 3]),
     /// One component, a polynomial of one coordinate.
     Polynomial(Polynomial),
 }
+
+choice!(
+    Field,
+    "{ uniform = [x, y, z] }, { polynomial = { component = axis, along = axis, coefficients = [c0, c1, …] } }"
+);
 
 /// `Σ c_k x^k`.
 #[derive(Debug, Clone, Deserialize)]

@@ -1,5 +1,6 @@
 //! `[[effect]]`: what acts on the models beside supports and loads.
 
+use super::choice::choice;
 use super::drive::TimeShape;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
@@ -243,7 +244,7 @@ pub struct Obstacle {
 
 /// Shapes of obstacles.
 #[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum ObstacleShape {
     /// Half-space behind a plane.
     Plane {
@@ -269,6 +270,11 @@ pub enum ObstacleShape {
         radius: f64,
     },
 }
+
+choice!(
+    ObstacleShape,
+    "{ plane = { point, normal } }, { sphere = { centre, radius } }, { cylinder = { point, axis, radius } }"
+);
 
 /// Displacement of an obstacle, `amplitude · time`.
 #[derive(Debug, Clone, Deserialize)]

@@ -1,5 +1,6 @@
 //! Interface tables.
 
+use super::choice::choice;
 use super::model::{Element, Shape};
 use serde::Deserialize;
 
@@ -42,7 +43,7 @@ pub struct Interface {
 
 /// An overlap.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum OverlapShape {
     /// A layer between two planes normal to the line between two points.
     Slab {
@@ -60,9 +61,14 @@ pub enum OverlapShape {
     },
 }
 
+choice!(
+    OverlapShape,
+    "{ slab = { fine, coarse } }, { shell = { core, domain } }"
+);
+
 /// A simple region.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum RegionShape {
     /// A ball.
     Ball {
@@ -88,6 +94,11 @@ pub enum RegionShape {
         radius: f64,
     },
 }
+
+choice!(
+    RegionShape,
+    "{ ball = { centre, radius } }, { box = { low, high } }, { cylinder = { point, axis, radius } }"
+);
 
 /// Weight functions.
 #[derive(Debug, Clone, Default, Deserialize)]

@@ -1,5 +1,6 @@
 //! The scene: what the TOML file says, before any of it is built. `docs/scene.md` is its reference.
 
+mod choice;
 mod drive;
 mod effect;
 mod interface;
@@ -15,11 +16,12 @@ pub use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
 };
 pub use model::{
-    CnemTable, DemTable, Element, Functions, LooseKind, Masses, Material, ModelKind, ModelTable, NotchBox,
-    ParticleFieldKind, Protocol, RoleKind, Shape,
+    CnemTable, DemTable, Element, Functions, Hole, LooseKind, Masses, Material, ModelKind, ModelTable,
+    NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
 };
 pub use wake::{Near, Wake};
 
+use choice::choice;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -73,13 +75,18 @@ pub struct Time {
 
 /// How the time step is chosen.
 #[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum StepChoice {
     /// Share of the critical step.
     Fraction(f64),
     /// Seconds.
     Seconds(f64),
 }
+
+choice!(
+    StepChoice,
+    "{ fraction = share of the critical step }, { seconds = step }"
+);
 
 impl Default for StepChoice {
     /// Nine tenths of the critical step: the estimate of the highest frequency is good to one per cent.

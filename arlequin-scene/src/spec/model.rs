@@ -1,5 +1,6 @@
 //! Model tables.
 
+use super::choice::choice;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -40,6 +41,8 @@ pub struct ModelTable {
     pub divisions: Option<Vec<usize>>,
     /// What it is made of.
     pub material: Material,
+    /// How it steps between two reflections, where it is not to be chosen.
+    pub step: Option<OwnStepTable>,
     /// Choices of finite elements; read by `kind = "fem"` only.
     #[serde(default)]
     pub fem: FemTable,
@@ -49,6 +52,35 @@ pub struct ModelTable {
     /// Choices of particles; read by `kind = "dem"` only.
     #[serde(default)]
     pub dem: DemTable,
+}
+
+impl ModelTable {
+    /// Whether it has elements that fill a volume.
+    pub fn has_volume(&self) -> bool {
+        self.kind.is_solid() && !matches!(self.shape, Shape::Bar { .. })
+    }
+}
+
+/// How a model steps between two reflections: one of `ratio`, `fraction`, or the implicit scheme.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OwnStepTable {
+    /// Number of its own steps in a step of the run.
+    pub ratio: Option<usize>,
+    /// Longest own step in units of its own critical step.
+    pub fraction: Option<f64>,
+    /// The scheme.
+    pub scheme: Option<Scheme>,
+}
+
+/// Time stepping schemes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scheme {
+    /// Velocity Verlet.
+    Explicit,
+    /// Average acceleration, one step in each of the run; for solids.
+    Implicit,
 }
 
 /// The part of a model in its interfaces.
@@ -73,7 +105,7 @@ impl RoleKind {
 
 /// A body.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Shape {
     /// A box along the axes.
     Box {
@@ -81,6 +113,8 @@ pub enum Shape {
         low: [f64; 3],
         /// Highest corner \[m\].
         high: [f64; 3],
+        /// What is left out of it.
+        hole: Option<Hole>,
     },
     /// A circular cylinder along x.
     Cylinder {
@@ -102,6 +136,21 @@ pub enum Shape {
     },
     /// A Gmsh mesh, or for particles also an STL surface; relative to the scene file.
     File(PathBuf),
+}
+
+choice!(
+    Shape,
+    "{ box = { low, high } }, { cylinder = { from, length, radius } }, { bar = { from, to, section } }, { file = path }"
+);
+
+/// A box left out of a box.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hole {
+    /// Lowest corner \[m\].
+    pub low: [f64; 3],
+    /// Highest corner \[m\].
+    pub high: [f64; 3],
 }
 
 impl Shape {

@@ -1,5 +1,6 @@
 //! `[wake]`: a model that sleeps until the one that stands in for it is strained enough.
 
+use super::choice::choice;
 use serde::Deserialize;
 
 /// `[wake]`.
@@ -38,7 +39,7 @@ pub struct WakeCriterion {
 
 /// A part of space.
 #[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Near {
     /// A closed box along the axes.
     Box {
@@ -48,3 +49,5 @@ pub enum Near {
         high: [f64; 3],
     },
 }
+
+choice!(Near, "{ box = { low, high } }");

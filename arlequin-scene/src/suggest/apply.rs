@@ -96,7 +96,7 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
 
 fn extents(shape: &Shape) -> Vec<f64> {
     match shape {
-        Shape::Box { low, high } => (0..3).map(|k| high[k] - low[k]).collect(),
+        Shape::Box { low, high, .. } => (0..3).map(|k| high[k] - low[k]).collect(),
         Shape::Bar { from, to, .. } => vec![to - from],
         _ => Vec::new(),
     }
@@ -120,7 +120,7 @@ fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str)
     let shape = format!("model.{fine}.shape");
     let up = s.inward > 0.0;
     match scene.model.get(fine).map(|m| &m.shape) {
-        Some(Shape::Box { low, high }) => {
+        Some(Shape::Box { low, high, .. }) => {
             let (name, corner) = if up { ("high", high) } else { ("low", low) };
             out.push(Change::new(format!("{shape}.box.{name}"), point(*corner)));
         }

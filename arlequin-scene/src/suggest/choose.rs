@@ -27,8 +27,10 @@ pub(super) struct Measured {
     pub seconds: [f64; 4],
     /// Set-up \[s\].
     pub setup: f64,
-    /// Step \[s\].
+    /// Own step of the finest model \[s\].
     pub dt: f64,
+    /// Its own steps in a step of the run.
+    pub most: f64,
     /// Critical steps of the coarse and the fine model \[s\].
     pub critical: [f64; 2],
 }
@@ -53,7 +55,7 @@ impl CostModel {
         }
     }
 
-    /// Step of a candidate \[s\].
+    /// Own step of the finest model of a candidate \[s\].
     pub(super) fn dt(&self, c: &Candidate) -> f64 {
         let [coarse, fine] = self.measured.critical;
         self.fraction * fine.min(coarse * c.h / self.base.h)
@@ -79,7 +81,7 @@ impl CostModel {
         let nodes = (m.nodes[0] * shrink + m.nodes[1] * fine) / (m.nodes[0] + m.nodes[1]);
         let step =
             m.seconds[0] * shrink + m.seconds[1] * fine + m.seconds[2] * interface + m.seconds[3] * nodes;
-        (end / self.dt(c)).ceil() * step + m.setup * nodes
+        (end / (m.most * self.dt(c))).ceil() * step + m.setup * nodes
     }
 }
 
@@ -276,6 +278,7 @@ mod tests {
             seconds: [1e-6, 2e-6, 1e-6, 1e-6],
             setup: 1e-3,
             dt: 0.05,
+            most: 1.0,
             critical,
         };
         (CostModel::new(given, measured, &s, 0.9), given)

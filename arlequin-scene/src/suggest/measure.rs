@@ -46,12 +46,14 @@ pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f6
     let index = |name: &String| run.subdomains().iter().position(|d| d.model().name() == name);
     let sides = [index(&s.names[1]).unwrap_or(0), index(&s.names[2]).unwrap_or(0)];
     let r = run.interfaces()[0].report();
+    let most = run.subdomains().iter().map(|d| d.own_steps()).max().unwrap_or(1);
     let measured = Measured {
         nodes: sides.map(|k| run.subdomains()[k].model().layout().nodes as f64),
         coupled: [r.coupled_nodes[0], r.coupled_nodes[1], r.multipliers].map(|n| n as f64),
         seconds,
         setup,
-        dt: run.dt(),
+        dt: run.dt() / most as f64,
+        most: most as f64,
         critical: sides.map(|k| run.critical_steps()[k]),
     };
     Ok((measured, end))

@@ -131,7 +131,7 @@ fn elementwise(m: &ModelTable) -> f64 {
 /// Where a body begins and ends along an axis.
 pub(super) fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
     match &model.shape {
-        Shape::Box { low, high } => Ok([low[axis], high[axis]]),
+        Shape::Box { low, high, .. } => Ok([low[axis], high[axis]]),
         Shape::Cylinder { from, length, .. } if axis == 0 => Ok([from[0], from[0] + length]),
         Shape::Bar { from, to, .. } if axis == 0 => Ok([*from, *to]),
         other => Err(key(
@@ -146,7 +146,7 @@ pub(super) fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64
 
 fn across(shape: &Shape, axis: usize) -> Option<f64> {
     match shape {
-        Shape::Box { low, high } => (0..3)
+        Shape::Box { low, high, .. } => (0..3)
             .filter(|c| *c != axis)
             .map(|c| high[c] - low[c])
             .reduce(f64::min),
@@ -173,7 +173,7 @@ fn spacings(
         // As many spheres as fill the body at the density of a jammed packing.
         let counted = m.dem.count.and_then(|n| {
             let volume = match &m.shape {
-                Shape::Box { low, high } => (0..3).map(|k| high[k] - low[k]).product::<f64>(),
+                Shape::Box { low, high, .. } => (0..3).map(|k| high[k] - low[k]).product::<f64>(),
                 Shape::Cylinder { length, radius, .. } => PI * radius * radius * length,
                 _ => return None,
             };

@@ -49,7 +49,7 @@ pub enum Outcome {
 
 /// A sweep whose input is sound.
 #[derive(Debug)]
-pub struct Prepared {
+pub struct PlannedSweep {
     file: SweepFile,
     members: Vec<Member>,
     curves: BTreeMap<String, Curve>,
@@ -66,7 +66,7 @@ pub fn read(source: &Source) -> Result<SweepFile> {
     })
 }
 
-impl Prepared {
+impl PlannedSweep {
     /// Plans the runs and reads the reference curves; all mistakes of the input show here.
     ///
     /// # Errors

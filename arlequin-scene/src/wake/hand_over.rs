@@ -28,6 +28,8 @@ struct Target {
     points: Vec<Point3<f64>>,
     layout: DofLayout,
     inertia: Vec<f64>,
+    /// Its own step in the scene as given \[s\].
+    dt: f64,
     free: Vec<bool>,
     supports: Vec<PrescribedMotion<f64>>,
 }
@@ -44,7 +46,6 @@ impl Target {
 pub(super) struct HandOver {
     targets: Vec<Target>,
     carrier: usize,
-    dt: f64,
     carrier_name: String,
 }
 
@@ -77,6 +78,7 @@ impl HandOver {
                 points: s.model().nodes().to_vec(),
                 layout: s.model().layout(),
                 inertia: s.inertia().to_vec(),
+                dt: s.own_dt(),
                 free: s.inverse_inertia().iter().map(|x| *x > 0.0).collect(),
                 supports: s.supports().to_vec(),
                 name,
@@ -85,7 +87,6 @@ impl HandOver {
         let out = Self {
             targets: awake.run.subdomains().iter().map(target).collect(),
             carrier: find(&wake.by),
-            dt: awake.run.dt(),
             carrier_name: wake.by.clone(),
         };
         for t in &out.targets {
@@ -112,7 +113,7 @@ impl HandOver {
             memories.push((t.is(from) && memory != Record::default()).then_some(memory));
             let mut state = self.sample(t, from)?;
             for motion in &t.supports {
-                let (q, v, _) = motion.kinematics(asleep.time(), self.dt);
+                let (q, v, _) = motion.kinematics(asleep.time(), t.dt);
                 for &d in &motion.dofs {
                     state[0][d] = q;
                     state[1][d] = v;

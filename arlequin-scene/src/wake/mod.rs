@@ -31,11 +31,11 @@ pub(crate) struct Asleep {
 }
 
 /// Prepares the sleep. The scene as given is built as well, so that what is wrong with it is found before the first step.
-pub(crate) fn prepare(scene: &Scene, wake: &Wake) -> Result<(Asleep, Built)> {
+pub(crate) fn prepare(scene: &Scene, wake: &Wake, tell: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
-    let awake = setup::build(scene.spec(), scene.folder())?;
+    let awake = setup::build_from(scene.spec(), scene.folder(), None, tell)?;
     let spec = asleep.spec();
-    let built = setup::build(spec, scene.folder())?;
+    let built = setup::build_from(spec, scene.folder(), None, tell)?;
     let carrier = model_index("wake.by", &wake.by, spec)?;
     let watch = Watch::new(wake, carrier, spec.model[&wake.by].kind, &built.models[carrier])?;
     let hand_over = HandOver::new(wake, &awake, &built.run, &built.models)?;
@@ -122,7 +122,12 @@ pub(crate) fn run(
     let begin = Instant::now();
     // Before anything is put aside: if it fails, the results so far are whole.
     let next = asleep.hand_over.start(session.coupled());
-    let next = next.and_then(|s| Ok((setup::build_from(scene.spec(), scene.folder(), Some(&s))?, s)));
+    let next = next.and_then(|s| {
+        Ok((
+            setup::build_from(scene.spec(), scene.folder(), Some(&s), &mut |_| ())?,
+            s,
+        ))
+    });
     let (built, start) = match next {
         Ok(next) => next,
         Err(e) => return session.conclude(Err(e), Some(report), observer),

@@ -1,6 +1,6 @@
 //! The scene as long as the model sleeps.
 
-use crate::error::{Error, Result, key, unknown, value};
+use crate::error::{Result, key, unknown, value};
 use crate::scene::Scene;
 use crate::setup::effect_models;
 use crate::spec::{Bearer, Effect, EffectKind, Near, SceneSpec, Wake};
@@ -16,8 +16,12 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
             return Err(value(format!("wake.asleep[{k}]"), a, rule));
         }
     }
-    let changed = awake.clone().assign(&wake.asleep);
-    let mut scene = changed.map_err(|e| located(e, wake))?.spec().clone();
+    let mut changed = awake.clone();
+    for (k, a) in wake.asleep.iter().enumerate() {
+        let set = changed.assign(std::slice::from_ref(a));
+        changed = set.map_err(|e| value(format!("wake.asleep[{k}]"), a, &e.to_string()))?;
+    }
+    let mut scene = changed.spec().clone();
     check_acting(&scene, wake)?;
     let (sleeper, all) = (&wake.model, scene.clone());
     scene.model.remove(sleeper);
@@ -38,17 +42,6 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
     }
     scene.wake = None;
     Ok(awake.with_spec(scene))
-}
-
-/// An assignment that does not apply stands in the list, not on the command line.
-fn located(e: Error, wake: &Wake) -> Error {
-    match e {
-        Error::Set { assignment, message } => match wake.asleep.iter().position(|a| *a == assignment) {
-            Some(k) => value(format!("wake.asleep[{k}]"), assignment, &message),
-            None => Error::Set { assignment, message },
-        },
-        e => e,
-    }
 }
 
 fn check(scene: &SceneSpec, wake: &Wake) -> Result<()> {

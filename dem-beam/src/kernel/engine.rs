@@ -3,8 +3,8 @@
 use super::lanes::{CacheLine, Job, LANES, Lanes, Portable, add_interleaved, eight};
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
-use super::span::Slot;
 use super::screen::{NoVisitor, Screen, Screened, StrengthCheck, Visitor};
+use super::span::Slot;
 use crate::bond::BeamRigidity;
 use rayon::prelude::*;
 use std::marker::PhantomData;

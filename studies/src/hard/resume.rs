@@ -59,7 +59,7 @@ fn interrupted<T: Real>(build: &dyn Fn() -> Result<Coupled<T>>, steps: usize) ->
     whole.run(steps, &mut Silent)?;
     let mut first = build()?;
     first.run(steps / 2, &mut Silent)?;
-    let kept = first.snapshot();
+    let kept = first.snapshot()?;
     let mut second = build()?;
     // What was there before must not show.
     second.run(7, &mut Silent)?;

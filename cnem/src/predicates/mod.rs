@@ -1,14 +1,18 @@
 //! Exact geometric predicates.
 //!
-//! A semi-static floating-point filter answers the clear cases, `robust` (adaptive exact arithmetic) the others,
+//! A semi-static floating-point filter answers the clear cases, integers and numbers of twice the digits nearly all
+//! that are left (`stages`), `robust` (adaptive exact arithmetic) the rest,
 //! so every sign is the sign of the exact determinant of the given coordinates. Ties of the in-sphere test are broken
 //! by symbolic perturbation: point `i` is lifted by `eps_i` on the paraboloid, with `eps_i` growing infinitely fast
 //! in `i`. This is a consistent regular triangulation, so no flat tetrahedron can arise.
 //!
 //! Exactness needs products of five coordinate differences not to underflow: keep differences above 1e-50.
 
+mod stages;
+
 use nalgebra::Point3;
 use robust::Coord3D;
+use stages::Differences;
 use std::cmp::Ordering;
 
 /// Relative error bound of the orientation filter for products of the largest differences per axis.
@@ -64,7 +68,9 @@ pub fn orient3d(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f6
 
 #[cold]
 fn orient3d_exact(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f64>) -> Ordering {
-    sign(-robust::orient3d(coord(a), coord(b), coord(c), coord(d)))
+    let [p, q, r, s] = [a, b, c, d].map(|x| [x.x, x.y, x.z]);
+    let small = Differences::new([q, r, s], p).orientation();
+    small.unwrap_or_else(|| sign(-robust::orient3d(coord(a), coord(b), coord(c), coord(d))))
 }
 
 /// `Greater` if `q` is inside the circumsphere of the positive tetrahedron `t`, `Equal` on it. Exact.
@@ -91,7 +97,8 @@ pub fn insphere(t: [&Point3<f64>; 4], q: &Point3<f64>) -> Ordering {
     let my = max3(ay, by, cy).max(dy.abs());
     let mz = max3(az, bz, cz).max(dz.abs());
     let m = max3(mx, my, mz);
-    let bound = SPHERE_BOUND * mx * my * mz * (m * m);
+    let scale = mx * my * mz * (m * m);
+    let bound = SPHERE_BOUND * scale;
     if mx > TINY && my > TINY && mz > TINY {
         if det > bound {
             return Ordering::Greater;
@@ -99,8 +106,16 @@ pub fn insphere(t: [&Point3<f64>; 4], q: &Point3<f64>) -> Ordering {
         if -det > bound {
             return Ordering::Less;
         }
+        if let Some(sign) = insphere_staged(t, q, scale) {
+            return sign;
+        }
     }
     insphere_exact(t, q)
+}
+
+#[cold]
+fn insphere_staged(t: [&Point3<f64>; 4], q: &Point3<f64>, scale: f64) -> Option<Ordering> {
+    Differences::new(t.map(|x| [x.x, x.y, x.z]), [q.x, q.y, q.z]).sphere(scale)
 }
 
 #[cold]

@@ -1,0 +1,97 @@
+//! Whole solvers as participants: what one needs that brings its own stepping.
+
+use crate::model::DofLayout;
+use crate::record::Record;
+use crate::weight::Weights;
+use crate::{Error, Real, Result};
+use nalgebra::Point3;
+
+/// A solver with a stepping of its own, as the coupling sees it: it advances, tells its velocities, accepts an impulse and
+/// has a lumped mass.
+///
+/// Who only has forces implements [`crate::Model`] instead and leaves the stepping to the core. Between two reflections
+/// nothing is asked of a participant but [`Self::advance`]; at a reflection it gets the whole impulse `2 Bᵀμ` at once, of
+/// which velocities *at* the instant have half.
+/// `conformance::participant` checks an implementation.
+pub trait Participant<T: Real>: Send {
+    /// Name for messages and reports.
+    fn name(&self) -> &str;
+
+    /// Kind of the solver, for reports.
+    fn kind(&self) -> &str {
+        "participant"
+    }
+
+    /// Arrangement of the unknowns.
+    fn layout(&self) -> DofLayout;
+
+    /// Reference positions of the nodes \[m\].
+    fn nodes(&self) -> &[Point3<T>];
+
+    /// Takes its weights and writes the lumped inertia of every unknown under them \[kg, kg m²\]: called once, before
+    /// anything else. A solver that cannot weight itself takes weights of nearly one (`1 − 1e-6` in the overlap, the
+    /// other model the rest) and writes what it has.
+    ///
+    /// # Errors
+    /// Weights that the solver cannot have.
+    fn weigh(&mut self, weights: &Weights<T>, inertia: &mut [T]) -> Result<()>;
+
+    /// Goes on from time `from` \[s\] by `step` \[s\], in whatever steps of its own.
+    ///
+    /// # Errors
+    /// Whatever keeps the solver from doing so.
+    fn advance(&mut self, from: T, step: T) -> Result<()>;
+
+    /// Writes the velocities of all unknowns now \[m/s, rad/s\].
+    fn velocities(&self, out: &mut [T]);
+
+    /// Writes the displacements of all unknowns now \[m, rad\]: for probes, pictures and the displacement jump.
+    fn displacements(&self, out: &mut [T]);
+
+    /// Changes the momentum of every unknown \[kg m/s\]: its velocity by impulse over inertia.
+    ///
+    /// # Errors
+    /// Whatever keeps the solver from doing so.
+    fn kick(&mut self, impulse: &[T]) -> Result<()>;
+
+    /// Writes the accelerations of all unknowns now \[m/s²\], if the solver has them: with these the first reflection is as
+    /// smooth as all others.
+    fn accelerations(&self, out: &mut [T]) -> bool {
+        let _ = out;
+        false
+    }
+
+    /// Largest stable step \[s\] of [`Self::advance`]; `None` if it takes any.
+    fn critical_step(&self) -> Option<T> {
+        None
+    }
+
+    /// Energy \[J\] that its stepping keeps exactly but for impulses, and less what loads of its own did. `None` if it knows
+    /// none: the ledger then takes what impulses brought, and says nothing of what became of it.
+    fn invariant(&self) -> Option<T> {
+        None
+    }
+
+    /// What it must remember to go on with the same bits.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] unless it can.
+    fn save(&self) -> Result<Record<T>> {
+        Err(Error::Unsupported {
+            model: self.name().to_owned(),
+            what: "be saved: its solver implements no Participant::save; run without checkpoints".into(),
+        })
+    }
+
+    /// Goes back to what [`Self::save`] returned.
+    ///
+    /// # Errors
+    /// A record of another solver; [`Error::Unsupported`] unless it can.
+    fn restore(&mut self, from: &Record<T>) -> Result<()> {
+        let _ = from;
+        Err(Error::Unsupported {
+            model: self.name().to_owned(),
+            what: "be restored: its solver implements no Participant::restore; start the run anew".into(),
+        })
+    }
+}

@@ -1,0 +1,212 @@
+//! Where multipliers live: the mesh of a mediator, as given or derived from overlap and bodies.
+
+use super::kinds::Body;
+use super::mesh::Request;
+use crate::error::{Result, key};
+use crate::spec::{Hole, Interface, OverlapShape, RegionShape, Shape};
+use arlequin::core::ShapeRow;
+use arlequin::fem_ref::generate::Rim;
+use std::path::Path;
+
+/// The mediator's body: as given, or what overlap and models leave.
+pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2]) -> Result<Shape> {
+    match &table.mediator.shape {
+        Some(s) => Ok(s.clone()),
+        None => derived_shape(path, &table.overlap, models),
+    }
+}
+
+/// The mediator's mesh, with elements as long as those of the coarse model \[m\] by default.
+pub(super) fn mediator<'a>(
+    key: &'a str,
+    table: &'a Interface,
+    shape: &'a Shape,
+    coarse: f64,
+    folder: &'a Path,
+) -> Request<'a> {
+    let t = &table.mediator;
+    let free = t.divisions.is_none() && !matches!(shape, Shape::File(_));
+    Request {
+        key,
+        shape,
+        spacing: t.spacing.or(free.then_some(coarse)),
+        divisions: t.divisions.as_deref(),
+        element: t.element,
+        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
+        rim: Rim::Inscribed,
+        folder,
+    }
+}
+
+/// Whether a field ends at the hull of particle centres, about a radius inside the body.
+pub(super) fn is_hull(body: &Body) -> bool {
+    body.grains.is_some() && body.field.samples().is_none()
+}
+
+/// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
+/// of the particles. The hull is convex, so that its nodes decide. Only faces on the particles' own surface move.
+pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
+    let mut row = ShapeRow::default();
+    for step in 1..=30 {
+        let inset = 0.1 * f64::from(step) * grains.spacing;
+        let Some(shape) = moved_inwards(request.shape, &grains.shape, inset) else {
+            break;
+        };
+        let mesh = Request {
+            shape: &shape,
+            ..request
+        }
+        .mesh()?;
+        let mut nodes = mesh.nodes().iter();
+        if nodes.all(|x| grains.field.shape_at(x, false, &mut row).is_ok()) {
+            return Ok(shape);
+        }
+    }
+    let rule =
+        "no mediator fits into the hull of the particles; give mediator.shape, or dem.field = \"particles\"";
+    Err(key(request.key, rule))
+}
+
+/// Faces that lie on the given body, moved inwards; none if nothing is left.
+fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
+    let same = |a: f64, b: f64| (a - b).abs() < inset;
+    let ends = |low: f64, high: f64, first: f64, last: f64| {
+        let low = if same(low, first) { first + inset } else { low };
+        let high = if same(high, last) { last - inset } else { high };
+        (high > low).then_some([low, high])
+    };
+    match (shape, body) {
+        (
+            Shape::Cylinder { from, length, radius },
+            Shape::Cylinder {
+                from: first,
+                length: whole,
+                ..
+            },
+        ) => {
+            let [low, high] = ends(from[0], from[0] + length, first[0], first[0] + whole)?;
+            let radius = radius - inset;
+            (radius > 0.0).then_some(Shape::Cylinder {
+                from: [low, from[1], from[2]],
+                length: high - low,
+                radius,
+            })
+        }
+        (
+            Shape::Box { low, high, hole },
+            Shape::Box {
+                low: first,
+                high: last,
+                ..
+            },
+        ) => {
+            let mut corners = [[0.0; 3]; 2];
+            for c in 0..3 {
+                let [a, b] = ends(low[c], high[c], first[c], last[c])?;
+                corners[0][c] = a;
+                corners[1][c] = b;
+            }
+            Some(Shape::Box {
+                low: corners[0],
+                high: corners[1],
+                hole: *hole,
+            })
+        }
+        _ => None,
+    }
+}
+
+/// The overlap's part of the space both models share.
+fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
+    let derived = match overlap {
+        OverlapShape::Slab { fine, coarse } => layer(fine, coarse, shapes),
+        OverlapShape::Shell { core, domain } => frame(core, domain, shapes),
+    };
+    derived.ok_or_else(|| {
+        key(
+            path,
+            "the mediator cannot be derived from this overlap and these shapes; give mediator.shape",
+        )
+    })
+}
+
+/// What two boxes share.
+fn shared([a, b]: [&[f64; 3]; 2], [c, d]: [&[f64; 3]; 2]) -> [[f64; 3]; 2] {
+    [
+        [0, 1, 2].map(|k| a[k].max(c[k])),
+        [0, 1, 2].map(|k| b[k].min(d[k])),
+    ]
+}
+
+/// What two boxes share in the outer box of a shell, without its inner one.
+fn frame(core: &RegionShape, domain: &RegionShape, shapes: [&Shape; 2]) -> Option<Shape> {
+    match (core, domain, shapes) {
+        (
+            RegionShape::Box { low: c0, high: c1 },
+            RegionShape::Box { low: d0, high: d1 },
+            [
+                Shape::Box { low: a, high: b, .. },
+                Shape::Box {
+                    low: c,
+                    high: d,
+                    hole: None,
+                },
+            ],
+        ) => {
+            let both = shared([a, b], [c, d]);
+            let [low, high] = shared([&both[0], &both[1]], [d0, d1]);
+            let hole = Some(Hole { low: *c0, high: *c1 });
+            Some(Shape::Box { low, high, hole })
+        }
+        _ => None,
+    }
+}
+
+/// What two bodies share in the layer between two points.
+fn layer(fine: &[f64; 3], coarse: &[f64; 3], shapes: [&Shape; 2]) -> Option<Shape> {
+    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
+    let &[axis] = apart.as_slice() else {
+        return None;
+    };
+    let (from, to) = (fine[axis].min(coarse[axis]), fine[axis].max(coarse[axis]));
+    match shapes {
+        [Shape::Bar { section, .. }, Shape::Bar { .. }] if axis == 0 => Some(Shape::Bar {
+            from,
+            to,
+            section: *section,
+        }),
+        [
+            Shape::Cylinder {
+                from: a, radius: r, ..
+            },
+            Shape::Cylinder {
+                from: b, radius: s, ..
+            },
+        ] if axis == 0 && a[1..] == b[1..] && (r - s).abs() <= 1e-9 * r => Some(Shape::Cylinder {
+            from: [from, a[1], a[2]],
+            length: to - from,
+            radius: *r,
+        }),
+        [
+            Shape::Box {
+                low: a,
+                high: b,
+                hole: None,
+            },
+            Shape::Box {
+                low: c,
+                high: d,
+                hole: None,
+            },
+        ] => {
+            let [mut low, mut high] = shared([a, b], [c, d]);
+            (low[axis], high[axis]) = (from, to);
+            Some(Shape::Box {
+                low,
+                high,
+                hole: None,
+            })
+        }
+        _ => None,
+    }
+}

@@ -1,0 +1,104 @@
+//! Length of a run, its steps and the own steps of its models.
+
+use crate::error::{Result, key, value};
+use crate::spec::{ModelKind, ModelTable, OwnStepTable, SceneSpec, Scheme, StepChoice};
+use arlequin::core::{OwnStep, TimeStep};
+
+/// Steps that no run lives to see, nor a number of them that counts each.
+const MANY_STEPS: f64 = 1e13;
+
+/// The step of the run. A number of steps counts those of the finest model, unless own steps are given.
+pub(super) fn step(scene: &SceneSpec) -> TimeStep<f64> {
+    match scene.time.step {
+        StepChoice::Fraction(f) if scene.time.steps.is_some() => TimeStep::Fraction(f),
+        StepChoice::Fraction(f) => TimeStep::Chosen(f),
+        StepChoice::Seconds(s) => TimeStep::Seconds(s),
+    }
+}
+
+/// How a model steps between two reflections.
+pub(super) fn own_step(scene: &SceneSpec, m: usize) -> OwnStep<f64> {
+    let table = scene.model.values().nth(m).and_then(|t| t.step);
+    match table.unwrap_or_default() {
+        OwnStepTable {
+            scheme: Some(Scheme::Implicit),
+            ..
+        } => OwnStep::Implicit,
+        OwnStepTable { ratio: Some(n), .. } => OwnStep::Ratio(n),
+        OwnStepTable {
+            fraction: Some(f), ..
+        } => OwnStep::Fraction(f),
+        _ => OwnStep::Same,
+    }
+}
+
+/// Refuses a model's table of own steps that makes no sense.
+pub(super) fn check_own(name: &str, model: &ModelTable) -> Result<()> {
+    let Some(table) = model.step else { return Ok(()) };
+    let path = format!("model.{name}.step");
+    let rule = "needs exactly one of ratio, fraction, scheme = \"implicit\"";
+    match (table.ratio, table.fraction, table.scheme) {
+        (Some(0), ..) => {
+            let rule = "must be at least 1: own steps of the model in a step of the run";
+            Err(value(format!("{path}.ratio"), 0, rule))
+        }
+        (None, Some(f), scheme) if scheme != Some(Scheme::Implicit) && !(f > 0.0 && f <= 1.0) => {
+            let rule = "must lie above 0 and not above 1, in units of the model's critical step; take 0.5";
+            Err(value(format!("{path}.fraction"), f, rule))
+        }
+        (None, None, Some(Scheme::Implicit))
+            if !(model.kind.is_solid() || model.kind == ModelKind::Chain) =>
+        {
+            let rule =
+                "is for linear solids: bonds may break and particles turn and touch; give particles a ratio";
+            Err(value(format!("{path}.scheme"), "implicit", rule))
+        }
+        (Some(_), None, None | Some(Scheme::Explicit))
+        | (None, Some(_), None | Some(Scheme::Explicit))
+        | (None, None, Some(Scheme::Implicit)) => Ok(()),
+        _ => Err(key(path, rule)),
+    }
+}
+
+/// Whole steps up to the end; a step that ends there up to round-off is the last one.
+pub(super) fn steps(scene: &SceneSpec, begin: f64, dt: f64) -> Result<usize> {
+    let end = match (scene.time.steps, scene.time.end) {
+        (Some(n), _) => return Ok(n),
+        (None, end) => end.unwrap_or_default(),
+    };
+    let steps = ((end - begin) / dt * (1.0 - 1e-12)).ceil();
+    if steps > MANY_STEPS {
+        let rule =
+            format!("is {steps:.1e} steps of {dt:e} s away, more than {MANY_STEPS:e}; choose an earlier end");
+        return Err(value("time.end", end, &rule));
+    }
+    Ok((steps as usize).max(1))
+}
+
+/// Steps between two frames: as asked for, or about twenty frames in all.
+pub(super) fn frames(scene: &SceneSpec, steps: usize, dt: f64) -> usize {
+    let every = match (scene.output.every, scene.output.interval) {
+        (Some(n), _) => n,
+        (None, Some(seconds)) => (seconds / dt).round() as usize,
+        (None, None) => steps.div_ceil(20),
+    };
+    every.max(1)
+}
+
+/// Refuses ends and steps that make no sense.
+pub(super) fn check(scene: &SceneSpec) -> Result<()> {
+    match (scene.time.end, scene.time.steps) {
+        (Some(t), None) if t <= 0.0 => return Err(value("time.end", t, "must be positive [s]")),
+        (None, Some(0)) => return Err(value("time.steps", 0, "must be at least 1")),
+        (Some(_), None) | (None, Some(_)) => {}
+        _ => return Err(key("time", "needs exactly one of end [s], steps")),
+    }
+    match scene.time.step {
+        StepChoice::Fraction(f) if !(f > 0.0 && f < 1.0) => {
+            let rule = "must lie above 0 and below 1, in units of the critical step; take 0.9";
+            Err(value("time.step.fraction", f, rule))
+        }
+        StepChoice::Seconds(s) if s <= 0.0 => Err(value("time.step.seconds", s, "must be positive [s]")),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,42 @@
+//! Choices: tables with exactly one key, or words, refused in terms of a scene.
+
+/// Implements `Deserialize` for an enum that derives it with `#[serde(remote = "Self")]`: exactly one key, or a word for a
+/// variant without fields; whatever else is there is told which choices there are.
+macro_rules! choice {
+    ($choice:ty, $words:literal) => {
+        impl<'de> serde::Deserialize<'de> for $choice {
+            fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                struct Choice;
+                impl<'de> serde::de::Visitor<'de> for Choice {
+                    type Value = $choice;
+                    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                        f.write_str(concat!("exactly one of ", $words))
+                    }
+                    fn visit_str<E: serde::de::Error>(self, word: &str) -> Result<$choice, E> {
+                        let of_word = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(word);
+                        <$choice>::deserialize(of_word)
+                            .map_err(|_| E::invalid_value(serde::de::Unexpected::Str(word), &self))
+                    }
+                    fn visit_map<A: serde::de::MapAccess<'de>>(
+                        self,
+                        mut map: A,
+                    ) -> Result<$choice, A::Error> {
+                        let of_map = serde::de::value::MapAccessDeserializer::new(&mut map);
+                        let found = <$choice>::deserialize(of_map)?;
+                        match map.next_key::<String>()? {
+                            None => Ok(found),
+                            Some(other) => Err(serde::de::Error::custom(format_args!(
+                                "'{other}' is one key too many, expected exactly one of {}; to exchange a choice, set \
+                                 the whole table",
+                                $words
+                            ))),
+                        }
+                    }
+                }
+                deserializer.deserialize_any(Choice)
+            }
+        }
+    };
+}
+
+pub(super) use choice;

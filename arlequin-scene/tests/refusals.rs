@@ -1,0 +1,359 @@
+//! What a scene refuses: the key, the value, the remedy; never a parser's words.
+
+use arlequin_scene::{Error, Scene};
+
+/// Two boxes of elements with an overlap from x = 4 m to 6 m.
+const SOLIDS: &str = r#"
+[model.left]
+kind = "fem"
+role = "coarse"
+shape.box = { low = [0.0, 0.0, 0.0], high = [6.0, 1.0, 1.0] }
+spacing = 1.0
+material = { young = 1.0, poisson = 0.25, density = 1.0 }
+
+[model.right]
+kind = "fem"
+role = "fine"
+shape.box = { low = [4.0, 0.0, 0.0], high = [10.0, 1.0, 1.0] }
+spacing = 0.5
+material = { young = 1.0, poisson = 0.25, density = 1.0 }
+
+[interface.joint]
+coarse = "left"
+fine = "right"
+overlap.slab = { coarse = [4.0, 0.0, 0.0], fine = [6.0, 0.0, 0.0] }
+
+[[support]]
+model = "left"
+where = "x-min"
+
+[[load]]
+model = "right"
+where = "x-max"
+force = [1e-3, 0.0, 0.0]
+time.pulse = { duration = 2.0 }
+
+[[initial]]
+velocity.uniform = [0.0, 0.0, 0.0]
+
+[time]
+end = 10.0
+
+[probe.tip]
+model = "right"
+where = "x-max"
+component = "x"
+"#;
+
+/// A chain and a bar of elements.
+const LINES: &str = r#"
+[model.chain]
+kind = "chain"
+role = "fine"
+shape.bar = { from = 0.0, to = 6.0, section = 1.0 }
+spacing = 0.1
+material = { young = 1.0, density = 1.0 }
+
+[model.bar]
+kind = "fem"
+role = "coarse"
+shape.bar = { from = 4.0, to = 10.0, section = 1.0 }
+spacing = 0.5
+material = { young = 1.0, density = 1.0 }
+
+[interface.joint]
+coarse = "bar"
+fine = "chain"
+overlap.slab = { fine = [4.0, 0.0, 0.0], coarse = [6.0, 0.0, 0.0] }
+
+[time]
+steps = 1
+"#;
+
+fn solids() -> Scene {
+    Scene::from_text(SOLIDS).expect("a scene")
+}
+
+/// The error of reading, setting or preparing.
+fn refused(scene: Result<Scene, Error>) -> Error {
+    scene.and_then(|s| s.prepare()).err().expect("an error")
+}
+
+#[track_caller]
+fn says(error: &Error, key: &str, words: &[&str]) {
+    let text = error.to_string();
+    assert_eq!(error.place().0, Some(key), "{text}");
+    for w in words.iter().chain([&key]) {
+        assert!(text.contains(w), "'{w}' is missing in: {text}");
+    }
+    for parser in ["f64", "usize", "wanted", "i128", "struct variant", "map"] {
+        assert!(!text.contains(parser), "'{parser}' is a parser's word: {text}");
+    }
+}
+
+#[test]
+fn numbers_that_rust_writes_otherwise_than_toml_are_understood() {
+    for end in [1e20, f64::MAX, 9_223_372_036_854_775_808.0] {
+        let set = solids().set("time.end", end).expect("sets");
+        assert_eq!(set.spec().time.end, Some(end));
+    }
+    let set = solids().set("time.end", u64::MAX).expect("sets");
+    assert_eq!(set.spec().time.end, Some(18_446_744_073_709_551_615.0));
+    // Words that could be a name stay words.
+    let set = solids().set("title", "infinity").expect("sets");
+    assert_eq!(set.spec().title.as_deref(), Some("infinity"));
+}
+
+#[test]
+fn numbers_that_a_key_cannot_take_are_refused_with_key_value_and_remedy() {
+    for (value, shown) in [
+        (f64::NAN, "NaN"),
+        (-f64::NAN, "NaN"),
+        (f64::INFINITY, "inf"),
+        (f64::NEG_INFINITY, "-inf"),
+    ] {
+        says(
+            &refused(solids().set("time.end", value)),
+            "time.end",
+            &[shown, "must be a finite number", "give one"],
+        );
+    }
+    let set = |path: &str, value: &str| refused(solids().set(path, value));
+    says(
+        &set("output.every", "99999999999999999999"),
+        "output.every",
+        &["99999999999999999999", "a whole number from 0 on"],
+    );
+    says(
+        &set("output.every", "-1"),
+        "output.every",
+        &["-1", "a whole number from 0 on"],
+    );
+    says(
+        &set("time.end", "soon"),
+        "time.end",
+        &["soon", "a number, such as 1.5e-3"],
+    );
+    says(&set("output.plots", "1"), "output.plots", &["true or false"]);
+    for date in ["1979-05-27", "1979-05-27T07:32:00Z", "07:32:00"] {
+        says(
+            &set("time.end", date),
+            "time.end",
+            &[date, "is a date", "give a number"],
+        );
+        let text = SOLIDS.replace("end = 10.0", &format!("end = {date}"));
+        says(
+            &refused(Scene::from_text(text)),
+            "time.end",
+            &[date, "give a number"],
+        );
+    }
+    let text = SOLIDS.replace("end = 10.0", "end = 99999999999999999999");
+    let told = refused(Scene::from_text(text)).to_string();
+    assert!(
+        told.contains("write it with a point or an exponent, such as 1e20"),
+        "{told}"
+    );
+}
+
+#[test]
+fn choices_say_what_there_is_to_choose() {
+    let set = |path: &str, value: &str| refused(solids().set(path, value));
+    let vector = set("initial.0.velocity", "[1.0, 0.0, 0.0]");
+    says(
+        &vector,
+        "initial.0.velocity",
+        &["{ uniform = [x, y, z] }", "polynomial"],
+    );
+    let second = set("model.left.shape.file", "x.msh");
+    says(
+        &second,
+        "model.left.shape.file",
+        &["one key too many", "set the whole table"],
+    );
+    says(
+        &set("load.0.time", "ramp"),
+        "load.0.time",
+        &["\"step\", { ramp = { duration = seconds } }"],
+    );
+    says(
+        &set("time.step", "1e-6"),
+        "time.step",
+        &["{ fraction = ", "{ seconds = step }"],
+    );
+    // A second key beside the choice is not passed over.
+    let both = "{ box = { low = [0.0, 0.0, 0.0], high = [1.0, 1.0, 1.0] }, cone = 1 }";
+    says(
+        &set("support.0.where", both),
+        "support.0.where",
+        &["'cone' is one key too many"],
+    );
+    let set = solids().set("load.0.time", "step").expect("a word of its own");
+    assert!(set.prepare().is_ok());
+}
+
+#[test]
+fn paths_are_read_as_messages_and_toml_write_them() {
+    let set = solids()
+        .set("support[0].where", "y-min")
+        .expect("brackets")
+        .set("\"time\".end", 3.0)
+        .expect("quotes");
+    assert_eq!(set.spec().support[0].at.to_string(), "'y-min'");
+    assert_eq!(set.spec().time.end, Some(3.0));
+    let text = SOLIDS.replace("[probe.tip]", "[probe.\"t.i.p\"]");
+    let dotted = Scene::from_text(text)
+        .expect("reads")
+        .set("probe.\"t.i.p\".component", "y")
+        .expect("sets");
+    let told = refused(Ok(dotted));
+    says(&told, "probe.t.i.p", &["rename it"]);
+    says(
+        &refused(solids().set("time..end", 1)),
+        "time..end",
+        &["quote a name"],
+    );
+    says(
+        &refused(solids().set("probe.top.component", "y")),
+        "probe.top.component",
+        &["it has: tip"],
+    );
+    says(
+        &refused(solids().assign(&["time.end".into()])),
+        "time.end",
+        &["PATH=VALUE"],
+    );
+}
+
+/// Neither changes in memory nor errors of the core lose their key on the way.
+#[test]
+fn errors_say_their_key() {
+    says(
+        &refused(solids().set(
+            "interface.joint.junction",
+            "{ kind = \"h1-strain\", length = -1.0 }",
+        )),
+        "interface.joint.junction.length",
+        &["-1"],
+    );
+    says(
+        &refused(solids().set("time.step.seconds", 1e9)),
+        "time.step.seconds",
+        &[],
+    );
+    says(
+        &refused(solids().set("time.step", "{ seconds = 1e9 }")),
+        "time.step.seconds",
+        &["critical step"],
+    );
+}
+
+#[test]
+fn a_spacing_larger_than_the_body_is_refused() {
+    let too_large = |text: &str, model: &str| {
+        let path = format!("model.{model}.spacing");
+        says(
+            &refused(Scene::from_text(text).and_then(|s| s.set(&path, 1000))),
+            &path,
+            &["1000", "longest side of 6 m", "choose"],
+        );
+    };
+    too_large(SOLIDS, "left");
+    too_large(LINES, "bar");
+    too_large(LINES, "chain");
+    for kind in ["cnem", "dem"] {
+        let scene = Scene::from_text(SOLIDS).and_then(|s| s.set("model.right.kind", kind));
+        says(
+            &refused(scene.and_then(|s| s.set("model.right.spacing", 1000))),
+            "model.right.spacing",
+            &["longest side of 6 m"],
+        );
+    }
+    // Shorter than the longest side, and yet no sphere of that size fits.
+    let none = Scene::from_text(SOLIDS)
+        .and_then(|s| s.set("model.right.kind", "dem"))
+        .and_then(|s| s.set("model.right.spacing", 5.0));
+    says(&refused(none), "model.right.spacing", &["5", "spheres", "choose"]);
+}
+
+#[test]
+fn an_overlap_outside_the_models_is_called_so() {
+    let slab = |coarse: [f64; 3], fine: [f64; 3]| {
+        refused(solids().set(
+            "interface.joint.overlap.slab",
+            format!("{{ coarse = {coarse:?}, fine = {fine:?} }}"),
+        ))
+    };
+    let boxes = [
+        "'left' from [0.0, 0.0, 0.0] to [6.0, 1.0, 1.0] m",
+        "'right' from [4.0, 0.0, 0.0] to [10.0, 1.0, 1.0] m",
+    ];
+    for (coarse, fine) in [
+        ([14.0, 0.0, 0.0], [16.0, 0.0, 0.0]),
+        ([-4.0, 0.0, 0.0], [-6.0, 0.0, 0.0]),
+        ([0.0, 2.0, 0.0], [0.0, 3.0, 0.0]),
+    ] {
+        let told = slab(coarse, fine);
+        says(
+            &told,
+            "interface.joint.overlap",
+            &["does not lie in the models", "'left' and 'right'"],
+        );
+        says(&told, "interface.joint.overlap", &boxes);
+        says(
+            &told,
+            "interface.joint.overlap",
+            &[&format!("{coarse:?}"), &format!("{fine:?}")],
+        );
+    }
+    // In one of them only.
+    let told = slab([1.0, 0.0, 0.0], [3.0, 0.0, 0.0]);
+    says(
+        &told,
+        "interface.joint.overlap",
+        &["does not lie in model 'right'", boxes[1]],
+    );
+    let shell = |centre: f64, core: f64, domain: f64| {
+        let ball = |r: f64| format!("{{ ball = {{ centre = [{centre:?}, 0.5, 0.5], radius = {r:?} }} }}");
+        let overlap = format!(
+            "{{ shell = {{ core = {}, domain = {} }} }}",
+            ball(core),
+            ball(domain)
+        );
+        let mediator = "{ box = { low = [4.0, 0.0, 0.0], high = [6.0, 1.0, 1.0] } }";
+        let set = solids().set("interface.joint.mediator.shape", mediator);
+        refused(set.and_then(|s| s.set("interface.joint.overlap", overlap)))
+    };
+    says(
+        &shell(20.0, 1.0, 2.0),
+        "interface.joint.overlap",
+        &["does not lie in the models", boxes[0], "[18.0, -1.5, -1.5]"],
+    );
+    // Both models lie in what is the fine one's alone.
+    says(
+        &shell(5.0, 50.0, 60.0),
+        "interface.joint.overlap",
+        &["does not lie in the models", boxes[1]],
+    );
+    let line =
+        Scene::from_text(LINES).and_then(|s| s.set("interface.joint.overlap.slab.coarse", "[7.0, 0.0, 0.0]"));
+    let line = line.and_then(|s| s.set("interface.joint.overlap.slab.fine", "[6.5, 0.0, 0.0]"));
+    says(
+        &refused(line),
+        "interface.joint.overlap",
+        &["does not lie in model 'chain'"],
+    );
+}
+
+#[test]
+fn an_effect_that_a_line_cannot_have_is_blamed_itself() {
+    let with = |effect: &str| refused(Scene::from_text(LINES).and_then(|s| s.set("effect", effect)));
+    let told = with("[{ bulk_viscosity = {} }]");
+    says(&told, "effect[0]", &["bulk_viscosity", "remove it"]);
+    let told = with("[{ mass_damping = { rate = 1.0 } }, { models = [\"bar\"], bulk_viscosity = {} }]");
+    says(
+        &told,
+        "effect[1].models[0]",
+        &["bulk_viscosity needs a solid", "'bar'", "stiffness_damping"],
+    );
+}
