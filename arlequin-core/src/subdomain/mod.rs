@@ -9,6 +9,7 @@ mod own;
 mod prepare;
 mod record;
 mod step;
+mod stride;
 
 pub use motion::PrescribedMotion;
 pub use own::OwnStep;
@@ -22,7 +23,7 @@ use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
 use crate::{Error, NodallyWeighted, Real, Result};
-use account::Evolved;
+use account::{Energies, Evolved};
 use nalgebra::{Point3, Vector3};
 use own::Pace;
 use std::sync::Arc;
@@ -63,8 +64,7 @@ pub struct Subdomain<T: Real> {
     pace: Pace<T>,
     /// Line of the ledger of a model that evolves.
     evolved: Option<Evolved<T>>,
-    /// Internal energy \[J\] found by the last [`Self::invariant`].
-    drawn_energy: T,
+    energies: Energies<T>,
 }
 
 impl<T: Real> std::fmt::Debug for Subdomain<T> {
@@ -113,7 +113,7 @@ impl<T: Real> Subdomain<T> {
                 dt: T::zero(),
             },
             evolved: model.evolving().map(|e| Evolved::new(e.effect())),
-            drawn_energy: T::zero(),
+            energies: Energies::unknown(),
             model,
         }
     }

@@ -4,8 +4,8 @@ use super::lanes::{CacheLine, Job, LANES, Lanes, Portable, add_interleaved, eigh
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
 use super::screen::{Screen, Screened, StrengthCheck};
-use super::visit::{Energy, Visitor};
 use super::span::Slot;
+use super::visit::{Energy, Visitor};
 use crate::bond::BeamRigidity;
 use std::marker::PhantomData;
 
@@ -202,7 +202,13 @@ impl Cut for Sink<'_> {
     fn cut(self, blocks: usize) -> (Self, Self) {
         let (linear, a) = cut_unknowns(self.linear, blocks);
         let (angular, b) = cut_unknowns(self.angular, blocks);
-        (Self { linear, angular }, Sink { linear: a, angular: b })
+        (
+            Self { linear, angular },
+            Sink {
+                linear: a,
+                angular: b,
+            },
+        )
     }
 }
 
@@ -280,7 +286,11 @@ fn fetch<L: Lanes, W: Law>(
     }
     let near = &layout.neighbours[s];
     let other = l.transpose(eight!(r => rows[near[r] as usize].0));
-    let rest = if W::LENGTHS { &layout.rests[s].0 } else { &[0.0; LANES] };
+    let rest = if W::LENGTHS {
+        &layout.rests[s].0
+    } else {
+        &[0.0; LANES]
+    };
     W::near(l, k, (slot, rest), ready, &other)
 }
 

@@ -45,7 +45,8 @@ impl Layout {
             let slots = out.slots.len() + most;
             out.slots.resize(slots, Slot::default());
             out.neighbours.resize(slots, [0; LANES]);
-            out.rests.resize(if lengths { slots } else { 0 }, CacheLine::default());
+            out.rests
+                .resize(if lengths { slots } else { 0 }, CacheLine::default());
             out.start.push(slots as u32);
             out.refresh(b, body, &adjacency, &|_| true);
         }

@@ -18,7 +18,7 @@
 
 use super::engine::{Marks, Posed};
 use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, scale, sum};
-use super::law::{Finite, FiniteNear, FiniteReady, Law, Linear, Rigidity, turned_axes};
+use super::law::{Finite, FiniteNear, FiniteReady, Linear, Rigidity, turned_axes};
 use super::span::Slot;
 use super::visit::Visitor;
 use crate::fracture::Criterion;

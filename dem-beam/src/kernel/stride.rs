@@ -31,7 +31,15 @@ impl OnLanes for Drift<'_> {
 impl<L: Lanes> Job for With<L, Drift<'_>> {
     #[inline(always)]
     fn call(self) {
-        let Self(l, Drift { step: [dt, h], q, v, a }) = self;
+        let Self(
+            l,
+            Drift {
+                step: [dt, h],
+                q,
+                v,
+                a,
+            },
+        ) = self;
         let (wide, half) = (l.splat(dt), l.splat(h));
         let (qs, q) = q.as_chunks_mut::<LANES>();
         let (vs, v) = v.as_chunks::<LANES>();

@@ -1,7 +1,9 @@
 //! The block kernel in the numbering of a model: rows from the unknowns, forces into flat arrays.
 
 use crate::bond::BeamRigidity;
-use crate::kernel::engine::{CHUNK, Cut, Finish, Isa, Marks, Part, Pass, Posed, Sink, Sums, cut_unknowns, in_parts};
+use crate::kernel::engine::{
+    CHUNK, Cut, Finish, Isa, Marks, Part, Pass, Posed, Sink, Sums, cut_unknowns, in_parts,
+};
 use crate::kernel::lanes::{CacheLine, LANES};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
@@ -230,7 +232,13 @@ impl<W: Screened> Gather<W> {
             a: a.split_at(n).into(),
         };
         in_parts(moving, parallel, &|p| {
-            let Moving { rows, reached, mut q, v, a } = p;
+            let Moving {
+                rows,
+                reached,
+                mut q,
+                v,
+                a,
+            } = p;
             for ((q, v), a) in q.iter_mut().zip(v).zip(a) {
                 isa.run(Drift { step: steps, q, v, a });
             }
@@ -295,222 +303,6 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
             rayon::scope(|_| self.strides(step))
         } else {
             self.strides(step)
-        }
-    }
-
-    fn reached(&self) -> Option<Reached<'_>>;
-    /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
-    fn save(&self) -> Vec<f64>;
-    /// Undoes [`Self::save`]; `false` for numbers that are no orientations of as many particles.
-    fn restore(&mut self, from: &[f64]) -> bool;
-    /// Writes the forces of single blocks again, at the positions reached last.
-    fn again(&self, blocks: &[usize], f: &mut [f64]);
-    /// Leaves the bonds of blocks out that are not `whole`.
-    fn refresh(
-        &mut self,
-        blocks: &[usize],
-        body: &BondedParticles,
-        adjacency: &Adjacency<[u32; 2]>,
-        whole: &dyn Fn(usize) -> bool,
-    );
-    /// Instruction set in use.
-    fn isa_name(&self) -> &'static str;
-    /// Bytes of bond data.
-    fn bond_bytes(&self) -> usize;
-}
-
-/// Rows of a range of blocks on their way to given positions.
-struct Placing<'a> {
-    rows: &'a mut [CacheLine],
-    reached: &'a mut [f64],
-    q: [&'a [f64]; 2],
-}
-
-impl Cut for Placing<'_> {
-    fn blocks(&self) -> usize {
-        self.rows.len().div_ceil(LANES)
-    }
-
-    fn cut(self, blocks: usize) -> (Self, Self) {
-        let (rows, later) = self.rows.split_at_mut(LANES * blocks);
-        let (reached, rest) = cut_unknowns(self.reached, blocks);
-        let q = self.q.map(|q| q.split_at(3 * LANES * blocks));
-        let first = Placing {
-            rows,
-            reached,
-            q: q.map(|q| q.0),
-        };
-        let second = Placing {
-            rows: later,
-            reached: rest,
-            q: q.map(|q| q.1),
-        };
-        (first, second)
-    }
-}
-
-/// One body, one law.
-#[derive(Debug)]
-pub(crate) struct Gather<W: Posed> {
-    layout: Layout,
-    /// Particles at the positions reached last, and their rotation unknowns there.
-    rows: Vec<CacheLine>,
-    reached: Vec<f64>,
-    /// The same for positions that are only tried; empty for a law whose rows follow from its unknowns alone.
-    tried: Vec<CacheLine>,
-    tried_at: Vec<f64>,
-    /// Sums over the parts of a pass.
-    sums: Vec<Sums>,
-    rigidity: BeamRigidity,
-    isa: Isa,
-    law: PhantomData<W>,
-}
-
-impl<W: Screened> Gather<W> {
-    /// `body` must be numbered for locality already. Nothing has turned yet.
-    pub(crate) fn new(body: &BondedParticles) -> Self {
-        let layout = Layout::new(body, W::LENGTHS);
-        let mut upright = CacheLine::default();
-        let turns = if W::TURNS {
-            upright.0[3] = 1.0;
-            3 * body.len()
-        } else {
-            0
-        };
-        let rows = vec![upright; body.len().next_multiple_of(LANES)];
-        Self {
-            tried: if W::TURNS { rows.clone() } else { Vec::new() },
-            tried_at: vec![0.0; turns],
-            reached: vec![0.0; turns],
-            sums: vec![[0.0; 2]; body.len().div_ceil(CHUNK * LANES)],
-            layout,
-            rows,
-            rigidity: *body.rigidity(),
-            isa: Isa::detect(),
-            law: PhantomData,
-        }
-    }
-
-    fn swap(&mut self) {
-        std::mem::swap(&mut self.rows, &mut self.tried);
-        std::mem::swap(&mut self.reached, &mut self.tried_at);
-    }
-
-    /// Writes the rows of positions, then finds the forces there.
-    fn passes(&mut self, q: &[f64], sink: Sink<'_>, marks: Option<Marks<'_>>, energy: bool) {
-        let (isa, parallel) = (self.isa, self.parallel());
-        let placing = Placing {
-            rows: &mut self.rows[..q.len() / 6],
-            reached: &mut self.reached,
-            q: q.split_at(q.len() / 2).into(),
-        };
-        in_parts(placing, parallel, &|p| {
-            W::write_rows(isa, p.rows, p.q[0], p.q[1], p.reached);
-        });
-        self.gather(sink, marks, energy);
-    }
-
-    /// Forces at the rows, and sums if wanted.
-    fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) {
-        let parallel = self.parallel();
-        let mut all = std::mem::take(&mut self.sums);
-        let part = Part {
-            first: 0,
-            finish,
-            marks,
-            sums: sums.then_some(&mut all[..]),
-        };
-        self.pass().run(&self.rows, part, parallel);
-        self.sums = all;
-    }
-
-    /// Sums over all parts, in their order.
-    fn total(&self) -> Sums {
-        let all = self.sums.iter();
-        all.fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y])
-    }
-
-    /// Whether more than one thread pays.
-    fn parallel(&self) -> bool {
-        self.rows.len() > LARGE && rayon::current_num_threads() > 1
-    }
-
-    /// Both passes of a step.
-    fn strides(&mut self, step: Stride<'_, f64>) -> Option<Drawn<f64>> {
-        let Stride {
-            dt,
-            q,
-            v,
-            a,
-            inverse_inertia,
-            inertia,
-        } = step;
-        let (n, isa, parallel) = (q.len() / 2, self.isa, self.parallel());
-        let steps = [dt, dt * 0.5];
-        let moving = Moving {
-            rows: &mut self.rows[..n / 3],
-            reached: &mut self.reached,
-            q: q.split_at_mut(n).into(),
-            v: v.split_at(n).into(),
-            a: a.split_at(n).into(),
-        };
-        in_parts(moving, parallel, &|p| {
-            let Moving { rows, reached, mut q, v, a } = p;
-            for ((q, v), a) in q.iter_mut().zip(v).zip(a) {
-                isa.run(Drift { step: steps, q, v, a });
-            }
-            W::write_rows(isa, rows, q[0], q[1], reached);
-        });
-        let accelerate = Accelerate {
-            step: steps,
-            v: v.split_at_mut(n).into(),
-            a: a.split_at_mut(n).into(),
-            w: inverse_inertia.split_at(n).into(),
-            m: inertia.map(|m| m.split_at(n).into()),
-            sum: 0.0,
-        };
-        self.gather(accelerate, None, inertia.is_some());
-        inertia.map(|_| {
-            let [internal, moving] = self.total();
-            Drawn { internal, moving }
-        })
-    }
-
-    fn pass(&self) -> Pass<'_, W> {
-        Pass {
-            layout: &self.layout,
-            rigidity: self.rigidity,
-            isa: self.isa,
-            law: PhantomData,
-        }
-    }
-}
-
-impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
-    fn renewed(&self, body: &BondedParticles) -> Box<dyn BondForces> {
-        Box::new(Self::new(body))
-    }
-
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
-        let n = q.len() / 6;
-        let parallel = n > LARGE && rayon::current_num_threads() > 1;
-        if parallel {
-            // One entry into the pool for both passes.
-            rayon::scope(|_| self.passes(q, f, marks, true));
-        } else {
-            self.passes(q, f, marks, false);
-        }
-    }
-
-    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
-        if W::TURNS {
-            self.tried.copy_from_slice(&self.rows);
-            self.tried_at.copy_from_slice(&self.reached);
-            self.swap();
-            self.advance(q, f, marks);
-            self.swap();
-        } else {
-            self.advance(q, f, marks);
         }
     }
 
