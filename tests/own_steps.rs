@@ -2,10 +2,16 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-use arlequin::core::nalgebra::{DMatrix, DVector};
-use arlequin::core::{Coupled, Error, OwnStep, Profile, Silent, TimeStep};
+use arlequin::core::effect::{BodyForce, Load, MassDamping};
+use arlequin::core::nalgebra::{self, DMatrix, DVector, Vector3};
+use arlequin::core::{
+    Coupled, Error, OwnStep, PrescribedMotion, Profile, Silent, Subdomain, TimeFunction, TimeStep, Weighting,
+    Weights,
+};
+use arlequin::dem_beam::packing::{Lattice, lattice};
+use arlequin::dem_beam::{BeamMaterial, DemModel};
 use arlequin_studies::line::{COARSE, FINE, Line, pulse, rest};
-use arlequin_studies::waves;
+use arlequin_studies::{cantilever, waves};
 
 /// Bar and chain of the acceptance checks, short.
 fn short() -> Line {
@@ -203,6 +209,135 @@ fn the_jump_of_displacements_and_the_reflected_energy_grow_with_own_steps_as_kno
         println!("{m}: reflected {r:e} ({reflected:e}), jump {j:e} ({jump}), drift {drift:e}");
         assert!(drift < 1e-13, "{m}: {drift:e}");
     }
+}
+
+/// A bar whose end is moved, both models moved alike within the overlap, a loaded and damped chain.
+fn driven(own: [OwnStep<f64>; 2], step: f64) -> Coupled<f64> {
+    let line = Line {
+        own,
+        step: TimeStep::Seconds(step),
+        ..short()
+    };
+    let [bar, chain] = line.subdomains(&rest, &rest).unwrap();
+    let motion = |dof: usize| PrescribedMotion {
+        dofs: vec![dof],
+        amplitude: 0.3,
+        time: TimeFunction::SmoothPulse { duration: 200.0 },
+    };
+    let load = Load::on_dofs("pull", vec![(100, 0.05)], TimeFunction::Ramp { duration: 50.0 }).unwrap();
+    let heavy = BodyForce::new(Vector3::new(1e-4, 0.0, 0.0)).unwrap();
+    // Bar nodes at −10 j, particles at −40 + j.
+    let bar = bar
+        .with_support(motion(0))
+        .with_support(motion(18))
+        .with_effect(Box::new(heavy));
+    let chain = chain
+        .with_support(motion(20))
+        .with_effect(Box::new(load))
+        .with_effect(Box::new(MassDamping::new(1e-3).unwrap()));
+    line.build_with(vec![bar, chain]).unwrap()
+}
+
+#[test]
+fn works_of_supports_loads_and_dampings_close_the_ledger_for_any_own_steps() {
+    let same = OwnStep::Same;
+    for (own, step) in [
+        ([same, same], 0.8),
+        ([same, OwnStep::Ratio(5)], 4.0),
+        ([OwnStep::Ratio(3), OwnStep::Ratio(7)], 6.0),
+        ([OwnStep::Implicit, OwnStep::Ratio(5)], 4.0),
+        ([OwnStep::Implicit, OwnStep::Ratio(20)], 16.0),
+    ] {
+        let mut c = driven(own, step);
+        c.run((600.0 / step) as usize, &mut Silent).unwrap();
+        assert!(c.drift() < 1e-11, "{own:?}: {:e}", c.drift());
+        let work = |name: &str| c.works().iter().find(|w| w.name == name).unwrap().work;
+        let all = ["supports", "chain/pull", "bar/body-force", "chain/mass-damping"].map(work);
+        assert!(all.iter().all(|w| w.abs() > 1e-4), "{own:?}: {all:?}");
+        assert!(
+            work("constraint").abs() < 1e-12,
+            "{own:?}: {:e}",
+            work("constraint")
+        );
+    }
+}
+
+/// Displacements of the chain at the end do not depend on the stepping but for its order.
+#[test]
+fn own_steps_and_the_implicit_scheme_give_the_same_motion() {
+    let at_end = |own, step: f64| {
+        let mut c = driven(own, step);
+        c.run((480.0 / step) as usize, &mut Silent).unwrap();
+        c.subdomains()[FINE].state().q.clone()
+    };
+    let one = at_end([OwnStep::Same, OwnStep::Same], 0.8);
+    let top = one.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    for (own, step) in [
+        ([OwnStep::Same, OwnStep::Ratio(5)], 4.0),
+        ([OwnStep::Implicit, OwnStep::Ratio(5)], 4.0),
+    ] {
+        let other = at_end(own, step);
+        let gap = one
+            .iter()
+            .zip(&other)
+            .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+        assert!(gap < 0.02 * top, "{own:?}: {gap} of {top}");
+    }
+}
+
+/// The cheapest cell of `benches/cantilever.rs`, which has all of them to 10 ms.
+#[test]
+fn a_cantilever_keeps_its_energy_for_any_own_steps_of_the_finer_side() {
+    for own in [1, 2, 4] {
+        let mut run = cantilever::build(0.2, 12.7e-3, own).unwrap();
+        run.run(1000, &mut Silent).unwrap();
+        assert!(run.drift() < 1e-12, "{own} own steps: {:e}", run.drift());
+    }
+}
+
+#[test]
+fn what_cannot_step_implicitly_is_refused_by_name() {
+    let line = Line {
+        step: TimeStep::Seconds(0.8),
+        own: [OwnStep::Implicit; 2],
+        ..short()
+    };
+    let [bar, chain] = line.subdomains(&rest, &rest).unwrap();
+    let damped = chain.with_effect(Box::new(MassDamping::new(1e-3).unwrap()));
+    let text = line
+        .build_with(vec![bar, damped])
+        .map(|_| ())
+        .unwrap_err()
+        .to_string();
+    for word in [
+        "'chain' cannot step implicitly",
+        "'mass-damping'",
+        "only dead loads",
+        "let it step explicitly",
+    ] {
+        assert!(text.contains(word), "{text}");
+    }
+    let nodal = Line {
+        weighting: Weighting::Nodal,
+        epsilon: 0.05,
+        ..line
+    };
+    let text = nodal.build(&rest, &rest).map(|_| ()).unwrap_err().to_string();
+    assert!(
+        text.contains("nodal weights leave it no symmetric stiffness"),
+        "{text}"
+    );
+    let packing = lattice(Lattice::Cubic, [3, 2, 2], 1e-3).unwrap();
+    let beads = DemModel::new("beads", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+    let beads = Subdomain::fine(beads, Weights::uncoupled()).with_step(OwnStep::Implicit);
+    let text = Coupled::new(vec![beads], Vec::new(), TimeStep::Seconds(1e-9), None)
+        .map(|_| ())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        text.contains("'beads' cannot step implicitly: its particles turn"),
+        "{text}"
+    );
 }
 
 #[test]
