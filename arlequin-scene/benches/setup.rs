@@ -19,7 +19,10 @@ use std::time::Instant;
 const EDGE: f64 = 10e-3;
 
 fn main() -> Result<()> {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    let arguments: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| !a.starts_with("--"))
+        .collect();
     let mut kinds = ["fem", "fem"];
     for word in &arguments {
         match (word.split_once('-'), word.parse::<f64>()) {
