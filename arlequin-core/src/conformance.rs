@@ -304,10 +304,10 @@ pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
     for i in &run.interfaces {
         for c in &i.coupling {
             let lambda: Vec<T> = (0..i.multipliers().len()).map(random).collect();
-            let v: Vec<T> = (0..c.matrix.cols() * c.shared).map(|k| random(k + 31)).collect();
+            let v: Vec<T> = (0..c.size()).map(|k| random(k + 31)).collect();
             let (mut jump, mut force) = (vec![T::zero(); lambda.len()], vec![T::zero(); v.len()]);
-            c.gather(T::one(), &v, &mut jump);
-            c.scatter(T::one(), &lambda, &vec![T::one(); v.len()], &mut force);
+            c.times(&v, &mut jump);
+            c.add_force(T::one(), &lambda, &mut force);
             let (a, b) = (crate::scalar::dot(&lambda, &jump), crate::scalar::dot(&force, &v));
             worst = worst.max((a - b).abs() / (a.abs() + b.abs()).max(T::epsilon()));
         }
@@ -328,7 +328,7 @@ pub fn interface_momentum<T: Real>(run: &Coupled<T>) -> [T; 2] {
             let d = model.layout().components;
             let mut f = vec![T::zero(); model.layout().dofs()];
             let sign = if m == 0 { -T::one() } else { T::one() };
-            c.scatter(sign, &lambda, &vec![T::one(); f.len()], &mut f);
+            c.add_force(sign, &lambda, &mut f);
             for (k, x) in model.nodes().iter().enumerate() {
                 let mut g = Vector3::zeros();
                 (0..d).for_each(|a| g[a] = f[k * d + a]);

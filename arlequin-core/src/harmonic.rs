@@ -107,15 +107,14 @@ impl<T: Real> HarmonicOverlap<T> {
         for (k, interface) in run.interfaces.iter().enumerate() {
             let start = starts[run.subdomains.len() + k];
             let size = interface.coupling[0]
-                .matrix
-                .iter()
-                .fold(T::zero(), |s, (v, _)| s.max(v.abs()));
+                .entries()
+                .fold(T::zero(), |s, (.., v)| s.max(v.abs()));
             for (m, c) in interface.coupling.iter().enumerate() {
                 let sign = if m == 0 { top / size } else { -top / size };
-                for (v, (r, j)) in c.matrix.iter() {
+                for (r, j, v) in c.entries() {
                     let (r, j) = (start + r, starts[interface.sides[m]] + j);
-                    stiffness[(r, j)] += sign * *v;
-                    stiffness[(j, r)] += sign * *v;
+                    stiffness[(r, j)] += sign * v;
+                    stiffness[(j, r)] += sign * v;
                 }
             }
         }

@@ -87,7 +87,9 @@ pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, TimeS
 use coupled::{ledger, momentum, observer};
 pub use error::{Error, ModelError, Result, Share, invalid, not_negative};
 pub use field::{Interpolation, ParticleField, ShapeRow, outside};
-pub use interface::{Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side};
+pub use interface::{
+    Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side, Solver,
+};
 pub use junction::{
     Components, H1Gradient, H1Seminorm, H1Strain, Junction, JunctionKind, L2, Needs, ShapeFunction,
 };
@@ -95,7 +97,8 @@ pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::Elastic;
 pub use mediator::Mediator;
 pub use model::{
-    CoarseModel, DofLayout, Evolution, Evolving, FineModel, LinearModel, Model, State, Watching, check_size,
+    CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State, Stepping,
+    Stride, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;

@@ -35,6 +35,20 @@ pub trait Real:
     /// [`Error::NotPositiveDefinite`] with the pivot at which the factorisation broke down.
     fn cholesky(matrix: &CsMat<Self>) -> Result<Box<dyn SpdFactor<Self>>>;
 
+    /// Entries that such a factor will have.
+    fn cholesky_entries(matrix: &CsMat<Self>) -> usize;
+
+    /// The factor of `A + E` for a positive semidefinite `A` with a diagonal of ones, and the rows (ascending) on which the
+    /// diagonal `E` is not zero: those whose pivot is at most `floor`. As many rows as the rank lacks, so that the factor
+    /// inverts `A` on its range.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] for numbers that are not finite.
+    fn cholesky_of_independent(
+        matrix: &CsMat<Self>,
+        floor: Self,
+    ) -> Result<(Box<dyn SpdFactor<Self>>, Vec<usize>)>;
+
     /// Sparse LU factor with partial pivoting, for the indefinite systems of the static twin.
     ///
     /// # Errors
@@ -67,6 +81,15 @@ macro_rules! real {
             }
             fn cholesky(matrix: &CsMat<Self>) -> Result<Box<dyn SpdFactor<Self>>> {
                 linalg::cholesky(matrix)
+            }
+            fn cholesky_entries(matrix: &CsMat<Self>) -> usize {
+                linalg::cholesky_entries(matrix)
+            }
+            fn cholesky_of_independent(
+                matrix: &CsMat<Self>,
+                floor: Self,
+            ) -> Result<(Box<dyn SpdFactor<Self>>, Vec<usize>)> {
+                linalg::cholesky_of_independent(matrix, floor)
             }
             fn lu(matrix: &CsMat<Self>) -> Result<Box<dyn SquareFactor<Self>>> {
                 linalg::lu(matrix)

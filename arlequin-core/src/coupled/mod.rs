@@ -182,8 +182,8 @@ impl<T: Real> Coupled<T> {
         let i = &self.interfaces[interface];
         let [c, d] = i.sides;
         let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
-        let (_, velocity) = i.jump([&a.v, &b.v], &mut self.work);
-        let (_, displacement) = i.jump([&a.q, &b.q], &mut self.work);
+        let velocity = i.jump([&a.v, &b.v], &mut self.work);
+        let displacement = i.jump([&a.q, &b.q], &mut self.work);
         [velocity, displacement]
     }
 
@@ -199,7 +199,7 @@ impl<T: Real> Coupled<T> {
             for (m, s) in i.sides.into_iter().enumerate() {
                 // A guest has had its share.
                 if !self.subdomains[s].is_guest() {
-                    i.kick_again(m, self.subdomains[s].correctable().0);
+                    i.kick_again(m, self.subdomains[s].velocities());
                 }
             }
         }
@@ -208,8 +208,7 @@ impl<T: Real> Coupled<T> {
         observer.phase(Phase::Interface);
         for i in &mut self.interfaces {
             let [coarse, fine] = i.sides;
-            let [(v, p), (w, q)] = pair(&mut self.subdomains, coarse, fine).map(Subdomain::correctable);
-            i.reflect([v, w], [p, q]);
+            i.reflect(pair(&mut self.subdomains, coarse, fine).map(Subdomain::velocities));
             for (m, s) in i.sides.into_iter().enumerate() {
                 self.subdomains[s].hand_over(i, m)?;
             }
@@ -256,8 +255,7 @@ impl<T: Real> Coupled<T> {
         for (i, held) in self.interfaces.iter().zip(&self.held) {
             let [c, d] = i.sides;
             let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
-            let (power, _) = i.jump([&a.v, &b.v], &mut self.work);
-            self.ledger.constraint -= self.dt * power;
+            self.ledger.constraint -= self.dt * i.power();
             self.ledger.supports -= self.dt * held.power(i.multipliers(), [&a.v, &b.v]);
         }
     }

@@ -112,8 +112,7 @@ impl<T: Real> Coupled<T> {
         for (i, f) in self.interfaces.iter_mut().zip(&from.impulses) {
             same("impulses of the snapshot", i.impulse().len(), f.len())?;
             check_finite("impulses of the snapshot", f)?;
-            let inverse = i.sides.map(|s| self.subdomains[s].inverse_inertia());
-            i.restore(f, inverse);
+            i.restore(f);
         }
         self.ledger.restore(&from.ledger)?;
         self.step = from.step;

@@ -36,14 +36,8 @@ impl<T: Real> Coupled<T> {
         for i in &mut self.interfaces {
             let [coarse, fine] = i.sides;
             let [c, d] = pair(&mut self.subdomains, coarse, fine);
-            let [(v, p), (w, q)] = [&mut *c, &mut *d].map(Subdomain::correctable);
-            i.reflect([v, w], [p, q]);
-            let sides = [&*c, &*d];
-            i.find(
-                sides.map(|s| &s.state().a[..]),
-                sides.map(Subdomain::inverse_inertia),
-                half,
-            );
+            i.reflect([&mut *c, &mut *d].map(Subdomain::velocities));
+            i.find([&c.state().a, &d.state().a], half);
         }
         for (k, s) in self.subdomains.iter_mut().enumerate() {
             let mine = |i: &Interface<T>| i.sides.iter().position(|s| *s == k);
@@ -73,7 +67,7 @@ impl<T: Real> Coupled<T> {
 
 /// Removes the jump of the initial displacements and reports it.
 fn close<T: Real>(i: &mut Interface<T>, [c, d]: [&mut Subdomain<T>; 2], work: &mut Vec<T>) -> Result<()> {
-    let (_, jump) = i.jump([&c.state().q, &d.state().q], work);
+    let jump = i.jump([&c.state().q, &d.state().q], work);
     let largest = [&*c, &*d].map(|s| {
         let q = &s.state().q[..s.model().layout().translations()];
         q.iter().fold(T::zero(), |m, x| m.max(x.abs()))
@@ -101,9 +95,9 @@ fn close<T: Real>(i: &mut Interface<T>, [c, d]: [&mut Subdomain<T>; 2], work: &m
     if !movable {
         return Ok(());
     }
-    let [(c, m), (d, n)] = [c, d].map(Subdomain::movable);
+    let [c, d] = [c, d].map(Subdomain::displacements);
     let before = [c.to_vec(), d.to_vec()];
-    i.reflect([&mut *c, &mut *d], [m, n]);
+    i.reflect([&mut *c, &mut *d]);
     let moved = |now: &[T], before: &[T]| {
         let all = now.iter().zip(before);
         all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))

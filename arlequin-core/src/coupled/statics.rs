@@ -138,20 +138,19 @@ impl<T: Real> Coupled<T> {
             let row_start = starts[self.subdomains.len() + k];
             for (m, coupling) in i.coupling.iter().enumerate() {
                 let sign = if m == 0 { T::one() } else { -T::one() };
-                let (d, col_start) = (coupling.shared, starts[i.sides[m]]);
-                for (v, (r, c)) in coupling.matrix.iter() {
+                let (d, col_start) = (coupling.shared(), starts[i.sides[m]]);
+                for (r, c, v) in coupling.entries() {
                     for a in 0..d {
                         let (row, col) = (row_start + r * d + a, col_start + c * d + a);
-                        matrix.add_triplet(row, col, sign * *v);
-                        matrix.add_triplet(col, row, sign * *v);
+                        matrix.add_triplet(row, col, sign * v);
+                        matrix.add_triplet(col, row, sign * v);
                     }
                 }
             }
             let regularise = !i.report().null_modes.is_empty();
             let size = i.coupling[0]
-                .matrix
-                .iter()
-                .fold(T::zero(), |s, (v, _)| s.max(v.abs()));
+                .entries()
+                .fold(T::zero(), |s, (.., v)| s.max(v.abs()));
             let compliance = if regularise && scale > T::zero() {
                 size * size / scale * T::of(1e-12)
             } else {

@@ -13,12 +13,16 @@
 //! the two a reflection. `S` does not depend on the step: it is factored once.
 
 mod assembly;
+mod gradients;
 mod operator;
+mod rank;
 mod rows;
 mod sums;
+mod transfer;
 
 pub use assembly::Sampling;
-pub use operator::NullMode;
+pub use operator::Solver;
+pub use rank::NullMode;
 
 use crate::field::Interpolation;
 use crate::junction::{Components, Junction, Needs};
@@ -26,11 +30,13 @@ use crate::mediator::Mediator;
 use crate::model::DofLayout;
 use crate::scalar::dot;
 use crate::weight::Weight;
-use crate::{Error, Real, Result};
+use crate::{Error, Real, Result, parallel};
 use nalgebra::Point3;
 use operator::Operator;
 use sprs::{CsMat, TriMat};
 use std::sync::Arc;
+use transfer::Transfer;
+pub(crate) use transfer::{Rows, add_at};
 
 /// Warp of hexahedra, relative to their lengths, from which a user should know of it.
 const WARP: f64 = 1e-6;
@@ -93,6 +99,8 @@ impl<T: Real> std::fmt::Debug for InterfaceSpec<T> {
 pub struct InterfaceOptions<T: Real> {
     /// How the junction integrals are sampled.
     pub sampling: Sampling,
+    /// How the multipliers are solved for.
+    pub solver: Solver<T>,
     /// Lump the multiplier operator to its row sums (L2 only). The constraint then holds only in the mean.
     pub lumped: bool,
     /// Eigenvalues of the scaled operator below this share of the largest count as zero.
@@ -111,6 +119,7 @@ impl<T: Real> Default for InterfaceOptions<T> {
         let rank_tolerance = T::of(1e-10).max(T::epsilon() * T::of(100.0));
         Self {
             sampling: Sampling::Intersection,
+            solver: Solver::Auto,
             lumped: false,
             rank_tolerance,
             start_jump: T::of(0.1),
@@ -149,8 +158,10 @@ pub struct InterfaceReport {
     pub junction: &'static str,
     /// Multiplier unknowns.
     pub multipliers: usize,
-    /// Independent ones.
+    /// Independent ones; all of them where it is not known (a warning says so).
     pub rank: usize,
+    /// How they are solved for: `factor`, `conjugate gradients`, these `on a factor` of independent multipliers, `lumped`.
+    pub solver: &'static str,
     /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
     pub condition: f64,
     /// Measure of the overlap \[m³\].
@@ -197,57 +208,6 @@ impl<T: Real> Coupling<T> {
         }
         all.to_csr()
     }
-
-    /// `out += sign · B v`.
-    pub(crate) fn gather(&self, sign: T, v: &[T], out: &mut [T]) {
-        let d = self.shared;
-        for (i, row) in self.matrix.outer_iterator().enumerate() {
-            for (j, b) in row.iter() {
-                let b = sign * *b;
-                (0..d).for_each(|c| out[i * d + c] += b * v[j * d + c]);
-            }
-        }
-    }
-
-    /// `out += sign · diag(scale) Bᵀ λ`.
-    pub(crate) fn scatter(&self, sign: T, lambda: &[T], scale: &[T], out: &mut [T]) {
-        let d = self.shared;
-        for (i, row) in self.matrix.outer_iterator().enumerate() {
-            for (j, b) in row.iter() {
-                let b = sign * *b;
-                (0..d).for_each(|c| out[j * d + c] += scale[j * d + c] * b * lambda[i * d + c]);
-            }
-        }
-    }
-}
-
-/// Changes of the velocities of one side, on the unknowns that multipliers act on.
-#[derive(Debug)]
-struct Kick<T> {
-    dofs: Vec<usize>,
-    change: Vec<T>,
-    full: Vec<T>,
-}
-
-impl<T: Real> Kick<T> {
-    fn new(coupling: &Coupling<T>, components: usize) -> Self {
-        let nodes = coupled_nodes(coupling, components);
-        let dofs: Vec<usize> = (nodes
-            .iter()
-            .flat_map(|n| (0..components).map(move |c| n * components + c)))
-        .collect();
-        Self {
-            change: vec![T::zero(); dofs.len()],
-            full: vec![T::zero(); coupling.matrix.cols() * coupling.shared],
-            dofs,
-        }
-    }
-
-    fn add(&self, v: &mut [T]) {
-        for (k, d) in self.dofs.iter().zip(&self.change) {
-            v[*k] += *d;
-        }
-    }
 }
 
 /// A ready interface between a coarse and a fine subdomain.
@@ -256,15 +216,16 @@ pub struct Interface<T: Real> {
     /// Subdomains: coarse, fine.
     pub(crate) sides: [usize; 2],
     /// Coupling matrices: coarse, fine.
-    pub(crate) coupling: [Coupling<T>; 2],
+    pub(crate) coupling: [Transfer<T>; 2],
     operator: Operator<T>,
     pub(crate) lambda: Vec<T>,
     /// `μ` of half a reflection.
     impulse: Vec<T>,
+    /// `b = B_C v_C − B_D v_D` before the last kick.
+    jump: Vec<T>,
+    power: T,
     /// `λ = rate μ`.
     rate: T,
-    /// What the last reflection adds to the velocities, twice: coarse, fine.
-    kick: [Kick<T>; 2],
     pub(crate) report: InterfaceReport,
     pub(crate) start_jump: T,
     components: usize,
@@ -274,7 +235,7 @@ pub struct Interface<T: Real> {
 impl<T: Real> Interface<T> {
     /// Whether each component of a multiplier acts on that component alone.
     pub(crate) fn splits(&self) -> bool {
-        self.components == 1 || self.coupling[0].shared == self.components
+        self.components == 1 || self.coupling[0].shared() == self.components
     }
 
     /// Builds the coupling matrices of a mediator between two sides (coarse first) and factors the operator.
@@ -315,18 +276,20 @@ impl<T: Real> Interface<T> {
         let inverse = [sides[0].inverse_inertia, sides[1].inverse_inertia];
         let operator = Operator::new(spec, &built.coupling, inverse, components)?;
         let size = built.coupling[0].matrix.rows() * built.coupling[0].shared;
-        let kick = [0, 1].map(|m| Kick::new(&built.coupling[m], components));
-        let coupled_nodes = [0, 1].map(|m| coupled_nodes(&built.coupling[m], components).len());
+        let signs = [-T::one(), T::one()];
+        let coupling = [0, 1].map(|m| Transfer::new(&built.coupling[m], signs[m], inverse[m]));
+        let coupled_nodes = [0, 1].map(|m| coupled_nodes(&coupling[m], components).len());
         let mut report = InterfaceReport {
             name: spec.name.clone(),
             junction: spec.junction.name(),
             multipliers: size,
             rank: size - operator.dropped(),
+            solver: operator.solver,
             condition: operator.condition.as_f64(),
             measure: built.measure.as_f64(),
             coupled_nodes,
             momentum_defect: built.momentum_defect.as_f64(),
-            nonzeros: built.coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>() + operator.nonzeros(),
+            nonzeros: coupling.iter().map(Transfer::nonzeros).sum::<usize>() + operator.nonzeros(),
             null_modes: operator.null_modes.clone(),
             degree: built.degree,
             outside: 0.0,
@@ -336,6 +299,12 @@ impl<T: Real> Interface<T> {
             warnings: built.warnings,
         };
         report.warnings.extend(advice(&report, spec, components));
+        if !operator.ranked {
+            report.warnings.push(format!(
+                "{size} multiplier unknowns are too many to tell whether some are dependent; that costs no energy, but a mediator \
+                 finer than one of the models reflects long waves"
+            ));
+        }
         let warp = (sides.iter().map(|s| s.field.warp())).fold(spec.mediator.warp(), |m, w| m.max(w));
         if warp.as_f64() > WARP {
             report.warnings.push(format!(
@@ -349,12 +318,13 @@ impl<T: Real> Interface<T> {
         }
         Ok(Self {
             sides: [spec.coarse, spec.fine],
-            coupling: built.coupling,
+            coupling,
             operator,
             lambda: vec![T::zero(); size],
             impulse: vec![T::zero(); size],
+            jump: vec![T::zero(); size],
+            power: T::zero(),
             rate: T::zero(),
-            kick,
             report,
             start_jump: spec.options.start_jump,
             components,
@@ -381,16 +351,21 @@ impl<T: Real> Interface<T> {
     /// interleaved \[m³ for L2\]. The constraint is `B_C u̇ − B_D ḋ = 0`. Expanded from the stored matrix at every call;
     /// `None` for a side above 1.
     pub fn coupling_matrix(&self, side: usize) -> Option<CsMat<T>> {
-        self.coupling.get(side).map(Coupling::expanded)
+        self.coupling.get(side).map(|c| c.matrix().expanded())
     }
 
     /// `S = Σ_m B_m diag(inverse_m) B_mᵀ` for given inverse inertias.
     pub(crate) fn operator_matrix(&self, inverse: [&[T]; 2]) -> CsMat<T> {
         let coupling = self.coupling.each_ref().map(|c| Coupling {
-            matrix: c.expanded(),
+            matrix: c.matrix().expanded(),
             shared: 1,
         });
         operator::operator(&coupling, &inverse.map(<[T]>::to_vec))
+    }
+
+    /// Iterations that the last solve took; zero with a factor.
+    pub fn iterations(&self) -> usize {
+        self.operator.iterations()
     }
 
     /// Mediator nodes \[m\].
@@ -405,26 +380,37 @@ impl<T: Real> Interface<T> {
 
     /// Solves `S μ = B_C x_C − B_D x_D` and keeps `scale μ` with what it changes,
     /// `δ_C = −scale M_C⁻¹ B_Cᵀ μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`.
-    pub(crate) fn find(&mut self, x: [&[T]; 2], inverse: [&[T]; 2], scale: T) {
-        let mu = &mut self.impulse;
-        mu.fill(T::zero());
-        self.coupling[0].gather(T::one(), x[0], mu);
-        self.coupling[1].gather(-T::one(), x[1], mu);
-        self.operator.solve(mu);
-        mu.iter_mut().for_each(|m| *m *= scale);
-        self.spread(inverse);
+    pub(crate) fn find(&mut self, x: [&[T]; 2], scale: T) {
+        if parallel::pays(self.coupling.iter().map(Transfer::nonzeros).sum()) {
+            // One entry into the pool for all passes: each would cost a wake-up otherwise.
+            rayon::scope(|_| self.find_here(x, scale));
+        } else {
+            self.find_here(x, scale);
+        }
+    }
+
+    fn find_here(&mut self, x: [&[T]; 2], scale: T) {
+        self.coupling.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
+        transfer::local_jump(self.coupling.each_ref(), &mut self.impulse);
+        self.jump.copy_from_slice(&self.impulse);
+        self.operator.solve(&mut self.impulse, &mut self.coupling);
+        self.impulse.iter_mut().for_each(|m| *m *= scale);
+        self.spread();
+        // μᵀ(b − S μ), as B v = b − S μ after the kick.
+        let spent: T = self.coupling.iter().map(Transfer::twice_kinetic).sum();
+        self.power = self.rate * (dot(&self.jump, &self.impulse) - spent);
     }
 
     /// `v += δ` on one side.
     pub(crate) fn kick_again(&self, side: usize, v: &mut [T]) {
-        self.kick[side].add(v);
+        self.coupling[side].kick(v);
     }
 
     /// First half of the reflection `v ← (I − 2P) v`: finds what takes the jump out of the velocities, takes it out and
     /// keeps it for the second half, [`Self::kick_again`], with which the next step begins.
-    pub(crate) fn reflect(&mut self, v: [&mut [T]; 2], inverse: [&[T]; 2]) {
+    pub(crate) fn reflect(&mut self, v: [&mut [T]; 2]) {
         let [coarse, fine] = v;
-        self.find([coarse, fine], inverse, T::one());
+        self.find([coarse, fine], T::one());
         self.kick_again(0, coarse);
         self.kick_again(1, fine);
     }
@@ -435,25 +421,17 @@ impl<T: Real> Interface<T> {
     }
 
     /// Goes back to the impulses of another instant, and to what they change.
-    pub(crate) fn restore(&mut self, impulse: &[T], inverse: [&[T]; 2]) {
+    pub(crate) fn restore(&mut self, impulse: &[T]) {
         self.impulse.copy_from_slice(impulse);
-        self.spread(inverse);
+        self.spread();
     }
 
     /// `δ` of both sides and `λ` from the impulses.
-    fn spread(&mut self, inverse: [&[T]; 2]) {
+    fn spread(&mut self) {
         for (l, m) in self.lambda.iter_mut().zip(&self.impulse) {
             *l = *m * self.rate;
         }
-        let signs = [-T::one(), T::one()];
-        for (side, inverse) in inverse.into_iter().enumerate() {
-            let kick = &mut self.kick[side];
-            kick.dofs.iter().for_each(|k| kick.full[*k] = T::zero());
-            self.coupling[side].scatter(signs[side], &self.impulse, inverse, &mut kick.full);
-            for (d, k) in kick.change.iter_mut().zip(&kick.dofs) {
-                *d = kick.full[*k];
-            }
-        }
+        self.coupling.iter_mut().for_each(|c| c.spread(&self.impulse));
     }
 
     /// Sets the length of the steps between reflections \[s\], to which multipliers refer.
@@ -461,41 +439,27 @@ impl<T: Real> Interface<T> {
         self.rate = T::of(2.0) / step;
     }
 
-    /// `λᵀ(B_C x_C − B_D x_D)` and the largest component of the jump divided by the multiplier's own measure.
-    pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> (T, T) {
+    /// `λᵀ(B_C v_C − B_D v_D)` \[W\] with the velocities that the last [`Self::reflect`] left: zero but for round-off where
+    /// the multipliers are solved for exactly or by Galerkin's condition.
+    pub(crate) fn power(&self) -> T {
+        self.power
+    }
+
+    /// Largest component of the jump `B_C x_C − B_D x_D` divided by the multiplier's own measure.
+    pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> T {
         work.clear();
         work.resize(self.lambda.len(), T::zero());
-        self.coupling[0].gather(T::one(), x[0], work);
-        self.coupling[1].gather(-T::one(), x[1], work);
-        let power = dot(&self.lambda, work);
-        let largest = work
-            .iter()
-            .zip(&self.operator.row_measure)
-            .fold(T::zero(), |m, (r, s)| {
-                m.max(if *s > T::zero() {
-                    (*r / *s).abs()
-                } else {
-                    T::zero()
-                })
-            });
-        (power, largest)
+        transfer::jump(self.coupling.each_ref(), x, work);
+        let measured = work.iter().zip(&self.operator.row_measure);
+        let measured = measured.filter(|(_, s)| **s > T::zero());
+        measured.fold(T::zero(), |m, (r, s)| m.max((*r / *s).abs()))
     }
 }
 
 /// Nodes a coupling matrix touches, ascending.
-pub(crate) fn coupled_nodes<T: Real>(coupling: &Coupling<T>, components: usize) -> Vec<usize> {
-    let per_column = if coupling.shared > 1 || components == 1 {
-        1
-    } else {
-        components
-    };
-    let mut nodes: Vec<usize> = coupling
-        .matrix
-        .iter()
-        .filter(|(v, _)| **v != T::zero())
-        .map(|(_, (_, col))| col / per_column)
-        .collect();
-    nodes.sort_unstable();
+pub(crate) fn coupled_nodes<T: Real>(coupling: &Transfer<T>, components: usize) -> Vec<usize> {
+    let per_column = components / coupling.shared();
+    let mut nodes: Vec<usize> = (coupling.coupled().iter().map(|j| *j as usize / per_column)).collect();
     nodes.dedup();
     nodes
 }

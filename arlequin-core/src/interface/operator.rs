@@ -1,56 +1,82 @@
-//! The multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ`: factor, rank, condition.
+//! The multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ`: how it is solved with.
 
+use super::gradients::{Apply, Gradients, Precondition};
+use super::rank::{self, NullMode};
+use super::transfer::{Rows, Transfer};
 use super::{Coupling, InterfaceSpec};
 use crate::linalg::SpdFactor;
-use crate::scalar::dot;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
 
-/// Largest dependent system that is resolved by dense eigenvalues (some seconds, 0.2 GB).
-const DENSE_LIMIT: usize = 4000;
-
-/// A combination of multipliers that acts on nothing.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NullMode {
-    /// Mediator node at which the mode is largest.
-    pub node: usize,
-    /// Eigenvalue of the scaled operator relative to its largest.
-    pub eigenvalue: f64,
+/// How the multipliers are solved for.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Solver<T> {
+    /// By a factor, unless conjugate gradients are expected to take less time or the factor takes too much memory.
+    #[default]
+    Auto,
+    /// By a Cholesky factor, exactly. Where multipliers are dependent it is that of independent ones, and conjugate gradients on it
+    /// make up for its round-off.
+    Factor,
+    /// By conjugate gradients from zero, whose result costs no energy wherever they end; the velocity jump is then only as
+    /// small as the tolerance.
+    ConjugateGradients {
+        /// Residual, relative to the jump before, in the norm of the inverse diagonal of `S`.
+        tolerance: T,
+        /// Iterations at which they end anyway.
+        max_iterations: usize,
+    },
 }
 
-/// One symmetric block of the operator, in the scaling that makes its diagonal one.
+/// Iterations that conjugate gradients are expected to need: to 1e-12 they took 45 to 150 (decision 0030).
+const USUAL_ITERATIONS: usize = 120;
+/// Entries of the largest factor: a gigabyte.
+const LARGEST_FACTOR: usize = 1 << 27;
+/// Iterations after which they end where nobody has chosen.
+const MOST_ITERATIONS: usize = 1000;
+
+/// One symmetric block of the operator, or a fixed stand-in for its inverse.
 #[derive(Debug)]
 enum Block<T: Real> {
+    /// In the scaling that makes the diagonal one.
     Factor {
         scale: Vec<T>,
         factor: Box<dyn SpdFactor<T>>,
-    },
-    Modes {
-        scale: Vec<T>,
-        modes: Vec<T>,
-        work: Vec<T>,
     },
     Diagonal {
         inverse: Vec<T>,
     },
 }
 
+/// All blocks, each with the components that it serves.
+#[derive(Debug)]
+struct Blocks<T: Real> {
+    all: Vec<(Block<T>, Vec<usize>)>,
+    /// Right-hand sides of one block, one after another.
+    columns: Vec<T>,
+    shared: usize,
+}
+
 #[derive(Debug)]
 pub(super) struct Operator<T: Real> {
-    blocks: Vec<Block<T>>,
-    /// Block that serves each component.
-    serves: Vec<usize>,
-    gather: Vec<T>,
+    blocks: Blocks<T>,
+    /// Where the blocks are no exact inverse.
+    gradients: Option<Gradients<T>>,
+    /// Name of the way it is solved.
+    pub(super) solver: &'static str,
     pub(super) condition: T,
     pub(super) null_modes: Vec<NullMode>,
+    /// Whether it is known which multipliers are dependent.
+    pub(super) ranked: bool,
     /// `Σ_j |B_C,ij|` per multiplier unknown: turns a constraint residual into a velocity.
     pub(super) row_measure: Vec<T>,
 }
 
 struct Outcome<T: Real> {
     block: Block<T>,
+    exact: bool,
     condition: T,
-    null_modes: Vec<NullMode>,
+    /// None where they are not known.
+    null_modes: Option<Vec<NullMode>>,
 }
 
 impl<T: Real> Operator<T> {
@@ -62,57 +88,86 @@ impl<T: Real> Operator<T> {
     ) -> Result<Self> {
         let shared = coupling[0].shared;
         let rows = coupling[0].matrix.rows();
-        let (mut blocks, mut serves, mut null_modes) = (Vec::new(), Vec::new(), Vec::new());
-        let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
+        let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
+        let mut blocks: Vec<(Block<T>, Vec<usize>)> = Vec::new();
+        let mut modes_of: Vec<Option<Vec<NullMode>>> = Vec::new();
         let mut condition = T::one();
+        let (mut exact, mut ranked) = (true, true);
         let mut seen: Vec<[Vec<T>; 2]> = Vec::new();
+        let mut only = None;
         for c in 0..shared {
-            let pick = |m: usize| -> Vec<T> {
-                (0..coupling[m].matrix.cols())
-                    .map(|j| inverse[m][j * shared + c])
-                    .collect()
-            };
-            let weights = [pick(0), pick(1)];
+            let weights = [0, 1].map(|m| {
+                let columns = 0..coupling[m].matrix.cols();
+                columns.map(|j| inverse[m][j * shared + c]).collect::<Vec<T>>()
+            });
             let known = seen.iter().position(|w| same_on_coupled(coupling, w, &weights));
             if let Some(k) = known {
-                serves.push(k);
-                let repeated: Vec<NullMode> = modes_of[k].clone();
-                null_modes.extend(repeated);
+                blocks[k].1.push(c);
                 continue;
             }
             let s = operator(coupling, &weights);
             let outcome = if spec.options.lumped {
                 lumped(spec, &s)?
             } else {
-                factor(spec, &s, components / shared)?
+                block(spec, &s, components / shared, passes)?
             };
             condition = condition.max(outcome.condition);
-            serves.push(blocks.len());
-            null_modes.extend(outcome.null_modes.iter().cloned());
+            exact &= outcome.exact;
+            ranked &= outcome.null_modes.is_some();
             modes_of.push(outcome.null_modes);
-            blocks.push(outcome.block);
+            blocks.push((outcome.block, vec![c]));
             seen.push(weights);
+            only = Some(s);
         }
+        let null_modes: Vec<NullMode> = (blocks.iter().zip(modes_of))
+            .flat_map(|((_, served), modes)| {
+                served.iter().flat_map(move |_| modes.clone().unwrap_or_default())
+            })
+            .collect();
         if null_modes.len() == rows * shared {
             return Err(Error::SingularInterface {
                 interface: spec.name.clone(),
                 size: rows * shared,
             });
         }
+        let gradients = (!exact).then(|| {
+            let apply = match only.filter(|s| blocks.len() == 1 && s.nnz() < passes) {
+                Some(s) => Apply::Rows(Rows::of(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
+                None => Apply::Sides,
+            };
+            let (tolerance, most) = match spec.options.solver {
+                Solver::ConjugateGradients {
+                    tolerance,
+                    max_iterations,
+                } => (tolerance, max_iterations),
+                _ => (T::of(1e-12).max(T::epsilon() * T::of(32.0)), MOST_ITERATIONS),
+            };
+            Gradients::new(apply, shared, rows * shared, tolerance, most)
+        });
+        let on_factor = blocks.iter().any(|b| matches!(b.0, Block::Factor { .. }));
         let measure = |i: usize| {
             coupling[0]
                 .matrix
                 .outer_view(i)
                 .map_or_else(T::zero, |r| r.iter().map(|e| e.1.abs()).sum())
         };
-        let row_measure = (0..rows * shared).map(|k| measure(k / shared)).collect();
         Ok(Self {
-            blocks,
-            serves,
-            gather: vec![T::zero(); rows],
+            solver: match (&gradients, on_factor) {
+                (None, true) => "factor",
+                (None, false) => "lumped",
+                (Some(_), true) => "conjugate gradients on a factor",
+                (Some(_), false) => "conjugate gradients",
+            },
+            gradients,
+            row_measure: (0..rows * shared).map(|k| measure(k / shared)).collect(),
+            blocks: Blocks {
+                all: blocks,
+                columns: vec![T::zero(); rows * shared],
+                shared,
+            },
             condition,
             null_modes,
-            row_measure,
+            ranked,
         })
     }
 
@@ -123,27 +178,53 @@ impl<T: Real> Operator<T> {
     pub(super) fn nonzeros(&self) -> usize {
         let count = |b: &Block<T>| match b {
             Block::Factor { factor, .. } => factor.nonzeros(),
-            Block::Modes { modes, .. } => modes.len(),
             Block::Diagonal { inverse } => inverse.len(),
         };
-        self.blocks.iter().map(count).sum()
+        let blocks: usize = self.blocks.all.iter().map(|(b, _)| count(b)).sum();
+        blocks + self.gradients.as_ref().map_or(0, Gradients::nonzeros)
     }
 
-    /// `b ← S⁻¹ b`, components interleaved.
-    pub(super) fn solve(&mut self, b: &mut [T]) {
-        let d = self.serves.len();
-        for c in 0..d {
-            let n = self.gather.len();
-            (0..n).for_each(|i| self.gather[i] = b[i * d + c]);
-            self.blocks[self.serves[c]].solve(&mut self.gather);
-            (0..n).for_each(|i| b[i * d + c] = self.gather[i]);
+    /// Iterations of the last solve; none where it took none.
+    pub(super) fn iterations(&self) -> usize {
+        self.gradients.as_ref().map_or(0, |g| g.made)
+    }
+
+    /// `b ← S⁻¹ b`, components interleaved; overwrites what the sides hold.
+    pub(super) fn solve(&mut self, b: &mut [T], sides: &mut [Transfer<T>; 2]) {
+        match &mut self.gradients {
+            None => self.blocks.apply(b),
+            Some(g) => g.solve(b, sides, &mut self.blocks),
+        }
+    }
+}
+
+impl<T: Real> Precondition<T> for Blocks<T> {
+    fn apply(&mut self, b: &mut [T]) {
+        let d = self.shared;
+        let n = b.len() / d;
+        for (block, components) in &mut self.all {
+            let columns = &mut self.columns[..n * components.len()];
+            for (column, c) in columns.chunks_exact_mut(n).zip(&*components) {
+                let from = b[*c..].iter().step_by(d);
+                column.iter_mut().zip(from).for_each(|(x, b)| *x = *b);
+            }
+            block.solve(columns, n);
+            for (column, c) in columns.chunks_exact(n).zip(&*components) {
+                let to = b[*c..].iter_mut().step_by(d);
+                to.zip(column).for_each(|(b, x)| *b = *x);
+            }
         }
     }
 }
 
 impl<T: Real> Block<T> {
-    fn solve(&mut self, b: &mut [T]) {
-        let scaled = |b: &mut [T], s: &[T]| b.iter_mut().zip(s).for_each(|(b, s)| *b *= *s);
+    /// Solves for right-hand sides of length `n`, one after another.
+    fn solve(&mut self, b: &mut [T], n: usize) {
+        let scaled = |b: &mut [T], s: &[T]| {
+            for b in b.chunks_exact_mut(n) {
+                b.iter_mut().zip(s).for_each(|(b, s)| *b *= *s);
+            }
+        };
         match self {
             Self::Diagonal { inverse } => scaled(b, inverse),
             Self::Factor { scale, factor } => {
@@ -151,18 +232,57 @@ impl<T: Real> Block<T> {
                 factor.solve(b);
                 scaled(b, scale);
             }
-            Self::Modes { scale, modes, work } => {
-                scaled(b, scale);
-                work.fill(T::zero());
-                for mode in modes.chunks_exact(b.len()) {
-                    let a = dot(mode, b);
-                    work.iter_mut().zip(mode).for_each(|(w, m)| *w += a * *m);
-                }
-                b.copy_from_slice(work);
-                scaled(b, scale);
-            }
         }
     }
+}
+
+/// How one block is solved with, and what is known of it; `passes`: entries that are read to apply it by both sides.
+fn block<T: Real>(
+    spec: &InterfaceSpec<T>,
+    s: &CsMat<T>,
+    per_node: usize,
+    passes: usize,
+) -> Result<Outcome<T>> {
+    let (scaled, scale) = equilibrated(s);
+    let entries = T::cholesky_entries(&scaled);
+    let by_factor = match spec.options.solver {
+        Solver::Auto => 2 * entries <= USUAL_ITERATIONS * passes.min(s.nnz()) && entries <= LARGEST_FACTOR,
+        Solver::Factor => true,
+        Solver::ConjugateGradients { .. } => false,
+    };
+    let diagonal = |scale: &[T]| Block::Diagonal {
+        inverse: scale.iter().map(|x| *x * *x).collect(),
+    };
+    if !by_factor && entries > LARGEST_FACTOR {
+        return Ok(Outcome {
+            block: diagonal(&scale),
+            exact: false,
+            condition: rank::condition(&scaled, spec.options.rank_tolerance)?,
+            null_modes: None,
+        });
+    }
+    let (mut factor, left_out) = T::cholesky_of_independent(&scaled, spec.options.rank_tolerance)?;
+    let [low, high] = rank::extremes(&scaled, &mut |b| factor.solve(b));
+    let independent = left_out.is_empty() && low > high * spec.options.rank_tolerance;
+    let mut block = Block::Factor {
+        scale: scale.clone(),
+        factor,
+    };
+    let (condition, null_modes) = if independent {
+        let [low, high] = rank::extremes(s, &mut |b| block.solve(b, s.rows()));
+        (high / low, Vec::new())
+    } else {
+        rank::null_modes(&scaled, left_out, spec.options.rank_tolerance, per_node)?
+    };
+    if !by_factor {
+        block = diagonal(&scale);
+    }
+    Ok(Outcome {
+        block,
+        exact: by_factor && independent,
+        condition,
+        null_modes: Some(null_modes),
+    })
 }
 
 fn same_on_coupled<T: Real>(coupling: &[Coupling<T>; 2], a: &[Vec<T>; 2], b: &[Vec<T>; 2]) -> bool {
@@ -215,129 +335,6 @@ fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
     (t.to_csc(), scale)
 }
 
-fn multiply<T: Real>(a: &CsMat<T>, x: &[T], out: &mut [T]) {
-    out.fill(T::zero());
-    for (j, col) in a.outer_iterator().enumerate() {
-        col.iter().for_each(|(i, v)| out[i] += *v * x[j]);
-    }
-}
-
-fn factor<T: Real>(spec: &InterfaceSpec<T>, s: &CsMat<T>, per_node: usize) -> Result<Outcome<T>> {
-    let (scaled, scale) = equilibrated(s);
-    if scale.iter().all(|x| *x > T::zero())
-        && let Ok(mut factor) = T::cholesky(&scaled)
-    {
-        let range = extremes(&scaled, &mut |b| factor.solve(b));
-        if range[0] > range[1] * spec.options.rank_tolerance {
-            let mut block = Block::Factor { scale, factor };
-            let [low, high] = extremes(s, &mut |b| block.solve(b));
-            return Ok(Outcome {
-                block,
-                condition: high / low,
-                null_modes: Vec::new(),
-            });
-        }
-    }
-    modes(spec, &scaled, scale, per_node)
-}
-
-/// Smallest and largest eigenvalue by (inverse) power iteration.
-fn extremes<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -> [T; 2] {
-    let n = a.rows();
-    let mut work = vec![T::zero(); n];
-    let iterate = |apply: &mut dyn FnMut(&mut Vec<T>)| {
-        let mut x: Vec<T> = (0..n)
-            .map(|i| T::of(1.0 + ((i as f64) * 0.754_877_666).fract()) * sign(i))
-            .collect();
-        let mut value = T::zero();
-        for step in 0..300 {
-            let norm = dot(&x, &x).sqrt();
-            if norm <= T::zero() || !norm.is_finite() {
-                return T::zero();
-            }
-            x.iter_mut().for_each(|v| *v /= norm);
-            let before = x.clone();
-            apply(&mut x);
-            let next = dot(&before, &x);
-            let settled = step > 10 && (next - value).abs() <= next.abs() * T::of(1e-4);
-            value = next;
-            if settled {
-                break;
-            }
-        }
-        value
-    };
-    let high = iterate(&mut |x| {
-        multiply(a, x, &mut work);
-        x.copy_from_slice(&work);
-    });
-    let inverse_low = iterate(&mut |x| solve(x));
-    let low = if inverse_low > T::zero() {
-        T::one() / inverse_low
-    } else {
-        T::zero()
-    };
-    [low, high]
-}
-
-fn sign<T: Real>(i: usize) -> T {
-    if (i * 2_654_435_761) & 4096 == 0 {
-        T::one()
-    } else {
-        -T::one()
-    }
-}
-
-/// Rank-revealing fallback: eigenvalues of the scaled operator; those below the tolerance are dropped and reported.
-fn modes<T: Real>(
-    spec: &InterfaceSpec<T>,
-    scaled: &CsMat<T>,
-    scale: Vec<T>,
-    per_node: usize,
-) -> Result<Outcome<T>> {
-    let n = scaled.rows();
-    if n > DENSE_LIMIT {
-        return Err(Error::RankTooLarge {
-            interface: spec.name.clone(),
-            size: n,
-            limit: DENSE_LIMIT,
-        });
-    }
-    let mut dense = vec![T::zero(); n * n];
-    scaled.iter().for_each(|(v, (j, i))| dense[j * n + i] = *v);
-    let eigen = T::symmetric_eigen(n, &dense)?;
-    let top = eigen.values.last().copied().unwrap_or_else(T::zero);
-    let (mut modes, mut null_modes) = (Vec::new(), Vec::new());
-    let mut low = top;
-    for (k, value) in eigen.values.iter().enumerate() {
-        let mode = &eigen.vectors[k * n..(k + 1) * n];
-        if *value > top * spec.options.rank_tolerance {
-            low = low.min(*value);
-            let root = value.sqrt();
-            modes.extend(mode.iter().map(|m| *m / root));
-        } else {
-            let peak = (0..n)
-                .max_by(|a, b| mode[*a].abs().as_f64().total_cmp(&mode[*b].abs().as_f64()))
-                .unwrap_or(0);
-            let relative = if top > T::zero() { *value / top } else { T::zero() };
-            null_modes.push(NullMode {
-                node: peak / per_node,
-                eigenvalue: relative.as_f64(),
-            });
-        }
-    }
-    let condition = if low > T::zero() { top / low } else { T::one() };
-    Ok(Outcome {
-        block: Block::Modes {
-            scale,
-            modes,
-            work: vec![T::zero(); n],
-        },
-        condition,
-        null_modes,
-    })
-}
-
 /// Row sums in place of the operator. Exists for the L2 junction, where they are positive.
 fn lumped<T: Real>(spec: &InterfaceSpec<T>, s: &CsMat<T>) -> Result<Outcome<T>> {
     let n = s.rows();
@@ -355,7 +352,8 @@ fn lumped<T: Real>(spec: &InterfaceSpec<T>, s: &CsMat<T>) -> Result<Outcome<T>> 
     let inverse = sums.iter().map(|v| T::one() / *v).collect();
     Ok(Outcome {
         block: Block::Diagonal { inverse },
+        exact: true,
         condition: high / low,
-        null_modes: Vec::new(),
+        null_modes: Some(Vec::new()),
     })
 }
