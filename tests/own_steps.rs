@@ -5,8 +5,8 @@
 use arlequin::core::effect::{BodyForce, Load, MassDamping};
 use arlequin::core::nalgebra::{self, DMatrix, DVector, Vector3};
 use arlequin::core::{
-    Coupled, Error, OwnStep, PrescribedMotion, Profile, Silent, Subdomain, TimeFunction, TimeStep, Weighting,
-    Weights,
+    Coupled, Error, InterfaceOptions, OwnStep, PrescribedMotion, Profile, Silent, Solver, Subdomain,
+    TimeFunction, TimeStep, Weighting, Weights,
 };
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, DemModel};
@@ -128,10 +128,14 @@ fn one_own_step_each_is_the_one_step_scheme_to_round_off() {
 /// A random state of high frequency in both models over 20 000 units of time, and what came of it. Velocities are differences of
 /// noise: what drifts along loses digits of its displacements, and forces with them.
 fn long_run(step: f64, own: [OwnStep<f64>; 2]) -> Coupled<f64> {
+    long_run_of(&short(), step, own)
+}
+
+fn long_run_of(line: &Line, step: f64, own: [OwnStep<f64>; 2]) -> Coupled<f64> {
     let line = Line {
         step: TimeStep::Seconds(step),
         own,
-        ..short()
+        ..line.clone()
     };
     let shaken = line.subdomains(&rest, &rest).unwrap().into_iter().zip([2, 1]);
     let shaken = shaken.map(|(s, seed)| {
@@ -175,6 +179,37 @@ fn an_implicit_bar_far_above_its_explicit_limit_loses_and_gains_nothing() {
         "momentum: {:e}",
         c.bodies()[0].drift[0]
     );
+}
+
+#[test]
+fn multipliers_by_a_few_conjugate_gradients_cost_no_energy_and_no_momentum() {
+    for max_iterations in [2, 3, 5] {
+        let solver = Solver::ConjugateGradients {
+            tolerance: 0.0,
+            max_iterations,
+        };
+        let options = InterfaceOptions {
+            solver,
+            ..InterfaceOptions::default()
+        };
+        let line = Line {
+            options,
+            mediator: 2.0,
+            ..short()
+        };
+        let c = long_run_of(&line, 4.5, [OwnStep::Same, OwnStep::Ratio(5)]);
+        let [drift, change] = [c.drift(), c.bodies()[0].drift[0]];
+        assert!(drift < 1e-12, "H, {max_iterations} iterations: {drift:e}");
+        assert!(
+            change < 1e-12,
+            "momentum, {max_iterations} iterations: {change:e}"
+        );
+        let left = c.constraint_residual();
+        assert!(
+            left > 1e-9,
+            "{max_iterations} iterations are not enough for the constraint: {left:e}"
+        );
+    }
 }
 
 /// A pulse of 40 coarse elements from the chain into the bar: share of the kinetic energy that comes back, jump of
