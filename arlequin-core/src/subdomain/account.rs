@@ -90,9 +90,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Kinetic energy at the whole step \[J\].
     pub fn kinetic_energy(&self) -> T {
-        let (m, v) = (&self.inertia, &self.state.v);
-        let part = |range: std::ops::Range<usize>| range.fold(T::zero(), |s, i| s + m[i] * v[i] * v[i]);
-        T::of(0.5) * parallel::sum(v.len(), &part)
+        T::of(0.5) * parallel::weighted_squares(&self.inertia, &self.state.v)
     }
 
     /// Internal energy \[J\] found by the last [`Self::invariant`].
