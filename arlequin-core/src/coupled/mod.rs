@@ -31,7 +31,7 @@ use crate::interface::Interface;
 use crate::phase::Phase;
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
-use ledger::{EnergySample, Ledger, WorkLine};
+use ledger::{DisplacementJump, EnergySample, Ledger, WorkLine};
 use observer::{Observer, StepReport};
 use own_steps::{Held, Lockstep};
 use pairs::Pair;
@@ -122,6 +122,10 @@ impl<T: Real> Coupled<T> {
     /// Largest relative constraint residual so far.
     pub fn constraint_residual(&self) -> T {
         self.ledger.top_residual
+    }
+    /// Largest jump of displacements so far across every interface, at the steps where the ledger was drawn.
+    pub fn displacement_jumps(&self) -> &[DisplacementJump<T>] {
+        &self.ledger.jumps
     }
     /// Last sample of the ledger.
     pub fn last_energy(&self) -> Option<&EnergySample<T>> {
@@ -321,7 +325,12 @@ impl<T: Real> Coupled<T> {
             .fold(self.ledger.top_velocity, |a, b| a.max(b));
         self.ledger.top_velocity = top;
         for k in 0..self.interfaces.len() {
-            residual = residual.max(self.jumps(k)[0]);
+            let [velocity, displacement] = self.jumps(k);
+            residual = residual.max(velocity);
+            let amplitude = self.held[k].amplitude(self.interfaces[k].sides().map(|s| &self.subdomains[s]));
+            let jump = &mut self.ledger.jumps[k];
+            jump.largest = jump.largest.max(displacement);
+            jump.amplitude = jump.amplitude.max(amplitude);
         }
         if top > T::zero() {
             residual /= top;

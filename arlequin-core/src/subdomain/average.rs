@@ -199,7 +199,8 @@ impl<T: Real> Subdomain<T> {
 
     /// `½vᵀMv + U(q)`.
     pub(super) fn average_invariant(&mut self) -> T {
-        self.drawn_energy = self.internal_energy();
-        self.drawn_energy + self.kinetic_energy()
+        let internal = self.internal_energy();
+        self.energies.now = Some(internal);
+        internal + self.kinetic_energy()
     }
 }
