@@ -10,7 +10,7 @@ use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::{Interpolant, Scratch};
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::{H1Gradient, H1Strain, Junction, Silent};
+use arlequin::core::{H1Gradient, H1Strain, Junction, Silent, Solver};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
 use support::solid::busy;
@@ -58,10 +58,14 @@ fn steps() {
         Box::new(H1Gradient::new(0.1).unwrap()),
         Box::new(H1Strain::new(0.1).unwrap()),
     ];
-    for junction in junctions {
+    let gradients = Solver::ConjugateGradients {
+        tolerance: 1e-6,
+        max_iterations: 50,
+    };
+    for (junction, solver) in junctions.into_iter().zip([Solver::Auto, gradients]) {
         let name = junction.name();
         let count = pool.install(|| {
-            let mut c = busy(junction);
+            let mut c = busy(junction, solver);
             c.run(20, &mut Silent).unwrap();
             let region = Region::new(ALLOCATOR);
             c.run(50, &mut Silent).unwrap();

@@ -5,8 +5,13 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::{Coupled, H1Gradient, Silent};
+use arlequin::core::{Coupled, H1Gradient, Silent, Solver};
 use support::solid::busy;
+
+const GRADIENTS: Solver<f64> = Solver::ConjugateGradients {
+    tolerance: 1e-6,
+    max_iterations: 50,
+};
 
 fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new()
@@ -29,9 +34,15 @@ fn bits(c: &Coupled<f64>) -> Vec<u64> {
 
 #[test]
 fn one_and_two_threads_give_the_same_bits() {
+    for solver in [Solver::Auto, GRADIENTS] {
+        same_bits(solver);
+    }
+}
+
+fn same_bits(solver: Solver<f64>) {
     let with = |threads: usize| {
         pool(threads).install(|| {
-            let mut c = busy(Box::new(H1Gradient::new(0.1).unwrap()));
+            let mut c = busy(Box::new(H1Gradient::new(0.1).unwrap()), solver);
             c.run(60, &mut Silent).unwrap();
             bits(&c)
         })
