@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin::core::harmonic::{HarmonicOverlap, Port};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
@@ -35,7 +36,7 @@ fn nodal_weights_multiply_forces_and_masses_of_the_unweighted_model() {
     let s = &weighted.subdomains()[0];
     for (k, x) in s.model().nodes().iter().enumerate() {
         let whole = if k == 0 || k == 16 { 0.125 } else { 0.25 };
-        assert!((s.inertia()[k] - whole * w.kinetic.at(x)).abs() < 1e-15);
+        assert_abs_diff_eq!(s.inertia()[k], whole * w.kinetic.at(x), epsilon = 1e-15);
         // Weights on forces and masses cancel.
         let q = |k: usize| s.state().q[k];
         let pull = |j: usize| 4.0 * (q(j) - q(k));
@@ -44,14 +45,14 @@ fn nodal_weights_multiply_forces_and_masses_of_the_unweighted_model() {
             16 => pull(15),
             _ => pull(k - 1) + pull(k + 1),
         };
-        assert!((s.state().a[k] - force / whole).abs() < 1e-12);
+        assert_abs_diff_eq!(s.state().a[k], force / whole, epsilon = 1e-12);
     }
     // `½ qᵀ D K q`, not `½ qᵀ K q`.
     let terms = s.model().nodes().iter().enumerate();
     let energy: f64 = terms
         .map(|(k, _)| -0.5 * s.state().q[k] * s.inertia()[k] * s.state().a[k])
         .sum();
-    assert!((s.internal_energy() / energy - 1.0).abs() < 1e-12);
+    assert_relative_eq!(s.internal_energy(), energy, epsilon = 0.0, max_relative = 1e-12);
     // They do not in the metric of a constraint: the step is shorter than h/c, that of the model alone.
     let step = weighted.critical_steps()[0];
     assert!(step > 0.7 * 0.25 && step < 0.25, "{step}");

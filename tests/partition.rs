@@ -5,6 +5,7 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
+use approx::assert_abs_diff_eq;
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Cell;
@@ -405,7 +406,7 @@ fn coupling_matrices_and_operator_can_be_read() {
         let top: f64 = s.iter().fold(0.0, |m: f64, (v, _)| m.max(f64::abs(*v)));
         for (v, (a, b)) in s.iter() {
             let other: f64 = *s.get(b, a).unwrap();
-            assert!((*v - other).abs() <= 1e-15 * top);
+            assert_abs_diff_eq!(*v, other, epsilon = 1e-15 * top);
         }
         assert!((0..n).all(|k| *s.get(k, k).unwrap() > 0.0));
         assert!(i.coupling_matrix(2).is_none() && run.multiplier_operator(1).is_none());
@@ -529,5 +530,5 @@ fn cells_that_overlap_each_other_are_refused() {
         panic!("{error}")
     };
     assert_eq!(model, "fine");
-    assert!((covered / total - 1.2).abs() < 1e-9, "{error}");
+    assert_abs_diff_eq!(covered / total, 1.2, epsilon = 1e-9);
 }

@@ -2,6 +2,7 @@
 
 pub(crate) use arlequin_scene::error::*;
 
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
 use arlequin_scene::Source;
 use std::process::ExitCode;
 
@@ -36,24 +37,16 @@ impl Located {
 fn render(error: &Error, source: Option<&Source>) -> String {
     let (key, span) = error.place();
     let span = span.or_else(|| source.and_then(|s| s.span_of(key?)));
-    let mut report = miette::MietteDiagnostic::new(error.to_string());
-    if let Some(span) = &span {
-        let label = miette::LabeledSpan::at(span.clone(), key.unwrap_or("here"));
-        report = report.with_label(label);
-    }
-    let mut out = String::new();
-    let theme = miette::GraphicalTheme::unicode_nocolor();
-    let handler = miette::GraphicalReportHandler::new_themed(theme)
-        .with_context_lines(1)
-        .with_wrap_lines(false)
-        .without_cause_chain();
+    let message = error.to_string();
+    let title = Level::ERROR.primary_title(&message);
     let shown = match (source, span) {
-        (Some(s), Some(_)) => {
-            let text = miette::NamedSource::new(s.path.display().to_string(), s.text.clone());
-            let report = miette::Report::new(report).with_source_code(text);
-            handler.render_report(&mut out, report.as_ref())
+        (Some(s), Some(span)) => {
+            let here = AnnotationKind::Primary.span(span).label(key);
+            let path = s.path.display().to_string();
+            let lines = Snippet::source(&s.text).path(path).annotation(here);
+            Renderer::plain().render(&[title.element(lines)])
         }
-        _ => handler.render_report(&mut out, &report),
+        _ => Renderer::plain().render(&[Group::with_title(title)]),
     };
-    if shown.is_ok() { out } else { format!("{error}\n") }
+    shown + "\n"
 }

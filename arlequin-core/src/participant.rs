@@ -12,7 +12,7 @@ use nalgebra::Point3;
 /// Who only has forces implements [`crate::Model`] instead and leaves the stepping to the core. Between two reflections
 /// nothing is asked of a participant but [`Self::advance`]; at a reflection it gets the whole impulse `2 Bᵀμ` at once, of
 /// which velocities *at* the instant have half.
-/// `conformance::participant` checks an implementation.
+/// [`crate::conformance::participant`] checks an implementation.
 pub trait Participant<T: Real>: Send {
     /// Name for messages and reports.
     fn name(&self) -> &str;
@@ -28,8 +28,8 @@ pub trait Participant<T: Real>: Send {
     /// Reference positions of the nodes \[m\].
     fn nodes(&self) -> &[Point3<T>];
 
-    /// Takes its weights and writes the lumped inertia of every unknown under them \[kg, kg m²\]: called once, before
-    /// anything else. A solver that cannot weight itself takes weights of nearly one (`1 − 1e-6` in the overlap, the
+    /// Takes its weights and writes the lumped inertia of every unknown under them \[kg, kg m²\]: called before any step,
+    /// first with weights of one and then with those it is to have. A solver that cannot weight itself takes weights of nearly one (`1 − 1e-6` in the overlap, the
     /// other model the rest) and writes what it has.
     ///
     /// # Errors

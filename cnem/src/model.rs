@@ -312,20 +312,20 @@ impl Model<f64> for CnemModel {
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
         let means = self.cell_means(alpha);
         arlequin_core::check_finite("cell weights", &means)?;
-        self.forces.set_weights(means);
+        self.forces.set_weights(&self.sub, means);
         Ok(())
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
-        self.forces.subtract_product(&self.smoothing, &self.sub, q, f);
+        self.forces.subtract_product(q, f);
         Ok(())
     }
 
     /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        self.forces.energy(&self.smoothing, &self.sub, q)
+        self.forces.energy(q)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {

@@ -3,7 +3,7 @@
 
 mod common;
 
-use approx::assert_abs_diff_eq;
+use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::geometry::Cell;
 use arlequin_core::{Error, Interpolation, Mediator, ShapeRow, conformance};
 use cnem::NaturalField;
@@ -63,7 +63,7 @@ fn points_in_a_cell_need_no_search() {
         field.shape_in(k, &samples[0].point, true, &mut b).unwrap();
         for (n, v) in a.nodes.iter().zip(&a.values) {
             let other = b.nodes.iter().position(|m| m == n).map_or(0.0, |at| b.values[at]);
-            assert!((v - other).abs() < 1e-10, "{v} {other}");
+            assert_abs_diff_eq!(*v, other, epsilon = 1e-10);
         }
     }
 }
@@ -122,7 +122,7 @@ fn mediator_cells_fill_the_overlap() {
     let voronoi = mediator.clone().with_voronoi_cells().unwrap();
     assert_eq!(voronoi.cells().len(), points.len());
     let other: f64 = voronoi.cells().iter().map(Cell::measure).sum();
-    assert!((other / volume - 1.0).abs() < 1e-9, "{other} {volume}");
+    assert_relative_eq!(other, volume, epsilon = 0.0, max_relative = 1e-9);
     let mut row = ShapeRow::default();
     voronoi.shape_in(0, &points[0], false, &mut row).unwrap();
     assert_eq!(
@@ -136,5 +136,5 @@ fn mediator_cells_fill_the_overlap() {
         .with_voronoi_cells()
         .unwrap();
     let sum: f64 = voronoi.cells().iter().map(Cell::measure).sum();
-    assert!((sum / volume - 1.0).abs() < 1e-9, "{sum} {volume}");
+    assert_relative_eq!(sum, volume, epsilon = 0.0, max_relative = 1e-9);
 }

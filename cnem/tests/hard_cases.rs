@@ -71,7 +71,7 @@ fn assert_sound(domain: &Domain, volume: f64) {
                 moment += (nodes[v] - x) * w;
             }
             assert!(moment.norm() < 1e-12, "{moment}");
-            assert!((row.values.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            assert_abs_diff_eq!(row.values.iter().sum::<f64>(), 1.0, epsilon = 1e-12);
         }
     }
 }

@@ -8,7 +8,7 @@
 
 mod common;
 
-use approx::assert_relative_eq;
+use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::geometry::Cell;
 use arlequin_core::{LinearModel, Model, NodallyWeighted, Uniform, Weight, conformance};
 use cnem::constraint::Surface;
@@ -242,7 +242,7 @@ fn nodal_weighting_scales_forces() {
     model.add_internal_forces(&u, &mut g).unwrap();
     for i in 0..n {
         let w = Ramp.at(&model.nodes()[i / 3]);
-        assert!((g[i] - w * f[i]).abs() <= 1e-14 * largest(&f));
+        assert_abs_diff_eq!(g[i], w * f[i], epsilon = 1e-14 * largest(&f));
     }
     model.set_internal_weight(&Uniform(0.5)).unwrap();
     g.fill(0.0);

@@ -1,6 +1,7 @@
 //! Contact and obstacles: collisions against theory, friction, searches only when needed, energy never created.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
+use approx::assert_abs_diff_eq;
 use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Watching, Weights};
 use dem_beam::fracture::locked;
 use dem_beam::packing::{Lattice, lattice};
@@ -137,10 +138,7 @@ fn friction_stops_a_sliding_body_at_the_rate_of_coulomb() {
     let mass: f64 = run.subdomains()[0].inertia()[..n / 2].iter().sum::<f64>() / 3.0;
     let mean = run.momentum()[0].x / mass;
     let expected = v0 - mu * g * run.time();
-    assert!(
-        (mean - expected).abs() < 0.05 * (v0 - expected),
-        "{mean} {expected}"
-    );
+    assert_abs_diff_eq!(mean, expected, epsilon = 0.05 * (v0 - expected));
     let floor = &run.effects()[0];
     assert_eq!((floor.name.as_str(), floor.supplied), ("cube/floor", Some(0.0)));
     assert!(floor.dissipated().unwrap() > 0.0);

@@ -1,6 +1,7 @@
 //! Bonds that break: the energy balance closes to round-off, and each hard case has its named outcome.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
+use approx::assert_abs_diff_eq;
 use arlequin_core::{
     Coupled, Model, Observer, Phase, PrescribedMotion, Silent, StepReport, Subdomain, TimeFunction, TimeStep,
     Watching, Weights,
@@ -243,12 +244,9 @@ fn weibull_scatter_has_the_distribution_it_names() {
         count / (19.0 * 100.0)
     };
     let weibull = share(Scatter::Weibull { modulus: 5.0 }, 0.9e8);
-    assert!(
-        (weibull - (1.0 - (-0.9_f64.powi(5)).exp())).abs() < 0.03,
-        "{weibull}"
-    );
+    assert_abs_diff_eq!(weibull, 1.0 - (-0.9_f64.powi(5)).exp(), epsilon = 0.03);
     let normal = share(Scatter::Normal { deviation: 0.1 }, 0.9e8);
-    assert!((normal - 0.1587).abs() < 0.03, "{normal}");
+    assert_abs_diff_eq!(normal, 0.1587, epsilon = 0.03);
 }
 
 #[test]

@@ -114,7 +114,7 @@ fn stl_as_text_and_binary_is_the_same_body() {
     ] {
         let a = Surface::from_stl(&text(&facets)).unwrap();
         let b = Surface::from_stl(&binary(&facets)).unwrap();
-        assert!((a.volume() / b.volume() - 1.0).abs() < 1e-14);
+        assert_relative_eq!(a.volume(), b.volume(), epsilon = 0.0, max_relative = 1e-14);
         assert!(
             (a.volume() / volume - 1.0).abs() < 0.07,
             "{:e} {volume:e}",
@@ -167,7 +167,7 @@ fn cavities_are_left_empty() {
     facets.extend(ball(0.5e-3));
     let shell = Surface::from_stl(&text(&facets)).unwrap();
     let ratio = shell.volume() / Surface::from_stl(&text(&ball(1e-3))).unwrap().volume();
-    assert!((ratio - 0.875).abs() < 1e-6, "{ratio}");
+    assert_abs_diff_eq!(ratio, 0.875, epsilon = 1e-6);
     assert!(!shell.contains(&Vector3::zeros()) && shell.contains(&Vector3::new(0.75e-3, 0.0, 0.0)));
 }
 

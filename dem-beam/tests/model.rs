@@ -1,6 +1,7 @@
 //! The model behind the coupling traits: conformance, weights, threads, a run of the core alone.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::{
     CoarseModel, Coupled, FineModel, Guard, Model, NodallyWeighted, Silent, Subdomain, TimeStep, Uniform,
     Weight, Weights, conformance,
@@ -194,7 +195,7 @@ fn stiffness_matrix_is_minus_the_forces() {
         assert!((f + k).abs() < 1e-12 * scale);
     }
     let energy = 0.5 * q.iter().zip(&kq).map(|(a, b)| a * b).sum::<f64>();
-    assert!((energy / m.internal_energy(&q) - 1.0).abs() < 1e-12);
+    assert_relative_eq!(energy, m.internal_energy(&q), epsilon = 0.0, max_relative = 1e-12);
     let mut nodal = NodallyWeighted::new(Box::new(m));
     nodal.set_internal_weight(&Steep { low: 0.2 }).unwrap();
     assert!(nodal.as_linear().is_none());
@@ -217,7 +218,7 @@ fn steep_weights_leave_the_critical_step() {
     let alone = step(&mut m, &Uniform(1.0));
     let body = packing().bonded(BeamMaterial::SILICA, 2200.0).unwrap();
     let lanczos = critical::lanczos(&body).unwrap();
-    assert!((alone / lanczos - 1.0).abs() < 1e-4, "{alone} {lanczos}");
+    assert_relative_eq!(alone, lanczos, epsilon = 0.0, max_relative = 1e-4);
     for (low, least) in [
         (0.5, 0.9999),
         (0.1, 0.999),
@@ -314,7 +315,7 @@ fn rotations_are_not_coupled() {
         assert_eq!((field.nodes().len(), field.kind()), (l.nodes, "particle"));
         let samples = field.samples().unwrap();
         let total: f64 = samples.iter().map(|s| s.measure).sum();
-        assert!((total / packing().volume - 1.0).abs() < 1e-12);
+        assert_relative_eq!(total, packing().volume, epsilon = 0.0, max_relative = 1e-12);
     }
     // A free rotation of one particle pushes its neighbours, an equal one of all does not stretch.
     let mut m = m;
@@ -344,7 +345,7 @@ fn selections_and_loads() {
     let end = m.select(|x| x.x > 5.7e-3);
     for share in [LoadShare::Mass, LoadShare::Area] {
         let load = m.force(&end, Vector3::new(1000.0, 0.0, 0.0), share).unwrap();
-        assert!((load.iter().map(|(_, f)| f).sum::<f64>() - 1000.0).abs() < 1e-9);
+        assert_abs_diff_eq!(load.iter().map(|(_, f)| f).sum::<f64>(), 1000.0, epsilon = 1e-9);
         let load = m.torque(&end, Vector3::new(2.0, -1.0, 0.5), share).unwrap();
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         for c in load.chunks(3) {

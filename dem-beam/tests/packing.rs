@@ -28,8 +28,8 @@ fn cylinder_of_5000_has_the_elasticity_of_silica() {
         .map(|seed| PackingSpec::new(container.clone(), 5000, seed).build().unwrap())
         .to_vec();
     let found = measure(&packings, BeamMaterial::SILICA, &bar).unwrap();
-    assert!((found.young.mean - 77e9).abs() < 2.5e9, "{found:?}");
-    assert!((found.poisson.mean - 0.176).abs() < 0.008, "{found:?}");
+    assert_abs_diff_eq!(found.young.mean, 77e9, epsilon = 2.5e9);
+    assert_abs_diff_eq!(found.poisson.mean, 0.176, epsilon = 0.008);
     assert!(
         (found.young_gauge.mean / found.young.mean - 1.0).abs() < 0.03,
         "{found:?}"
@@ -61,8 +61,8 @@ fn inverse_calibration_reaches_its_target() {
         (found.reached.young.mean / 72.5e9 - 1.0).abs() < 1e-6,
         "{found:?}"
     );
-    assert!((found.reached.poisson.mean - 0.17).abs() < 1e-4, "{found:?}");
-    assert!((found.beam.radius_ratio - 0.71).abs() < 0.15, "{found:?}");
+    assert_abs_diff_eq!(found.reached.poisson.mean, 0.17, epsilon = 1e-4);
+    assert_abs_diff_eq!(found.beam.radius_ratio, 0.71, epsilon = 0.15);
 }
 
 /// A cube as triangles; the packing fills it and stays inside.
@@ -85,7 +85,7 @@ fn closed_surface_is_filled() {
         .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
         .collect();
     let surface = Surface::new(v.clone(), t.clone()).unwrap();
-    assert!((surface.volume() / (a * a * a) - 1.0).abs() < 1e-12);
+    assert_relative_eq!(surface.volume(), a * a * a, epsilon = 0.0, max_relative = 1e-12);
     assert!(surface.contains(&Vector3::repeat(1e-3)) && !surface.contains(&Vector3::new(1e-3, 1e-3, 2.1e-3)));
     let (gap, n) = surface.nearest(&Vector3::new(1e-3, 1e-4, 1e-3), 1e-3).unwrap();
     assert!((gap - 1e-4).abs() < 1e-15 && (n - Vector3::y()).norm() < 1e-12);
@@ -110,7 +110,7 @@ fn closed_surface_is_filled() {
         packing.report.coordination_retained,
         twin.report.coordination_retained,
     );
-    assert!((n / m - 1.0).abs() < 0.02, "{n} {m}");
+    assert_relative_eq!(n, m, epsilon = 0.0, max_relative = 0.02);
     let open = Surface::new(v.clone(), t[1..].to_vec());
     assert!(matches!(open, Err(Error::OpenSurface { count: 1, .. })));
     let inward: Vec<[u32; 3]> = t.iter().map(|t| [t[0], t[2], t[1]]).collect();
@@ -168,7 +168,7 @@ fn cubic_lattice_has_its_textbook_modulus() {
     };
     let found = tension_test(&body, &bar).unwrap();
     let expected = 265e9 * std::f64::consts::PI * 0.71 * 0.71 / 4.0;
-    assert!((found.young_gauge / expected - 1.0).abs() < 1e-5, "{found:?}");
+    assert_relative_eq!(found.young_gauge, expected, epsilon = 0.0, max_relative = 1e-5);
     assert!(found.poisson.abs() < 1e-5);
     assert_eq!(
         lattice(Lattice::FaceCentred, [3, 3, 3], r).unwrap().radii.len(),

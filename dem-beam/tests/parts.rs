@@ -88,7 +88,7 @@ fn two_shells_keep_the_mass_of_their_own_volume() {
     );
     assert!(parts[0].spheres + parts[1].spheres + r.dropped == 900);
     for (mass, volume) in masses(&packing).iter().zip([8e-9, 1e-9]) {
-        assert!((mass / (DENSITY * volume) - 1.0).abs() < 1e-12, "{mass:e}");
+        assert_relative_eq!(*mass, DENSITY * volume, epsilon = 0.0, max_relative = 1e-12);
     }
     // Both are packed alike, and each sphere lies in its own body.
     let mean = |b: u32| {
@@ -123,7 +123,7 @@ fn cavities_belong_to_their_body_and_islands_in_them_are_bodies() {
     let volumes: Vec<f64> = nested.bodies().iter().map(Surface::volume).collect();
     assert_eq!(volumes.len(), 3);
     for (found, wanted) in volumes.iter().zip([19e-9, 1e-9, 1e-9]) {
-        assert!((found / wanted - 1.0).abs() < 1e-12, "{volumes:?}");
+        assert_relative_eq!(*found, wanted, epsilon = 0.0, max_relative = 1e-12);
     }
     // A point that no triangle has does not widen the body.
     let (mut v, t) = cube(at(0.0), 1e-3, false);
@@ -412,7 +412,7 @@ fn the_width_of_a_body_is_told_in_spheres() {
         .unwrap();
     let boxed = PackingSpec::quench(boxed([2e-3; 3]), 900, 1).build().unwrap();
     let [a, b] = [&twin, &boxed].map(|p| p.report.across.unwrap());
-    assert!((a / b - 1.0).abs() < 0.03, "{a} {b}");
+    assert_relative_eq!(a, b, epsilon = 0.0, max_relative = 0.03);
     // Interior spheres of a surface are those two mean diameters from the wall, as of a box.
     let mut degree = vec![0_u32; twin.radii.len()];
     twin.pairs.iter().flatten().for_each(|&i| degree[i as usize] += 1);
@@ -447,10 +447,7 @@ fn what_to_expect_of_narrow_bodies_is_monotone_and_measured() {
         })
         .collect();
     let found = measure(&packings, BeamMaterial::SILICA, &bar).unwrap();
-    assert!(
-        (found.young.mean / 74.9e9 / needle.young - 1.0).abs() < 0.05,
-        "{found:?}"
-    );
+    assert_abs_diff_eq!(found.young.mean / 74.9e9 / needle.young, 1.0, epsilon = 0.05);
     assert!(
         (found.poisson.mean - needle.poisson).abs() < 2.0 * needle.poisson_spread,
         "{found:?}"
@@ -490,7 +487,7 @@ fn beams_are_four_times_as_strong_as_their_bar_by_axial_tension_and_twelve_times
     assert!(axial.ratio() > 3.7 && axial.ratio() < 4.6, "{axial:?}");
     assert!(axial.first < axial.peak && axial.broken > 3, "{axial:?}");
     let double = pull(Criterion::Axial, 400e6);
-    assert!((double.ratio() / axial.ratio() - 1.0).abs() < 0.02, "{double:?}");
+    assert_relative_eq!(double.ratio(), axial.ratio(), epsilon = 0.0, max_relative = 0.02);
     let rankine = pull(Criterion::Rankine, 200e6);
     assert!(rankine.ratio() > 9.0 && rankine.ratio() < 14.0, "{rankine:?}");
     let energy = pull(Criterion::Energy, 23.0);

@@ -184,7 +184,7 @@ fn a_mediator_has_a_spacing() {
     let low = Point3::origin();
     let mesh = generate::block(ElementKind::Hex8, low, Point3::new(2.0f64, 2.0, 2.0), [4, 4, 4]).unwrap();
     let mediator = FemField::new(mesh);
-    assert!((mediator.spacing() - 0.5).abs() < 1e-14);
+    assert_abs_diff_eq!(mediator.spacing(), 0.5, epsilon = 1e-14);
     assert_eq!((mediator.cells().len(), mediator.degree()), (64, 3));
 }
 

@@ -5,6 +5,7 @@
     reason = "a test fails by panicking and may compare exact values"
 )]
 
+use approx::assert_abs_diff_eq;
 use arlequin_core::nalgebra::Point3;
 use fem_ref::{ElementKind, Error, Mesh, gmsh};
 
@@ -69,7 +70,7 @@ fn positions(mesh: &Mesh<f64>, nodes: &[usize]) -> Vec<[i32; 3]> {
 
 fn check_tets(mesh: &Mesh<f64>) {
     assert_eq!((mesh.kind(), mesh.element_count()), (ElementKind::Tet4, 2));
-    assert!((mesh.volume() - 0.5).abs() < 1e-15);
+    assert_abs_diff_eq!(mesh.volume(), 0.5, epsilon = 1e-15);
     let names: Vec<&str> = mesh.groups().keys().map(String::as_str).collect();
     assert_eq!(names, ["body", "clamp", "load side", "point-9"]);
     let clamp = mesh.surface("clamp").unwrap();
@@ -154,7 +155,7 @@ fn hexahedra_and_bars() {
                $Elements\n1 1 1 1\n3 1 5 1\n1 10 20 30 40 50 60 70 80\n$EndElements\n";
     let mesh: Mesh<f64> = gmsh::parse(hex.as_bytes()).unwrap();
     assert_eq!((mesh.kind(), mesh.groups().len()), (ElementKind::Hex8, 0));
-    assert!((mesh.volume() - 1.0).abs() < 1e-15);
+    assert_abs_diff_eq!(mesh.volume(), 1.0, epsilon = 1e-15);
     let bars = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n0 3 \"end\"\n$EndPhysicalNames\n\
                 $Entities\n1 1 0 0\n2 2 0 0 1 3\n1 0 0 0 2 0 0 0 0\n$EndEntities\n\
                 $Nodes\n1 3 1 3\n1 1 0 3\n1\n2\n3\n0 0 0\n2 0 0\n1 0 0\n$EndNodes\n\

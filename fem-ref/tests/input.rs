@@ -5,6 +5,7 @@
     reason = "a test fails by panicking and may compare exact values"
 )]
 
+use approx::assert_abs_diff_eq;
 use arlequin_core::Model;
 use arlequin_core::nalgebra::{Point3, Vector3};
 use fem_ref::generate::{self, Cylinder, Rim};
@@ -162,7 +163,7 @@ fn surfaces_have_outward_normals_and_the_right_area() {
         ] {
             let facets = mesh.surface(name).unwrap();
             let sum: f64 = facets.iter().map(|f| f.area()).sum();
-            assert!((sum - area).abs() < 1e-13, "{name} {sum}");
+            assert_abs_diff_eq!(sum, area, epsilon = 1e-13);
             assert!(
                 facets
                     .iter()
@@ -183,7 +184,7 @@ fn surfaces_have_outward_normals_and_the_right_area() {
         };
         let rod = generate::cylinder(kind, &shape).unwrap();
         let sum = |n: &str| rod.surface(n).unwrap().iter().map(|f| f.area()).sum::<f64>();
-        assert!((sum("x-max") - std::f64::consts::PI / 4.0).abs() < 1e-12);
+        assert_abs_diff_eq!(sum("x-max"), std::f64::consts::PI / 4.0, epsilon = 1e-12);
         assert!((sum("side") / std::f64::consts::PI - 1.0).abs() < 0.01);
         assert!(
             rod.surface("side")

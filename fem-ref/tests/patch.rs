@@ -7,6 +7,7 @@
 
 mod common;
 
+use approx::assert_relative_eq;
 use arlequin_core::geometry::Cell;
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3, center};
 use arlequin_core::{LinearModel, Model, NodallyWeighted, Real, Uniform, Weight};
@@ -165,7 +166,7 @@ fn mass_of_a_warped_mesh_is_that_of_its_volume() {
         model.lumped_inertia(&Uniform(0.5), &mut mass).unwrap();
         assert!(mass.iter().all(|m| *m > 0.0));
         let total: f64 = mass.iter().step_by(3).sum();
-        assert!((total / (0.5 * expected) - 1.0).abs() < 1e-13);
+        assert_relative_eq!(total, 0.5 * expected, epsilon = 0.0, max_relative = 1e-13);
     }
 }
 

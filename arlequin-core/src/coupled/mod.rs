@@ -31,7 +31,7 @@ use crate::interface::Interface;
 use crate::phase::Phase;
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
-use ledger::{EnergySample, Ledger, WorkLine};
+use ledger::{DisplacementJump, EnergySample, Ledger, WorkLine};
 use observer::{Observer, StepReport};
 use own_steps::{Held, Lockstep};
 use pairs::Pair;
@@ -123,6 +123,10 @@ impl<T: Real> Coupled<T> {
     pub fn constraint_residual(&self) -> T {
         self.ledger.top_residual
     }
+    /// Largest jump of displacements so far across every interface, at the steps where the ledger was drawn.
+    pub fn displacement_jumps(&self) -> &[DisplacementJump<T>] {
+        &self.ledger.jumps
+    }
     /// Last sample of the ledger.
     pub fn last_energy(&self) -> Option<&EnergySample<T>> {
         self.ledger.last.as_ref()
@@ -193,7 +197,10 @@ impl<T: Real> Coupled<T> {
         observer.phase(Phase::Interface);
         for i in &self.interfaces {
             for (m, s) in i.sides.into_iter().enumerate() {
-                i.kick_again(m, self.subdomains[s].velocities());
+                // A guest has had its share.
+                if !self.subdomains[s].is_guest() {
+                    i.kick_again(m, self.subdomains[s].velocities());
+                }
             }
         }
         self.own_steps_of_all(draw, &mut |phase| observer.phase(phase))?;
@@ -202,6 +209,9 @@ impl<T: Real> Coupled<T> {
         for i in &mut self.interfaces {
             let [coarse, fine] = i.sides;
             i.reflect(pair(&mut self.subdomains, coarse, fine).map(Subdomain::velocities));
+            for (m, s) in i.sides.into_iter().enumerate() {
+                self.subdomains[s].hand_over(i, m)?;
+            }
         }
         self.step += 1;
         self.time = self.instant(0);
@@ -315,7 +325,12 @@ impl<T: Real> Coupled<T> {
             .fold(self.ledger.top_velocity, |a, b| a.max(b));
         self.ledger.top_velocity = top;
         for k in 0..self.interfaces.len() {
-            residual = residual.max(self.jumps(k)[0]);
+            let [velocity, displacement] = self.jumps(k);
+            residual = residual.max(velocity);
+            let amplitude = self.held[k].amplitude(self.interfaces[k].sides().map(|s| &self.subdomains[s]));
+            let jump = &mut self.ledger.jumps[k];
+            jump.largest = jump.largest.max(displacement);
+            jump.amplitude = jump.amplitude.max(amplitude);
         }
         if top > T::zero() {
             residual /= top;

@@ -174,7 +174,7 @@ impl<T: Real> Coupled<T> {
         let lockstep = Lockstep::of(subdomains.len(), &between);
         let pace = pace::choose(step, &critical, &subdomains, &lockstep)?;
         for (s, steps) in subdomains.iter_mut().zip(pace.steps) {
-            s.set_pace(pace.dt, steps);
+            s.set_pace(pace.dt, steps)?;
         }
         let held = built.iter().map(|i| Held::new(i, &subdomains)).collect();
         let guard = checked_guard(guard, &subdomains)?;

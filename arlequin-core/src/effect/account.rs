@@ -80,6 +80,12 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
         self.work += work;
     }
 
+    /// Adds the work of a whole step, of which nothing is still to come \[J\].
+    pub(crate) fn add_whole(&mut self, work: T) {
+        self.last = T::zero();
+        self.work += work;
+    }
+
     /// Energy \[J\] the effect has created, `work + stored − supplied`: above zero only where its law is at fault.
     pub(crate) fn created(&self) -> T {
         let work = self.work - self.last * T::of(0.5);

@@ -43,6 +43,8 @@ pub struct ForceLaw<T: Real, L> {
     pub arms: Option<Arms>,
     /// As [`AnyEffect::supplied`]: zero for what only dissipates; `None` unless set.
     pub supplied: Option<T>,
+    /// As [`Effect::is_dead`]; `false` unless set.
+    pub dead: bool,
     /// Whether its last forces belong to the state of a run: for laws that read them.
     pub remembers: bool,
 }
@@ -57,6 +59,7 @@ impl<T: Real, L> ForceLaw<T, L> {
             demand: StepDemand::none(),
             arms: None,
             supplied: None,
+            dead: false,
             remembers: false,
         }
     }
@@ -111,6 +114,9 @@ impl<T: Real, L: FnMut(&Instant<'_, T>, &mut [T], &mut [T]) + Send> Effect<T> fo
     }
     fn power(&self, v: &[T]) -> T {
         dot(&self.force, v)
+    }
+    fn is_dead(&self) -> bool {
+        self.dead
     }
     fn step_demand(&self) -> StepDemand<T> {
         self.demand

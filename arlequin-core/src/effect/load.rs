@@ -158,6 +158,10 @@ impl<T: Real> Effect<T> for WeightedLoad<T> {
         Ok(())
     }
 
+    fn is_dead(&self) -> bool {
+        true
+    }
+
     fn power(&self, v: &[T]) -> T {
         self.forces.iter().fold(T::zero(), |s, &(dof, a)| s + a * v[dof]) * self.factor
     }

@@ -168,4 +168,9 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::none()
     }
+
+    /// Whether its forces depend on time alone: only such can act on a model that steps implicitly.
+    fn is_dead(&self) -> bool {
+        false
+    }
 }

@@ -41,6 +41,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
         };
         Ok(Box::new(ForceLaw {
             force,
+            dead: true,
             ..ForceLaw::new("body-force", 0, add)
         }))
     }
@@ -183,6 +184,7 @@ impl<T: Real> EffectSpec<T> for Prestress {
         };
         Ok(Box::new(ForceLaw {
             arms: Some(Arms::Reference),
+            dead: true,
             remembers: true,
             ..ForceLaw::new("prestress", to.inertia.len(), law)
         }))

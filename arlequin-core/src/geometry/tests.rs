@@ -1,4 +1,5 @@
 use super::*;
+use approx::assert_abs_diff_eq;
 use proptest::prelude::*;
 
 fn cube(low: f64, side: f64) -> Polyhedron<f64> {
@@ -50,7 +51,7 @@ fn quintic_rule_is_exact_on_a_tetrahedron() {
                         .sum();
                     let exact =
                         fact(a as u32) * fact(b as u32) * fact(c as u32) / fact((a + b + c + 3) as u32);
-                    assert!((s - exact).abs() < 1e-15, "{a} {b} {c}");
+                    assert_abs_diff_eq!(s, exact, epsilon = 1e-15);
                 }
             }
         }
@@ -83,7 +84,38 @@ fn four_samples_integrate_quadratics_over_a_polyhedron() {
                 .map(|s| s.measure * s.point.x.powi(a) * s.point.y.powi(b) * s.point.z.powi(c))
                 .sum::<f64>()
         };
-        assert!((sum(&whole) - sum(&parts)).abs() < 1e-14, "{a} {b} {c}");
+        assert_abs_diff_eq!(sum(&whole), sum(&parts), epsilon = 1e-14);
+    }
+}
+
+#[test]
+fn the_lean_rule_integrates_quintics_with_half_the_samples() {
+    let plane = |n: [f64; 3], d: f64| HalfSpace {
+        normal: Vector3::from(n),
+        offset: d,
+    };
+    let body = cube(0.0, 1.0).intersection(&[
+        plane([1.0, 0.7, 0.4], 1.3),
+        plane([-0.3, 1.0, -0.8], 0.5),
+        plane([0.2, -0.9, 1.0], 0.8),
+    ]);
+    let cell = Cell::Polyhedron(body);
+    let (mut full, mut lean) = (Vec::new(), Vec::new());
+    cell.quadrature(5, &mut full);
+    cell.lean_quadrature(5, &mut lean);
+    assert!(
+        10 * lean.len() <= 6 * full.len(),
+        "{} of {}",
+        lean.len(),
+        full.len()
+    );
+    for (a, b, c) in [(0, 0, 0), (5, 0, 0), (1, 3, 1), (0, 2, 3), (2, 2, 1)] {
+        let sum = |samples: &[Sample<f64>]| -> f64 {
+            let value = |s: &Sample<f64>| s.point.x.powi(a) * s.point.y.powi(b) * s.point.z.powi(c);
+            samples.iter().map(|s| s.measure * value(s)).sum()
+        };
+        let (whole, half) = (sum(&full), sum(&lean));
+        assert!((whole - half).abs() < 1e-14, "{a} {b} {c}: {whole} {half}");
     }
 }
 
@@ -91,7 +123,7 @@ fn four_samples_integrate_quadratics_over_a_polyhedron() {
 fn mean_over_a_segment_with_a_kink() {
     let ends = [Point3::new(-1.0, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0)];
     let cell = Cell::Segment { ends, section: 2.0 };
-    assert!((mean(&cell, 1, &|x: &Point3<f64>| x.x.abs()) - 0.5).abs() < 1e-15);
+    assert_abs_diff_eq!(mean(&cell, 1, &|x: &Point3<f64>| x.x.abs()), 0.5, epsilon = 1e-15);
 }
 
 #[test]
@@ -100,7 +132,7 @@ fn a_plane_through_a_face_cuts_nothing_or_everything() {
         normal: Vector3::z(),
         offset: 1.0,
     };
-    assert!((cube(0.0, 1.0).clip(&plane).volume() - 1.0).abs() < 1e-15);
+    assert_abs_diff_eq!(cube(0.0, 1.0).clip(&plane).volume(), 1.0, epsilon = 1e-15);
     assert_eq!(cube(0.0, 1.0).clip(&plane.flipped()).faces.len(), 0);
 }
 
@@ -189,8 +221,8 @@ fn tetrahedra_whose_faces_coincide_to_round_off_have_the_same_intersection_both_
     ]);
     // Exact: the part of A with x between 1/3 and 1/2 that lies in B; both ways, and 3.17 instead of 3.52 thousandths.
     let (ab, ba) = (common(&a, &b), common(&b, &a));
-    assert!((ab - ba).abs() < 1e-16, "{ab:e} {ba:e}");
-    assert!((ab - 3.1722e-3).abs() < 1e-7, "{ab:e}");
+    assert_abs_diff_eq!(ab, ba, epsilon = 1e-16);
+    assert_abs_diff_eq!(ab, 3.1722e-3, epsilon = 1e-7);
 }
 
 /// Rotation and shift, and a shake of round-off size.

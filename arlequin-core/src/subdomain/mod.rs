@@ -4,11 +4,14 @@
 //! half of the step and owns the forces, `account` owns the works and energies.
 
 mod account;
+mod average;
+mod guest;
 mod motion;
 mod own;
 mod prepare;
 mod record;
 mod step;
+mod stride;
 
 pub use motion::PrescribedMotion;
 pub use own::OwnStep;
@@ -22,7 +25,9 @@ use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
 use crate::{Error, NodallyWeighted, Real, Result};
-use account::Evolved;
+use account::{Energies, Evolved};
+use average::Average;
+use guest::Guest;
 use nalgebra::{Point3, Vector3};
 use own::Pace;
 use std::sync::Arc;
@@ -39,6 +44,17 @@ pub enum Partition {
     /// They need not: a deliberate study, such as an impedance jump by constant weights over whole models. Mass and
     /// stiffness are then not those of the body.
     Unchecked,
+}
+
+/// What makes the own steps.
+#[derive(Debug)]
+enum Stepper<T: Real> {
+    /// Velocity Verlet.
+    Verlet,
+    /// The implicit scheme.
+    Average(Box<Average<T>>),
+    /// A solver of its own.
+    Guest(Box<Guest<T>>),
 }
 
 /// One model with everything the coupled run knows of it.
@@ -61,10 +77,10 @@ pub struct Subdomain<T: Real> {
     /// How it was asked to step, and how it steps.
     own: OwnStep<T>,
     pace: Pace<T>,
+    stepper: Stepper<T>,
     /// Line of the ledger of a model that evolves.
     evolved: Option<Evolved<T>>,
-    /// Internal energy \[J\] found by the last [`Self::invariant`].
-    drawn_energy: T,
+    energies: Energies<T>,
 }
 
 impl<T: Real> std::fmt::Debug for Subdomain<T> {
@@ -112,8 +128,9 @@ impl<T: Real> Subdomain<T> {
                 steps: 1,
                 dt: T::zero(),
             },
+            stepper: Stepper::Verlet,
             evolved: model.evolving().map(|e| Evolved::new(e.effect())),
-            drawn_energy: T::zero(),
+            energies: Energies::unknown(),
             model,
         }
     }

@@ -1,7 +1,7 @@
 //! How a participant steps between two reflections.
 
 use super::Subdomain;
-use crate::Real;
+use crate::{Real, Result};
 
 /// How a participant of a run gets from one reflection to the next, a step of the run `ΔT` later.
 ///
@@ -51,12 +51,19 @@ impl<T: Real> Subdomain<T> {
     }
 
     /// Takes so many own steps in a step of the run.
-    pub(crate) fn set_pace(&mut self, run: T, steps: usize) {
+    ///
+    /// # Errors
+    /// [`crate::Error::Unsupported`] where it is to step implicitly and cannot.
+    pub(crate) fn set_pace(&mut self, run: T, steps: usize) -> Result<()> {
         let dt = if steps == 1 {
             run
         } else {
             run / T::of(steps as f64)
         };
         self.pace = Pace { steps, dt };
+        match self.own {
+            OwnStep::Implicit => self.make_implicit(),
+            _ => Ok(()),
+        }
     }
 }

@@ -15,8 +15,12 @@ impl<T: Real> Subdomain<T> {
         if let Some(memory) = self.memory.take() {
             self.model.restore(&memory)?;
         }
-        self.model
-            .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
+        if self.is_guest() {
+            self.weigh_guest(paired)?;
+        } else {
+            self.model
+                .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
+        }
         check_finite("weighted inertia", &self.inertia)?;
         let prescribed = self.prescribed()?;
         self.invert(&prescribed)?;

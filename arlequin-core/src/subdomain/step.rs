@@ -1,6 +1,7 @@
 //! Velocity Verlet's half of the step: positions, forces, uncorrected velocities.
 
-use super::Subdomain;
+use super::account::Energies;
+use super::{Stepper, Subdomain};
 use crate::effect::Instant;
 use crate::model::{Evolution, State};
 use crate::phase::Phase;
@@ -66,9 +67,28 @@ impl<T: Real> Forces<T> {
         &self.internal
     }
 
+    /// The same, to be found anew.
+    pub(super) fn internal_mut(&mut self) -> &mut [T] {
+        &mut self.internal
+    }
+
     /// Goes to the internal forces of another instant.
     pub(super) fn restore(&mut self, internal: &[T]) {
-        self.internal.copy_from_slice(internal);
+        if self.internal.len() == internal.len() {
+            self.internal.copy_from_slice(internal);
+        }
+    }
+
+    /// Whether there is nothing but internal forces.
+    pub(super) fn are_internal(&self) -> bool {
+        matches!(self.loads, Loads::Absent)
+    }
+
+    /// Gives all memory back: the model makes its steps itself.
+    pub(super) fn release(&mut self) {
+        self.internal = Vec::new();
+        self.internal_before = Vec::new();
+        self.q_before = Vec::new();
     }
 
     /// Displacements and internal forces one step earlier.
@@ -176,6 +196,10 @@ impl<T: Real> Subdomain<T> {
 
     /// Finds forces and accelerations of the start, after [`Self::hold`].
     pub(crate) fn start(&mut self, time: T) -> Result<()> {
+        if self.is_guest() {
+            self.guest_start();
+            return Ok(());
+        }
         let start = self.at_start(time);
         self.forces.internal.fill(T::zero());
         self.model.advance(&self.state.q, &mut self.forces.internal)?;
@@ -199,6 +223,11 @@ impl<T: Real> Subdomain<T> {
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
+        match self.stepper {
+            Stepper::Verlet => {}
+            Stepper::Average(_) => return self.average_step(reached),
+            Stepper::Guest(_) => return self.guest_step(reached),
+        }
         if parallel::pays(self.inertia.len()) {
             // One entry into the pool for all passes: each would cost a wake-up otherwise.
             rayon::scope(|_| self.passes(own, reached, keep, announce))
@@ -214,6 +243,9 @@ impl<T: Real> Subdomain<T> {
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
+        if self.stride(reached, keep)? {
+            return Ok(());
+        }
         let evolves = self.model.evolving().is_some();
         let forces = &mut self.forces;
         std::mem::swap(&mut forces.internal, &mut forces.internal_before);
@@ -232,7 +264,12 @@ impl<T: Real> Subdomain<T> {
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
         // Found at zero by the model: the pass before left it so.
-        self.model.advance(q, &mut forces.internal)?;
+        self.energies.before = self.energies.now.take();
+        if keep {
+            self.energies.now = Some(self.model.advance_with_energy(q, &mut forces.internal)?);
+        } else {
+            self.model.advance(q, &mut forces.internal)?;
+        }
         if evolves {
             announce(Phase::Evolve(own));
             self.evolve(reached.time)?;
@@ -248,13 +285,18 @@ impl<T: Real> Subdomain<T> {
     /// Lets the model change itself; what leaves it is a negative work.
     fn evolve(&mut self, time: T) -> Result<()> {
         if let (Some(model), Some(line)) = (self.model.evolving(), &mut self.evolved) {
-            line.release(model.evolve(Evolution {
+            let released = model.evolve(Evolution {
                 time,
                 q_before: &self.forces.q_before,
                 q: &self.state.q,
                 f_before: &mut self.forces.internal_before,
                 f: &mut self.forces.internal,
-            })?);
+            })?;
+            line.release(released);
+            if released != T::zero() {
+                // Energies of another model.
+                self.energies = Energies::unknown();
+            }
         }
         Ok(())
     }

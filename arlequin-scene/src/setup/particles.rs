@@ -16,18 +16,33 @@ use arlequin::core::{Error as Core, Interpolation, Model, ParticleField, ShapeRo
 use arlequin::dem_beam::DemModel;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// The particle field of a scene: natural neighbours between the centres, for probes and for integration points of another
 /// model, and the particles themselves as integration points of interfaces, where gradients exist as well.
 struct ParticlePoints {
-    natural: NaturalField,
+    /// Made when a point between the particles is asked for first: its tetrahedra take more memory than the model, and
+    /// most runs never ask.
+    natural: OnceLock<Result<NaturalField, String>>,
     particles: Arc<ParticleField<f64>>,
+}
+
+impl ParticlePoints {
+    fn natural(&self) -> arlequin::core::Result<&NaturalField> {
+        let made = self.natural.get_or_init(|| {
+            NaturalField::from_points(self.particles.nodes(), Interpolant::Laplace).map_err(|e| e.to_string())
+        });
+        made.as_ref().map_err(|rule| Core::InvalidParameter {
+            name: "field between the particles".into(),
+            value: format!("{} centres", self.particles.nodes().len()),
+            rule: rule.clone(),
+        })
+    }
 }
 
 impl Interpolation<f64> for ParticlePoints {
     fn nodes(&self) -> &[Point3<f64>] {
-        self.natural.nodes()
+        self.particles.nodes()
     }
     fn shape_at(
         &self,
@@ -36,9 +51,9 @@ impl Interpolation<f64> for ParticlePoints {
         row: &mut ShapeRow<f64>,
     ) -> arlequin::core::Result<()> {
         // Between the particles, where those of another model are, the natural neighbours have gradients as well.
-        match gradient.then(|| self.particles.shape_at(x, true, row)) {
-            None | Some(Err(Core::OutsideDomain { .. })) => self.natural.shape_at(x, gradient, row),
-            Some(found) => found,
+        match self.particles.shape_at(x, gradient, row) {
+            Err(Core::OutsideDomain { .. }) => self.natural()?.shape_at(x, gradient, row),
+            found => found,
         }
     }
     fn samples(&self) -> Option<&[Sample<f64>]> {
@@ -76,17 +91,20 @@ pub(super) fn body(
     let line = PackingLine::of(&packing, table.material.density);
     let warnings = line.warnings();
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
+    drop(packing);
     let model = if table.dem.finite_rotations {
         model.with_finite_rotations()
     } else {
         model
     };
     let (model, grains) = Grains::of(model, table, effects, line)?;
-    let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace).map_err(cnem(key))?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
-        ParticleFieldKind::Natural => Arc::new(natural),
+        ParticleFieldKind::Natural => {
+            let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace);
+            Arc::new(natural.map_err(cnem(key))?)
+        }
         ParticleFieldKind::Particles => Arc::new(ParticlePoints {
-            natural,
+            natural: OnceLock::new(),
             particles: model.particle_field(),
         }),
     };

@@ -47,7 +47,7 @@ pub(super) fn check_own(name: &str, model: &ModelTable) -> Result<()> {
             Err(value(format!("{path}.fraction"), f, rule))
         }
         (None, None, Some(Scheme::Implicit))
-            if !(model.kind.is_solid() || model.kind == ModelKind::Chain) =>
+            if !(model.kind.is_continuum() || model.kind == ModelKind::Chain) =>
         {
             let rule =
                 "is for linear solids: bonds may break and particles turn and touch; give particles a ratio";

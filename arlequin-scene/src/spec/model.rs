@@ -20,7 +20,7 @@ pub enum ModelKind {
 
 impl ModelKind {
     /// Whether it has elements with a strain.
-    pub fn is_solid(self) -> bool {
+    pub fn is_continuum(self) -> bool {
         matches!(self, Self::Fem | Self::Cnem)
     }
 }
@@ -57,7 +57,7 @@ pub struct ModelTable {
 impl ModelTable {
     /// Whether it has elements that fill a volume.
     pub fn has_volume(&self) -> bool {
-        self.kind.is_solid() && !matches!(self.shape, Shape::Bar { .. })
+        self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
     }
 }
 

@@ -24,7 +24,7 @@ pub(super) struct Watch {
 impl Watch {
     /// Prepares the watch over model number `carrier` of the sleeping scene.
     pub(super) fn new(wake: &Wake, carrier: usize, kind: ModelKind, info: &ModelInfo) -> Result<Self> {
-        if !kind.is_solid() {
+        if !kind.is_continuum() {
             let rule = "has no elements in which a strain could be looked at; use kind = \"fem\" or \"cnem\"";
             return Err(value("wake.by", &wake.by, rule));
         }

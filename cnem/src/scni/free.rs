@@ -1,50 +1,168 @@
-//! Internal forces without a stiffness matrix, from the smoothed gradients themselves.
+//! Internal forces from the smoothed gradients themselves, and a matrix for the stabilisation alone.
 //!
-//! With `G_I = ∇̃u_I`, `H_T = ∇u_T` and the weights of [`super::stabilise`] the forces are
-//! `f_j = Σ_I S_I b_Ij + Σ_T R_T g_Tj`, where `S_I = α_I [(V_I + W_I) σ(G_I) − Σ_T∋I w_T σ(H_T)]` and
-//! `R_T = w_T Σ_I∈T α_I [σ(H_T) − σ(G_I)]`. Four passes, each of which writes every value once and from its own list in
-//! a fixed order: stresses of the tetrahedra, of the cells, their differences, and the gathering at the nodes through
-//! the transposed rows of `b`. Results have the same bits for any number of threads.
+//! With `G_I = Σ_k b_Ik ⊗ u_k`, `D_I = Σ_k c_Ik ⊗ u_k` and the weights of [`super::stabilise`] the forces are
+//! `f_j = Σ_I (S_I b_Ij + Q_I c_Ij) + Σ_k K_jk u_k`, where `S_I = α_I [(V_I + W_I) σ(G_I) − σ(D_I)]`, `Q_I = −α_I σ(G_I)` and
+//! `K` is the stiffness of the tetrahedra with the weights `w_T Σ_I∈T α_I`. Three passes, each of which writes every value
+//! once and from its own list in a fixed order: stresses of the cells, the gathering at the nodes through the transposed
+//! rows, the product. Results have the same bits for any number of threads.
 //!
-//! Why not a matrix: it is read from memory once per call, the gradients are a fraction of it. Measured on 9027 nodes with
-//! Laplace functions, one call on one thread (`benches/forces.rs`): 4.9 ms, 1.8 ms without stabilisation, against 12.9 ms
-//! for the product with 3 × 3 blocks; with two threads 2.5, 0.9 and 6.8 ms.
+//! Why not one matrix: cells tie nodes to the neighbours of their neighbours, tetrahedra to neighbours only, so its rows
+//! are five times as long. Why not tetrahedra one by one: a node has 24 of them and reads what each holds, but only 15
+//! neighbours. Figures: decision 0032, `benches/forces.rs` of the workspace.
 
-use super::matrix::{CHUNK, SERIAL};
+use super::matrix::{CHUNK, SERIAL, of_tetrahedra};
 use super::{Smoothing, SubCells};
 use arlequin_core::Elastic;
 use arlequin_core::adjacency::Adjacency;
+use arlequin_core::blocks::BlockMatrix;
+use nalgebra::Vector3;
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A symmetric tensor: xx, yy, zz, yz, xz, xy.
-type Sym = [f64; 6];
+/// Four lanes: three components, and whatever lies behind them in memory, which is never read.
+type Lanes = [f64; 4];
 
-/// Sparse rows of vectors.
-type Rows = Adjacency<(u32, [f64; 3])>;
+/// What a cell gives to its nodes: the columns of `S_I` and of `Q_I`, each of three numbers, and room for the last lanes.
+type Stresses = [f64; 20];
 
-/// The smoothed gradients by cell, without the zeros that the stabilisation added to the pattern.
-fn by_cell(smoothing: &Smoothing) -> Rows {
-    Rows::from_rows((0..smoothing.volumes.len()).map(|cell| {
-        let (nodes, gradients) = smoothing.row(cell);
-        let row = nodes.iter().zip(gradients).map(|(&k, g)| (k, [g.x, g.y, g.z]));
-        row.filter(|e| e.1.iter().any(|g| g.abs() > 0.0))
-    }))
+/// An entry of a row: its column, `b` and, where there is one, `c`.
+type Entry = (u32, Vector3<f64>, Vector3<f64>);
+
+/// Sparse rows of `b` and `c`. Entries with a `c` come first.
+#[derive(Debug, Clone)]
+struct Rows {
+    starts: Vec<usize>,
+    columns: Vec<u32>,
+    /// Three numbers an entry, and one more at the end.
+    b: Vec<f64>,
+    with_c: Vec<usize>,
+    c: Vec<f64>,
 }
 
-/// The same entries by node, cells ascending.
-fn by_node(cells: &Rows) -> Rows {
-    let entry = |cell: usize| cells.row(cell).iter().map(move |&(k, g)| (k, (cell as u32, g)));
-    Rows::new(cells.len(), (0..cells.len()).flat_map(entry))
+/// One row.
+struct Row<'a> {
+    columns: &'a [u32],
+    b: &'a [f64],
+    c: &'a [f64],
 }
 
-/// Values computed by every call.
-#[derive(Debug, Clone, Default)]
-struct Buffers {
-    /// `w_T σ(H_T)`, then `R_T` \[N·m\].
-    tets: Vec<Sym>,
-    /// `S_I` and `α_I σ(G_I)`.
-    cells: Vec<[Sym; 2]>,
+impl Rows {
+    /// From rows of entries in any order.
+    fn new<R: Iterator<Item = Entry>>(rows: impl Iterator<Item = R>) -> Self {
+        let mut out = Self {
+            starts: vec![0],
+            columns: Vec::new(),
+            b: Vec::new(),
+            with_c: vec![0],
+            c: Vec::new(),
+        };
+        let mut row: Vec<Entry> = Vec::new();
+        let nothing = |v: &Vector3<f64>| v.iter().all(|x| x.abs() <= 0.0);
+        for entries in rows {
+            row.clear();
+            row.extend(entries.filter(|e| !(nothing(&e.1) && nothing(&e.2))));
+            row.sort_by_key(|e| (nothing(&e.2), e.0));
+            for (column, b, c) in &row {
+                out.columns.push(*column);
+                out.b.extend(b.iter());
+                if !nothing(c) {
+                    out.c.extend(c.iter());
+                }
+            }
+            out.starts.push(out.columns.len());
+            out.with_c.push(out.c.len() / 3);
+        }
+        out.b.push(0.0);
+        out.c.push(0.0);
+        out
+    }
+
+    /// The gradients by cell.
+    fn by_cell(smoothing: &Smoothing, sub: &SubCells) -> Self {
+        Self::new((0..smoothing.volumes.len()).map(|cell| {
+            let range = smoothing.starts[cell]..smoothing.starts[cell + 1];
+            let (nodes, b) = smoothing.row(cell);
+            let both = b.iter().zip(&sub.mixed[range]);
+            nodes.iter().zip(both).map(|(k, (b, c))| (*k, *b, *c))
+        }))
+    }
+
+    /// The same by node.
+    fn by_node(smoothing: &Smoothing, sub: &SubCells) -> Self {
+        let cells = smoothing.volumes.len();
+        let at = Adjacency::of_slots(cells, &smoothing.nodes);
+        let cell_of = |slot: usize| smoothing.starts.partition_point(|s| *s <= slot) - 1;
+        Self::new((0..cells).map(|node| {
+            at.row(node).iter().map(|&slot| {
+                let slot = slot as usize;
+                (cell_of(slot) as u32, smoothing.gradients[slot], sub.mixed[slot])
+            })
+        }))
+    }
+
+    #[inline(always)]
+    fn row(&self, i: usize) -> Row<'_> {
+        let (b, c) = (
+            self.starts[i]..self.starts[i + 1],
+            self.with_c[i]..self.with_c[i + 1],
+        );
+        Row {
+            columns: &self.columns[b.clone()],
+            b: &self.b[3 * b.start..3 * b.end + 1],
+            c: &self.c[3 * c.start..3 * c.end + 1],
+        }
+    }
+}
+
+#[inline(always)]
+fn lanes(of: &[f64], at: usize) -> Lanes {
+    let s = &of[at..at + 4];
+    [s[0], s[1], s[2], s[3]]
+}
+
+#[inline(always)]
+fn add(sum: &mut Lanes, factor: f64, v: Lanes) {
+    for (sum, v) in sum.iter_mut().zip(v) {
+        *sum += factor * v;
+    }
+}
+
+/// `G` and `D` of a cell, by rows.
+#[inline(always)]
+fn gradients(row: &Row<'_>, q: &[[f64; 3]]) -> [[Lanes; 3]; 2] {
+    let [mut g, mut d] = [[[0.0; 4]; 3]; 2];
+    let with_c = row.c.len() / 3;
+    for (k, &node) in row.columns.iter().enumerate() {
+        let u = &q[node as usize];
+        let b = lanes(row.b, 3 * k);
+        (0..3).for_each(|r| add(&mut g[r], u[r], b));
+        if k < with_c {
+            let c = lanes(row.c, 3 * k);
+            (0..3).for_each(|r| add(&mut d[r], u[r], c));
+        }
+    }
+    [g, d]
+}
+
+/// Columns of the stress of a gradient.
+#[inline(always)]
+fn stress(g: &[Lanes; 3], [lambda, mu]: [f64; 2]) -> [[f64; 3]; 3] {
+    let trace = lambda * (g[0][0] + g[1][1] + g[2][2]);
+    let mut out = [[0.0; 3]; 3];
+    for (c, out) in out.iter_mut().enumerate() {
+        for (r, out) in out.iter_mut().enumerate() {
+            *out = mu * (g[r][c] + g[c][r]);
+        }
+        out[c] += trace;
+    }
+    out
+}
+
+/// `a : g`.
+#[inline(always)]
+fn product(a: &[[f64; 3]; 3], g: &[Lanes; 3]) -> f64 {
+    (0..3).fold(0.0, |s, r| (0..3).fold(s, |s, c| s + a[c][r] * g[r][c]))
 }
 
 /// The internal forces of the weighted body, computed from gradients.
@@ -52,73 +170,103 @@ struct Buffers {
 pub(crate) struct MatrixFree {
     rows: Rows,
     columns: Rows,
-    corners: Adjacency,
+    /// `V_I + W_I` \[m³\].
+    volumes: Vec<f64>,
     lame: [f64; 2],
     alpha: Vec<f64>,
-    buffers: Buffers,
+    /// Stiffness of the tetrahedra; none without stabilisation.
+    tets: Option<BlockMatrix<f64>>,
+    /// Computed by every call.
+    cells: Vec<Stresses>,
 }
 
-#[inline]
-fn stress(g: &[f64; 9], [lambda, mu]: [f64; 2]) -> Sym {
-    let (trace, two) = (lambda * (g[0] + g[4] + g[8]), 2.0 * mu);
-    [
-        trace + two * g[0],
-        trace + two * g[4],
-        trace + two * g[8],
-        mu * (g[5] + g[7]),
-        mu * (g[2] + g[6]),
-        mu * (g[1] + g[3]),
-    ]
+/// Stresses of consecutive cells.
+struct Cells<'a> {
+    of: &'a MatrixFree,
+    q: &'a [[f64; 3]],
+    first: usize,
+    out: &'a mut [Stresses],
 }
 
-#[inline]
-fn add_outer(sum: &mut [f64; 9], u: &[f64; 3], b: [f64; 3]) {
-    for r in 0..3 {
-        for c in 0..3 {
-            sum[3 * r + c] += u[r] * b[c];
+impl NullaryFnOnce for Cells<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (i, out) in (self.first..).zip(self.out) {
+            let [g, d] = gradients(&self.of.rows.row(i), self.q);
+            let (s, t) = (stress(&g, self.of.lame), stress(&d, self.of.lame));
+            let (volume, alpha) = (self.of.volumes[i], self.of.alpha[i]);
+            for c in 0..3 {
+                for r in 0..3 {
+                    out[3 * c + r] = alpha * (volume * s[c][r] - t[c][r]);
+                    out[9 + 3 * c + r] = -alpha * s[c][r];
+                }
+            }
         }
     }
 }
 
-#[inline]
-fn add_traction(f: &mut [f64; 3], s: &Sym, b: [f64; 3]) {
-    f[0] += s[0] * b[0] + s[5] * b[1] + s[4] * b[2];
-    f[1] += s[5] * b[0] + s[1] * b[1] + s[3] * b[2];
-    f[2] += s[4] * b[0] + s[3] * b[1] + s[2] * b[2];
+/// Forces on consecutive nodes, subtracted from `f`.
+struct Nodes<'a> {
+    columns: &'a Rows,
+    cells: &'a [Stresses],
+    first: usize,
+    f: &'a mut [[f64; 3]],
 }
 
-/// `σ(g) : g`.
-fn product(g: &[f64; 9], lame: [f64; 2]) -> f64 {
-    let s = stress(g, lame);
-    let shear = s[3] * (g[5] + g[7]) + s[4] * (g[2] + g[6]) + s[5] * (g[1] + g[3]);
-    s[0] * g[0] + s[1] * g[4] + s[2] * g[8] + shear
-}
+impl NullaryFnOnce for Nodes<'_> {
+    type Output = ();
 
-/// Gradient of a tetrahedron.
-#[inline]
-fn linear(sub: &SubCells, t: usize, q: &[[f64; 3]]) -> [f64; 9] {
-    let mut out = [0.0; 9];
-    for (&k, g) in sub.tets[t].iter().zip(&sub.gradients[t]) {
-        add_outer(&mut out, &q[k as usize], [g.x, g.y, g.z]);
-    }
-    out
-}
-
-/// Calls `work` for every item, on all threads when there are many. Allocates nothing.
-fn each<T: Send>(items: &mut [T], nodes: usize, work: impl Fn(usize, &mut T) + Sync) {
-    let chunk = |c: usize, items: &mut [T]| {
-        for (k, item) in items.iter_mut().enumerate() {
-            work(c * CHUNK + k, item);
+    #[inline(always)]
+    fn call(self) {
+        for (j, f) in (self.first..).zip(self.f) {
+            let row = self.columns.row(j);
+            let with_c = row.c.len() / 3;
+            let mut y = [0.0; 4];
+            for (k, &cell) in row.columns.iter().enumerate() {
+                let stresses = &self.cells[cell as usize];
+                (0..3).for_each(|c| add(&mut y, row.b[3 * k + c], lanes(stresses, 3 * c)));
+                if k < with_c {
+                    (0..3).for_each(|c| add(&mut y, row.c[3 * k + c], lanes(stresses, 9 + 3 * c)));
+                }
+            }
+            (0..3).for_each(|a| f[a] -= y[a]);
         }
-    };
-    if nodes < SERIAL {
-        chunk(0, items);
-    } else {
-        items
-            .par_chunks_mut(CHUNK)
-            .enumerate()
-            .for_each(|(c, items)| chunk(c, items));
     }
+}
+
+/// Twice the energy of consecutive cells, without the part of the tetrahedra.
+struct Energies<'a> {
+    of: &'a MatrixFree,
+    q: &'a [[f64; 3]],
+    range: Range<usize>,
+}
+
+impl NullaryFnOnce for Energies<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call(self) -> f64 {
+        let mut sum = 0.0;
+        for i in self.range {
+            let [g, d] = gradients(&self.of.rows.row(i), self.q);
+            let s = stress(&g, self.of.lame);
+            sum += self.of.alpha[i] * (self.of.volumes[i] * product(&s, &g) - 2.0 * product(&s, &d));
+        }
+        sum
+    }
+}
+
+/// Calls `work` for chunks of the items, on all threads when there are many. Allocates nothing.
+fn each<T: Send>(items: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
+    if items.len() < SERIAL {
+        return work(0, items);
+    }
+    items
+        .par_chunks_mut(CHUNK)
+        .enumerate()
+        .for_each(|(c, items)| work(c * CHUNK, items));
 }
 
 impl MatrixFree {
@@ -129,22 +277,23 @@ impl MatrixFree {
         material: &Elastic<f64>,
         alpha: Vec<f64>,
     ) -> Self {
-        let rows = by_cell(smoothing);
-        Self {
-            columns: by_node(&rows),
-            rows,
-            corners: Adjacency::of_slots(alpha.len(), sub.tets.as_flattened()),
+        let volumes = smoothing.volumes.iter().zip(&sub.sums).map(|(v, w)| v + w);
+        let mut out = Self {
+            rows: Rows::by_cell(smoothing, sub),
+            columns: Rows::by_node(smoothing, sub),
+            volumes: volumes.collect(),
             lame: material.lame(),
-            buffers: Buffers {
-                tets: vec![Sym::default(); sub.tets.len()],
-                cells: vec![[Sym::default(); 2]; alpha.len()],
-            },
-            alpha,
-        }
+            cells: vec![[0.0; 20]; alpha.len()],
+            alpha: Vec::new(),
+            tets: None,
+        };
+        out.set_weights(sub, alpha);
+        out
     }
 
     /// Changes the weights \[–\] of the cells.
-    pub(crate) fn set_weights(&mut self, alpha: Vec<f64>) {
+    pub(crate) fn set_weights(&mut self, sub: &SubCells, alpha: Vec<f64>) {
+        self.tets = (!sub.tets.is_empty()).then(|| of_tetrahedra(sub, self.lame, &alpha));
         self.alpha = alpha;
     }
 
@@ -154,91 +303,52 @@ impl MatrixFree {
     }
 
     /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
-    pub(crate) fn subtract_product(
-        &mut self,
-        smoothing: &Smoothing,
-        sub: &SubCells,
-        q: &[f64],
-        f: &mut [f64],
-    ) {
-        let (q, lame, alpha) = (q.as_chunks::<3>().0, self.lame, &self.alpha);
-        let n = q.len();
-        let Buffers { tets, cells } = &mut self.buffers;
-        each(tets, n, |t, s| {
-            *s = stress(&linear(sub, t, q), lame).map(|v| v * sub.weights[t]);
+    pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
+        let arch = Arch::new();
+        let nodes = q.as_chunks::<3>().0;
+        let mut cells = std::mem::take(&mut self.cells);
+        let of = &*self;
+        each(&mut cells, |first, out| {
+            let q = nodes;
+            arch.dispatch(Cells { of, q, first, out });
         });
-        each(cells, n, |i, out| {
-            let s = stress(&gradient(&self.rows, i, q), lame);
-            let mut sum = s.map(|v| v * (smoothing.volumes[i] + sub.sums[i]));
-            for &at in self.corners.row(i) {
-                let t = &tets[at as usize / 4];
-                (0..6).for_each(|c| sum[c] -= t[c]);
-            }
-            *out = [sum.map(|v| v * alpha[i]), s.map(|v| v * alpha[i])];
+        each(f.as_chunks_mut::<3>().0, |first, f| {
+            arch.dispatch(Nodes {
+                columns: &of.columns,
+                cells: &cells,
+                first,
+                f,
+            });
         });
-        each(tets, n, |t, s| {
-            let (mut share, mut mean) = (0.0, Sym::default());
-            for &i in &sub.tets[t] {
-                share += alpha[i as usize];
-                (0..6).for_each(|c| mean[c] += cells[i as usize][1][c]);
-            }
-            (0..6).for_each(|c| s[c] = share * s[c] - sub.weights[t] * mean[c]);
-        });
-        each(f.as_chunks_mut::<3>().0, n, |j, f| {
-            let mut y = [0.0; 3];
-            for &(i, b) in self.columns.row(j) {
-                add_traction(&mut y, &cells[i as usize][0], b);
-            }
-            for &at in self.corners.row(j) {
-                let (t, corner) = (at as usize / 4, at as usize % 4);
-                let g = &sub.gradients[t][corner];
-                add_traction(&mut y, &tets[t], [g.x, g.y, g.z]);
-            }
-            (0..3).for_each(|a| f[a] -= y[a]);
-        });
+        self.cells = cells;
+        if let Some(tets) = &self.tets {
+            tets.subtract_product(q, f);
+        }
     }
 
     /// `½ qᵀ K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
-    pub(crate) fn energy(&self, smoothing: &Smoothing, sub: &SubCells, q: &[f64]) -> f64 {
-        let q = q.as_chunks::<3>().0;
-        0.5 * tree(0..q.len(), &|i| self.cell_energy(smoothing, sub, q, i))
+    pub(crate) fn energy(&self, q: &[f64]) -> f64 {
+        let arch = Arch::new();
+        let nodes = q.as_chunks::<3>().0;
+        let cells = tree(0..nodes.len(), &|range| {
+            let (of, q) = (self, nodes);
+            arch.dispatch(Energies { of, q, range })
+        });
+        0.5 * cells + self.tets.as_ref().map_or(0.0, |t| t.energy(q))
     }
-
-    /// `α_I [V_I σ(G_I) : G_I + Σ_T∋I w_T σ(G_I − H_T) : (G_I − H_T)]`.
-    fn cell_energy(&self, smoothing: &Smoothing, sub: &SubCells, q: &[[f64; 3]], i: usize) -> f64 {
-        let g = gradient(&self.rows, i, q);
-        let mut sum = smoothing.volumes[i] * product(&g, self.lame);
-        for &at in self.corners.row(i) {
-            let t = at as usize / 4;
-            let mut h = linear(sub, t, q);
-            (0..9).for_each(|c| h[c] = g[c] - h[c]);
-            sum += sub.weights[t] * product(&h, self.lame);
-        }
-        sum * self.alpha[i]
-    }
-}
-
-/// Smoothed gradient of a cell.
-#[inline]
-fn gradient(rows: &Rows, cell: usize, q: &[[f64; 3]]) -> [f64; 9] {
-    let mut out = [0.0; 9];
-    for &(k, b) in rows.row(cell) {
-        add_outer(&mut out, &q[k as usize], b);
-    }
-    out
 }
 
 /// Sums over a fixed tree.
-fn tree(range: Range<usize>, value: &(impl Fn(usize) -> f64 + Sync)) -> f64 {
+fn tree(range: Range<usize>, sum: &(impl Fn(Range<usize>) -> f64 + Sync)) -> f64 {
     if range.len() <= CHUNK {
-        return range.map(value).sum();
+        return sum(range);
     }
     let middle = range.start + range.len() / 2;
     let (low, high) = (range.start..middle, middle..range.end);
     let (a, b) = if range.len() < SERIAL {
-        (tree(low, value), tree(high, value))
+        (tree(low, sum), tree(high, sum))
     } else {
-        rayon::join(|| tree(low, value), || tree(high, value))
+        rayon::join(|| tree(low, sum), || tree(high, sum))
     };
     a + b
 }

@@ -36,7 +36,6 @@ impl<'a> Parts<'a> {
         for i in 0..n {
             owner[smoothing.starts[i]..smoothing.starts[i + 1]].fill(i as u32);
         }
-        let share = |t: &[u32; 4]| t.iter().map(|&v| alpha[v as usize]).sum::<f64>();
         Self {
             smoothing,
             sub,
@@ -44,12 +43,7 @@ impl<'a> Parts<'a> {
             entries: Adjacency::of_slots(n, &smoothing.nodes),
             corners: Adjacency::of_slots(n, sub.tets.as_flattened()),
             alpha,
-            tet_weights: sub
-                .tets
-                .iter()
-                .zip(&sub.weights)
-                .map(|(t, w)| w * share(t))
-                .collect(),
+            tet_weights: tet_weights(sub, alpha),
         }
     }
 
@@ -91,21 +85,54 @@ impl<'a> Parts<'a> {
                 }
             }
         }
-        for &at in self.corners.row(node) {
-            let (t, corner) = (at as usize / 4, at as usize % 4);
-            let (g, w) = (&self.sub.gradients[t], self.tet_weights[t]);
-            for (k, gk) in self.sub.tets[t].iter().zip(g) {
-                let p = &mut p[slot[*k as usize] as usize];
-                for a in 0..3 {
-                    for b in 0..3 {
-                        p[(a, b)] += w * (g[corner][a] * gk[b]);
-                    }
-                }
-            }
-        }
+        add_tetrahedra(self.sub, &self.tet_weights, self.corners.row(node), slot, &mut p);
         columns.iter().for_each(|&k| slot[k as usize] = NONE);
         (columns, p)
     }
+}
+
+/// `Σ_I∋T α_I w_T` of every tetrahedron.
+fn tet_weights(sub: &SubCells, alpha: &[f64]) -> Vec<f64> {
+    let share = |t: &[u32; 4]| t.iter().map(|&v| alpha[v as usize]).sum::<f64>();
+    sub.tets
+        .iter()
+        .zip(&sub.weights)
+        .map(|(t, w)| w * share(t))
+        .collect()
+}
+
+/// Adds the sum over the tetrahedra at a node, given by their corners there, to its row.
+fn add_tetrahedra(sub: &SubCells, weights: &[f64], corners: &[u32], slot: &[u32], p: &mut [Matrix3<f64>]) {
+    for &at in corners {
+        let (t, corner) = (at as usize / 4, at as usize % 4);
+        let (g, w) = (&sub.gradients[t], weights[t]);
+        for (k, gk) in sub.tets[t].iter().zip(g) {
+            let p = &mut p[slot[*k as usize] as usize];
+            for a in 0..3 {
+                for b in 0..3 {
+                    p[(a, b)] += w * (g[corner][a] * gk[b]);
+                }
+            }
+        }
+    }
+}
+
+/// The sum over the tetrahedra alone, in rows of 3 × 3 blocks.
+pub(super) fn of_tetrahedra(sub: &SubCells, lame: [f64; 2], alpha: &[f64]) -> BlockMatrix<f64> {
+    let weights = tet_weights(sub, alpha);
+    let corners = Adjacency::of_slots(alpha.len(), sub.tets.as_flattened());
+    let row = |slot: &mut Vec<u32>, node: usize| {
+        let corners = corners.row(node);
+        let around = corners.iter().flat_map(|at| sub.tets[*at as usize / 4]);
+        let mut columns: Vec<u32> = around.collect();
+        columns.sort_unstable();
+        columns.dedup();
+        let mut p = vec![Matrix3::zeros(); columns.len()];
+        (0..).zip(&columns).for_each(|(at, k)| slot[*k as usize] = at);
+        add_tetrahedra(sub, &weights, corners, slot, &mut p);
+        (columns, p.iter().map(|p| block(p, lame)).collect())
+    };
+    gathered(alpha.len(), &row)
 }
 
 fn block(p: &Matrix3<f64>, [lambda, mu]: [f64; 2]) -> [f64; 9] {
@@ -129,20 +156,24 @@ pub(crate) fn stiffness(
     alpha: &[f64],
 ) -> BlockMatrix<f64> {
     let parts = Parts::new(smoothing, sub, alpha);
-    let n = smoothing.volumes.len();
     let lame = material.lame();
+    gathered(smoothing.volumes.len(), &|slot, i| {
+        let (columns, p) = parts.row(i, slot);
+        (columns, p.iter().map(|p| block(p, lame)).collect())
+    })
+}
+
+/// A matrix of so many rows, each with its columns and blocks from `row`, which may use a slot per node for itself.
+fn gathered(
+    n: usize,
+    row: &(impl Fn(&mut Vec<u32>, usize) -> (Vec<u32>, Vec<[f64; 9]>) + Sync),
+) -> BlockMatrix<f64> {
     let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
     // In batches, so that the rows in flight stay small beside the matrix.
     for first in (0..n).step_by(64 * CHUNK) {
-        let rows: Vec<(Vec<u32>, Vec<[f64; 9]>)> = (first..(first + 64 * CHUNK).min(n))
+        let rows: Vec<_> = (first..(first + 64 * CHUNK).min(n))
             .into_par_iter()
-            .map_init(
-                || vec![NONE; n],
-                |slot, i| {
-                    let (columns, p) = parts.row(i, slot);
-                    (columns, p.iter().map(|p| block(p, lame)).collect())
-                },
-            )
+            .map_init(|| vec![NONE; n], row)
             .collect();
         for (row, blocks) in rows {
             columns.extend(row);

@@ -1,0 +1,206 @@
+//! The implicit stepper: average acceleration, for linear continua.
+//!
+//! ```text
+//! (M + Δt²/4 K) v̄ = M v_0 + Δt/2 (F_½ − K q_0),     q_1 = q_0 + Δt v̄,     v_1 = 2 v̄ − v_0
+//! ```
+//!
+//! Newmark's scheme with `β = 1/4`, loads taken in the middle of the step. It has no critical step and keeps
+//! `½vᵀMv + ½qᵀKq`, which changes by the work `Δt F_½·v̄` alone. The matrix is factored once.
+
+use super::{Stepper, Subdomain};
+use crate::effect::Instant;
+use crate::linalg::SpdFactor;
+use crate::model::State;
+use crate::weight::Weighting;
+use crate::{Error, Real, Result, parallel};
+use sprs::TriMat;
+
+use super::step::Reached;
+
+/// What the implicit stepper keeps.
+#[derive(Debug)]
+pub(super) struct Average<T> {
+    factor: Box<dyn SpdFactor<T>>,
+    /// Mean velocities of the step.
+    mean: Vec<T>,
+    /// Loads in the middle of the step.
+    loads: Vec<T>,
+    /// Displacements in the middle of the step where they are prescribed, those at its start elsewhere; and forces there.
+    trial: Vec<T>,
+    pull: Vec<T>,
+    /// Work of the moving supports in the step \[J\].
+    pub(super) support: T,
+}
+
+impl<T: Real> Subdomain<T> {
+    /// Factors the matrix of the implicit stepper.
+    pub(super) fn make_implicit(&mut self) -> Result<()> {
+        if let Some(why) = self.not_implicit() {
+            return Err(Error::Unsupported {
+                model: self.model.name().to_owned(),
+                what: format!(
+                    "step implicitly: {why}; let it step explicitly, with own steps where it needs them"
+                ),
+            });
+        }
+        let Some(linear) = self.model.as_linear() else {
+            return Ok(());
+        };
+        let quarter = self.pace.dt * self.pace.dt * T::of(0.25);
+        let (stiffness, n) = (linear.stiffness(), self.inertia.len());
+        let free = |i: usize| self.inverse_inertia[i] > T::zero();
+        let mut matrix = TriMat::with_capacity((n, n), stiffness.nnz() + n);
+        for (k, (i, j)) in stiffness.iter().filter(|(_, (i, j))| free(*i) && free(*j)) {
+            matrix.add_triplet(i, j, quarter * *k);
+        }
+        for (i, m) in self.inertia.iter().enumerate() {
+            matrix.add_triplet(i, i, if free(i) { *m } else { T::one() });
+        }
+        let zeros = || vec![T::zero(); n];
+        self.stepper = Stepper::Average(Box::new(Average {
+            factor: T::cholesky(&matrix.to_csc())?,
+            mean: zeros(),
+            loads: zeros(),
+            trial: zeros(),
+            pull: zeros(),
+            support: T::zero(),
+        }));
+        Ok(())
+    }
+
+    /// Why the implicit stepper cannot be had, if so.
+    fn not_implicit(&mut self) -> Option<String> {
+        if self.model.evolving().is_some() {
+            return Some("it changes itself as it moves".into());
+        }
+        if self.model.layout().rotations > 0 {
+            return Some("its particles turn, and the scheme is for linear continua".into());
+        }
+        if self.weights.weighting == Weighting::Nodal {
+            return Some("nodal weights leave it no symmetric stiffness".into());
+        }
+        if self.model.as_linear().is_none() {
+            return Some("its forces are not linear".into());
+        }
+        if self.is_paired() {
+            return Some(
+                "an effect between it and another model needs positions of the end of the step".into(),
+            );
+        }
+        let bound = self.effects.iter().find(|e| !e.effect.is_dead());
+        bound.map(|e| {
+            format!(
+                "effect '{}' needs velocities or positions; only dead loads are known ahead",
+                e.effect.name()
+            )
+        })
+    }
+
+    /// One step.
+    pub(super) fn average_step(&mut self, reached: Reached<T>) -> Result<()> {
+        let Stepper::Average(average) = &mut self.stepper else {
+            return Ok(());
+        };
+        let Average {
+            factor,
+            mean,
+            loads,
+            trial,
+            pull,
+            support,
+        } = &mut **average;
+        let (dt, half) = (reached.since, reached.since * T::of(0.5));
+        let State { q, v, a } = &mut self.state;
+        let now = self.forces.internal_mut();
+        loads.fill(T::zero());
+        let at = Instant {
+            time: reached.time - half,
+            q: &*q,
+            v_half: &*v,
+            dt,
+            internal: &*now,
+            internal_before: &*now,
+        };
+        for e in &mut self.effects {
+            e.effect.add_forces(&at, loads)?;
+        }
+        let moves = self.supports.iter().any(|m| m.amplitude != T::zero());
+        if moves {
+            trial.copy_from_slice(q);
+            for motion in &self.supports {
+                let end = motion.at(reached.time);
+                motion
+                    .dofs
+                    .iter()
+                    .for_each(|&d| trial[d] = (q[d] + end) * T::of(0.5));
+            }
+            pull.fill(T::zero());
+            self.model.add_internal_forces(trial, pull)?;
+        } else {
+            parallel::copy(pull, now);
+        }
+        for i in 0..q.len() {
+            let free = self.inverse_inertia[i] > T::zero();
+            mean[i] = if free {
+                self.inertia[i] * v[i] + half * (loads[i] + pull[i])
+            } else {
+                T::zero()
+            };
+        }
+        factor.solve(mean);
+        for motion in &self.supports {
+            let end = motion.at(reached.time);
+            motion.dofs.iter().for_each(|&d| mean[d] = (end - q[d]) / dt);
+        }
+        *support = T::zero();
+        let two = T::of(2.0);
+        if moves {
+            // What the supports must do: to the masses they move, against the forces at both ends of the step.
+            for motion in &self.supports {
+                let (_, velocity, _) = motion.kinematics(reached.time, reached.dt);
+                for &d in &motion.dofs {
+                    let kinetic = self.inertia[d] * (velocity * velocity - v[d] * v[d]) / two;
+                    *support += kinetic - mean[d] * (dt * loads[d] + half * now[d]);
+                }
+            }
+        }
+        for i in 0..q.len() {
+            q[i] += dt * mean[i];
+            v[i] = two * mean[i] - v[i];
+            now[i] = T::zero();
+        }
+        for motion in &self.supports {
+            let (end, velocity, _) = motion.kinematics(reached.time, reached.dt);
+            for &d in &motion.dofs {
+                q[d] = end;
+                v[d] = velocity;
+            }
+        }
+        self.model.advance(q, now)?;
+        for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {
+            motion
+                .dofs
+                .iter()
+                .for_each(|&d| *support -= half * mean[d] * now[d]);
+        }
+        for ((a, w), (f, g)) in a
+            .iter_mut()
+            .zip(&self.inverse_inertia)
+            .zip(now.iter().zip(&*loads))
+        {
+            *a = *w * (*f + *g);
+        }
+        for e in &mut self.effects {
+            let work = dt * e.effect.power(mean);
+            e.add_whole(work);
+        }
+        Ok(())
+    }
+
+    /// `½vᵀMv + U(q)`.
+    pub(super) fn average_invariant(&mut self) -> T {
+        let internal = self.internal_energy();
+        self.energies.now = Some(internal);
+        internal + self.kinetic_energy()
+    }
+}
