@@ -4,8 +4,8 @@
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
-    Coupled, H1Gradient, InterfaceOptions, InterfaceSpec, Junction, L2, Partition, Profile, Ramp, Result,
-    Slab, Subdomain, TimeStep, Weight, Weighting, Weights,
+    Coupled, H1Gradient, InterfaceOptions, InterfaceSpec, Junction, L2, OwnStep, Partition, Profile, Ramp,
+    Result, Slab, Subdomain, TimeStep, Weight, Weighting, Weights,
 };
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use spring_chain::Chain;
@@ -55,6 +55,8 @@ pub struct Line {
     pub weighting: Weighting,
     /// Time step.
     pub step: TimeStep<f64>,
+    /// Own steps of the bar and of the chain.
+    pub own: [OwnStep<f64>; 2],
     /// Overrides the overlap weights by a constant over the whole subdomains.
     pub everywhere: Option<f64>,
     /// The scalar product of the constraint.
@@ -75,6 +77,7 @@ impl Default for Line {
             fine_bonds: 1500,
             weighting: Weighting::Energy,
             step: TimeStep::Seconds(0.5),
+            own: [OwnStep::Same; 2],
             everywhere: None,
             junction: Product::L2,
             options: InterfaceOptions::default(),
@@ -145,7 +148,9 @@ impl Line {
             None => Partition::Checked,
         };
         let bar = Subdomain::coarse(bar, weights).with_partition(partition);
-        Ok([fill(bar, coarse)?, fill(Subdomain::fine(chain, right), fine)?])
+        let [left_step, right_step] = self.own;
+        let chain = Subdomain::fine(chain, right).with_step(right_step);
+        Ok([fill(bar.with_step(left_step), coarse)?, fill(chain, fine)?])
     }
 
     /// A run of given subdomains.

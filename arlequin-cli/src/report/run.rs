@@ -284,6 +284,12 @@ fn interfaces(all: &[InterfaceLine]) {
         } else {
             println!("           weights need not sum to one: partition = \"unchecked\"");
         }
+        if let (Some(jump), Some(share)) = (i.max_displacement_jump, i.displacement_jump_share) {
+            println!(
+                "           displacements differed by up to {jump:.2e} m, {:.3} % of the largest in the overlap",
+                100.0 * share
+            );
+        }
         if i.initial_jump > 0.0 {
             println!(
                 "           initial displacements differed by {:.3e} m and were made to agree, by {:.3e} m at the most",

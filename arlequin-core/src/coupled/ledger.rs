@@ -63,6 +63,29 @@ pub(crate) struct Ledger<T: Real> {
     pub(crate) top_created: T,
     pub(crate) last: Option<EnergySample<T>>,
     pub(crate) bodies: Vec<Body<T>>,
+    /// Of every interface.
+    pub(crate) jumps: Vec<DisplacementJump<T>>,
+}
+
+/// Jump of displacements between the two models of an interface: zero up to round-off where both make one step at a time,
+/// and what more own steps cost otherwise.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct DisplacementJump<T> {
+    /// Largest so far \[m\], as multipliers see it.
+    pub largest: T,
+    /// Largest displacement so far on the nodes that multipliers act on \[m\].
+    pub amplitude: T,
+}
+
+impl<T: Real> DisplacementJump<T> {
+    /// Jump over amplitude.
+    pub fn share(&self) -> T {
+        if self.amplitude > T::zero() {
+            self.largest / self.amplitude
+        } else {
+            T::zero()
+        }
+    }
 }
 
 impl<T: Real> Ledger<T> {
@@ -79,6 +102,7 @@ impl<T: Real> Ledger<T> {
             top_created: z,
             last: None,
             bodies: Vec::new(),
+            jumps: Vec::new(),
         }
     }
 
@@ -95,6 +119,7 @@ impl<T: Real> Ledger<T> {
         [self.supports, self.constraint, started, start, self.scale]
             .into_iter()
             .chain(tops)
+            .chain(self.jumps.iter().flat_map(|j| [j.largest, j.amplitude]))
             .chain(self.bodies.iter().flat_map(Body::record))
             .collect()
     }
@@ -104,10 +129,11 @@ impl<T: Real> Ledger<T> {
         crate::scalar::check_finite("ledger of the snapshot", from)?;
         let wrong = || crate::Error::SizeMismatch {
             what: "ledger of the snapshot".into(),
-            expected: 9 + RECORDED * self.bodies.len(),
+            expected: 9 + 2 * self.jumps.len() + RECORDED * self.bodies.len(),
             found: from.len(),
         };
         let (sums, bodies) = from.split_at_checked(9).ok_or_else(wrong)?;
+        let (jumps, bodies) = bodies.split_at_checked(2 * self.jumps.len()).ok_or_else(wrong)?;
         let (bodies, rest) = bodies.as_chunks::<RECORDED>();
         let &[
             supports,
@@ -126,6 +152,9 @@ impl<T: Real> Ledger<T> {
         if bodies.len() != self.bodies.len() || !rest.is_empty() {
             return Err(wrong());
         }
+        for (jump, f) in self.jumps.iter_mut().zip(jumps.chunks_exact(2)) {
+            (jump.largest, jump.amplitude) = (f[0], f[1]);
+        }
         self.bodies.iter_mut().zip(bodies).for_each(|(b, f)| b.restore(f));
         *self = Self {
             supports,
@@ -138,6 +167,7 @@ impl<T: Real> Ledger<T> {
             top_created: created,
             last: None,
             bodies: std::mem::take(&mut self.bodies),
+            jumps: std::mem::take(&mut self.jumps),
         };
         Ok(())
     }

@@ -30,8 +30,8 @@ pub use setup::{Guard, Parts, Plan, TimeStep};
 use crate::interface::Interface;
 use crate::phase::Phase;
 use crate::subdomain::Subdomain;
-use crate::{Error, Real, Result};
-use ledger::{EnergySample, Ledger, WorkLine};
+use crate::{Error, Real, Result, parallel};
+use ledger::{DisplacementJump, EnergySample, Ledger, WorkLine};
 use observer::{Observer, StepReport};
 use own_steps::{Held, Lockstep};
 use pairs::Pair;
@@ -122,6 +122,10 @@ impl<T: Real> Coupled<T> {
     /// Largest relative constraint residual so far.
     pub fn constraint_residual(&self) -> T {
         self.ledger.top_residual
+    }
+    /// Largest jump of displacements so far across every interface, at the steps where the ledger was drawn.
+    pub fn displacement_jumps(&self) -> &[DisplacementJump<T>] {
+        &self.ledger.jumps
     }
     /// Last sample of the ledger.
     pub fn last_energy(&self) -> Option<&EnergySample<T>> {
@@ -305,15 +309,13 @@ impl<T: Real> Coupled<T> {
     }
 
     fn balance(&mut self, invariant: T) -> Result<EnergySample<T>> {
-        if self.subdomains.iter().any(|s| !s.is_finite()) {
+        // Of a velocity that is not finite the energy is not either.
+        let kinetic: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        if !kinetic.is_finite() {
             return Err(self.diverged("velocity"));
         }
         let mut residual = T::zero();
-        let speed = |s: &Subdomain<T>| {
-            s.state().v[..s.model().layout().translations()]
-                .iter()
-                .fold(T::zero(), |m, v| m.max(v.abs()))
-        };
+        let speed = |s: &Subdomain<T>| parallel::largest(&s.state().v[..s.model().layout().translations()]);
         let top = self
             .subdomains
             .iter()
@@ -321,7 +323,12 @@ impl<T: Real> Coupled<T> {
             .fold(self.ledger.top_velocity, |a, b| a.max(b));
         self.ledger.top_velocity = top;
         for k in 0..self.interfaces.len() {
-            residual = residual.max(self.jumps(k)[0]);
+            let [velocity, displacement] = self.jumps(k);
+            residual = residual.max(velocity);
+            let amplitude = self.held[k].amplitude(self.interfaces[k].sides().map(|s| &self.subdomains[s]));
+            let jump = &mut self.ledger.jumps[k];
+            jump.largest = jump.largest.max(displacement);
+            jump.amplitude = jump.amplitude.max(amplitude);
         }
         if top > T::zero() {
             residual /= top;
@@ -355,7 +362,7 @@ impl<T: Real> Coupled<T> {
         let sample = EnergySample {
             step: self.step,
             time: self.time,
-            kinetic: self.subdomains.iter().map(Subdomain::kinetic_energy).sum(),
+            kinetic,
             internal: self.subdomains.iter().map(|s| s.drawn_energy()).sum(),
             invariant,
             work,

@@ -1,7 +1,7 @@
 //! What subdomains do between two reflections.
 
 use super::{Coupled, pair};
-use crate::interface::Interface;
+use crate::interface::{Interface, coupled_nodes};
 use crate::phase::Phase;
 use crate::subdomain::{Announce, Reached, Subdomain};
 use crate::{Real, Result};
@@ -34,9 +34,12 @@ impl Lockstep {
     }
 }
 
-/// Entries of the coupling matrices of an interface on unknowns that move as prescribed: the forces on them are work.
+/// What the ledger knows of an interface beside its operators.
 #[derive(Debug)]
 pub(super) struct Held<T> {
+    /// Nodes that multipliers act on.
+    nodes: [Vec<usize>; 2],
+    /// Entries of the coupling matrices on unknowns that move as prescribed: the forces on them are work.
     /// Multiplier, unknown, entry, with the sign of the force; coarse side, fine side.
     entries: [Vec<(usize, usize, T)>; 2],
 }
@@ -56,7 +59,23 @@ impl<T: Real> Held<T> {
                 .map(|(b, (i, j))| (i, j, sign * *b))
                 .collect()
         });
-        Self { entries }
+        let nodes = interface.coupling.each_ref();
+        let nodes = nodes.map(|c| coupled_nodes(c, interface.components()));
+        Self { nodes, entries }
+    }
+
+    /// Largest displacement on the nodes that multipliers act on \[m\].
+    pub(super) fn amplitude(&self, sides: [&Subdomain<T>; 2]) -> T {
+        let of = |(nodes, s): (&Vec<usize>, &Subdomain<T>)| {
+            let (d, q) = (s.model().layout().components, &s.state().q);
+            let all = nodes.iter().flat_map(|k| &q[k * d..(k + 1) * d]);
+            all.fold(T::zero(), |m, u| m.max(u.abs()))
+        };
+        self.nodes
+            .iter()
+            .zip(sides)
+            .map(of)
+            .fold(T::zero(), |a, b| a.max(b))
     }
 
     /// Power of the multipliers on moving supports \[W\].

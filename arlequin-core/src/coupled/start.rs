@@ -1,5 +1,6 @@
 //! A consistent start: displacements, velocities and accelerations on the constraint.
 
+use super::ledger::DisplacementJump;
 use super::{Coupled, pair};
 use crate::interface::Interface;
 use crate::subdomain::Subdomain;
@@ -45,6 +46,7 @@ impl<T: Real> Coupled<T> {
         }
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
+        self.ledger.jumps = vec![DisplacementJump::default(); self.interfaces.len()];
         self.displaced = self.largest_strain_energy();
         Ok(())
     }

@@ -8,10 +8,12 @@
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
+use crate::interface::{Rows, add_at};
 use crate::linalg::SpdFactor;
 use crate::model::Arms;
 use crate::scalar::dot;
-use crate::{Error, Real, Result};
+use crate::{Error, Real, Result, parallel};
+use rayon::prelude::*;
 use sprs::{CsMat, TriMat};
 use std::sync::Arc;
 
@@ -25,16 +27,28 @@ pub struct Absorber<T: Real> {
 }
 
 /// The same on the nodes of a model.
+///
+/// With `D = diag(m η)`, shape functions `N`, `G = NᵀMN`, `y = G⁻¹NᵀM v` and `z = G⁻¹(NᵀD v − NᵀDN y)` the force is
+/// `−D (v − N y) + M N z`: each direction of `N` is run through once.
 struct AttachedAbsorber<T: Real> {
     top_rate: T,
     components: usize,
-    nodes: Vec<usize>,
-    shapes: CsMat<T>,
+    /// Nodes in the resolved space, ascending.
+    nodes: Vec<u32>,
+    /// Their masses `m`, and `m η`.
+    mass: Vec<[T; 2]>,
+    /// `Nᵀ`, `N` and `NᵀDN`.
+    gather: Rows<T>,
+    scatter: Rows<T>,
+    damped: Rows<T>,
     factor: Box<dyn SpdFactor<T>>,
-    mass: Vec<T>,
-    damping: Vec<T>,
+    /// Two velocities per node: `m v` and `m η v`.
+    local: Vec<T>,
+    /// Two per resolved node: sums of these, then `y` and `z`.
     coarse: Vec<T>,
-    work: Vec<T>,
+    /// One per resolved node, interleaved, and by components for the factor.
+    resolved: Vec<T>,
+    columns: Vec<T>,
     force: Vec<T>,
 }
 
@@ -54,21 +68,80 @@ impl<T: Real> Absorber<T> {
     }
 }
 
+/// Nodes per unit of work.
+const GRAIN: usize = 1_024;
+
 impl<T: Real> AttachedAbsorber<T> {
-    /// `w ← w − N (NᵀMN)⁻¹ NᵀM w`, or its transpose `w ← w − M N (NᵀMN)⁻¹ Nᵀ w`.
-    fn remove_resolved(&mut self, transposed: bool) {
-        let shapes = &self.shapes;
-        let mass = |i: usize, on: bool| if on { self.mass[i] } else { T::one() };
-        self.coarse.fill(T::zero());
-        for (i, row) in shapes.outer_iterator().enumerate() {
-            let w = self.work[i] * mass(i, !transposed);
-            row.iter().for_each(|(j, n)| self.coarse[j] += *n * w);
+    /// `G⁻¹` on what `resolved` holds, to the first or second half of `coarse`.
+    fn solve<const N: usize, const W: usize>(&mut self, half: usize) {
+        let count = self.factor.size();
+        let (resolved, coarse) = (
+            self.resolved.as_chunks_mut::<N>().0,
+            self.coarse.as_chunks_mut::<W>().0,
+        );
+        for (j, x) in resolved.iter().enumerate() {
+            (0..N).for_each(|c| self.columns[c * count + j] = x[c]);
         }
-        self.factor.solve(&mut self.coarse);
-        for (i, row) in shapes.outer_iterator().enumerate() {
-            let p: T = row.iter().map(|(j, n)| *n * self.coarse[j]).sum();
-            self.work[i] -= p * mass(i, transposed);
+        self.factor.solve(&mut self.columns);
+        for (j, (x, pair)) in resolved.iter_mut().zip(coarse).enumerate() {
+            for c in 0..N {
+                x[c] = self.columns[c * count + j];
+                pair[half * N + c] = x[c];
+            }
         }
+    }
+
+    /// The force for `N` components, `W = 2 N`.
+    fn act<const N: usize, const W: usize>(&mut self, v: &[T], f: &mut [T]) {
+        let v = v.as_chunks::<N>().0;
+        let load = |nodes: &[u32], mass: &[[T; 2]], local: &mut [[T; W]]| {
+            for ((node, mass), local) in nodes.iter().zip(mass).zip(local) {
+                let v = &v[*node as usize];
+                (0..W).for_each(|c| local[c] = mass[c / N] * v[c % N]);
+            }
+        };
+        let local = self.local.as_chunks_mut::<W>().0;
+        if parallel::pays(W * local.len()) {
+            let parts = self.nodes.par_chunks(GRAIN).zip(self.mass.par_chunks(GRAIN));
+            let parts = parts.zip(local.par_chunks_mut(GRAIN));
+            parts.for_each(|((nodes, mass), local)| load(nodes, mass, local));
+        } else {
+            load(&self.nodes, &self.mass, local);
+        }
+        self.gather.product::<W>(&self.local, &mut self.coarse);
+        for (x, pair) in self
+            .resolved
+            .as_chunks_mut::<N>()
+            .0
+            .iter_mut()
+            .zip(self.coarse.as_chunks::<W>().0)
+        {
+            x.copy_from_slice(&pair[..N]);
+        }
+        self.solve::<N, W>(0);
+        // The columns are free between two solutions.
+        self.damped.product::<N>(&self.resolved, &mut self.columns);
+        let parts = self
+            .columns
+            .as_chunks::<N>()
+            .0
+            .iter()
+            .zip(self.coarse.as_chunks::<W>().0);
+        for (x, (seen, pair)) in self.resolved.as_chunks_mut::<N>().0.iter_mut().zip(parts) {
+            (0..N).for_each(|c| x[c] = pair[N + c] - seen[c]);
+        }
+        self.solve::<N, W>(1);
+        let (scatter, coarse) = (&self.scatter, self.coarse.as_chunks::<W>().0);
+        let force = self.force.as_chunks_mut::<N>().0;
+        scatter.each(0..force.len(), force, &|k| {
+            let (both, v, [mass, damping]) = (
+                scatter.times(k, |j| coarse[j]),
+                &v[self.nodes[k] as usize],
+                self.mass[k],
+            );
+            std::array::from_fn(|c| mass * both[N + c] - damping * (v[c] - both[c]))
+        });
+        add_at(&self.nodes, force, 0, f.as_chunks_mut::<N>().0);
     }
 }
 
@@ -112,16 +185,14 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
                 n.add_triplet(i, used.partition_point(|u| u < j), *v);
             }
         }
-        let mass: Vec<T> = nodes.iter().map(|k| to.inertia[k * layout.components]).collect();
-        let mut gram = TriMat::new((used.len(), used.len()));
         let n: CsMat<T> = n.to_csr();
-        for (i, r) in n.outer_iterator().enumerate() {
-            for (a, x) in r.iter() {
-                r.iter()
-                    .for_each(|(b, y)| gram.add_triplet(a, b, *x * *y * mass[i]));
-            }
+        let rates: Vec<T> = nodes.iter().map(|&k| (self.rate)(&to.model.nodes()[k])).collect();
+        if let Some(bad) = rates.iter().find(|r| !(**r >= T::zero() && r.is_finite())) {
+            return Err(invalid("absorber rate", bad, "must be finite and not negative"));
         }
-        let factor = T::cholesky(&gram.to_csc()).map_err(|_| {
+        let masses = nodes.iter().map(|k| to.inertia[k * layout.components]);
+        let mass: Vec<[T; 2]> = masses.zip(&rates).map(|(m, r)| [m, m * *r]).collect();
+        let factor = T::cholesky(&gram(&n, |i| mass[i][0]).to_csc()).map_err(|_| {
             let counts = format!("{} resolved unknowns for {} nodes", used.len(), nodes.len());
             invalid(
                 "absorber",
@@ -129,23 +200,38 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
                 "the resolved space must be coarser than the model",
             )
         })?;
-        let rates: Vec<T> = nodes.iter().map(|&k| (self.rate)(&to.model.nodes()[k])).collect();
-        if let Some(bad) = rates.iter().find(|r| !(**r >= T::zero() && r.is_finite())) {
-            return Err(invalid("absorber rate", bad, "must be finite and not negative"));
-        }
+        let zeros = |count: usize| vec![T::zero(); count * layout.components];
         Ok(Box::new(AttachedAbsorber {
             top_rate: rates.iter().fold(T::zero(), |a, b| a.max(*b)),
             components: layout.components,
-            damping: rates.iter().zip(&mass).map(|(r, m)| *r * *m).collect(),
-            coarse: vec![T::zero(); used.len()],
-            work: vec![T::zero(); nodes.len()],
-            force: vec![T::zero(); nodes.len() * layout.components],
-            nodes,
-            shapes: n,
-            factor,
+            gather: rows(&n.transpose_view().to_csr()),
+            damped: rows(&gram(&n, |i| mass[i][1])),
+            scatter: rows(&n),
+            local: zeros(2 * nodes.len()),
+            coarse: zeros(2 * used.len()),
+            resolved: zeros(used.len()),
+            columns: zeros(used.len()),
+            force: zeros(nodes.len()),
+            nodes: nodes.into_iter().map(|k| k as u32).collect(),
             mass,
+            factor,
         }))
     }
+}
+
+/// `Nᵀ diag(w) N`.
+fn gram<T: Real>(n: &CsMat<T>, w: impl Fn(usize) -> T) -> CsMat<T> {
+    let mut sum = TriMat::new((n.cols(), n.cols()));
+    for (i, r) in n.outer_iterator().enumerate() {
+        for (a, x) in r.iter() {
+            r.iter().for_each(|(b, y)| sum.add_triplet(a, b, *x * *y * w(i)));
+        }
+    }
+    sum.to_csr()
+}
+
+fn rows<T: Real>(matrix: &CsMat<T>) -> Rows<T> {
+    Rows::of(matrix.rows(), matrix.iter().map(|(v, (i, j))| (i, j, *v)))
 }
 
 impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
@@ -165,27 +251,18 @@ impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
 
 impl<T: Real> Effect<T> for AttachedAbsorber<T> {
     fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        let d = self.components;
-        for c in 0..d {
-            (0..self.nodes.len()).for_each(|i| self.work[i] = at.v_half[self.nodes[i] * d + c]);
-            self.remove_resolved(false);
-            self.work
-                .iter_mut()
-                .zip(&self.damping)
-                .for_each(|(w, k)| *w *= -*k);
-            self.remove_resolved(true);
-            for (i, &node) in self.nodes.iter().enumerate() {
-                f[node * d + c] += self.work[i];
-                self.force[i * d + c] = self.work[i];
-            }
+        match self.components {
+            1 => self.act::<1, 2>(at.v_half, f),
+            2 => self.act::<2, 4>(at.v_half, f),
+            _ => self.act::<3, 6>(at.v_half, f),
         }
         Ok(())
     }
 
     fn power(&self, v: &[T]) -> T {
         let d = self.components;
-        let node = |(i, &k): (usize, &usize)| dot(&self.force[i * d..(i + 1) * d], &v[k * d..(k + 1) * d]);
-        self.nodes.iter().enumerate().map(node).sum()
+        let node = |(force, k): (&[T], &u32)| dot(force, &v[*k as usize * d..][..d]);
+        self.force.chunks_exact(d).zip(&self.nodes).map(node).sum()
     }
 
     fn step_demand(&self) -> StepDemand<T> {

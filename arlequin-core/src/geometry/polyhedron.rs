@@ -128,6 +128,27 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
+    /// Tetrahedra that fill the body from one of its corners, the one on the most triangles: about half as many.
+    pub(super) fn for_each_tetrahedron_from_a_corner(&self, mut visit: impl FnMut([Point3<T>; 4])) {
+        let saved = |x: &Point3<T>| -> usize {
+            let own = self.faces.iter().filter(|f| f.contains(x));
+            own.map(|f| f.len().saturating_sub(2)).sum()
+        };
+        let mut best: Option<(usize, &Point3<T>)> = None;
+        for x in self.faces.iter().flatten() {
+            let count = saved(x);
+            if best.is_none_or(|b| count > b.0) {
+                best = Some((count, x));
+            }
+        }
+        let Some((_, apex)) = best else { return };
+        for face in self.faces.iter().filter(|f| !f.contains(apex)) {
+            for k in 1..face.len().saturating_sub(1) {
+                visit([face[0], face[k], face[k + 1], *apex]);
+            }
+        }
+    }
+
     /// Four samples that integrate quadratic polynomials over the whole body, `c + √3 L v_k` with the centroid `c`, the
     /// covariance `L Lᵀ` and the corners `v_k` of a regular tetrahedron. `false` where one of them falls outside.
     pub(super) fn quadratic_rule(&self, out: &mut Vec<Sample<T>>) -> bool {

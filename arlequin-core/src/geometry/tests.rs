@@ -89,6 +89,37 @@ fn four_samples_integrate_quadratics_over_a_polyhedron() {
 }
 
 #[test]
+fn the_lean_rule_integrates_quintics_with_half_the_samples() {
+    let plane = |n: [f64; 3], d: f64| HalfSpace {
+        normal: Vector3::from(n),
+        offset: d,
+    };
+    let body = cube(0.0, 1.0).intersection(&[
+        plane([1.0, 0.7, 0.4], 1.3),
+        plane([-0.3, 1.0, -0.8], 0.5),
+        plane([0.2, -0.9, 1.0], 0.8),
+    ]);
+    let cell = Cell::Polyhedron(body);
+    let (mut full, mut lean) = (Vec::new(), Vec::new());
+    cell.quadrature(5, &mut full);
+    cell.lean_quadrature(5, &mut lean);
+    assert!(
+        10 * lean.len() <= 6 * full.len(),
+        "{} of {}",
+        lean.len(),
+        full.len()
+    );
+    for (a, b, c) in [(0, 0, 0), (5, 0, 0), (1, 3, 1), (0, 2, 3), (2, 2, 1)] {
+        let sum = |samples: &[Sample<f64>]| -> f64 {
+            let value = |s: &Sample<f64>| s.point.x.powi(a) * s.point.y.powi(b) * s.point.z.powi(c);
+            samples.iter().map(|s| s.measure * value(s)).sum()
+        };
+        let (whole, half) = (sum(&full), sum(&lean));
+        assert!((whole - half).abs() < 1e-14, "{a} {b} {c}: {whole} {half}");
+    }
+}
+
+#[test]
 fn mean_over_a_segment_with_a_kink() {
     let ends = [Point3::new(-1.0, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0)];
     let cell = Cell::Segment { ends, section: 2.0 };

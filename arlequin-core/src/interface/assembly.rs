@@ -126,13 +126,17 @@ pub(super) fn assemble<T: Real>(
 
 /// Degree of the rule on each piece; none for sums over particles.
 fn degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> Option<usize> {
+    wanted_degree(spec, sides).map(|d| d.min(HIGHEST))
+}
+
+/// Degree of the products of shape functions on each piece; none for sums over particles.
+fn wanted_degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> Option<usize> {
     let mediator = spec.mediator.degree();
-    let wanted = match spec.options.sampling {
-        Sampling::Particles => return None,
-        Sampling::Projection => 2 * mediator,
-        Sampling::Intersection => mediator + sides[0].field.degree().max(sides[1].field.degree()),
-    };
-    Some(wanted.min(HIGHEST))
+    match spec.options.sampling {
+        Sampling::Particles => None,
+        Sampling::Projection => Some(2 * mediator),
+        Sampling::Intersection => Some(mediator + sides[0].field.degree().max(sides[1].field.degree())),
+    }
 }
 
 /// Compares what a model covers of the mediator with all of it; `limits`: relative excess and defect that are let pass.
@@ -238,7 +242,7 @@ fn refined<T: Real>(
     let ends: Vec<_> = cells.iter().flat_map(Cell::bounds).collect();
     let within = bounds_of(ends.iter());
     let sets = sides.each_ref().map(|s| CellSet::new(s.field, &within));
-    let degree = degree(spec, sides).unwrap_or(HIGHEST);
+    let wanted = wanted_degree(spec, sides).unwrap_or(HIGHEST);
     let sampler = Sampler::new(spec, sides, components);
     let task = |worker: &mut Worker<T>, m: usize| {
         sets[0].pieces(&cells[m], &mut |c, piece| {
@@ -246,7 +250,11 @@ fn refined<T: Real>(
             sets[1].pieces(piece, &mut |f, part| {
                 let mut samples = std::mem::take(&mut worker.samples);
                 samples.clear();
-                part.quadrature(degree, &mut samples);
+                if wanted > HIGHEST {
+                    part.quadrature(HIGHEST, &mut samples);
+                } else {
+                    part.lean_quadrature(wanted, &mut samples);
+                }
                 worker.tally.covered[1] += samples.iter().map(|s| s.measure).sum();
                 let done = sampler.add(worker, &samples, [m, c, f]);
                 worker.samples = samples;

@@ -36,6 +36,7 @@ use operator::Operator;
 use sprs::{CsMat, TriMat};
 use std::sync::Arc;
 use transfer::Transfer;
+pub(crate) use transfer::{Rows, add_at};
 
 /// Warp of hexahedra, relative to their lengths, from which a user should know of it.
 const WARP: f64 = 1e-6;

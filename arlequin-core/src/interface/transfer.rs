@@ -15,7 +15,7 @@ const GRAIN: usize = 4_096;
 
 /// Sparse rows that are only read along.
 #[derive(Debug, Clone)]
-pub(super) struct Rows<T> {
+pub(crate) struct Rows<T> {
     starts: Vec<usize>,
     columns: Vec<u32>,
     values: Vec<T>,
@@ -23,7 +23,7 @@ pub(super) struct Rows<T> {
 
 impl<T: Real> Rows<T> {
     /// `count` rows of entries that come row by row.
-    pub(super) fn of(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
+    pub(crate) fn of(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
         let (mut starts, mut columns, mut values) = (vec![0; count + 1], Vec::new(), Vec::new());
         for (row, column, value) in entries {
             starts[row + 1] += 1;
@@ -44,7 +44,7 @@ impl<T: Real> Rows<T> {
     }
 
     /// `out = A x`, with `N` components each.
-    pub(super) fn product<const N: usize>(&self, x: &[T], out: &mut [T]) {
+    pub(crate) fn product<const N: usize>(&self, x: &[T], out: &mut [T]) {
         let (x, out) = (nodes::<T, N>(x), out.as_chunks_mut::<N>().0);
         self.each(0..out.len(), out, &|k| self.times(k, |j| x[j]));
     }
@@ -60,7 +60,7 @@ impl<T: Real> Rows<T> {
 
     /// `Σ_j b_kj x_j`, in two interleaved sums: one would wait for each addition.
     #[inline]
-    fn times<const N: usize>(&self, k: usize, x: impl Fn(usize) -> [T; N]) -> [T; N] {
+    pub(crate) fn times<const N: usize>(&self, k: usize, x: impl Fn(usize) -> [T; N]) -> [T; N] {
         let (columns, values) = self.row(k);
         let (mut even, mut odd) = ([T::zero(); N], [T::zero(); N]);
         let (column_pairs, last_column) = columns.as_chunks::<2>();
@@ -81,7 +81,7 @@ impl<T: Real> Rows<T> {
     }
 
     /// `out_k = one(k)` for a range of rows, on several threads where that pays.
-    fn each<const N: usize>(
+    pub(crate) fn each<const N: usize>(
         &self,
         rows: Range<usize>,
         out: &mut [[T; N]],
@@ -340,7 +340,7 @@ fn copy_at<T: Real, const N: usize>(at: &[u32], x: &[[T; N]], out: &mut [[T; N]]
 }
 
 /// Adds what belongs to the given nodes to `x`, which begins at node `first`.
-fn add_at<T: Real, const N: usize>(at: &[u32], change: &[[T; N]], first: usize, x: &mut [[T; N]]) {
+pub(crate) fn add_at<T: Real, const N: usize>(at: &[u32], change: &[[T; N]], first: usize, x: &mut [[T; N]]) {
     if at.len() <= GRAIN || !parallel::pays(N * at.len()) {
         for (k, d) in at.iter().zip(change) {
             let x = &mut x[*k as usize - first];

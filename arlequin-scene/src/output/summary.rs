@@ -234,6 +234,10 @@ pub struct InterfaceLine {
     pub initial_change: f64,
     /// Largest velocity jump relative to the largest velocity \[–\]; none before a step was made.
     pub max_constraint_residual: Option<f64>,
+    /// Largest jump of displacements \[m\], which own steps leave.
+    pub max_displacement_jump: Option<f64>,
+    /// The same over the largest displacement in the overlap.
+    pub displacement_jump_share: Option<f64>,
 }
 
 /// A probe.
@@ -295,7 +299,32 @@ pub fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutContact) -
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
     let all = run.watch().into_iter().chain(without_contact.watch(run));
-    all.map(text).chain(run.lost_momentum()).collect()
+    let momentum = run.lost_momentum();
+    all.map(text).chain(momentum).chain(jumped(run)).collect()
+}
+
+/// Jump of displacements over the amplitude in the overlap above which a user should know.
+const JUMP: f64 = 0.05;
+
+/// Interfaces of which the displacements of the two sides have drifted apart, a line each.
+fn jumped(run: &Coupled<f64>) -> impl Iterator<Item = String> {
+    let all = run.interfaces().iter().zip(run.displacement_jumps());
+    let far = all.filter(|(_, j)| j.share() > JUMP);
+    far.map(|(i, j)| {
+        let [c, f] = i.sides().map(|s| &run.subdomains()[s]);
+        format!(
+            "interface '{}': displacements of '{}' and '{}' have differed by up to {:.2e} m, {:.1} % of the largest in the \
+             overlap (limit {:.0} %), with {} and {} own steps in a step of the run: give the finer one fewer",
+            i.report().name,
+            c.model().name(),
+            f.model().name(),
+            j.largest,
+            100.0 * j.share(),
+            100.0 * JUMP,
+            c.own_steps(),
+            f.own_steps()
+        )
+    })
 }
 
 /// Momentum of the bodies of a run.
@@ -356,6 +385,8 @@ pub fn models(run: &Coupled<f64>, packings: &[Option<PackingLine>]) -> Vec<Model
 
 /// Interfaces of a run with their largest residuals, as far as there are any.
 pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
+    // A plan has none yet.
+    let jump = |k: usize| run.displacement_jumps().get(k).filter(|_| k < residuals.len());
     let line = |(k, i): (usize, &arlequin::core::Interface<f64>)| {
         let r = i.report();
         let model = run.subdomains()[i.sides()[0]].model().name();
@@ -379,6 +410,8 @@ pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
             initial_jump: r.start_jump,
             initial_change: r.start_moved,
             max_constraint_residual: residuals.get(k).copied(),
+            max_displacement_jump: jump(k).map(|j| j.largest),
+            displacement_jump_share: jump(k).map(|j| j.share()),
         }
     };
     run.interfaces().iter().enumerate().map(line).collect()

@@ -176,17 +176,34 @@ impl<'a> SoftSpheres<'a> {
             .zip(&self.list)
             .zip(&mut self.sums);
         let velocity = &self.velocity;
+        let arch = pulp::Arch::new();
         work.enumerate().for_each(|(c, ((force, list), sums))| {
             let mut total = Sums::default();
+            let (first, total_of) = (c * CHUNK, &mut total);
+            match &period {
+                None => arch.dispatch(Contacts {
+                    spheres,
+                    first,
+                    list,
+                    image: |d| d,
+                    force: &mut *force,
+                    total: total_of,
+                }),
+                Some(p) => arch.dispatch(Contacts {
+                    spheres,
+                    first,
+                    list,
+                    image: |[x, y, z, r]: [f64; 4]| {
+                        let [x, y, z] = image([x, y, z], p);
+                        [x, y, z, r]
+                    },
+                    force: &mut *force,
+                    total: total_of,
+                }),
+            }
             for (k, f) in force.iter_mut().enumerate() {
-                let i = c * CHUNK + k;
-                let row = list.start[k] as usize..list.start[k + 1] as usize;
-                let near = &list.neighbours[row];
-                let pull = match &period {
-                    None => contact_force(spheres, i, near, |d| d, &mut total),
-                    Some(p) => contact_force(spheres, i, near, |d| image(d, p), &mut total),
-                };
-                *f = wall_force(container, &spheres[i], pull);
+                let i = first + k;
+                *f = wall_force(container, &spheres[i], *f);
                 let v = &velocity[i];
                 total.power += f[0] * v[0] + f[1] * v[1] + f[2] * v[2];
                 total.speed2 += v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
@@ -273,34 +290,47 @@ impl pulp::NullaryFnOnce for Advance<'_> {
     }
 }
 
-/// Forces of the neighbours `near` on sphere `i`; `image` turns a difference into that to the nearest image.
-#[inline]
-fn contact_force(
-    spheres: &[Sphere],
-    i: usize,
-    near: &[u32],
-    image: impl Fn([f64; 3]) -> [f64; 3],
-    total: &mut Sums,
-) -> [f64; 4] {
-    let s = spheres[i];
-    let mut f = [0.0; 4];
-    for &j in near {
-        let t = spheres[j as usize];
-        let d = image([s[0] - t[0], s[1] - t[1], s[2] - t[2]]);
-        let dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-        let touch = s[3] + t[3];
-        if dd < touch * touch {
-            let distance = dd.sqrt();
-            let overlap = touch - distance;
-            let c = overlap / distance.max(1e-9 * touch);
-            f[0] += c * d[0];
-            f[1] += c * d[1];
-            f[2] += c * d[2];
-            total.overlap += overlap;
-            total.contacts += 1.0;
+/// Forces of their neighbours on consecutive spheres. Differences and forces take four lanes, of which the last means
+/// nothing; `image` turns a difference into that to the nearest image.
+struct Contacts<'a, F> {
+    spheres: &'a [Sphere],
+    first: usize,
+    list: &'a ListChunk,
+    image: F,
+    force: &'a mut [[f64; 4]],
+    total: &'a mut Sums,
+}
+
+impl<F: Fn([f64; 4]) -> [f64; 4]> pulp::NullaryFnOnce for Contacts<'_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let (mut sum, mut contacts) = (0.0, 0.0);
+        let rows = self.list.start.windows(2);
+        for ((i, row), force) in (self.first..).zip(rows).zip(self.force) {
+            let s = self.spheres[i];
+            let mut f = [0.0; 4];
+            for &j in &self.list.neighbours[row[0] as usize..row[1] as usize] {
+                let t = self.spheres[j as usize];
+                let d = (self.image)([s[0] - t[0], s[1] - t[1], s[2] - t[2], s[3] - t[3]]);
+                let dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+                let touch = s[3] + t[3];
+                if dd < touch * touch {
+                    let distance = dd.sqrt();
+                    let overlap = touch - distance;
+                    let c = overlap / distance.max(1e-9 * touch);
+                    (0..4).for_each(|a| f[a] += c * d[a]);
+                    sum += overlap;
+                    contacts += 1.0;
+                }
+            }
+            f[3] = 0.0;
+            *force = f;
         }
+        self.total.overlap += sum;
+        self.total.contacts += contacts;
     }
-    f
 }
 
 #[inline]
