@@ -87,11 +87,15 @@ fn files_and_syntax() {
             (
                 "spacing = 1.0",
                 "spacing = \"wide\"",
-                &["invalid type: string \"wide\", expected f64", ":6:11]"],
+                &["invalid type: string \"wide\", expected a number", ":6:11"],
             ),
             ("[time]\nsteps = 50", "", &["missing field `time`"]),
             ("kind = \"fem\"", "kind = \"fdm\"", &["unknown variant `fdm`"]),
-            ("steps = 50", "steps = 1979-05-27", &["invalid type"]),
+            (
+                "steps = 50",
+                "steps = 1979-05-27",
+                &["is a date; a scene knows none"],
+            ),
             ("where = \"x-max\"", "where = 3", &["the name of a group or"]),
             (
                 "[model.left]",
