@@ -78,7 +78,7 @@ fn files_and_syntax() {
     cases(
         "syntax",
         &[
-            ("spacing = 1.0", "spacing = = 1.0", &["scene.toml:6:11]"]),
+            ("spacing = 1.0", "spacing = = 1.0", &["scene.toml:6:11"]),
             (
                 "spacing = 1.0",
                 "spacng = 1.0",
