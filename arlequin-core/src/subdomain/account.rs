@@ -80,8 +80,11 @@ impl<T: Real> Subdomain<T> {
         parallel::sum(q.len(), &part)
     }
 
-    /// Internal energy at the whole step \[J\].
+    /// Internal energy at the whole step \[J\]; of a whole solver, what its invariant said when the ledger was last drawn.
     pub fn internal_energy(&self) -> T {
+        if self.is_guest() {
+            return self.drawn_energy();
+        }
         self.model().internal_energy(&self.state.q)
     }
 
