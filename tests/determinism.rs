@@ -5,8 +5,8 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::{Coupled, H1Gradient, OwnStep, Silent};
-use support::solid::{busy, stepping};
+use arlequin::core::{Coupled, H1Gradient, OwnStep, Silent, Solver};
+use support::solid::{busy, solved, stepping};
 
 fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new()
@@ -48,10 +48,15 @@ const OWN: [[OwnStep<f64>; 2]; 2] = [
     [OwnStep::Implicit, OwnStep::Ratio(2)],
 ];
 
+const GRADIENTS: Solver<f64> = Solver::ConjugateGradients {
+    tolerance: 1e-6,
+    max_iterations: 50,
+};
+
 #[test]
 fn own_steps_give_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
-    for own in OWN {
-        let build = || stepping(Box::new(H1Gradient::new(0.1).unwrap()), own);
+    for (own, solver) in OWN.into_iter().zip([Solver::Auto, GRADIENTS]) {
+        let build = || solved(Box::new(H1Gradient::new(0.1).unwrap()), own, solver);
         let with = |threads: usize| {
             pool(threads).install(|| {
                 let mut c = build();

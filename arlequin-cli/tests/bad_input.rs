@@ -337,58 +337,6 @@ fn time_and_drives() {
                 "steps = 50\nstep.fraction = 1.0",
                 &["time.step.fraction = 1: must lie above 0 and below 1"],
             ),
-            (
-                "spacing = 0.5",
-                "spacing = 0.5\nstep = { ratio = 0 }",
-                &["model.right.step.ratio = 0: must be at least 1"],
-            ),
-            (
-                "spacing = 0.5",
-                "spacing = 0.5\nstep = { ratio = 2.5 }",
-                &["invalid type: floating point `2.5`"],
-            ),
-            (
-                "spacing = 0.5",
-                "spacing = 0.5\nstep = { fraction = 1.5 }",
-                &["model.right.step.fraction = 1.5: must lie above 0 and not above 1"],
-            ),
-            (
-                "spacing = 0.5",
-                "spacing = 0.5\nstep = { ratio = 2, fraction = 0.5 }",
-                &["model.right.step", "exactly one of ratio, fraction, scheme"],
-            ),
-            (
-                "spacing = 0.5",
-                "spacing = 0.5\nstep = { scheme = \"leapfrog\" }",
-                &["unknown variant `leapfrog`, expected `explicit` or `implicit`"],
-            ),
-            (
-                "kind = \"fem\"\nrole = \"fine\"",
-                "kind = \"dem\"\nrole = \"fine\"\nstep.scheme = \"implicit\"",
-                &[
-                    "model.right.step.scheme = implicit: is for linear solids",
-                    "give particles a ratio",
-                ],
-            ),
-            (
-                "steps = 50",
-                "steps = 50\nstep.seconds = 0.5\n[[effect]]\nmass_damping.rate = 0.1\n[model.right.step]\nscheme = \"implicit\"",
-                &[
-                    "model.right",
-                    "cannot step implicitly: effect 'mass-damping' needs velocities",
-                ],
-            ),
-            (
-                "steps = 50",
-                "steps = 50\nstep.seconds = 0.8\n[model.right.step]\nratio = 2",
-                &[
-                    "model.right.step",
-                    "exceeds the critical step",
-                    "'right'",
-                    "2 own steps",
-                    "at least",
-                ],
-            ),
             ("steps = 50", "end = 0.0", &["time.end = 0: must be positive [s]"]),
             ("steps = 50", "steps = 0", &["time.steps = 0: must be at least 1"]),
             (

@@ -211,7 +211,7 @@ mod tests {
     /// does not depend on how many springs there are: it is found with stored vectors and without.
     #[test]
     fn large_models_have_the_eigenvalue_of_small_ones_without_stored_vectors() {
-        let top = |n: usize| {
+        let top = |n: usize| -> f64 {
             let stiffness = |k: usize| if k == n / 2 { 5.0 } else { 1.0 };
             largest_eigenvalue(&vec![1.0; n], &mut |q, f| {
                 for k in 0..n - 1 {

@@ -3,7 +3,7 @@
 
 use arlequin_core::{
     Arms, Coupled, DofLayout, Guard, Model, ParticleField, Partition, PrescribedMotion, Silent, Subdomain,
-    TimeStep, Weight, Weights,
+    TimeFunction, TimeStep, Weight, Weights,
 };
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
@@ -217,4 +217,26 @@ fn a_resumed_run_draws_the_same_ledger() {
         let last = |r: &Coupled<f64>| r.last_energy().unwrap().invariant.to_bits();
         assert!(bits(&whole) == bits(&rest) && last(&whole) == last(&rest));
     }
+}
+
+#[test]
+fn a_face_that_moves_is_followed_and_its_work_closes_the_ledger() {
+    let cube = model(4, false);
+    let face: Vec<usize> = cube.select(|x| x.x < 1.5e-4).iter().map(|k| 3 * k).collect();
+    let (first, amplitude) = (face[0], 1e-7);
+    let pull = PrescribedMotion {
+        dofs: face,
+        amplitude,
+        time: TimeFunction::Ramp { duration: 2e-7 },
+    };
+    let side = Subdomain::fine(cube, Weights::uncoupled()).with_support(pull);
+    let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
+    run.run((4e-7 / run.dt()) as usize, &mut Silent).unwrap();
+    let moved = run.subdomains()[0].state().q[first];
+    assert!((moved / amplitude - 1.0).abs() < 1e-12, "{moved:e}");
+    assert!(
+        run.works()[0].work > 0.0 && run.drift() < 1e-11,
+        "{:e}",
+        run.drift()
+    );
 }

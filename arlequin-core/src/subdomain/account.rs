@@ -80,16 +80,17 @@ impl<T: Real> Subdomain<T> {
         parallel::sum(q.len(), &part)
     }
 
-    /// Internal energy at the whole step \[J\].
+    /// Internal energy at the whole step \[J\]; of a whole solver, what its invariant said when the ledger was last drawn.
     pub fn internal_energy(&self) -> T {
+        if self.is_guest() {
+            return self.drawn_energy();
+        }
         self.model().internal_energy(&self.state.q)
     }
 
     /// Kinetic energy at the whole step \[J\].
     pub fn kinetic_energy(&self) -> T {
-        let (m, v) = (&self.inertia, &self.state.v);
-        let part = |range: std::ops::Range<usize>| range.fold(T::zero(), |s, i| s + m[i] * v[i] * v[i]);
-        T::of(0.5) * parallel::sum(v.len(), &part)
+        T::of(0.5) * parallel::weighted_squares(&self.inertia, &self.state.v)
     }
 
     /// Internal energy \[J\] found by the last [`Self::invariant`].

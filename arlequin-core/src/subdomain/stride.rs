@@ -13,7 +13,8 @@ impl<T: Real> Subdomain<T> {
     /// Accelerations are those of the internal forces, so that neither forces nor displacements of the step before are
     /// stored.
     pub(super) fn stride(&mut self, reached: Reached<T>, keep: bool) -> Result<bool> {
-        if !self.forces.are_internal() || self.model.evolving().is_some() || self.model.stepping().is_none() {
+        let alone = self.forces.are_internal() && self.moving().next().is_none();
+        if !alone || self.model.evolving().is_some() || self.model.stepping().is_none() {
             return Ok(false);
         }
         let before = match self.energies.now {
@@ -41,7 +42,7 @@ impl<T: Real> Subdomain<T> {
             now: drawn.map(|d| d.internal),
             moving: drawn.map(|d| d.moving),
         };
-        // Fixed unknowns: no other support is without loads.
+        // Fixed unknowns: with moving ones the model does not make the step.
         for &d in self.supports.iter().flat_map(|m| &m.dofs) {
             (self.state.v[d], self.state.a[d]) = (T::zero(), T::zero());
         }

@@ -413,9 +413,7 @@ fn located(source: arlequin::core::Error) -> Error {
             "interface".to_owned()
         }
         Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
-        Core::SingularInterface { interface: i, .. } | Core::RankTooLarge { interface: i, .. } => {
-            interface(i, "mediator")
-        }
+        Core::SingularInterface { interface: i, .. } => interface(i, "mediator"),
         Core::SharedNode { second, .. } => interface(second, "mediator"),
         Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
             format!("model.{model}")

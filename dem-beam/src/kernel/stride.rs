@@ -140,7 +140,7 @@ impl Cut for Accelerate<'_> {
     }
 }
 
-fn cut_both<'a>(x: [&'a [f64]; 2], at: usize) -> ([&'a [f64]; 2], [&'a [f64]; 2]) {
+fn cut_both(x: [&[f64]; 2], at: usize) -> ([&[f64]; 2], [&[f64]; 2]) {
     (x.map(|x| &x[..at]), x.map(|x| &x[at..]))
 }
 
