@@ -42,9 +42,10 @@ pub mod prelude {
     pub use arlequin_core::{
         CoarseModel, Complement, Components, Coupled, DofLayout, Elastic, Equilibrium, Error, FineModel,
         Guard, H1Gradient, H1Seminorm, H1Strain, InterfaceOptions, InterfaceSpec, Interpolation, Junction,
-        L2, LinearModel, Mediator, Model, Needs, Observer, Overlap, ParticleField, Partition, Parts,
-        PrescribedMotion, Primitive, Profile, Ramp, Result, Sampling, ShapeFunction, Shell, Silent, Slab,
-        State, StepReport, Subdomain, TimeFunction, TimeStep, Uniform, Weight, Weighting, Weights,
+        L2, LinearModel, Mediator, Model, Needs, Observer, Overlap, OwnStep, Participant, ParticleField,
+        Partition, Parts, PrescribedMotion, Primitive, Profile, Ramp, Result, Sampling, ShapeFunction, Shell,
+        Silent, Slab, State, StepReport, Subdomain, TimeFunction, TimeStep, Uniform, Weight, Weighting,
+        Weights,
     };
     pub use cnem::{CnemModel, NaturalField};
     pub use dem_beam::{

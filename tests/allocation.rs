@@ -10,10 +10,10 @@ use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::{Interpolant, Scratch};
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::{H1Gradient, H1Strain, Junction, Silent};
+use arlequin::core::{H1Gradient, H1Strain, Junction, OwnStep, Silent, Solver};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
-use support::solid::busy;
+use support::solid::solved;
 
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
@@ -58,10 +58,19 @@ fn steps() {
         Box::new(H1Gradient::new(0.1).unwrap()),
         Box::new(H1Strain::new(0.1).unwrap()),
     ];
-    for junction in junctions {
-        let name = junction.name();
+    let own = [
+        [OwnStep::Same, OwnStep::Ratio(3)],
+        [OwnStep::Implicit, OwnStep::Ratio(2)],
+    ];
+    let gradients = Solver::ConjugateGradients {
+        tolerance: 1e-6,
+        max_iterations: 50,
+    };
+    let solvers = [Solver::Auto, gradients];
+    for ((junction, own), solver) in junctions.into_iter().zip(own).zip(solvers) {
+        let name = format!("{} with {own:?}", junction.name());
         let count = pool.install(|| {
-            let mut c = busy(junction);
+            let mut c = solved(junction, own, solver);
             c.run(20, &mut Silent).unwrap();
             let region = Region::new(ALLOCATOR);
             c.run(50, &mut Silent).unwrap();

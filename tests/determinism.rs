@@ -5,8 +5,8 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::{Coupled, H1Gradient, Silent};
-use support::solid::busy;
+use arlequin::core::{Coupled, H1Gradient, OwnStep, Silent, Solver};
+use support::solid::{busy, solved, stepping};
 
 fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new()
@@ -40,4 +40,57 @@ fn one_and_two_threads_give_the_same_bits() {
     assert_eq!(one, with(1), "two runs");
     assert_eq!(one, with(2), "one and two threads");
     assert_eq!(one, with(3), "one and three threads");
+}
+
+/// Own steps of the coarse and the fine body.
+const OWN: [[OwnStep<f64>; 2]; 2] = [
+    [OwnStep::Same, OwnStep::Ratio(3)],
+    [OwnStep::Implicit, OwnStep::Ratio(2)],
+];
+
+const GRADIENTS: Solver<f64> = Solver::ConjugateGradients {
+    tolerance: 1e-6,
+    max_iterations: 50,
+};
+
+#[test]
+fn own_steps_give_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
+    for (own, solver) in OWN.into_iter().zip([Solver::Auto, GRADIENTS]) {
+        let build = || solved(Box::new(H1Gradient::new(0.1).unwrap()), own, solver);
+        let with = |threads: usize| {
+            pool(threads).install(|| {
+                let mut c = build();
+                c.run(20, &mut Silent).unwrap();
+                bits(&c)
+            })
+        };
+        let one = with(1);
+        assert_eq!(one, with(2), "{own:?}: one and two threads");
+        assert_eq!(one, with(3), "{own:?}: one and three threads");
+        let again = pool(1).install(|| {
+            let mut first = build();
+            first.run(9, &mut Silent).unwrap();
+            let kept = first.snapshot().unwrap();
+            let mut second = build();
+            second.run(2, &mut Silent).unwrap();
+            second.restore(&kept).unwrap();
+            second.run(11, &mut Silent).unwrap();
+            bits(&second)
+        });
+        assert_eq!(one, again, "{own:?}: after a restart");
+    }
+}
+
+#[test]
+fn a_state_of_other_own_steps_is_refused() {
+    let [mut one, mut other] = OWN.map(|own| stepping(Box::new(H1Gradient::new(0.1).unwrap()), own));
+    let mut kept = one.snapshot().unwrap();
+    kept.dt = other.dt();
+    let text = other.restore(&kept).unwrap_err().to_string();
+    assert!(
+        text.contains("own steps") && text.contains("[1, 3]") && text.contains("[1, 2]"),
+        "{text}"
+    );
+    kept.dt = one.dt();
+    one.restore(&kept).unwrap();
 }

@@ -5,7 +5,9 @@
 use arlequin::core::effect::{
     AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec, StepDemand,
 };
-use arlequin::core::{Coupled, Model, Parts, Phase, Silent, Subdomain, TimeStep, Weights, conformance};
+use arlequin::core::{
+    Coupled, Model, OwnStep, Parts, Phase, Silent, Subdomain, TimeStep, Weights, conformance,
+};
 use arlequin::fem_ref::{Elastic, FemModel, generate};
 
 /// `f = k (x_b − x_a) + c (v_b − v_a)` between the last node of the first and the first node of the second side. With
@@ -99,17 +101,50 @@ fn bar(name: &str, from: f64, speed: f64) -> Subdomain<f64> {
 }
 
 fn linked(link: Option<Link>) -> Coupled<f64> {
+    stepped(link, [OwnStep::Same; 2]).unwrap()
+}
+
+fn stepped(link: Option<Link>, own: [OwnStep<f64>; 2]) -> arlequin::core::Result<Coupled<f64>> {
     let pairs = link.into_iter().map(|l| PairSpec {
         sides: [0, 1],
         effect: Box::new(l) as Box<dyn PairEffectSpec<f64>>,
     });
     let parts = Parts {
         start: 0.0,
-        subdomains: vec![bar("left", 0.0, 0.0), bar("right", 1.1, 1.0)],
+        subdomains: vec![
+            bar("left", 0.0, 0.0).with_step(own[0]),
+            bar("right", 1.1, 1.0).with_step(own[1]),
+        ],
         interfaces: Vec::new(),
         pairs: pairs.collect(),
     };
-    Coupled::of(parts, TimeStep::Fraction(0.5), None).unwrap()
+    Coupled::of(parts, TimeStep::Fraction(0.5), None)
+}
+
+#[test]
+fn models_with_an_effect_between_them_make_the_same_own_steps() {
+    let spring = || Some(Link::new(1e8, 500.0, false));
+    let mut run = stepped(spring(), [OwnStep::Same, OwnStep::Ratio(4)]).unwrap();
+    assert!(run.subdomains().iter().all(|s| s.own_steps() == 4));
+    let [p, _] = run.momentum();
+    run.run(500, &mut Silent).unwrap();
+    assert!(run.drift() < 1e-11, "{}", run.drift());
+    let made = (run.momentum()[0] - p).norm() / p.norm();
+    assert!(
+        made < 1e-11 && run.subdomains()[0].momentum()[0].x > 0.1 * p.x,
+        "{made:e}"
+    );
+    let refused = |own| stepped(spring(), own).map(|_| ()).unwrap_err().to_string();
+    let text = refused([OwnStep::Ratio(2), OwnStep::Ratio(3)]);
+    assert!(
+        text.contains("'left' and 'right'") && text.contains("2 and 3"),
+        "{text}"
+    );
+    let text = refused([OwnStep::Implicit, OwnStep::Same]);
+    assert!(
+        text.contains("'left' cannot step implicitly: an effect between"),
+        "{text}"
+    );
 }
 
 #[test]

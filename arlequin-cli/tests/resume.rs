@@ -126,6 +126,34 @@ fn killed_fifty_times_at_random_it_goes_on_with_the_same_bits() {
 }
 
 #[test]
+fn own_steps_and_the_implicit_scheme_go_on_with_the_same_bits() {
+    let folder = scratch("killed-own-steps");
+    let scene = small(&folder);
+    let sets = [
+        "time.steps=12000",
+        "model.left.step.scheme=implicit",
+        "model.right.step.ratio=4",
+    ];
+    let sets: Vec<&str> = sets.into_iter().flat_map(|s| ["--set", s]).collect();
+    let [whole, out] = ["whole", "killed-run"].map(|n| folder.join(n));
+    succeed(&[&["run", text(&scene), "--out", text(&whole)], &sets[..]].concat());
+    let line = &summary(&whole)["models"];
+    assert_eq!(
+        (&line[0]["scheme"], &line[1]["own_steps"]),
+        (&"implicit".into(), &4.into()),
+        "{line}"
+    );
+    assert!(
+        summary(&whole)["energy"]["h_drift_max"]
+            .as_f64()
+            .is_some_and(|d| d < 1e-11)
+    );
+    let kills = kill_until_done(&out, 20, 10, &mut MOMENTS.clone(), || start(&scene, &out, &sets));
+    assert!(kills >= 1, "killed only {kills} times");
+    assert_same(&whole, &out);
+}
+
+#[test]
 fn broken_bonds_and_contacts_go_on_with_the_same_bits() {
     let folder = scratch("killed-breaking");
     let scene = common::scene("notched-bar.toml");

@@ -6,6 +6,7 @@ use crate::coupled::Coupled;
 use crate::effect::{Instant, PairEffect};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{DofLayout, Model};
+use crate::participant::Participant;
 use crate::weight::{Uniform, Weight};
 use crate::{Real, Result};
 use nalgebra::{Point3, Vector3};
@@ -207,6 +208,94 @@ pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Resu
     model.add_internal_forces(&b, &mut fb)?;
     let dot = crate::scalar::dot::<T>;
     Ok((dot(&fa, &b) - dot(&fb, &a)).abs() / (dot(&fa, &a).abs() + dot(&fb, &b).abs()))
+}
+
+/// Defects of a [`Participant`], each zero up to round-off for one that keeps what the coupling relies on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParticipantDefect<T> {
+    /// Velocities after an impulse `p` beside those before and `p/M`, relative to the latter.
+    pub kick: T,
+    /// Displacements that an impulse moved at once, relative to the extent of the nodes.
+    pub moved: T,
+    /// Change of the invariant over the steps relative to its size; zero where the participant tells none.
+    pub drift: T,
+    /// Change of the invariant by an impulse less its work `p·(v + p/2M)`, relative to that work; zero without invariant.
+    pub work: T,
+    /// Largest difference of velocities in the same steps made again from what was saved, relative to the largest; zero
+    /// where the participant cannot be saved.
+    pub resumed: T,
+}
+
+/// Kicks a participant, lets it go on for `steps` steps of `step` \[s\], and again from where it was. It is weighed with
+/// weights of one, and should be in motion.
+///
+/// # Errors
+/// Those of the participant.
+pub fn participant<T: Real>(
+    solver: &mut dyn Participant<T>,
+    step: T,
+    steps: usize,
+) -> Result<ParticipantDefect<T>> {
+    let n = solver.layout().dofs();
+    let mut inertia = vec![T::zero(); n];
+    solver.weigh(&crate::Weights::uncoupled(), &mut inertia)?;
+    solver.advance(T::zero(), step)?;
+    let read = |solver: &dyn Participant<T>| {
+        let (mut q, mut v) = (vec![T::zero(); n], vec![T::zero(); n]);
+        solver.displacements(&mut q);
+        solver.velocities(&mut v);
+        [q, v]
+    };
+    let top = |x: &[T]| x.iter().fold(T::epsilon(), |m, x| m.max(x.abs()));
+    let gap = |a: &[T], b: &[T]| {
+        a.iter()
+            .zip(b)
+            .fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))
+    };
+    let ([q, v], before) = (read(solver), solver.invariant());
+    let scale = top(&v);
+    let impulse: Vec<T> = inertia
+        .iter()
+        .enumerate()
+        .map(|(i, m)| *m * scale * random(i))
+        .collect();
+    solver.kick(&impulse)?;
+    let ([moved, kicked], after) = (read(solver), solver.invariant());
+    let wanted: Vec<T> = (0..n).map(|i| v[i] + impulse[i] / inertia[i]).collect();
+    let half = T::of(0.5);
+    let work: T = (0..n)
+        .map(|i| impulse[i] * (v[i] + half * impulse[i] / inertia[i]))
+        .sum();
+    let brought = before
+        .zip(after)
+        .map_or(T::zero(), |(b, a)| (a - b - work).abs() / work.abs());
+    let kept = solver.save().ok();
+    let go = |solver: &mut dyn Participant<T>| -> Result<T> {
+        let mut worst = T::zero();
+        for k in 0..steps {
+            solver.advance(T::of((k + 1) as f64) * step, step)?;
+            let drift = after
+                .zip(solver.invariant())
+                .map(|(a, now)| (now - a).abs() / a.abs());
+            worst = worst.max(drift.unwrap_or_default());
+        }
+        Ok(worst)
+    };
+    let drift = go(solver)?;
+    let [_, first] = read(solver);
+    let mut resumed = T::zero();
+    if let Some(kept) = kept {
+        solver.restore(&kept)?;
+        go(solver)?;
+        resumed = gap(&first, &read(solver)[1]) / top(&first);
+    }
+    Ok(ParticipantDefect {
+        kick: gap(&kicked, &wanted) / scale,
+        moved: gap(&moved, &q) / extent(solver.nodes()),
+        drift,
+        work: brought,
+        resumed,
+    })
 }
 
 /// Largest violation of `λᵀ(B v) = (Bᵀλ)ᵀv` over the interfaces of a run: the operators are each other's transpose.

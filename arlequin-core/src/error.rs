@@ -243,18 +243,6 @@ pub enum Error {
         /// Number of multiplier unknowns.
         size: usize,
     },
-    /// The rank-revealing fallback is too large to be run densely.
-    #[error(
-        "interface '{interface}': {size} dependent multiplier unknowns are too many for the rank-revealing factorisation (limit {limit}); coarsen the mediator"
-    )]
-    RankTooLarge {
-        /// Name of the interface.
-        interface: String,
-        /// Number of multiplier unknowns.
-        size: usize,
-        /// Largest size accepted.
-        limit: usize,
-    },
     /// Two interfaces act on one node.
     #[error(
         "interfaces '{first}' and '{second}' share node {node} of model '{model}'; move them apart or join them into one mediator"

@@ -4,7 +4,7 @@ use crate::adjacency::Adjacency;
 use crate::geometry::{Cell, Sample};
 use crate::{Error, Real, Result};
 use nalgebra::{Matrix3, Point3, Vector3};
-use std::collections::HashMap;
+use rayon::prelude::*;
 
 /// One evaluation of shape functions: `u(x) = Σ_k values[k] u[nodes[k]]`. Owned and reused by the caller.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -109,7 +109,8 @@ const RINGS: usize = 4;
 pub struct ParticleField<T: Real> {
     centres: Vec<Point3<T>>,
     samples: Vec<Sample<T>>,
-    index: HashMap<[u64; 3], usize>,
+    /// Particles by the bits of their positions: four bytes each, a hash map takes sixty.
+    order: Vec<u32>,
     /// Gradients are computed from them when asked for, which happens once per particle of an overlap: storing them for
     /// all would take 250 bytes each.
     neighbours: Option<Adjacency>,
@@ -129,7 +130,6 @@ impl<T: Real> ParticleField<T> {
                 found: volumes.len(),
             });
         }
-        let mut index = HashMap::with_capacity(centres.len());
         let mut samples = Vec::with_capacity(centres.len());
         for (k, (p, v)) in centres.iter().zip(volumes).enumerate() {
             crate::scalar::check_finite("particle centres", p.coords.as_slice())?;
@@ -140,22 +140,26 @@ impl<T: Real> ParticleField<T> {
                     "must be positive",
                 ));
             }
-            if let Some(other) = index.insert(Self::key(p), k) {
-                return Err(crate::error::invalid(
-                    &format!("position of particle {k}"),
-                    p,
-                    &format!("coincides with particle {other}; remove one"),
-                ));
-            }
             samples.push(Sample {
                 point: *p,
                 measure: *v,
             });
         }
+        let mut order: Vec<u32> = (0..centres.len() as u32).collect();
+        order.par_sort_unstable_by_key(|k| (Self::key(&centres[*k as usize]), *k));
+        let same =
+            |pair: &&[u32]| Self::key(&centres[pair[0] as usize]) == Self::key(&centres[pair[1] as usize]);
+        if let Some(&[other, k]) = order.windows(2).filter(same).min_by_key(|pair| pair[1]) {
+            return Err(crate::error::invalid(
+                &format!("position of particle {k}"),
+                centres[k as usize],
+                &format!("coincides with particle {other}; remove one"),
+            ));
+        }
         Ok(Self {
             centres,
             samples,
-            index,
+            order,
             neighbours: None,
         })
     }
@@ -237,7 +241,9 @@ impl<T: Real> Interpolation<T> for ParticleField<T> {
 
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
         row.clear();
-        let Some(&k) = self.index.get(&Self::key(x)) else {
+        let found =
+            (self.order).binary_search_by_key(&Self::key(x), |k| Self::key(&self.centres[*k as usize]));
+        let Ok(k) = found.map(|at| self.order[at] as usize) else {
             return Err(outside(x, self.kind()));
         };
         if !gradient {

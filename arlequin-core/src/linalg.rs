@@ -2,11 +2,11 @@
 
 use crate::{Error, Real, Result};
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::linalg::solvers::Solve;
-use faer::sparse::linalg::cholesky::supernodal::SupernodalLltRef;
+use faer::linalg::cholesky::ldlt::factor::{LdltError, LdltRegularization};
+use faer::linalg::solvers::{LltError, Solve};
+use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;
 use faer::sparse::linalg::cholesky::{
-    self, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
+    self, LdltRef, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::traits::RealField;
@@ -45,6 +45,8 @@ pub struct DenseEigen<T> {
 struct Cholesky<T> {
     symbolic: SymbolicCholesky<usize>,
     values: Vec<T>,
+    /// Whether it is `L D Lᵀ`, for matrices whose dependent rows are left out, or `L Lᵀ`.
+    with_pivots: bool,
     memory: MemBuffer,
 }
 
@@ -62,12 +64,25 @@ impl<T: Real + RealField> SpdFactor<T> for Cholesky<T> {
         let n = self.symbolic.nrows();
         for b in b.chunks_mut((n * AT_ONCE).max(1)) {
             let sides = b.len() / n;
-            LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
-                Conj::No,
+            let (b, stack) = (
                 MatMut::from_column_major_slice_mut(b, n, sides),
-                Par::Seq,
                 MemStack::new(&mut self.memory),
             );
+            if self.with_pivots {
+                LdltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
+                    Conj::No,
+                    b,
+                    Par::Seq,
+                    stack,
+                );
+            } else {
+                LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
+                    Conj::No,
+                    b,
+                    Par::Seq,
+                    stack,
+                );
+            }
         }
     }
     fn size(&self) -> usize {
@@ -93,7 +108,7 @@ fn view<'a, T>(matrix: &'a CsMat<T>, starts: &'a [usize]) -> SparseColMatRef<'a,
     SparseColMatRef::new(symbolic, matrix.data())
 }
 
-/// What pivots that are left out become: twice what the diagonal of the factor can be where that of the matrix is one.
+/// What pivots that are left out become: more than any can be where the diagonal is one.
 const LEFT_OUT: f64 = 4.0;
 
 /// Entries that the Cholesky factor of a symmetric matrix will have; more than any machine holds where that cannot be said.
@@ -109,7 +124,7 @@ fn symbolic<T>(a: &SparseColMatRef<'_, usize, T>) -> Option<SymbolicCholesky<usi
 }
 
 pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn SpdFactor<T>>> {
-    Ok(Box::new(factored(matrix, LltRegularization::default())?))
+    Ok(Box::new(Cholesky::of(matrix, None)?))
 }
 
 /// The factor of a positive semidefinite matrix with a diagonal of ones, and the rows that are left out of it.
@@ -117,71 +132,71 @@ pub(crate) fn cholesky_of_independent<T: Real + RealField>(
     matrix: &CsMat<T>,
     floor: T,
 ) -> Result<(Box<dyn SpdFactor<T>>, Vec<usize>)> {
-    let factor = factored(
-        matrix,
-        LltRegularization {
-            dynamic_regularization_delta: T::of(LEFT_OUT),
-            dynamic_regularization_epsilon: floor,
-        },
-    )?;
-    let mut left_out = factor.pivots_above(T::of(0.5 * (1.0 + LEFT_OUT.sqrt())));
+    let factor = Cholesky::of(matrix, Some(floor))?;
+    let mut left_out = factor.pivots_above(T::of(0.5 * (1.0 + LEFT_OUT)));
     left_out.sort_unstable();
     Ok((Box::new(factor), left_out))
 }
 
-fn factored<T: Real + RealField>(
-    matrix: &CsMat<T>,
-    regularization: LltRegularization<T>,
-) -> Result<Cholesky<T>> {
-    let size = matrix.rows();
-    let broken = |pivot| Error::NotPositiveDefinite { pivot, size };
-    if matrix
-        .data()
-        .iter()
-        .any(|v| !nalgebra::ComplexField::is_finite(v))
-    {
-        return Err(broken(0));
-    }
-    let matrix = columns(matrix);
-    let starts = matrix.indptr().to_proper().to_vec();
-    let a = view(&matrix, &starts);
-    let symbolic = symbolic(&a).ok_or_else(|| broken(size))?;
-    let mut values = vec![T::default(); symbolic.len_val()];
-    let mut memory =
-        MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<T>(Par::Seq, Default::default()));
-    symbolic
-        .factorize_numeric_llt(
-            &mut values,
-            a,
-            Side::Lower,
-            regularization,
-            Par::Seq,
-            MemStack::new(&mut memory),
-            Default::default(),
-        )
-        .map_err(|faer::linalg::solvers::LltError::NonPositivePivot { index }| broken(index))?;
-    let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(AT_ONCE, Par::Seq));
-    Ok(Cholesky {
-        symbolic,
-        values,
-        memory,
-    })
-}
-
 impl<T: Real + RealField> Cholesky<T> {
-    /// Rows whose entry on the factor's diagonal exceeds a limit.
+    /// Factors a matrix; pivots at or below `floor`, where there is one, become [`LEFT_OUT`].
+    fn of(matrix: &CsMat<T>, floor: Option<T>) -> Result<Self> {
+        let size = matrix.rows();
+        let broken = |pivot| Error::NotPositiveDefinite { pivot, size };
+        let finite = |v| nalgebra::ComplexField::is_finite(v);
+        if !matrix.data().iter().all(finite) {
+            return Err(broken(0));
+        }
+        let matrix = columns(matrix);
+        let starts = matrix.indptr().to_proper().to_vec();
+        let a = view(&matrix, &starts);
+        let symbolic = symbolic(&a).ok_or_else(|| broken(size))?;
+        let mut values = vec![T::default(); symbolic.len_val()];
+        let (side, par) = (Side::Lower, Par::Seq);
+        if let Some(floor) = floor {
+            // Not `L Lᵀ`, whose dense kernels keep the old pivot on the diagonal (faer 0.24).
+            let positive = vec![1; size];
+            let regularization = LdltRegularization {
+                dynamic_regularization_signs: Some(&positive),
+                dynamic_regularization_delta: T::of(LEFT_OUT),
+                dynamic_regularization_epsilon: floor,
+            };
+            let scratch = symbolic.factorize_numeric_ldlt_scratch::<T>(par, Default::default());
+            let (mut memory, params) = (MemBuffer::new(scratch), Default::default());
+            let stack = MemStack::new(&mut memory);
+            symbolic
+                .factorize_numeric_ldlt(&mut values, a, side, regularization, par, stack, params)
+                .map_err(|LdltError::ZeroPivot { index }| broken(index))?;
+        } else {
+            let scratch = symbolic.factorize_numeric_llt_scratch::<T>(par, Default::default());
+            let (mut memory, params) = (MemBuffer::new(scratch), Default::default());
+            let stack = MemStack::new(&mut memory);
+            symbolic
+                .factorize_numeric_llt(&mut values, a, side, Default::default(), par, stack, params)
+                .map_err(|LltError::NonPositivePivot { index }| broken(index))?;
+        }
+        let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(AT_ONCE, par));
+        Ok(Self {
+            symbolic,
+            values,
+            with_pivots: floor.is_some(),
+            memory,
+        })
+    }
+
+    /// Rows whose pivot exceeds a limit.
     fn pivots_above(&self, limit: T) -> Vec<usize> {
         let mut found = Vec::new();
         match self.symbolic.raw() {
             SymbolicCholeskyRaw::Simplicial(s) => {
-                let diagonal = s.col_ptr().iter().take(s.ncols()).map(|&k| self.values[k]);
-                found.extend(diagonal.enumerate().filter(|d| d.1 > limit).map(|d| d.0));
+                let pivots = s.col_ptr().iter().take(s.ncols()).map(|&k| self.values[k]);
+                found.extend(pivots.enumerate().filter(|d| d.1 > limit).map(|d| d.0));
             }
             SymbolicCholeskyRaw::Supernodal(s) => {
-                let factor = SupernodalLltRef::new(s, &self.values);
+                let factor = SupernodalLdltRef::new(s, &self.values);
                 for node in (0..s.n_supernodes()).map(|k| factor.supernode(k)) {
-                    let diagonal = 0..node.val().ncols();
-                    let above = diagonal.filter(|&k| node.val()[(k, k)] > limit);
+                    let pivots = 0..node.val().ncols();
+                    let above = pivots.filter(|&k| node.val()[(k, k)] > limit);
                     found.extend(above.map(|k| node.start() + k));
                 }
             }

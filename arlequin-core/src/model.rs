@@ -163,6 +163,21 @@ pub trait Model<T: Real>: Send {
         self.add_internal_forces(q, f)
     }
 
+    /// [`Model::advance`], and [`Model::internal_energy`] there \[J\], for a model that finds it on the way.
+    ///
+    /// # Errors
+    /// Those of [`Model::advance`].
+    fn advance_with_energy(&mut self, q: &[T], f: &mut [T]) -> Result<T> {
+        self.advance(q, f)?;
+        Ok(self.internal_energy(q))
+    }
+
+    /// The model as one that makes whole steps itself, if it can: the core lets it where nothing but the model acts on the
+    /// unknowns within a step (no effects, no moving support, no evolution).
+    fn stepping(&mut self) -> Option<&mut dyn Stepping<T>> {
+        None
+    }
+
     /// Positions about which the moments of the internal forces vanish.
     fn arms(&self) -> Arms {
         Arms::Reference
@@ -225,6 +240,49 @@ pub trait Model<T: Real>: Send {
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
         None
     }
+}
+
+/// A step of velocity Verlet under internal forces alone, one number per unknown in every slice.
+#[derive(Debug)]
+pub struct Stride<'a, T> {
+    /// Length of the step \[s\].
+    pub dt: T,
+    /// Displacements.
+    pub q: &'a mut [T],
+    /// Velocities.
+    pub v: &'a mut [T],
+    /// Accelerations, those of the internal forces.
+    pub a: &'a mut [T],
+    /// Inverse inertia, zero where unknowns are held at rest.
+    pub inverse_inertia: &'a [T],
+    /// Inertia, where the energies of the step are wanted.
+    pub inertia: Option<&'a [T]>,
+}
+
+/// Energies of a step \[J\]; `v₊ = (q_{n+1} − q_n)/Δt`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drawn<T> {
+    /// Internal energy at its end.
+    pub internal: T,
+    /// `½ v₊ᵀMv₊ + ¼ (q_{n+1} − q_n)·(f_{n+1} − f_n)`.
+    pub moving: T,
+}
+
+/// A model that makes whole steps itself: one that is fast enough for passes over its unknowns to count, and accelerates
+/// nodes in the pass that finds their forces, while they are in the cache.
+pub trait Stepping<T: Real> {
+    /// Makes the step
+    ///
+    /// ```text
+    /// v₊ = v + Δt/2 a    q += Δt v₊    a = w f(q)    v = v₊ + Δt/2 a
+    /// ```
+    ///
+    /// with the bits of the core: every product and every sum is rounded. Replaces [`Model::advance`], and like it must not
+    /// allocate. The energies are those of the step if [`Stride::inertia`] is there.
+    ///
+    /// # Errors
+    /// Those of [`Model::advance`].
+    fn stride(&mut self, step: Stride<'_, T>) -> Result<Option<Drawn<T>>>;
 }
 
 /// A model that changes itself as it moves.

@@ -34,6 +34,46 @@ pub fn sum<T: Real>(n: usize, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
     sum_of(n, part)
 }
 
+/// Sums that do not wait for each other: one would be as slow as its chain of additions.
+const ABREAST: usize = 8;
+
+/// `Σ m v²`.
+pub(crate) fn weighted_squares<T: Real>(m: &[T], v: &[T]) -> T {
+    let part = |range: Range<usize>| {
+        let (ms, m) = m[range.clone()].as_chunks::<ABREAST>();
+        let (vs, v) = v[range].as_chunks::<ABREAST>();
+        let mut sums = [T::zero(); ABREAST];
+        for (m, v) in ms.iter().zip(vs) {
+            for k in 0..ABREAST {
+                sums[k] += m[k] * v[k] * v[k];
+            }
+        }
+        let rest = m.iter().zip(v).fold(T::zero(), |s, (m, v)| s + *m * *v * *v);
+        sums.into_iter().fold(rest, |a, b| a + b)
+    };
+    sum_of(v.len(), &part)
+}
+
+/// Largest modulus; zero for none.
+pub(crate) fn largest<T: Real>(x: &[T]) -> T {
+    let larger = |a: T, b: T| if b > a { b } else { a };
+    let part = |x: &[T]| {
+        let (all, rest) = x.as_chunks::<ABREAST>();
+        let mut tops = [T::zero(); ABREAST];
+        for x in all {
+            for k in 0..ABREAST {
+                tops[k] = larger(tops[k], x[k].abs());
+            }
+        }
+        let tops = tops.into_iter().chain(rest.iter().map(|x| x.abs()));
+        tops.fold(T::zero(), larger)
+    };
+    if !pays(x.len()) {
+        return part(x);
+    }
+    x.par_chunks(CHUNK).map(part).reduce(T::zero, larger)
+}
+
 /// The same for anything that adds up.
 pub(crate) fn sum_of<S: Add<Output = S> + Send>(n: usize, part: &(dyn Fn(Range<usize>) -> S + Sync)) -> S {
     let chunks = n.div_ceil(CHUNK).max(1);
@@ -124,7 +164,19 @@ pub(crate) fn accelerate<T: Real>(h: T, v: &mut [T], a: &mut [T], force: &[T], w
 
 #[cfg(test)]
 mod tests {
-    use super::sum;
+    use super::{largest, sum, weighted_squares};
+
+    #[test]
+    fn sums_of_eight_abreast_are_those_of_one() {
+        for n in [0_u32, 5, 8, 4_100, 40_003] {
+            let v: Vec<f64> = (0..n).map(|i| (f64::from(i) * 0.37).sin() - 0.1).collect();
+            let m: Vec<f64> = (0..n).map(|i| 1.0 + (f64::from(i) * 0.11).cos()).collect();
+            let plain: f64 = m.iter().zip(&v).map(|(m, v)| m * v * v).sum();
+            assert!((weighted_squares(&m, &v) - plain).abs() <= 1e-12 * plain);
+            let top = v.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+            assert_eq!(largest(&v).to_bits(), top.to_bits());
+        }
+    }
 
     #[test]
     fn a_sum_has_the_same_bits_on_any_number_of_threads() {

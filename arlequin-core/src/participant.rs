@@ -12,7 +12,7 @@ use nalgebra::Point3;
 /// Who only has forces implements [`crate::Model`] instead and leaves the stepping to the core. Between two reflections
 /// nothing is asked of a participant but [`Self::advance`]; at a reflection it gets the whole impulse `2 Bᵀμ` at once, of
 /// which velocities *at* the instant have half.
-/// `conformance::participant` checks an implementation.
+/// [`crate::conformance::participant`] checks an implementation.
 pub trait Participant<T: Real>: Send {
     /// Name for messages and reports.
     fn name(&self) -> &str;

@@ -72,6 +72,8 @@ impl<T: Real> BoxTree<T> {
             depth -= 1;
             let id = stack[depth];
             let node = &self.nodes[id as usize];
+            #[cfg(test)]
+            tests::LOOKED.with(|n| n.set(n.get() + 1));
             if !meets(&node.bounds) {
                 continue;
             }
@@ -96,6 +98,37 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
     use proptest::prelude::*;
+    use std::cell::Cell;
+
+    thread_local! {
+        /// Nodes of trees that were looked at.
+        pub(super) static LOOKED: Cell<usize> = const { Cell::new(0) };
+    }
+
+    /// Set-up stays near-linear because of this: eight times as many cells on both sides cost little more a cell.
+    #[test]
+    fn cells_that_meet_a_cell_are_found_at_a_cost_that_hardly_grows_with_their_number() {
+        let boxes = |n: usize, shift: f64| -> Vec<_> {
+            let h = 1.0 / n as f64;
+            let at = |k: usize| (k as f64 + shift) * h;
+            let low = (0..n * n * n).map(|k| Point3::new(at(k % n), at(k / n % n), at(k / n / n)));
+            low.map(|p| [p, p + Vector3::repeat(h)]).collect()
+        };
+        let [few, many] = [12, 24].map(|n| {
+            let tree = BoxTree::new(boxes(n, 0.0));
+            let (mut pairs, before) = (0, LOOKED.get());
+            for cell in boxes(n, 0.37) {
+                tree.any(&cell, &mut |_| {
+                    pairs += 1;
+                    false
+                });
+            }
+            let cells = (n * n * n) as f64;
+            [f64::from(pairs) / cells, (LOOKED.get() - before) as f64 / cells]
+        });
+        assert!(few[0] < 8.1 && many[0] < 8.1, "{few:?} {many:?}");
+        assert!(many[1] < 1.25 * few[1] && many[1] < 60.0, "{few:?} {many:?}");
+    }
 
     proptest! {
         #[test]

@@ -9,7 +9,7 @@
 //! cargo bench -p arlequin-scene --bench setup -- fem-dem 1e4 1e5
 //! ```
 //!
-//! Packings are made anew, not read from the cache. Every line is one run: other work on the machine adds to it.
+//! Packings come from the cache where they were made before: `ARLEQUIN_CACHE=FOLDER` names an empty one. Every line is one run: other work on the machine adds to it.
 #![allow(clippy::print_stdout, reason = "a benchmark shows its figures")]
 
 use arlequin_scene::{Result, Scene};

@@ -222,6 +222,7 @@ mod tests {
             v: vec![0.1, f64::MIN_POSITIVE],
             a: vec![0.0, -0.0],
             internal: vec![3.0, 4.0],
+            energy: Some(2.5),
             works: vec![7.0],
             evolved: Some(-1.0),
             model: Record {

@@ -1,15 +1,18 @@
-//! The weighted forces of the model, the core's whole step, and what watching strengths adds to it, measured alternately.
+//! The forces of the model alone, the core's whole step, the step with its ledger, and what watching strengths adds to it,
+//! measured in turns.
 //!
-//! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000.
+//! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000 (packed) and 1 000 000 (a cubic lattice: 6
+//! neighbours against the packing's 6.2). Strengths are looked at up to 200 000 particles.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
 use arlequin_core::{Coupled, Guard, Model, Partition, Silent, Subdomain, TimeStep, Weight, Weights};
+use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter};
 use nalgebra::Point3;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Linear from 1 to 0.05 along the bar.
+/// Linear from 1 to 0.05 along the body.
 #[derive(Debug)]
 struct Along;
 
@@ -23,9 +26,9 @@ impl Weight<f64> for Along {
 type NamedJob<'a> = (&'static str, Box<dyn FnMut(usize) + Send + 'a>);
 
 /// Best time per call (ns per bond) of several jobs, taken in turns so that all see the same machine.
-fn best(jobs: &mut [NamedJob<'_>], calls: usize, bonds: usize) -> Vec<f64> {
+fn best(jobs: &mut [NamedJob<'_>], rounds: usize, calls: usize, bonds: usize) -> Vec<f64> {
     let mut out = vec![f64::INFINITY; jobs.len()];
-    for _ in 0..60 {
+    for _ in 0..rounds {
         for ((_, job), best) in jobs.iter_mut().zip(&mut out) {
             let start = Instant::now();
             job(calls);
@@ -36,6 +39,7 @@ fn best(jobs: &mut [NamedJob<'_>], calls: usize, bonds: usize) -> Vec<f64> {
     out
 }
 
+/// Forces alone, a step, a step with its ledger; the first is one.
 fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
     let make = || -> Result<DemModel, dem_beam::Error> {
         let m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
@@ -44,20 +48,36 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
     let mut model = make()?;
     model.set_internal_weight(&Along)?;
     let n = model.layout().dofs();
-    let q: Vec<f64> = (0..n)
-        .map(|i| (i as f64).sin() * if i < n / 2 { 1e-9 } else { 1e-4 })
-        .collect();
-    let mut f = vec![0.0; n];
-    let side = Subdomain::fine(make()?, Weights::same(Arc::new(Along))).with_partition(Partition::Unchecked);
-    let guard = Guard {
-        interval: 1_000_000,
-        growth: 0.05,
+    let wave = |linear: f64, angular: f64| -> Vec<f64> {
+        let size = |i: usize| if i < n / 2 { linear } else { angular };
+        (0..n).map(|i| (i as f64).sin() * size(i)).collect()
     };
-    let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard))?;
-    let calls = (400_000 / packing.radii.len()).clamp(2, 100);
+    let (q, mut f) = (wave(1e-9, 1e-4), vec![0.0; n]);
+    let run = |interval: usize| -> Result<Coupled<f64>, Box<dyn std::error::Error>> {
+        let side = Subdomain::fine(make()?, Weights::same(Arc::new(Along)))
+            .with_partition(Partition::Unchecked)
+            .with_initial(vec![0.0; n], wave(1e-3, 0.0))?;
+        let guard = Guard {
+            interval,
+            growth: 0.05,
+        };
+        Ok(Coupled::new(
+            vec![side],
+            Vec::new(),
+            TimeStep::Fraction(0.5),
+            Some(guard),
+        )?)
+    };
+    let (mut step, mut ledger) = (run(1_000_000)?, run(1)?);
+    let count = packing.radii.len();
+    let (rounds, calls) = if count > PACKED {
+        (6, 3)
+    } else {
+        (60, (400_000 / count).clamp(2, 100))
+    };
     let mut jobs: Vec<NamedJob<'_>> = vec![
         (
-            "model, weighted forces",
+            "forces alone",
             Box::new(|k| {
                 for _ in 0..k {
                     let _ = std::hint::black_box(model.advance(&q, &mut f));
@@ -65,17 +85,27 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
             }),
         ),
         (
-            "core's step, ledger off",
+            "step",
             Box::new(|k| {
-                let _ = std::hint::black_box(run.run(k, &mut Silent));
+                let _ = std::hint::black_box(step.run(k, &mut Silent));
+            }),
+        ),
+        (
+            "step with its ledger",
+            Box::new(|k| {
+                let _ = std::hint::black_box(ledger.run(k, &mut Silent));
             }),
         ),
     ];
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let times = pool.install(|| best(&mut jobs, calls, packing.pairs.len()));
+    let times = pool.install(|| best(&mut jobs, rounds, calls, packing.pairs.len()));
     let law = if finite { "finite" } else { "linear" };
     for ((name, _), t) in jobs.iter().zip(&times) {
-        println!("{law} threads {threads}  {name:<26} {t:6.2} ns/bond");
+        println!(
+            "{law} threads {threads}  {name:<26} {t:6.2} ns/bond  {:4.2} of the forces  {:4.2} of the step",
+            t / times[0],
+            t / times[1]
+        );
     }
     Ok(())
 }
@@ -140,7 +170,7 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
         jobs.push((name, Box::new(job)));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let times = pool.install(|| best(&mut jobs, 10, packing.pairs.len()));
+    let times = pool.install(|| best(&mut jobs, 60, 10, packing.pairs.len()));
     let law = if finite { "finite" } else { "linear" };
     for ((name, _), t) in jobs.iter().zip(&times) {
         println!(
@@ -152,17 +182,34 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
     Ok(())
 }
 
+/// Most particles that are packed.
+const PACKED: usize = 200_000;
+
+fn packing(count: usize) -> Result<Packing, dem_beam::Error> {
+    if count > PACKED {
+        let edge = (count as f64).cbrt().round() as usize;
+        return lattice(Lattice::Cubic, [edge; 3], 1e-4);
+    }
+    PackingSpec::quench(Container::cylinder(20e-3, 1e-3)?, count, 1)
+        .build_cached(&std::env::temp_dir().join("dem-beam-bench"))
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let counts: Vec<usize> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
-    let counts = if counts.is_empty() { vec![20_000] } else { counts };
+    let counts = if counts.is_empty() {
+        vec![20_000, 1_000_000]
+    } else {
+        counts
+    };
     for count in counts {
-        let packing = PackingSpec::quench(Container::cylinder(20e-3, 1e-3)?, count, 1)
-            .build_cached(&std::env::temp_dir().join("dem-beam-bench"))?;
+        let packing = packing(count)?;
         println!("{} particles, {} bonds", packing.radii.len(), packing.pairs.len());
         for finite in [false, true] {
             for threads in [1, 2] {
                 measure(&packing, finite, threads)?;
-                strengths(&packing, finite, threads)?;
+                if count <= PACKED {
+                    strengths(&packing, finite, threads)?;
+                }
             }
         }
     }

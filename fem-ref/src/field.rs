@@ -19,7 +19,7 @@ struct HexShape<T: Real> {
     centre: Point3<T>,
     /// Inverse Jacobian where the map is affine (a parallelepiped), or nearly so.
     inverse: Option<Matrix3<T>>,
-    /// Whether it is affine to the last digits. Otherwise every correction with the same inverse gains eight digits.
+    /// Whether it is affine to the last digits. Otherwise a correction with the same inverse doubles their number.
     affine: bool,
     /// Largest distance of a face's corners from a plane, relative to the element's size.
     warp: T,
@@ -128,10 +128,7 @@ impl<T: Real> FemField<T> {
         };
         let mut xi = inverse * (x - shape.centre);
         if !shape.affine {
-            let p = self.mesh.corners(e);
-            for _ in 0..2 {
-                xi += inverse * (x - element::hex_map(&p, &xi));
-            }
+            xi += inverse * (x - element::hex_map(&self.mesh.corners(e), &xi));
         }
         Some(xi)
     }
@@ -277,7 +274,7 @@ fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
         d[1].dot(&d[0].cross(&d[2])).abs() / (normal.norm() * size)
     });
     let warp = warp.fold(T::zero(), |a, b| a.max(b));
-    // Below the root of epsilon, two corrections leave round-off.
+    // Below the root of epsilon, one correction leaves round-off.
     let nearly = bent <= size * T::epsilon().sqrt();
     HexShape {
         centre,

@@ -4,6 +4,10 @@
 //! mean of the weight over the bond. That is all there is to a model of one's own: copy this crate and change the law.
 //! `tests/conformance.rs` says whether the copy keeps what the coupling relies on.
 
+mod solver;
+
+pub use solver::ChainSolver;
+
 use arlequin::core::geometry::Cell;
 use arlequin::core::invalid;
 use arlequin::core::sprs::{CsMat, TriMat};

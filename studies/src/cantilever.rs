@@ -3,8 +3,8 @@
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
-    Coupled, InterfaceOptions, InterfaceSpec, L2, PrescribedMotion, Profile, Ramp, Result, Silent, Slab,
-    Subdomain, TimeStep, Weights,
+    Coupled, InterfaceOptions, InterfaceSpec, L2, OwnStep, PrescribedMotion, Profile, Ramp, Result, Silent,
+    Slab, Subdomain, TimeStep, Weights,
 };
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh, generate};
 use std::sync::Arc;
@@ -36,11 +36,11 @@ fn block(x: [f64; 2], h: f64) -> Result<Mesh<f64>> {
     )?)
 }
 
-/// One cell of the table: mesh ratio `1:ratio` and overlap width \[m\].
+/// One cell of the table: mesh ratio `1:ratio`, overlap width \[m\], and own steps of the finer side in a step of 1 µs.
 ///
 /// # Errors
 /// Those of the core and the meshes.
-pub fn build(ratio: f64, overlap: f64) -> Result<Coupled<f64>> {
+pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
     let [left, right] = [LENGTH / 2.0 - overlap / 2.0, LENGTH / 2.0 + overlap / 2.0];
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = Ramp::new(Arc::new(Slab::between(at(right), at(left))?), Profile::Cubic, 0.0)?;
@@ -67,7 +67,7 @@ pub fn build(ratio: f64, overlap: f64) -> Result<Coupled<f64>> {
     };
     let subdomains = vec![
         bend(Subdomain::coarse(clamped, coarse).with_support(PrescribedMotion::fixed(root)))?,
-        bend(Subdomain::fine(free, fine))?,
+        bend(Subdomain::fine(free, fine).with_step(OwnStep::Ratio(own)))?,
     ];
     let interface = InterfaceSpec {
         name: "overlap".into(),
@@ -95,8 +95,8 @@ pub const WIDTHS: [f64; 3] = [50.8e-3, 25.4e-3, 12.7e-3];
 ///
 /// # Errors
 /// Those of [`build`] and of the steps.
-pub fn drift(ratio: f64, overlap: f64) -> Result<Drift> {
-    let mut run = build(ratio, overlap)?;
+pub fn drift(ratio: f64, overlap: f64, own: usize) -> Result<Drift> {
+    let mut run = build(ratio, overlap, own)?;
     let start = run.energy();
     let mut out = Drift {
         start,

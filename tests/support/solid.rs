@@ -2,7 +2,9 @@
 
 use arlequin::core::effect::{Absorber, BodyForce};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Coupled, Guard, Junction, Profile, Real, Subdomain, TimeStep, Weights};
+use arlequin::core::{
+    Coupled, Guard, Junction, OwnStep, Profile, Real, Solver, Subdomain, TimeStep, Weights,
+};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::solid as deck;
 #[allow(unused_imports, reason = "each test binary uses its part")]
@@ -39,6 +41,20 @@ pub(crate) fn shaken<T: Real>(bodies: [Subdomain<T>; 2], seed: u64) -> Vec<Subdo
 
 /// A run with effects, large enough that the models split their work over threads.
 pub(crate) fn busy(junction: Box<dyn Junction<f64>>) -> Coupled<f64> {
+    stepping(junction, [OwnStep::Same; 2])
+}
+
+/// The same with own steps.
+pub(crate) fn stepping(junction: Box<dyn Junction<f64>>, own: [OwnStep<f64>; 2]) -> Coupled<f64> {
+    solved(junction, own, Solver::Auto)
+}
+
+/// The same with a choice of the solver.
+pub(crate) fn solved(
+    junction: Box<dyn Junction<f64>>,
+    own: [OwnStep<f64>; 2],
+    solver: Solver<f64>,
+) -> Coupled<f64> {
     let w = weights(Profile::Cubic, 0.01);
     let coarse = FemModel::new(
         "left",
@@ -56,16 +72,12 @@ pub(crate) fn busy(junction: Box<dyn Junction<f64>>) -> Coupled<f64> {
     let fine = Subdomain::fine(fine.unwrap(), rest).with_effect(Box::new(Absorber::new(space.clone(), rate)));
     let coarse = Subdomain::coarse(coarse.unwrap(), w)
         .with_effect(Box::new(BodyForce::new(Vector3::new(0.0, -0.1, 0.0)).unwrap()));
-    let bodies = shaken([coarse, fine], 17);
+    let bodies = shaken([coarse.with_step(own[0]), fine.with_step(own[1])], 17);
+    let mut interface = spec(space, junction);
+    interface.options.solver = solver;
     let guard = Guard {
         interval: 5,
         growth: 0.05,
     };
-    Coupled::new(
-        bodies,
-        vec![spec(space, junction)],
-        TimeStep::Fraction(0.8),
-        Some(guard),
-    )
-    .unwrap()
+    Coupled::new(bodies, vec![interface], TimeStep::Fraction(0.8), Some(guard)).unwrap()
 }

@@ -30,7 +30,7 @@ pub use setup::{Guard, Parts, Plan, TimeStep};
 use crate::interface::Interface;
 use crate::phase::Phase;
 use crate::subdomain::Subdomain;
-use crate::{Error, Real, Result};
+use crate::{Error, Real, Result, parallel};
 use ledger::{DisplacementJump, EnergySample, Ledger, WorkLine};
 use observer::{Observer, StepReport};
 use own_steps::{Held, Lockstep};
@@ -309,15 +309,13 @@ impl<T: Real> Coupled<T> {
     }
 
     fn balance(&mut self, invariant: T) -> Result<EnergySample<T>> {
-        if self.subdomains.iter().any(|s| !s.is_finite()) {
+        // Of a velocity that is not finite the energy is not either.
+        let kinetic: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        if !kinetic.is_finite() {
             return Err(self.diverged("velocity"));
         }
         let mut residual = T::zero();
-        let speed = |s: &Subdomain<T>| {
-            s.state().v[..s.model().layout().translations()]
-                .iter()
-                .fold(T::zero(), |m, v| m.max(v.abs()))
-        };
+        let speed = |s: &Subdomain<T>| parallel::largest(&s.state().v[..s.model().layout().translations()]);
         let top = self
             .subdomains
             .iter()
@@ -364,7 +362,7 @@ impl<T: Real> Coupled<T> {
         let sample = EnergySample {
             step: self.step,
             time: self.time,
-            kinetic: self.subdomains.iter().map(Subdomain::kinetic_energy).sum(),
+            kinetic,
             internal: self.subdomains.iter().map(|s| s.drawn_energy()).sum(),
             invariant,
             work,

@@ -17,7 +17,7 @@
 use super::Coupled;
 use crate::weight::Weighting;
 use crate::{Real, Subdomain, parallel};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 pub use crate::model::Arms;
 
@@ -64,8 +64,6 @@ const TURNED: f64 = 1e-2;
 struct Sums<T: Real> {
     momenta: [Vector3<T>; 2],
     sizes: [T; 2],
-    /// `Σ m |u|` and `Σ |y| m |u|`: what the digits of displacements are taken from.
-    moved: [T; 2],
 }
 
 impl<T: Real> Sums<T> {
@@ -73,7 +71,6 @@ impl<T: Real> Sums<T> {
         Self {
             momenta: [Vector3::zeros(); 2],
             sizes: [T::zero(); 2],
-            moved: [T::zero(); 2],
         }
     }
 }
@@ -84,7 +81,6 @@ impl<T: Real> std::ops::Add for Sums<T> {
         Self {
             momenta: [0, 1].map(|k: usize| self.momenta[k] + other.momenta[k]),
             sizes: [0, 1].map(|k: usize| self.sizes[k] + other.sizes[k]),
-            moved: [0, 1].map(|k: usize| self.moved[k] + other.moved[k]),
         }
     }
 }
@@ -114,6 +110,14 @@ impl<T: Real> Body<T> {
         members.map(of).fold(Sums::zero(), |a, b| a + b)
     }
 
+    /// `Σ m |u|` and `Σ |y| m |u|`: what the digits of displacements are taken from.
+    fn moved(&self, all: &[Subdomain<T>]) -> [T; 2] {
+        let members = self.members.iter();
+        let of = |k: &usize| moved_of(&all[*k], self.arms, &self.centre);
+        let moved = members.map(of).fold(Vector2::zeros(), |a, b| a + b);
+        [moved.x, moved.y]
+    }
+
     /// Changes above which either momentum is worth a word; `None` where that does not stay.
     fn limits(&self) -> [Option<T>; 2] {
         let strict = T::of(CHANGED).max(T::epsilon().sqrt());
@@ -141,8 +145,10 @@ impl<T: Real> Body<T> {
                 *out = change / self.scale[k];
                 self.top[k] = self.top[k].max(*out);
             }
-            let resolved = change > T::epsilon() * rate * now.moved[k];
-            self.told[k] |= resolved && limits[k].is_some_and(|limit| *out > limit);
+            // Rarely: only then it is worth another pass.
+            if limits[k].is_some_and(|limit| *out > limit) {
+                self.told[k] |= change > T::epsilon() * rate * self.moved(all)[k];
+            }
         }
         let angular = matches!(self.claim, Claim::Both);
         [out[0], if angular { out[1] } else { T::zero() }]
@@ -175,10 +181,8 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
     let part = |range: std::ops::Range<usize>| {
         range.fold(Sums::zero(), |mut sum, k| {
             let (mut p, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
-            let mut u = Vector3::zeros();
             for c in 0..d {
                 p[c] = m[k * d + c] * state.v[k * d + c];
-                u[c] = m[k * d + c] * state.q[k * d + c];
                 if arms == Arms::Current {
                     y[c] += state.q[k * d + c];
                 }
@@ -190,9 +194,28 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
             let orbit = y.cross(&p);
             sum.momenta = [sum.momenta[0] + p, sum.momenta[1] + orbit + own];
             sum.sizes = [sum.sizes[0] + p.norm(), sum.sizes[1] + orbit.norm() + own.norm()];
-            let moved = u.norm();
-            sum.moved = [sum.moved[0] + moved, sum.moved[1] + moved * y.norm()];
             sum
+        })
+    };
+    parallel::sum_of(layout.nodes, &part)
+}
+
+/// What the digits of the displacements of one subdomain are taken from, about a point.
+fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vector2<T> {
+    let layout = s.model().layout();
+    let d = layout.components;
+    let (nodes, m, q) = (s.model().nodes(), s.inertia(), &s.state().q);
+    let part = |range: std::ops::Range<usize>| {
+        range.fold(Vector2::zeros(), |sum, k| {
+            let (mut u, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
+            for c in 0..d {
+                u[c] = m[k * d + c] * q[k * d + c];
+                if arms == Arms::Current {
+                    y[c] += q[k * d + c];
+                }
+            }
+            let moved = u.norm();
+            sum + Vector2::new(moved, moved * y.norm())
         })
     };
     parallel::sum_of(layout.nodes, &part)

@@ -13,7 +13,7 @@ use crate::{Error, Real, Result};
 /// Share of its critical step that a chosen step takes of a participant that is not the finest: waves in it are then as
 /// exact as its mesh.
 const COARSE: f64 = 0.5;
-/// Most own steps that are chosen: the jump of displacements is then below 2 % of the amplitude.
+/// Most own steps that are chosen: the jump of displacements is then some 2 % of the amplitude.
 const MOST: usize = 5;
 
 /// The step of the run \[s\] and the own steps of each participant in it.

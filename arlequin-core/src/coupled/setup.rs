@@ -144,17 +144,7 @@ impl<T: Real> Coupled<T> {
             interfaces,
             pairs,
         } = parts;
-        if !start.is_finite() {
-            return Err(invalid("start time", start, "must be finite [s]"));
-        }
-        if subdomains.is_empty() {
-            return Err(invalid("subdomains", 0, "a run needs at least one model"));
-        }
-        let mut paired = vec![false; subdomains.len()];
-        for p in &pairs {
-            pairs::check(p, subdomains.len())?;
-            p.sides.iter().for_each(|&s| paired[s] = true);
-        }
+        let paired = paired(start, subdomains.len(), &pairs)?;
         for (k, (s, paired)) in subdomains.iter_mut().zip(paired).enumerate() {
             announce(SetupPhase::Weights(k));
             s.prepare(paired)?;
@@ -223,6 +213,22 @@ impl<T: Real> Coupled<T> {
             effects,
         }
     }
+}
+
+/// Which of so many subdomains an effect between two acts on; refuses parts that no run can be made of.
+fn paired<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<bool>> {
+    if !start.is_finite() {
+        return Err(invalid("start time", start, "must be finite [s]"));
+    }
+    if count == 0 {
+        return Err(invalid("subdomains", 0, "a run needs at least one model"));
+    }
+    let mut paired = vec![false; count];
+    for p in pairs {
+        pairs::check(p, count)?;
+        p.sides.iter().for_each(|&s| paired[s] = true);
+    }
+    Ok(paired)
 }
 
 /// The interfaces, each with what the check of the partition says of it.

@@ -264,6 +264,8 @@ fn block<T: Real>(
     let (mut factor, left_out) = T::cholesky_of_independent(&scaled, spec.options.rank_tolerance)?;
     let [low, high] = rank::extremes(&scaled, &mut |b| factor.solve(b));
     let independent = left_out.is_empty() && low > high * spec.options.rank_tolerance;
+    // A factor that leaves rows out is as good as the rows it keeps.
+    let by_factor = by_factor && (independent || rank::inverts(&scaled, &mut |b| factor.solve(b)));
     let mut block = Block::Factor {
         scale: scale.clone(),
         factor,

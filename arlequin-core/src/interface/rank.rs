@@ -144,6 +144,18 @@ pub(super) fn condition<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<T> {
     Ok(top / low)
 }
 
+/// Whether `solve` finds a solution of `A x = b` for some `b` of the range, to three digits.
+pub(super) fn inverts<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -> bool {
+    let start: Vec<T> = (0..a.rows()).map(scattered).collect();
+    let (mut b, mut back) = (vec![T::zero(); a.rows()], vec![T::zero(); a.rows()]);
+    multiply(a, &start, &mut b);
+    let mut x = b.clone();
+    solve(&mut x);
+    multiply(a, &x, &mut back);
+    back.iter_mut().zip(&b).for_each(|(y, b)| *y -= *b);
+    dot(&back, &back) <= dot(&b, &b) * T::of(1e-6)
+}
+
 /// A fixed sequence of both signs.
 fn scattered<T: Real>(i: usize) -> T {
     T::of(1.0 + ((i as f64) * 0.754_877_666).fract()) * sign(i)

@@ -26,20 +26,49 @@ impl<T: Real> Evolved<T> {
     }
 }
 
+/// Energies of the last step \[J\], as far as they were found on the way.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Energies<T> {
+    /// Internal energy before it, and after.
+    pub(super) before: Option<T>,
+    pub(super) now: Option<T>,
+    /// `½ v₊ᵀMv₊ + ¼ Δqᵀ(f_{n+1} − f_n)`.
+    pub(super) moving: Option<T>,
+}
+
+impl<T> Energies<T> {
+    pub(super) fn unknown() -> Self {
+        Self {
+            before: None,
+            now: None,
+            moving: None,
+        }
+    }
+}
+
 impl<T: Real> Subdomain<T> {
     /// Invariant of the own step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
-    /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs the displacements kept by [`Self::predict`].
+    /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs what [`Self::predict`] keeps for it.
     pub(crate) fn invariant(&mut self) -> T {
         match self.stepper {
             Stepper::Verlet => {}
             Stepper::Average(_) => return self.average_invariant(),
             Stepper::Guest(_) => return self.guest_invariant(),
         }
-        let dt = self.pace.dt;
-        let (half, quarter) = (T::of(0.5), T::of(0.25));
         let [q_before, force_before] = self.forces.before();
-        self.drawn_energy = self.model().internal_energy(&self.state.q);
-        let potential = half * (self.model().internal_energy(q_before) + self.drawn_energy);
+        let energy = |q: &[T]| self.model.internal_energy(q);
+        let before = self.energies.before.unwrap_or_else(|| energy(q_before));
+        let now = self.energies.now.unwrap_or_else(|| energy(&self.state.q));
+        let potential = T::of(0.5) * (before + now);
+        let moving = self.energies.moving.take();
+        let moving = moving.unwrap_or_else(|| self.moving_energy(q_before, force_before));
+        self.energies.now = Some(now);
+        potential + moving
+    }
+
+    /// `½ v₊ᵀMv₊ + ¼ Δqᵀ(f_{n+1} − f_n)`.
+    fn moving_energy(&self, q_before: &[T], force_before: &[T]) -> T {
+        let (dt, half, quarter) = (self.pace.dt, T::of(0.5), T::of(0.25));
         let (q, force, inertia) = (&self.state.q, self.forces.internal(), &self.inertia);
         let part = |range: std::ops::Range<usize>| {
             range.fold(T::zero(), |sum, i| {
@@ -48,24 +77,25 @@ impl<T: Real> Subdomain<T> {
                 sum + (half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]))
             })
         };
-        potential + parallel::sum(q.len(), &part)
+        parallel::sum(q.len(), &part)
     }
 
-    /// Internal energy at the whole step \[J\].
+    /// Internal energy at the whole step \[J\]; of a whole solver, what its invariant said when the ledger was last drawn.
     pub fn internal_energy(&self) -> T {
+        if self.is_guest() {
+            return self.drawn_energy();
+        }
         self.model().internal_energy(&self.state.q)
     }
 
     /// Kinetic energy at the whole step \[J\].
     pub fn kinetic_energy(&self) -> T {
-        let (m, v) = (&self.inertia, &self.state.v);
-        let part = |range: std::ops::Range<usize>| range.fold(T::zero(), |s, i| s + m[i] * v[i] * v[i]);
-        T::of(0.5) * parallel::sum(v.len(), &part)
+        T::of(0.5) * parallel::weighted_squares(&self.inertia, &self.state.v)
     }
 
     /// Internal energy \[J\] found by the last [`Self::invariant`].
     pub(crate) fn drawn_energy(&self) -> T {
-        self.drawn_energy
+        self.energies.now.unwrap_or_else(T::zero)
     }
 
     /// Adds the work of effects over an own step; returns that of the moving supports, but for coupling forces on them.

@@ -98,96 +98,109 @@ impl<T: Real> Subdomain<T> {
 
     /// One step.
     pub(super) fn average_step(&mut self, reached: Reached<T>) -> Result<()> {
+        self.load_the_middle(reached)?;
+        self.find_mean(reached);
+        self.go_on(reached)
+    }
+
+    /// Loads in the middle of the step, and internal forces with what is prescribed there already.
+    fn load_the_middle(&mut self, reached: Reached<T>) -> Result<()> {
         let Stepper::Average(average) = &mut self.stepper else {
             return Ok(());
+        };
+        let Average {
+            loads, trial, pull, ..
+        } = &mut **average;
+        let (q, now) = (&self.state.q, self.forces.internal());
+        loads.fill(T::zero());
+        let at = Instant {
+            time: reached.time - reached.since * T::of(0.5),
+            q,
+            v_half: &self.state.v,
+            dt: reached.since,
+            internal: now,
+            internal_before: now,
+        };
+        for e in &mut self.effects {
+            e.effect.add_forces(&at, loads)?;
+        }
+        if self.supports.iter().all(|m| m.amplitude == T::zero()) {
+            parallel::copy(pull, now);
+            return Ok(());
+        }
+        trial.copy_from_slice(q);
+        for motion in &self.supports {
+            let end = motion.at(reached.time);
+            let middle = |d: &usize| trial[*d] = (q[*d] + end) * T::of(0.5);
+            motion.dofs.iter().for_each(middle);
+        }
+        pull.fill(T::zero());
+        self.model.add_internal_forces(trial, pull)
+    }
+
+    /// Mean velocities of the step, and what moving supports do in it at its start.
+    fn find_mean(&mut self, reached: Reached<T>) {
+        let Stepper::Average(average) = &mut self.stepper else {
+            return;
         };
         let Average {
             factor,
             mean,
             loads,
-            trial,
             pull,
             support,
+            ..
         } = &mut **average;
         let (dt, half) = (reached.since, reached.since * T::of(0.5));
-        let State { q, v, a } = &mut self.state;
-        let now = self.forces.internal_mut();
-        loads.fill(T::zero());
-        let at = Instant {
-            time: reached.time - half,
-            q: &*q,
-            v_half: &*v,
-            dt,
-            internal: &*now,
-            internal_before: &*now,
-        };
-        for e in &mut self.effects {
-            e.effect.add_forces(&at, loads)?;
-        }
-        let moves = self.supports.iter().any(|m| m.amplitude != T::zero());
-        if moves {
-            trial.copy_from_slice(q);
-            for motion in &self.supports {
-                let end = motion.at(reached.time);
-                motion
-                    .dofs
-                    .iter()
-                    .for_each(|&d| trial[d] = (q[d] + end) * T::of(0.5));
-            }
-            pull.fill(T::zero());
-            self.model.add_internal_forces(trial, pull)?;
-        } else {
-            parallel::copy(pull, now);
-        }
-        for i in 0..q.len() {
+        let State { q, v, .. } = &self.state;
+        for (i, mean) in mean.iter_mut().enumerate() {
             let free = self.inverse_inertia[i] > T::zero();
-            mean[i] = if free {
+            *mean = if free {
                 self.inertia[i] * v[i] + half * (loads[i] + pull[i])
             } else {
                 T::zero()
             };
         }
         factor.solve(mean);
-        for motion in &self.supports {
-            let end = motion.at(reached.time);
-            motion.dofs.iter().for_each(|&d| mean[d] = (end - q[d]) / dt);
-        }
         *support = T::zero();
-        let two = T::of(2.0);
-        if moves {
-            // What the supports must do: to the masses they move, against the forces at both ends of the step.
-            for motion in &self.supports {
-                let (_, velocity, _) = motion.kinematics(reached.time, reached.dt);
-                for &d in &motion.dofs {
-                    let kinetic = self.inertia[d] * (velocity * velocity - v[d] * v[d]) / two;
-                    *support += kinetic - mean[d] * (dt * loads[d] + half * now[d]);
-                }
-            }
-        }
-        for i in 0..q.len() {
-            q[i] += dt * mean[i];
-            v[i] = two * mean[i] - v[i];
-            now[i] = T::zero();
-        }
+        let now = self.forces.internal();
         for motion in &self.supports {
             let (end, velocity, _) = motion.kinematics(reached.time, reached.dt);
             for &d in &motion.dofs {
-                q[d] = end;
-                v[d] = velocity;
+                mean[d] = (end - q[d]) / dt;
+                // Against the forces at both ends, and to the masses that are moved.
+                let kinetic = self.inertia[d] * (velocity * velocity - v[d] * v[d]) * T::of(0.5);
+                *support += kinetic - mean[d] * (dt * loads[d] + half * now[d]);
             }
         }
-        self.model.advance(q, now)?;
-        for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {
-            motion
-                .dofs
-                .iter()
-                .for_each(|&d| *support -= half * mean[d] * now[d]);
+    }
+
+    /// State, forces and works of the end.
+    fn go_on(&mut self, reached: Reached<T>) -> Result<()> {
+        let Stepper::Average(average) = &mut self.stepper else {
+            return Ok(());
+        };
+        let Average {
+            mean, loads, support, ..
+        } = &mut **average;
+        let dt = reached.since;
+        let State { q, v, a } = &mut self.state;
+        let now = self.forces.internal_mut();
+        for ((q, v), mean) in q.iter_mut().zip(v.iter_mut()).zip(&*mean) {
+            *q += dt * *mean;
+            *v = *mean + *mean - *v;
         }
-        for ((a, w), (f, g)) in a
-            .iter_mut()
-            .zip(&self.inverse_inertia)
-            .zip(now.iter().zip(&*loads))
-        {
+        for motion in &self.supports {
+            let (end, velocity, _) = motion.kinematics(reached.time, reached.dt);
+            motion.dofs.iter().for_each(|&d| (q[d], v[d]) = (end, velocity));
+        }
+        now.fill(T::zero());
+        self.model.advance(q, now)?;
+        for &d in self.supports.iter().flat_map(|m| &m.dofs) {
+            *support -= dt * T::of(0.5) * mean[d] * now[d];
+        }
+        let forces = now.iter().zip(&*loads);
+        for ((a, w), (f, g)) in a.iter_mut().zip(&self.inverse_inertia).zip(forces) {
             *a = *w * (*f + *g);
         }
         for e in &mut self.effects {
@@ -199,7 +212,8 @@ impl<T: Real> Subdomain<T> {
 
     /// `½vᵀMv + U(q)`.
     pub(super) fn average_invariant(&mut self) -> T {
-        self.drawn_energy = self.internal_energy();
-        self.drawn_energy + self.kinetic_energy()
+        let internal = self.internal_energy();
+        self.energies.now = Some(internal);
+        internal + self.kinetic_energy()
     }
 }

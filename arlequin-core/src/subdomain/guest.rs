@@ -203,7 +203,7 @@ impl<T: Real> Subdomain<T> {
             return kinetic;
         };
         let all = guest.solver.invariant().unwrap_or(guest.received);
-        self.drawn_energy = all - kinetic;
+        self.energies.now = Some(all - kinetic);
         all
     }
 

@@ -11,6 +11,7 @@ mod own;
 mod prepare;
 mod record;
 mod step;
+mod stride;
 
 pub use motion::PrescribedMotion;
 pub use own::OwnStep;
@@ -24,7 +25,7 @@ use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
 use crate::{Error, NodallyWeighted, Real, Result};
-use account::Evolved;
+use account::{Energies, Evolved};
 use average::Average;
 use guest::Guest;
 use nalgebra::{Point3, Vector3};
@@ -79,8 +80,7 @@ pub struct Subdomain<T: Real> {
     stepper: Stepper<T>,
     /// Line of the ledger of a model that evolves.
     evolved: Option<Evolved<T>>,
-    /// Internal energy \[J\] found by the last [`Self::invariant`].
-    drawn_energy: T,
+    energies: Energies<T>,
 }
 
 impl<T: Real> std::fmt::Debug for Subdomain<T> {
@@ -130,7 +130,7 @@ impl<T: Real> Subdomain<T> {
             },
             stepper: Stepper::Verlet,
             evolved: model.evolving().map(|e| Evolved::new(e.effect())),
-            drawn_energy: T::zero(),
+            energies: Energies::unknown(),
             model,
         }
     }

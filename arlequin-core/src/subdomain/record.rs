@@ -1,6 +1,7 @@
 //! What a subdomain must remember to go on with the same bits.
 
 use super::Subdomain;
+use super::account::Energies;
 use crate::record::{Record, same};
 use crate::scalar::check_finite;
 use crate::{Real, Result};
@@ -15,8 +16,10 @@ pub struct SubdomainSnapshot<T> {
     pub v: Vec<T>,
     /// Accelerations.
     pub a: Vec<T>,
-    /// Internal forces at `q`.
+    /// Internal forces at `q`; none once the model makes its steps itself.
     pub internal: Vec<T>,
+    /// Internal energy at `q` \[J\], where the ledger knows it.
+    pub energy: Option<T>,
     /// Works of the effects since the start \[J\].
     pub works: Vec<T>,
     /// Work of the evolution of the model since the start \[J\].
@@ -34,6 +37,7 @@ impl<T: Real> Subdomain<T> {
             v: self.state.v.clone(),
             a: self.state.a.clone(),
             internal: self.forces.internal().to_vec(),
+            energy: self.energies.now,
             works: self.effects.iter().map(|e| e.work()).collect(),
             evolved: self.evolved.map(|e| e.work),
             model: self.save_model()?,
@@ -47,8 +51,11 @@ impl<T: Real> Subdomain<T> {
             ("displacements", &from.q),
             ("velocities", &from.v),
             ("accelerations", &from.a),
-            ("internal forces", &from.internal),
         ];
+        let forces = ("internal forces", &from.internal);
+        let parts = parts
+            .into_iter()
+            .chain((!from.internal.is_empty()).then_some(forces));
         for (what, x) in parts {
             let what = format!("{what} of '{name}' in the snapshot");
             same(&what, self.state.q.len(), x.len())?;
@@ -68,6 +75,10 @@ impl<T: Real> Subdomain<T> {
         self.state.v.copy_from_slice(&from.v);
         self.state.a.copy_from_slice(&from.a);
         self.forces.restore(&from.internal);
+        self.energies = Energies {
+            now: from.energy,
+            ..Energies::unknown()
+        };
         if let (Some(line), Some(work)) = (&mut self.evolved, from.evolved) {
             line.work = work;
         }

@@ -1,5 +1,6 @@
 //! Velocity Verlet's half of the step: positions, forces, uncorrected velocities.
 
+use super::account::Energies;
 use super::{Stepper, Subdomain};
 use crate::effect::Instant;
 use crate::model::{Evolution, State};
@@ -73,7 +74,21 @@ impl<T: Real> Forces<T> {
 
     /// Goes to the internal forces of another instant.
     pub(super) fn restore(&mut self, internal: &[T]) {
-        self.internal.copy_from_slice(internal);
+        if self.internal.len() == internal.len() {
+            self.internal.copy_from_slice(internal);
+        }
+    }
+
+    /// Whether there is nothing but internal forces.
+    pub(super) fn are_internal(&self) -> bool {
+        matches!(self.loads, Loads::Absent)
+    }
+
+    /// Gives all memory back: the model makes its steps itself.
+    pub(super) fn release(&mut self) {
+        self.internal = Vec::new();
+        self.internal_before = Vec::new();
+        self.q_before = Vec::new();
     }
 
     /// Displacements and internal forces one step earlier.
@@ -228,6 +243,9 @@ impl<T: Real> Subdomain<T> {
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
+        if self.stride(reached, keep)? {
+            return Ok(());
+        }
         let evolves = self.model.evolving().is_some();
         let forces = &mut self.forces;
         std::mem::swap(&mut forces.internal, &mut forces.internal_before);
@@ -246,7 +264,12 @@ impl<T: Real> Subdomain<T> {
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
         // Found at zero by the model: the pass before left it so.
-        self.model.advance(q, &mut forces.internal)?;
+        self.energies.before = self.energies.now.take();
+        if keep {
+            self.energies.now = Some(self.model.advance_with_energy(q, &mut forces.internal)?);
+        } else {
+            self.model.advance(q, &mut forces.internal)?;
+        }
         if evolves {
             announce(Phase::Evolve(own));
             self.evolve(reached.time)?;
@@ -262,13 +285,18 @@ impl<T: Real> Subdomain<T> {
     /// Lets the model change itself; what leaves it is a negative work.
     fn evolve(&mut self, time: T) -> Result<()> {
         if let (Some(model), Some(line)) = (self.model.evolving(), &mut self.evolved) {
-            line.release(model.evolve(Evolution {
+            let released = model.evolve(Evolution {
                 time,
                 q_before: &self.forces.q_before,
                 q: &self.state.q,
                 f_before: &mut self.forces.internal_before,
                 f: &mut self.forces.internal,
-            })?);
+            })?;
+            line.release(released);
+            if released != T::zero() {
+                // Energies of another model.
+                self.energies = Energies::unknown();
+            }
         }
         Ok(())
     }

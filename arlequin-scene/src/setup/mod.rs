@@ -143,18 +143,7 @@ pub fn build_from(
     let attachments = Attachments::of(scene, &mut bodies)?;
     let pairs = between::pairs(scene, &bodies)?;
     let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
-    let mut bounds = Bounds::default();
-    let mut warnings = Vec::new();
-    for (m, body) in bodies.iter().enumerate() {
-        let name = body.model.name();
-        warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
-        let small = !may_leave(scene, m);
-        bounds.add(body.model.nodes(), &body.shape, &body.material, small);
-    }
-    for j in &interfaces {
-        let name = &j.spec.name;
-        warnings.extend(j.advice.iter().map(|a| format!("interface '{name}': {a}")));
-    }
+    let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
     let models = bodies.iter().map(ModelInfo::of).collect();
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
@@ -193,6 +182,23 @@ pub fn build_from(
     built.warnings.extend(odd);
     built.phases = clock.finish();
     Ok(built)
+}
+
+/// What the motion is held against, and what a user should know of bodies and interfaces.
+fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) -> (Bounds, Vec<String>) {
+    let mut bounds = Bounds::default();
+    let mut warnings = Vec::new();
+    for (m, body) in bodies.iter().enumerate() {
+        let name = body.model.name();
+        warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
+        let small = !may_leave(scene, m);
+        bounds.add(body.model.nodes(), &body.shape, &body.material, small);
+    }
+    for j in interfaces {
+        let name = &j.spec.name;
+        warnings.extend(j.advice.iter().map(|a| format!("interface '{name}': {a}")));
+    }
+    (bounds, warnings)
 }
 
 fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Result<Vec<Body>> {
@@ -407,9 +413,7 @@ fn located(source: arlequin::core::Error) -> Error {
             "interface".to_owned()
         }
         Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
-        Core::SingularInterface { interface: i, .. } | Core::RankTooLarge { interface: i, .. } => {
-            interface(i, "mediator")
-        }
+        Core::SingularInterface { interface: i, .. } => interface(i, "mediator"),
         Core::SharedNode { second, .. } => interface(second, "mediator"),
         Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
             format!("model.{model}")

@@ -91,6 +91,7 @@ pub(super) fn body(
     let line = PackingLine::of(&packing, table.material.density);
     let warnings = line.warnings();
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
+    drop(packing);
     let model = if table.dem.finite_rotations {
         model.with_finite_rotations()
     } else {

@@ -23,8 +23,43 @@ use std::ops::Range;
 /// Four lanes: three components, and whatever lies behind them in memory, which is never read.
 type Lanes = [f64; 4];
 
-/// What a cell gives to its nodes: the columns of `S_I` and of `Q_I`, each of three numbers, and room for the last lanes.
-type Stresses = [f64; 20];
+/// A symmetric tensor in one line of the cache, `xx xy xz yz zz xy yy yz`: its columns are three consecutive numbers.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(align(64))]
+struct Symmetric([f64; 8]);
+
+impl Symmetric {
+    /// From columns.
+    #[inline(always)]
+    fn new(s: [[f64; 3]; 3]) -> Self {
+        let [xx, xy, xz] = s[0];
+        let [_, yy, yz] = s[1];
+        Self([xx, xy, xz, yz, s[2][2], xy, yy, yz])
+    }
+}
+
+/// What a cell gives to its nodes: `S_I` and `Q_I`.
+type Stresses = [Symmetric; 2];
+
+/// A sum of products of symmetric tensors and vectors; the parts of the middle columns are a lane further on.
+#[derive(Clone, Copy, Default)]
+struct Traction {
+    outer: Lanes,
+    middle: Lanes,
+}
+
+impl Traction {
+    #[inline(always)]
+    fn add(&mut self, s: &Symmetric, b: &[f64]) {
+        add(&mut self.outer, b[0], lanes(&s.0, 0));
+        add(&mut self.outer, b[2], lanes(&s.0, 2));
+        add(&mut self.middle, b[1], lanes(&s.0, 4));
+    }
+
+    fn sum(&self) -> [f64; 3] {
+        [0, 1, 2].map(|r: usize| self.outer[r] + self.middle[r + 1])
+    }
+}
 
 /// An entry of a row: its column, `b` and, where there is one, `c`.
 type Entry = (u32, Vector3<f64>, Vector3<f64>);
@@ -197,12 +232,13 @@ impl NullaryFnOnce for Cells<'_> {
             let [g, d] = gradients(&self.of.rows.row(i), self.q);
             let (s, t) = (stress(&g, self.of.lame), stress(&d, self.of.lame));
             let (volume, alpha) = (self.of.volumes[i], self.of.alpha[i]);
-            for c in 0..3 {
-                for r in 0..3 {
-                    out[3 * c + r] = alpha * (volume * s[c][r] - t[c][r]);
-                    out[9 + 3 * c + r] = -alpha * s[c][r];
-                }
-            }
+            let weighted = |f: &dyn Fn(usize, usize) -> f64| {
+                Symmetric::new([0, 1, 2].map(|c| [0, 1, 2].map(|r| alpha * f(c, r))))
+            };
+            *out = [
+                weighted(&|c, r| volume * s[c][r] - t[c][r]),
+                weighted(&|c, r| -s[c][r]),
+            ];
         }
     }
 }
@@ -223,15 +259,15 @@ impl NullaryFnOnce for Nodes<'_> {
         for (j, f) in (self.first..).zip(self.f) {
             let row = self.columns.row(j);
             let with_c = row.c.len() / 3;
-            let mut y = [0.0; 4];
+            let mut y = Traction::default();
             for (k, &cell) in row.columns.iter().enumerate() {
-                let stresses = &self.cells[cell as usize];
-                (0..3).for_each(|c| add(&mut y, row.b[3 * k + c], lanes(stresses, 3 * c)));
+                let [s, q] = &self.cells[cell as usize];
+                y.add(s, &row.b[3 * k..3 * k + 3]);
                 if k < with_c {
-                    (0..3).for_each(|c| add(&mut y, row.c[3 * k + c], lanes(stresses, 9 + 3 * c)));
+                    y.add(q, &row.c[3 * k..3 * k + 3]);
                 }
             }
-            (0..3).for_each(|a| f[a] -= y[a]);
+            f.iter_mut().zip(y.sum()).for_each(|(f, y)| *f -= y);
         }
     }
 }
@@ -283,7 +319,7 @@ impl MatrixFree {
             columns: Rows::by_node(smoothing, sub),
             volumes: volumes.collect(),
             lame: material.lame(),
-            cells: vec![[0.0; 20]; alpha.len()],
+            cells: vec![Stresses::default(); alpha.len()],
             alpha: Vec::new(),
             tets: None,
         };

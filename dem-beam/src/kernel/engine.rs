@@ -3,14 +3,14 @@
 use super::lanes::{CacheLine, Job, LANES, Lanes, Portable, add_interleaved, eight};
 use super::law::{Law, Rigidity};
 use super::layout::Layout;
-use super::screen::{NoVisitor, Screen, Screened, StrengthCheck, Visitor};
+use super::screen::{Screen, Screened, StrengthCheck};
 use super::span::Slot;
+use super::visit::{Energy, Visitor};
 use crate::bond::BeamRigidity;
-use rayon::prelude::*;
 use std::marker::PhantomData;
 
 /// Blocks per unit of parallel work: 256 particles, about 30 microseconds.
-const CHUNK: usize = 32;
+pub(crate) const CHUNK: usize = 32;
 
 /// Half-bonds ahead of the current slot whose rows are fetched: DRAM latency over slot time.
 const AHEAD: usize = 6;
@@ -92,89 +92,174 @@ pub(crate) trait Posed: Law {
     fn write_rows(isa: Isa, rows: &mut [CacheLine], u: &[f64], th: &[f64], reached: &mut [f64]);
 }
 
-/// Where a model wants its forces: `x0 y0 z0 x1 ...` and torques in the same order.
+/// Strengths to look at on the way, and a mark per block with a bond that may have reached its own.
+pub(crate) type Marks<'a> = (&'a Screen, &'a mut [bool]);
+
+/// Sums over a part of the body: elastic energy of its half-bonds, and what [`Accelerate`] adds up.
+pub(crate) type Sums = [f64; 2];
+
+/// Work on a range of blocks that can be cut in two.
+pub(crate) trait Cut: Sized + Send {
+    /// Blocks left.
+    fn blocks(&self) -> usize;
+    /// The first `blocks`, and the rest.
+    fn cut(self, blocks: usize) -> (Self, Self);
+}
+
+/// Does work in parts of [`CHUNK`] blocks, on one thread or all: the same parts, so that sums over them have the same bits.
+/// Parts are whole blocks: no two threads write the unknowns of one particle.
+pub(crate) fn in_parts<P: Cut>(all: P, parallel: bool, work: &(impl Fn(P) + Sync)) {
+    let blocks = all.blocks();
+    if blocks <= CHUNK {
+        return work(all);
+    }
+    let (a, b) = all.cut(blocks.div_ceil(CHUNK) / 2 * CHUNK);
+    if parallel {
+        rayon::join(|| in_parts(a, true, work), || in_parts(b, true, work));
+    } else {
+        in_parts(a, false, work);
+        in_parts(b, false, work);
+    }
+}
+
+/// Unknowns per block, of either sort.
+pub(crate) const PER_BLOCK: usize = 3 * LANES;
+
+/// The first `blocks` of an array of unknowns, and the rest.
+pub(crate) fn cut_unknowns(x: &mut [f64], blocks: usize) -> (&mut [f64], &mut [f64]) {
+    let at = x.len().min(PER_BLOCK * blocks);
+    x.split_at_mut(at)
+}
+
+/// A pass over a range of blocks: what becomes of the forces, and what is looked at on the way.
+pub(crate) struct Part<'a, F> {
+    /// First block.
+    pub(crate) first: usize,
+    pub(crate) finish: F,
+    pub(crate) marks: Option<Marks<'a>>,
+    /// One per [`CHUNK`] of blocks.
+    pub(crate) sums: Option<&'a mut [Sums]>,
+}
+
+impl<F: Cut> Cut for Part<'_, F> {
+    fn blocks(&self) -> usize {
+        self.finish.blocks()
+    }
+
+    fn cut(self, blocks: usize) -> (Self, Self) {
+        let (a, b) = self.finish.cut(blocks);
+        let (marks, later) = match self.marks {
+            Some((screen, marks)) => {
+                let (x, y) = marks.split_at_mut(blocks);
+                (Some((screen, x)), Some((screen, y)))
+            }
+            None => (None, None),
+        };
+        let (sums, rest) = match self.sums.map(|s| s.split_at_mut(blocks / CHUNK)) {
+            Some((x, y)) => (Some(x), Some(y)),
+            None => (None, None),
+        };
+        let first = Self {
+            first: self.first,
+            finish: a,
+            marks,
+            sums,
+        };
+        let second = Self {
+            first: self.first + blocks,
+            finish: b,
+            marks: later,
+            sums: rest,
+        };
+        (first, second)
+    }
+}
+
+/// What becomes of the forces of a block.
+pub(crate) trait Finish: Cut {
+    /// Fetches what block `b` of this part will need.
+    fn fetch<L: Lanes>(&self, l: L, b: usize);
+    /// Takes forces and torques on the particles of block `b`.
+    fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6]);
+    /// What it added up.
+    fn sum(&self) -> f64 {
+        0.0
+    }
+}
+
+/// Adds them where a model wants its forces: `x0 y0 z0 x1 ...` and torques in the same order.
 #[derive(Debug)]
 pub(crate) struct Sink<'a> {
     pub(crate) linear: &'a mut [f64],
     pub(crate) angular: &'a mut [f64],
 }
 
-/// Strengths to look at on the way, and a mark per block with a bond that may have reached its own.
-pub(crate) type Marks<'a> = (&'a Screen, &'a mut [bool]);
+impl Cut for Sink<'_> {
+    fn blocks(&self) -> usize {
+        self.linear.len().div_ceil(PER_BLOCK)
+    }
 
-impl<W: Screened> Pass<'_, W> {
-    /// Adds forces and torques to flat arrays; places must be particle numbers.
-    pub(crate) fn add_forces(
-        &self,
-        rows: &[CacheLine],
-        sink: Sink<'_>,
-        marks: Option<Marks<'_>>,
-        parallel: bool,
-    ) {
-        if !parallel {
-            return self.add_from(0, rows, sink, marks);
-        }
-        // Chunks are whole blocks: no two threads write the forces of one particle.
-        const SIZE: usize = CHUNK * LANES;
-        let parts = sink
-            .linear
-            .par_chunks_mut(3 * SIZE)
-            .zip(sink.angular.par_chunks_mut(3 * SIZE));
-        let part = |c: usize, (linear, angular), marks: Option<Marks<'_>>| {
-            self.add_from(c * CHUNK, rows, Sink { linear, angular }, marks);
-        };
-        match marks {
-            None => parts.enumerate().for_each(|(c, to)| part(c, to, None)),
-            Some((screen, marks)) => parts
-                .zip(marks.par_chunks_mut(CHUNK))
-                .enumerate()
-                .for_each(|(c, (to, marks))| part(c, to, Some((screen, marks)))),
+    fn cut(self, blocks: usize) -> (Self, Self) {
+        let (linear, a) = cut_unknowns(self.linear, blocks);
+        let (angular, b) = cut_unknowns(self.angular, blocks);
+        (
+            Self { linear, angular },
+            Sink {
+                linear: a,
+                angular: b,
+            },
+        )
+    }
+}
+
+impl Finish for Sink<'_> {
+    #[inline(always)]
+    fn fetch<L: Lanes>(&self, l: L, b: usize) {
+        for to in [&*self.linear, &*self.angular] {
+            prefetch_lines(l, to.as_ptr().wrapping_add(PER_BLOCK * b), PER_BLOCK);
         }
     }
 
-    /// The blocks from `first` on that `sink` holds.
-    pub(crate) fn add_from(
-        &self,
-        first: usize,
-        rows: &[CacheLine],
-        sink: Sink<'_>,
-        marks: Option<Marks<'_>>,
-    ) {
-        self.isa.run(AddForces {
-            pass: self,
-            first,
-            rows,
-            sink,
-            marks,
+    #[inline(always)]
+    fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6]) {
+        let range = PER_BLOCK * b..self.linear.len().min(PER_BLOCK * (b + 1));
+        add_interleaved(l, [f[0], f[1], f[2]], &mut self.linear[range.clone()]);
+        add_interleaved(l, [f[3], f[4], f[5]], &mut self.angular[range]);
+    }
+}
+
+impl<W: Screened> Pass<'_, W> {
+    /// Forces of all blocks of a part; places must be particle numbers.
+    pub(crate) fn run<F: Finish>(&self, rows: &[CacheLine], part: Part<'_, F>, parallel: bool) {
+        in_parts(part, parallel, &|part| {
+            self.isa.run(Gathering {
+                pass: self,
+                rows,
+                part,
+            });
         });
     }
 }
 
-struct AddForces<'a, 'b, W: Law> {
+struct Gathering<'a, 'b, 'c, W: Law, F> {
     pass: &'a Pass<'b, W>,
-    first: usize,
     rows: &'a [CacheLine],
-    sink: Sink<'a>,
-    marks: Option<Marks<'a>>,
+    part: Part<'c, F>,
 }
 
-/// A job with its lanes; `FETCH` switches fetching ahead on.
-struct With<L, J, const FETCH: bool>(L, J);
+/// A job with its lanes.
+pub(crate) struct With<L, J>(pub(crate) L, pub(crate) J);
 
-impl<W: Screened> OnLanes for AddForces<'_, '_, W> {
+impl<W: Screened, F: Finish> OnLanes for Gathering<'_, '_, '_, W, F> {
     #[inline(always)]
     fn on<L: Lanes>(self, l: L) {
-        if self.rows.len() > FAR {
-            l.run(With::<L, Self, true>(l, self));
-        } else {
-            l.run(With::<L, Self, false>(l, self));
-        }
+        l.run(With(l, self));
     }
 }
 
 /// Fetches `count` values into the nearest cache; any address will do.
 #[inline(always)]
-fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
+pub(crate) fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
     let lines = count * size_of::<X>() / size_of::<CacheLine>();
     for i in 0..lines {
         l.prefetch(at.cast::<CacheLine>().wrapping_add(i));
@@ -183,39 +268,41 @@ fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
 
 /// First stage of slot `s`.
 #[inline(always)]
-fn fetch<L: Lanes, W: Law, const FETCH: bool>(
+fn fetch<L: Lanes, W: Law>(
     l: L,
-    layout: &Layout,
-    rows: &[CacheLine],
+    (layout, rows, far): (&Layout, &[CacheLine], bool),
     k: &Rigidity<L>,
     s: usize,
     slot: &Slot,
     ready: &W::Ready<L>,
 ) -> W::Near<L> {
-    if FETCH && s + AHEAD < layout.neighbours.len() {
+    if far && s + AHEAD < layout.neighbours.len() {
         for &p in &layout.neighbours[s + AHEAD] {
             l.prefetch(rows.as_ptr().wrapping_add(p as usize));
         }
     }
-    if FETCH || W::LIGHT {
+    if far || W::LIGHT {
         prefetch_lines(l, layout.slots.as_ptr().wrapping_add(s + SLOTS_AHEAD), 1);
     }
     let near = &layout.neighbours[s];
     let other = l.transpose(eight!(r => rows[near[r] as usize].0));
-    W::near(l, k, slot, ready, &other)
+    let rest = if W::LENGTHS {
+        &layout.rests[s].0
+    } else {
+        &[0.0; LANES]
+    };
+    W::near(l, k, (slot, rest), ready, &other)
 }
 
 /// Forces on the eight particles of a block. `visitor` sees every slot.
 #[inline(always)]
-fn gather<L: Lanes, W: Law, K: Visitor<L, W>, const FETCH: bool>(
+fn gather<L: Lanes, W: Law, K: Visitor<L, W>>(
     l: L,
-    pass: &Pass<'_, W>,
+    (layout, rows, far): (&Layout, &[CacheLine], bool),
     k: &Rigidity<L>,
-    rows: &[CacheLine],
     block: usize,
     visitor: &mut K,
 ) -> [L::V; 6] {
-    let layout = pass.layout;
     let mine = &rows[block * LANES..(block + 1) * LANES];
     let own = l.transpose(eight!(r => mine[r].0));
     let ready = W::ready(l, &own);
@@ -225,7 +312,7 @@ fn gather<L: Lanes, W: Law, K: Visitor<L, W>, const FETCH: bool>(
     let range = layout.start[block] as usize..layout.start[block + 1] as usize;
     let mut before: Option<(usize, &Slot, W::Near<L>)> = None;
     for (slot, ahead) in layout.slots[range.clone()].iter().zip(range) {
-        let near = fetch::<L, W, FETCH>(l, layout, rows, k, ahead, slot, &ready);
+        let near = fetch::<L, W>(l, (layout, rows, far), k, ahead, slot, &ready);
         if let Some((index, slot, near)) = before.replace((ahead, slot, near)) {
             W::add(l, k, slot, &ready, &near, &mut acc);
             visitor.visit(k, index, slot, &ready, &near);
@@ -238,46 +325,63 @@ fn gather<L: Lanes, W: Law, K: Visitor<L, W>, const FETCH: bool>(
     acc
 }
 
-impl<L: Lanes, W: Screened, const FETCH: bool> Job for With<L, AddForces<'_, '_, W>, FETCH> {
+impl<L: Lanes, W: Screened, F: Finish> Job for With<L, Gathering<'_, '_, '_, W, F>> {
     #[inline(always)]
     fn call(self) {
-        let (l, mut j) = (self.0, self.1);
-        let k = Rigidity::new(l, &j.pass.rigidity, &j.pass.layout.grid);
-        let Some((screen, marks)) = j.marks.take() else {
-            for b in 0..j.sink.linear.len().div_ceil(3 * LANES) {
-                j.add_block::<L, NoVisitor, FETCH>(l, &k, b, &mut NoVisitor);
-            }
-            return;
+        let Self(l, Gathering { pass, rows, part }) = self;
+        let Part {
+            first,
+            mut finish,
+            marks,
+            sums,
+        } = part;
+        let k = Rigidity::new(l, &pass.rigidity, &pass.layout.grid);
+        let mut blocks = Blocks {
+            pass,
+            k,
+            rows,
+            first,
+            finish: &mut finish,
         };
-        let mut check = StrengthCheck::new(l, screen);
-        for (b, mark) in marks.iter_mut().enumerate() {
-            j.add_block::<L, StrengthCheck<'_, L>, FETCH>(l, &k, b, &mut check);
-            *mark = check.found();
+        let mut energy = Energy::new(l);
+        let sum = sums.and_then(|s| s.first_mut());
+        match (marks, &sum) {
+            (None, None) => blocks.each(l, &mut ()),
+            (None, Some(_)) => blocks.each(l, &mut energy),
+            (Some(marks), None) => blocks.each(l, &mut StrengthCheck::new(l, marks)),
+            (Some(marks), Some(_)) => {
+                let mut both = (StrengthCheck::new(l, marks), energy);
+                blocks.each(l, &mut both);
+                energy = both.1;
+            }
+        }
+        if let Some(sum) = sum {
+            *sum = [energy.total(), finish.sum()];
         }
     }
 }
 
-impl<W: Screened> AddForces<'_, '_, W> {
-    /// Adds the forces of block `b` of this part.
+/// The blocks of a part.
+struct Blocks<'a, 'b, L: Lanes, W: Law, F> {
+    pass: &'a Pass<'b, W>,
+    k: Rigidity<L>,
+    rows: &'a [CacheLine],
+    first: usize,
+    finish: &'a mut F,
+}
+
+impl<L: Lanes, W: Screened, F: Finish> Blocks<'_, '_, L, W, F> {
     #[inline(always)]
-    fn add_block<L: Lanes, K: Visitor<L, W>, const FETCH: bool>(
-        &mut self,
-        l: L,
-        k: &Rigidity<L>,
-        b: usize,
-        visitor: &mut K,
-    ) {
-        let block = self.first + b;
-        let range = 3 * LANES * b..self.sink.linear.len().min(3 * LANES * (b + 1));
-        let linear = &mut self.sink.linear[range.clone()];
-        let angular = &mut self.sink.angular[range];
-        if FETCH || W::LIGHT {
-            for to in [&*linear, &*angular] {
-                prefetch_lines(l, to.as_ptr().wrapping_add(3 * LANES), 3 * LANES);
+    fn each<K: Visitor<L, W>>(&mut self, l: L, visitor: &mut K) {
+        let far = self.rows.len() > FAR;
+        for b in 0..self.finish.blocks() {
+            if far || W::LIGHT {
+                self.finish.fetch(l, b + 1);
             }
+            let of = (self.pass.layout, self.rows, far);
+            let f = gather::<L, W, K>(l, of, &self.k, self.first + b, visitor);
+            self.finish.take(l, b, f);
+            visitor.end(b);
         }
-        let f = gather::<L, W, K, FETCH>(l, self.pass, k, self.rows, block, visitor);
-        add_interleaved(l, [f[0], f[1], f[2]], linear);
-        add_interleaved(l, [f[3], f[4], f[5]], angular);
     }
 }

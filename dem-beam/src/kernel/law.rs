@@ -27,6 +27,8 @@ use crate::bond::BeamRigidity;
 pub(crate) trait Law: Copy + Send + Sync {
     /// Little arithmetic per byte: worth fetching constants ahead even out of the second-level cache.
     const LIGHT: bool;
+    /// Whether it needs the lengths of bonds at rest: roots would cost more than eight bytes.
+    const LENGTHS: bool;
     /// What the loop over bonds needs of the eight particles.
     type Ready<L: Lanes>: Copy;
     /// What it needs of eight neighbours.
@@ -35,12 +37,12 @@ pub(crate) trait Law: Copy + Send + Sync {
     /// From the rows of the eight particles.
     fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
 
-    /// First stage of a slot, from the rows of the eight neighbours. It runs while the second stage of the slot
+    /// First stage of a slot (and its lengths), from the rows of the eight neighbours. It runs while the second stage of the slot
     /// before is under way: the processor's own look-ahead is too short to hide loads, shuffles and roots.
     fn near<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        slot: &Slot,
+        bonds: (&Slot, &[f64; 8]),
         own: &Self::Ready<L>,
         other: &[L::V; 8],
     ) -> Self::Near<L>;
@@ -134,6 +136,7 @@ pub(crate) struct Linear;
 
 impl Law for Linear {
     const LIGHT: bool = true;
+    const LENGTHS: bool = false;
     /// `u_i` and `th_i`.
     type Ready<L: Lanes> = [Vec3<L>; 2];
     /// `u_j - u_i` and `th_j`.
@@ -148,7 +151,7 @@ impl Law for Linear {
     fn near<L: Lanes>(
         l: L,
         _: &Rigidity<L>,
-        _: &Slot,
+        _: (&Slot, &[f64; 8]),
         &[u, _]: &[Vec3<L>; 2],
         other: &[L::V; 8],
     ) -> [Vec3<L>; 2] {
@@ -231,14 +234,24 @@ pub(crate) struct FiniteNear<L: Lanes> {
     shrink: L::V,
     /// `l - l0`.
     pub(super) stretch: L::V,
-    /// `(l0/g)²`.
-    pub(super) square: L::V,
+    /// `l0`.
+    pub(super) rest: L::V,
     s: L::V,
     q: Vec3<L>,
 }
 
+impl<L: Lanes> FiniteNear<L> {
+    /// `(l0/g)²`.
+    #[inline(always)]
+    pub(super) fn square(&self, l: L, k: &Rigidity<L>) -> L::V {
+        let steps = l.mul(self.rest, k.per_step);
+        l.mul(steps, steps)
+    }
+}
+
 impl Law for Finite {
     const LIGHT: bool = false;
+    const LENGTHS: bool = true;
     type Ready<L: Lanes> = FiniteReady<L>;
     type Near<L: Lanes> = FiniteNear<L>;
 
@@ -266,13 +279,12 @@ impl Law for Finite {
     fn near<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        slot: &Slot,
+        (slot, rest): (&Slot, &[f64; 8]),
         own: &FiniteReady<L>,
         other: &[L::V; 8],
     ) -> FiniteNear<L> {
         let d0: Vec3<L> = load3(l, &slot.span);
-        let square = l.max(dot(l, d0, d0), k.one);
-        let rest = l.mul(l.sqrt(square), k.step);
+        let rest = l.load(rest);
         let du = diff(l, [other[0], other[1], other[2]], own.u);
         let d = axpy(l, d0, k.step, du);
         // l^2 - l0^2 = (d + d0).du, without cancellation for small strains.
@@ -286,7 +298,7 @@ impl Law for Finite {
             n: scale(l, d, shrink),
             shrink,
             stretch: l.mul(gain, l.mul(both, length)),
-            square,
+            rest,
             s: other[3],
             q: [other[4], other[5], other[6]],
         }
@@ -311,7 +323,7 @@ impl Law for Finite {
             twist,
         } = turned_axes(l, k.two, slot, own, near);
         let r0 = l.madd(own.s, near.s, dot(l, own.q, near.q));
-        let whole = l.mul(s, near.square);
+        let whole = l.mul(s, near.square(l, k));
         let kt = l.mul(l.mul(k.torsion, whole), twist);
         let kb = l.mul(k.bending2, s);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
@@ -355,7 +367,7 @@ impl Law for Finite {
         let (ei, ej) = (minus(l, n, dot(l, n, ti), ti), minus(l, n, dot(l, n, tj), tj));
         let bend = l.add(dot(l, ei, sum(l, ei, ej)), dot(l, ej, ej));
         let held = l.mul(k.axial, l.mul(near.stretch, near.stretch));
-        let held = l.mul(l.madd(k.torsion, l.mul(twist, twist), held), near.square);
+        let held = l.mul(l.madd(k.torsion, l.mul(twist, twist), held), near.square(l, k));
         l.mul(s, l.madd(k.half, held, l.mul(k.bending2, bend)))
     }
 }

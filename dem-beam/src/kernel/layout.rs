@@ -4,7 +4,7 @@
 //! forces itself: nothing is scattered, no two threads write the same place, and sums have one
 //! order whatever the number of threads.
 
-use super::lanes::LANES;
+use super::lanes::{CacheLine, LANES};
 use super::span::{Grid, Slot};
 use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
@@ -20,12 +20,15 @@ pub(crate) struct Layout {
     pub(crate) slots: Vec<Slot>,
     /// The other particle of each half-bond; the particle itself in empty lanes.
     pub(crate) neighbours: Vec<[u32; LANES]>,
+    /// Lengths of half-bonds at rest \[m\], where the law needs them; a step of the grid in empty lanes.
+    pub(crate) rests: Vec<CacheLine>,
+    lengths: bool,
 }
 
 impl Layout {
     /// `adjacency` gives other end and bond of each bond of a particle, sorted by the other end: the sum over a
     /// particle's bonds does not depend on how the caller numbered bonds.
-    pub(crate) fn new(body: &BondedParticles) -> Self {
+    pub(crate) fn new(body: &BondedParticles, lengths: bool) -> Self {
         let adjacency = body.adjacency();
         let blocks = body.len().div_ceil(LANES);
         let mut out = Self {
@@ -34,12 +37,16 @@ impl Layout {
             start: vec![0],
             slots: Vec::new(),
             neighbours: Vec::new(),
+            rests: Vec::new(),
+            lengths,
         };
         for b in 0..blocks {
             let most = out.lanes(b).map(|i| adjacency.row(i).len()).max().unwrap_or(0);
             let slots = out.slots.len() + most;
             out.slots.resize(slots, Slot::default());
             out.neighbours.resize(slots, [0; LANES]);
+            out.rests
+                .resize(if lengths { slots } else { 0 }, CacheLine::default());
             out.start.push(slots as u32);
             out.refresh(b, body, &adjacency, &|_| true);
         }
@@ -62,6 +69,9 @@ impl Layout {
         let (from, to) = (self.start[block] as usize, self.start[block + 1] as usize);
         self.slots[from..to].fill(Slot::default());
         self.neighbours[from..to].fill(std::array::from_fn(|k| (first + k) as u32));
+        if self.lengths {
+            self.rests[from..to].fill(CacheLine([self.grid.step(); LANES]));
+        }
         for i in self.lanes(block) {
             let left = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
             for (s, &[other, b]) in left.enumerate() {
@@ -70,12 +80,16 @@ impl Layout {
                 let bond = if own { bond } else { bond.reversed() };
                 self.slots[from + s].set(i - first, &bond, &self.grid);
                 self.neighbours[from + s][i - first] = other;
+                if self.lengths {
+                    self.rests[from + s].0[i - first] = bond.span().norm();
+                }
             }
         }
     }
 
     /// Bytes of bond data.
     pub(crate) fn bond_bytes(&self) -> usize {
-        self.slots.len() * (size_of::<Slot>() + size_of::<[u32; LANES]>())
+        let lengths = if self.lengths { size_of::<CacheLine>() } else { 0 };
+        self.slots.len() * (size_of::<Slot>() + size_of::<[u32; LANES]>() + lengths)
     }
 }

@@ -9,4 +9,6 @@ pub(crate) mod layout;
 pub mod order;
 pub(crate) mod screen;
 pub(crate) mod span;
+pub(crate) mod stride;
 pub(crate) mod turn;
+pub(crate) mod visit;

@@ -16,10 +16,11 @@
 //! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength beforehand, and
 //! multiplied by a length where that saves a division.
 
-use super::engine::Posed;
+use super::engine::{Marks, Posed};
 use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, scale, sum};
-use super::law::{Finite, FiniteNear, FiniteReady, Law, Linear, Rigidity, turned_axes};
+use super::law::{Finite, FiniteNear, FiniteReady, Linear, Rigidity, turned_axes};
 use super::span::Slot;
+use super::visit::Visitor;
 use crate::fracture::Criterion;
 use crate::fracture::criterion::Section;
 
@@ -243,7 +244,7 @@ impl Screened for Finite {
         near: &FiniteNear<L>,
         share: Option<L::V>,
     ) -> L::V {
-        let rest = l.mul(l.sqrt(near.square), k.step);
+        let rest = near.rest;
         let (n, stretch) = (near.n, near.stretch);
         if matches!(t.criterion, Criterion::Axial) {
             return l.sub(t.shared(l, l.mul(t.young, stretch), share), rest);
@@ -252,7 +253,7 @@ impl Screened for Finite {
         let ([ti, tj], twist) = (turned.axes, turned.twist);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
         // Squares of turned spans over this are those of turned axes.
-        let unit = l.recip(near.square);
+        let unit = l.recip(near.square(l, k));
         if matches!(t.criterion, Criterion::Energy) {
             let both = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
             let apart = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
@@ -303,22 +304,6 @@ fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
     }
 }
 
-/// Something that sees every slot while forces are gathered.
-pub(crate) trait Visitor<L: Lanes, W: Law> {
-    fn begin(&mut self, own: &W::Ready<L>);
-    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>);
-}
-
-/// Sees nothing, costs nothing.
-pub(crate) struct NoVisitor;
-
-impl<L: Lanes, W: Law> Visitor<L, W> for NoVisitor {
-    #[inline(always)]
-    fn begin(&mut self, _: &W::Ready<L>) {}
-    #[inline(always)]
-    fn visit(&mut self, _: &Rigidity<L>, _: usize, _: &Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
-}
-
 /// The worst of what it saw in a block.
 pub(crate) struct StrengthCheck<'a, L: Lanes> {
     l: L,
@@ -326,24 +311,21 @@ pub(crate) struct StrengthCheck<'a, L: Lanes> {
     each: Option<&'a [CacheLine]>,
     turn: L::V,
     worst: L::V,
+    /// Blocks in which anything was beyond its limit.
+    marks: &'a mut [bool],
 }
 
 impl<'a, L: Lanes> StrengthCheck<'a, L> {
     #[inline(always)]
-    pub(crate) fn new(l: L, screen: &'a Screen) -> Self {
+    pub(crate) fn new(l: L, (screen, marks): Marks<'a>) -> Self {
         Self {
             l,
             test: Test::new(l, screen),
             each: screen.each.as_deref(),
             turn: l.splat(screen.turn),
             worst: l.splat(-1.0),
+            marks,
         }
-    }
-
-    /// Whether anything in the block was beyond its limit. At the limit is not enough: empty lanes are.
-    #[inline(always)]
-    pub(crate) fn found(&self) -> bool {
-        self.l.store(self.worst).iter().any(|x| *x > 0.0)
     }
 }
 
@@ -363,5 +345,11 @@ impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
         };
         let excess = W::excess(l, k, &self.test, slot, own, near, share);
         self.worst = l.max(excess, self.worst);
+    }
+
+    #[inline(always)]
+    fn end(&mut self, b: usize) {
+        // At the limit is not enough: empty lanes are.
+        self.marks[b] = self.l.store(self.worst).iter().any(|x| *x > 0.0);
     }
 }

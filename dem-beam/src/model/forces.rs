@@ -1,23 +1,23 @@
 //! The block kernel in the numbering of a model: rows from the unknowns, forces into flat arrays.
 
 use crate::bond::BeamRigidity;
-use crate::kernel::engine::{Isa, Marks, Pass, Posed, Sink};
+use crate::kernel::engine::{
+    CHUNK, Cut, Finish, Isa, Marks, Part, Pass, Posed, Sink, Sums, cut_unknowns, in_parts,
+};
 use crate::kernel::lanes::{CacheLine, LANES};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
 use crate::kernel::screen::Screened;
+use crate::kernel::stride::{Accelerate, Drift, Moving};
 use crate::kernel::turn::{Turn, turned};
 use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
+use arlequin_core::{Drawn, Stride};
 use nalgebra::{Quaternion, UnitQuaternion};
-use rayon::prelude::*;
 use std::marker::PhantomData;
 
 /// Particles above which a second thread pays for its wake-up.
 const LARGE: usize = 4_000;
-
-/// Particles per unit of parallel work.
-const CHUNK: usize = 1_024;
 
 impl Posed for Linear {
     #[inline]
@@ -68,10 +68,12 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     /// The same law for a body with other weights; nothing has turned yet.
     fn renewed(&self, body: &BondedParticles) -> Box<dyn BondForces>;
     /// Adds forces and torques at positions that become the reached ones; all in the layout of the model. With `marks` it
-    /// looks at strengths on the way.
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>);
-    /// The same at any positions, without going there.
+    /// looks at strengths on the way; returns the elastic energy \[J\] if asked for, else zero.
+    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> f64;
+    /// Adds forces and torques at any positions, without going there.
     fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>);
+    /// One step of velocity Verlet.
+    fn stride(&mut self, step: Stride<'_, f64>) -> Option<Drawn<f64>>;
     /// What was reached last, under a law that turns.
     fn reached(&self) -> Option<Reached<'_>>;
     /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
@@ -94,6 +96,36 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     fn bond_bytes(&self) -> usize;
 }
 
+/// Rows of a range of blocks on their way to given positions.
+struct Placing<'a> {
+    rows: &'a mut [CacheLine],
+    reached: &'a mut [f64],
+    q: [&'a [f64]; 2],
+}
+
+impl Cut for Placing<'_> {
+    fn blocks(&self) -> usize {
+        self.rows.len().div_ceil(LANES)
+    }
+
+    fn cut(self, blocks: usize) -> (Self, Self) {
+        let (rows, later) = self.rows.split_at_mut(LANES * blocks);
+        let (reached, rest) = cut_unknowns(self.reached, blocks);
+        let q = self.q.map(|q| q.split_at(3 * LANES * blocks));
+        let first = Placing {
+            rows,
+            reached,
+            q: q.map(|q| q.0),
+        };
+        let second = Placing {
+            rows: later,
+            reached: rest,
+            q: q.map(|q| q.1),
+        };
+        (first, second)
+    }
+}
+
 /// One body, one law.
 #[derive(Debug)]
 pub(crate) struct Gather<W: Posed> {
@@ -104,6 +136,8 @@ pub(crate) struct Gather<W: Posed> {
     /// The same for positions that are only tried; empty for a law whose rows follow from its unknowns alone.
     tried: Vec<CacheLine>,
     tried_at: Vec<f64>,
+    /// Sums over the parts of a pass.
+    sums: Vec<Sums>,
     rigidity: BeamRigidity,
     isa: Isa,
     law: PhantomData<W>,
@@ -112,7 +146,7 @@ pub(crate) struct Gather<W: Posed> {
 impl<W: Screened> Gather<W> {
     /// `body` must be numbered for locality already. Nothing has turned yet.
     pub(crate) fn new(body: &BondedParticles) -> Self {
-        let layout = Layout::new(body);
+        let layout = Layout::new(body, W::LENGTHS);
         let mut upright = CacheLine::default();
         let turns = if W::TURNS {
             upright.0[3] = 1.0;
@@ -125,6 +159,7 @@ impl<W: Screened> Gather<W> {
             tried: if W::TURNS { rows.clone() } else { Vec::new() },
             tried_at: vec![0.0; turns],
             reached: vec![0.0; turns],
+            sums: vec![[0.0; 2]; body.len().div_ceil(CHUNK * LANES)],
             layout,
             rows,
             rigidity: *body.rigidity(),
@@ -138,27 +173,90 @@ impl<W: Screened> Gather<W> {
         std::mem::swap(&mut self.reached, &mut self.tried_at);
     }
 
-    fn passes(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, parallel: bool) {
-        let n = q.len() / 6;
-        let (u, th) = q.split_at(3 * n);
-        let (isa, rows) = (self.isa, &mut self.rows[..n]);
-        if parallel {
-            let sources = u.par_chunks(3 * CHUNK).zip(th.par_chunks(3 * CHUNK));
-            let places = rows.par_chunks_mut(CHUNK).zip(sources);
-            if W::TURNS {
-                let reached = self.reached.par_chunks_mut(3 * CHUNK);
-                places
-                    .zip(reached)
-                    .for_each(|((rows, (u, th)), reached)| W::write_rows(isa, rows, u, th, reached));
-            } else {
-                places.for_each(|(rows, (u, th))| W::write_rows(isa, rows, u, th, &mut []));
+    /// Writes the rows of positions, then finds the forces there.
+    fn passes(&mut self, q: &[f64], sink: Sink<'_>, marks: Option<Marks<'_>>, energy: bool) {
+        let (isa, parallel) = (self.isa, self.parallel());
+        let placing = Placing {
+            rows: &mut self.rows[..q.len() / 6],
+            reached: &mut self.reached,
+            q: q.split_at(q.len() / 2).into(),
+        };
+        in_parts(placing, parallel, &|p| {
+            W::write_rows(isa, p.rows, p.q[0], p.q[1], p.reached);
+        });
+        self.gather(sink, marks, energy);
+    }
+
+    /// Forces at the rows, and sums if wanted.
+    fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) {
+        let parallel = self.parallel();
+        let mut all = std::mem::take(&mut self.sums);
+        let part = Part {
+            first: 0,
+            finish,
+            marks,
+            sums: sums.then_some(&mut all[..]),
+        };
+        self.pass().run(&self.rows, part, parallel);
+        self.sums = all;
+    }
+
+    /// Sums over all parts, in their order.
+    fn total(&self) -> Sums {
+        let all = self.sums.iter();
+        all.fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y])
+    }
+
+    /// Whether more than one thread pays.
+    fn parallel(&self) -> bool {
+        self.rows.len() > LARGE && rayon::current_num_threads() > 1
+    }
+
+    /// Both passes of a step.
+    fn strides(&mut self, step: Stride<'_, f64>) -> Option<Drawn<f64>> {
+        let Stride {
+            dt,
+            q,
+            v,
+            a,
+            inverse_inertia,
+            inertia,
+        } = step;
+        let (n, isa, parallel) = (q.len() / 2, self.isa, self.parallel());
+        let steps = [dt, dt * 0.5];
+        let moving = Moving {
+            rows: &mut self.rows[..n / 3],
+            reached: &mut self.reached,
+            q: q.split_at_mut(n).into(),
+            v: v.split_at(n).into(),
+            a: a.split_at(n).into(),
+        };
+        in_parts(moving, parallel, &|p| {
+            let Moving {
+                rows,
+                reached,
+                mut q,
+                v,
+                a,
+            } = p;
+            for ((q, v), a) in q.iter_mut().zip(v).zip(a) {
+                isa.run(Drift { step: steps, q, v, a });
             }
-        } else {
-            W::write_rows(isa, rows, u, th, &mut self.reached);
-        }
-        let (linear, angular) = f.split_at_mut(3 * n);
-        let sink = Sink { linear, angular };
-        self.pass().add_forces(&self.rows, sink, marks, parallel);
+            W::write_rows(isa, rows, q[0], q[1], reached);
+        });
+        let accelerate = Accelerate {
+            step: steps,
+            v: v.split_at_mut(n).into(),
+            a: a.split_at_mut(n).into(),
+            w: inverse_inertia.split_at(n).into(),
+            m: inertia.map(|m| m.split_at(n).into()),
+            sum: 0.0,
+        };
+        self.gather(accelerate, None, inertia.is_some());
+        inertia.map(|_| {
+            let [internal, moving] = self.total();
+            Drawn { internal, moving }
+        })
     }
 
     fn pass(&self) -> Pass<'_, W> {
@@ -176,15 +274,16 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         Box::new(Self::new(body))
     }
 
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
-        let n = q.len() / 6;
-        let parallel = n > LARGE && rayon::current_num_threads() > 1;
-        if parallel {
+    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> f64 {
+        let (linear, angular) = f.split_at_mut(q.len() / 2);
+        let sink = Sink { linear, angular };
+        if self.parallel() {
             // One entry into the pool for both passes.
-            rayon::scope(|_| self.passes(q, f, marks, true));
+            rayon::scope(|_| self.passes(q, sink, marks, energy));
         } else {
-            self.passes(q, f, marks, false);
+            self.passes(q, sink, marks, energy);
         }
+        if energy { self.total()[0] } else { 0.0 }
     }
 
     fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
@@ -192,10 +291,18 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
             self.tried.copy_from_slice(&self.rows);
             self.tried_at.copy_from_slice(&self.reached);
             self.swap();
-            self.advance(q, f, marks);
+            self.advance(q, f, marks, false);
             self.swap();
         } else {
-            self.advance(q, f, marks);
+            self.advance(q, f, marks, false);
+        }
+    }
+
+    fn stride(&mut self, step: Stride<'_, f64>) -> Option<Drawn<f64>> {
+        if self.parallel() {
+            rayon::scope(|_| self.strides(step))
+        } else {
+            self.strides(step)
         }
     }
 
@@ -238,8 +345,13 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
             let (linear, angular) = (&mut linear[range.clone()], &mut angular[range]);
             linear.fill(0.0);
             angular.fill(0.0);
-            let sink = Sink { linear, angular };
-            self.pass().add_from(b, &self.rows, sink, None);
+            let part = Part {
+                first: b,
+                finish: Sink { linear, angular },
+                marks: None,
+                sums: None,
+            };
+            self.pass().run(&self.rows, part, false);
         }
     }
 

@@ -45,8 +45,8 @@ use arlequin_core::geometry::Sample;
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, CoarseModel, DofLayout, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
-    ParticleField, State, Watching, Weight, check_size, parallel, spectrum,
+    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
+    ParticleField, State, Stepping, Stride, Watching, Weight, check_size, parallel, spectrum,
 };
 use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
@@ -229,6 +229,14 @@ impl DemModel {
         self.field.clone()
     }
 
+    /// Forces at displacements that are reached; the energy there if asked for, else zero.
+    fn go(&mut self, q: &[f64], f: &mut [f64], energy: bool) -> arlequin_core::Result<f64> {
+        check_size(self, "displacements", q.len())?;
+        check_size(self, "forces", f.len())?;
+        let marks = self.fracture.as_mut().and_then(FractureState::marks);
+        Ok(self.kernel.advance(q, f, marks, energy))
+    }
+
     fn named(&self, error: &Error) -> arlequin_core::Error {
         match error {
             Error::Core(e) => e.clone(),
@@ -308,11 +316,15 @@ impl Model<f64> for DemModel {
     }
 
     fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
-        check_size(self, "displacements", q.len())?;
-        check_size(self, "forces", f.len())?;
-        let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        self.kernel.advance(q, f, marks);
-        Ok(())
+        self.go(q, f, false).map(|_| ())
+    }
+
+    fn advance_with_energy(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<f64> {
+        self.go(q, f, true)
+    }
+
+    fn stepping(&mut self) -> Option<&mut dyn Stepping<f64>> {
+        self.fracture.is_none().then_some(self as _)
     }
 
     fn arms(&self) -> Arms {
@@ -372,6 +384,12 @@ impl Model<f64> for DemModel {
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
         (!self.has_finite_rotations()).then_some(self as _)
+    }
+}
+
+impl Stepping<f64> for DemModel {
+    fn stride(&mut self, step: Stride<'_, f64>) -> arlequin_core::Result<Option<Drawn<f64>>> {
+        Ok(self.kernel.stride(step))
     }
 }
 

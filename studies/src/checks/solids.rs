@@ -96,7 +96,7 @@ pub(super) fn cantilever(done: &Runs) -> Result<Report> {
 /// Failed runs.
 pub fn cantilever_cell(ratio: f64, width: f64, schwarz: f64) -> Result<Vec<Check>> {
     let name = format!("1:{ratio}, L_O = {} mm", super::check::short(1e3 * width));
-    let d = bar::drift(ratio, width).map_err(at(&*name))?;
+    let d = bar::drift(ratio, width, 1).map_err(at(&*name))?;
     let source = "Norma.jl, overlapping Schwarz";
     let energy = |ms: u32| format!("change of energy at {ms} ms [%], {name}");
     let [early, late] = d.total.map(|x| 100.0 * x);

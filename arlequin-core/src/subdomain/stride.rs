@@ -1,0 +1,51 @@
+//! Steps that the model makes itself.
+
+use super::Subdomain;
+use super::account::Energies;
+use super::step::Reached;
+use crate::model::{State, Stride};
+use crate::{Real, Result};
+
+impl<T: Real> Subdomain<T> {
+    /// Lets the model make the step if it can and nothing else acts within it; `keep` as in [`Self::predict`]. `false` where
+    /// the step is still to be made.
+    ///
+    /// Accelerations are those of the internal forces, so that neither forces nor displacements of the step before are
+    /// stored.
+    pub(super) fn stride(&mut self, reached: Reached<T>, keep: bool) -> Result<bool> {
+        let alone = self.forces.are_internal() && self.moving().next().is_none();
+        if !alone || self.model.evolving().is_some() || self.model.stepping().is_none() {
+            return Ok(false);
+        }
+        let before = match self.energies.now {
+            None if keep => Some(self.model.internal_energy(&self.state.q)),
+            known => known,
+        };
+        self.forces.release();
+        let State { q, v, a } = &mut self.state;
+        let step = Stride {
+            dt: reached.since,
+            q,
+            v,
+            a,
+            inverse_inertia: &self.inverse_inertia,
+            inertia: keep.then_some(&self.inertia[..]),
+        };
+        let drawn = self
+            .model
+            .stepping()
+            .map(|m| m.stride(step))
+            .transpose()?
+            .flatten();
+        self.energies = Energies {
+            before,
+            now: drawn.map(|d| d.internal),
+            moving: drawn.map(|d| d.moving),
+        };
+        // Fixed unknowns: with moving ones the model does not make the step.
+        for &d in self.supports.iter().flat_map(|m| &m.dofs) {
+            (self.state.v[d], self.state.a[d]) = (T::zero(), T::zero());
+        }
+        Ok(true)
+    }
+}

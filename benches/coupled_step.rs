@@ -1,0 +1,232 @@
+//! What coupling adds to a step: finite elements and particles coupled, beside either of them alone.
+//!
+//! `cargo bench --bench coupled_step [particles [threads]]`; default 12 000 on one thread. The models are measured in turns,
+//! so that all see the same machine; printed are the shortest times per step of the run, their ratio
+//! `coupled / (particles + elements / ratio of the steps)`, and the interface's share per stored entry of `B`.
+#![allow(clippy::print_stdout, reason = "a bench talks to a person")]
+
+use arlequin::core::nalgebra::Vector3;
+use arlequin::core::{
+    Coupled, Guard, H1Gradient, InterfaceOptions, InterfaceSpec, Junction, L2, Observer, OwnStep, Partition,
+    Phase, Profile, Result, Sampling, StepReport, Subdomain, TimeStep, Weights,
+};
+use arlequin::dem_beam::{BeamMaterial, Container, DemModel, Matter, Packing, PackingSpec};
+use arlequin::fem_ref::{Elastic, ElementKind, FemModel};
+use arlequin_studies::solid::{self, block};
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+const BEAM: BeamMaterial = BeamMaterial {
+    young: 3.56,
+    poisson: 0.3,
+    radius_ratio: 0.71,
+};
+
+/// Rounds of all cases, and steps of each.
+const ROUNDS: usize = 12;
+const STEPS: usize = 40;
+
+/// Time spent in interfaces.
+#[derive(Debug)]
+struct Clock {
+    phase: Option<Phase>,
+    since: Instant,
+    interface: Duration,
+}
+
+impl Clock {
+    fn new() -> Self {
+        Self {
+            phase: None,
+            since: Instant::now(),
+            interface: Duration::ZERO,
+        }
+    }
+}
+
+impl Observer<f64> for Clock {
+    fn phase(&mut self, phase: Phase) {
+        let now = Instant::now();
+        if self.phase == Some(Phase::Interface) {
+            self.interface += now - self.since;
+        }
+        (self.phase, self.since) = (Some(phase), now);
+    }
+
+    fn observe(&mut self, _: &Coupled<f64>, _: &StepReport<f64>) -> Result<ControlFlow<()>> {
+        Ok(ControlFlow::Continue(()))
+    }
+}
+
+/// Elements on (0, 3), particles on (2, 4), unit section; which of the two take part.
+struct Deck {
+    packing: Packing,
+    spacing: f64,
+}
+
+impl Deck {
+    fn new(particles: usize) -> Result<Self> {
+        let body = Container::cuboid(Vector3::new(2.0, 0.0, 0.0), Vector3::new(4.0, 1.0, 1.0))?;
+        Ok(Self {
+            packing: PackingSpec::quench(body, particles, 1).build()?,
+            spacing: (2.0 / particles as f64).cbrt(),
+        })
+    }
+
+    /// Elements of four spacings along an edge.
+    fn coarse(&self) -> Result<FemModel<f64>> {
+        let across = (0.25 / self.spacing).round().max(2.0) as usize;
+        let mesh = block(ElementKind::Hex8, [0.0, 3.0], [3 * across, across, across])?;
+        Ok(FemModel::new("left", mesh, Elastic::new(1.0, 0.17, 1.0)?)?)
+    }
+
+    fn fine(&self) -> Result<DemModel> {
+        let p = &self.packing;
+        let matter = Matter {
+            beam: BEAM,
+            density: 1.0,
+            volume: p.volume,
+        };
+        Ok(DemModel::from_spheres(
+            "right",
+            &p.positions,
+            &p.radii,
+            &p.pairs,
+            &matter,
+        )?)
+    }
+
+    fn sides(&self) -> Result<[Subdomain<f64>; 2]> {
+        let weights = solid::weights(Profile::Cubic, 0.05)?;
+        let others = Weights::complement_of(std::slice::from_ref(&weights));
+        Ok([
+            Subdomain::coarse(self.coarse()?, weights).with_step(OwnStep::Same),
+            Subdomain::fine(self.fine()?, others),
+        ])
+    }
+
+    /// Both, with so many mediator elements across and own steps of the particles.
+    fn coupled(&self, across: usize, ratio: usize, junction: Box<dyn Junction<f64>>) -> Result<Coupled<f64>> {
+        let mediator = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [across; 3])?;
+        let interface = InterfaceSpec {
+            options: InterfaceOptions {
+                sampling: Sampling::Particles,
+                ..InterfaceOptions::default()
+            },
+            ..solid::spec(mediator, junction)
+        };
+        let [coarse, fine] = self.sides()?;
+        let bodies = [coarse, fine.with_step(OwnStep::Ratio(ratio))];
+        let step = self.step()? * ratio as f64;
+        Coupled::new(
+            solid::shaken(bodies, 12)?,
+            vec![interface],
+            TimeStep::Seconds(step),
+            Some(rare()),
+        )
+    }
+
+    /// One side alone.
+    fn alone(&self, side: usize) -> Result<Coupled<f64>> {
+        let one = self.sides()?.into_iter().nth(side).into_iter();
+        let one = one.map(|s| s.with_partition(Partition::Unchecked)).collect();
+        Coupled::new(one, Vec::new(), TimeStep::Seconds(self.step()?), Some(rare()))
+    }
+
+    /// A step for all cases: 0.4 of what the particles alone can take.
+    fn step(&self) -> Result<f64> {
+        let [_, fine] = self.sides()?;
+        let one = vec![fine.with_partition(Partition::Unchecked)];
+        Ok(Coupled::new(one, Vec::new(), TimeStep::Fraction(0.4), None)?.dt())
+    }
+}
+
+/// The ledger is not what is measured.
+fn rare() -> Guard<f64> {
+    Guard {
+        interval: 1_000_000,
+        growth: 0.05,
+    }
+}
+
+/// Shortest time per step of each run, and of its interfaces \[s\].
+fn best(runs: &mut [Coupled<f64>]) -> Result<Vec<[f64; 2]>> {
+    let mut out = vec![[f64::INFINITY; 2]; runs.len()];
+    for _ in 0..ROUNDS {
+        for (run, best) in runs.iter_mut().zip(&mut out) {
+            let mut clock = Clock::new();
+            let start = Instant::now();
+            run.run(STEPS, &mut clock)?;
+            let times = [start.elapsed(), clock.interface].map(|t| t.as_secs_f64() / STEPS as f64);
+            (0..2).for_each(|k| best[k] = best[k].min(times[k]));
+        }
+    }
+    Ok(out)
+}
+
+fn measure(particles: usize) -> Result<()> {
+    let deck = Deck::new(particles)?;
+    let fine = (1.0 / deck.spacing).round() as usize;
+    let coarse = (fine / 4).max(1);
+    let h = 1.0 / fine as f64;
+    let mut cases: Vec<(&str, usize, Coupled<f64>)> = Vec::new();
+    for ratio in [1, 4] {
+        cases.push(("coarse, L2", ratio, deck.coupled(coarse, ratio, Box::new(L2))?));
+        let h1 = Box::new(H1Gradient::new(h)?);
+        cases.push(("coarse, H1", ratio, deck.coupled(coarse, ratio, h1)?));
+        cases.push(("half, L2", ratio, deck.coupled(fine / 2, ratio, Box::new(L2))?));
+        cases.push(("fine, L2", ratio, deck.coupled(fine, ratio, Box::new(L2))?));
+        cases.push((
+            "fine, L2, 0.8 h",
+            ratio,
+            deck.coupled(fine * 5 / 4, ratio, Box::new(L2))?,
+        ));
+    }
+    let names: Vec<(&str, usize)> = cases.iter().map(|c| (c.0, c.1)).collect();
+    let alone = [deck.alone(0)?, deck.alone(1)?];
+    let mut runs: Vec<Coupled<f64>> = alone.into_iter().chain(cases.into_iter().map(|c| c.2)).collect();
+    let times = best(&mut runs)?;
+    let us = |t: f64| t * 1e6;
+    let [elements, particle] = [times[0][0], times[1][0]];
+    println!(
+        "{} particles alone {:.0} us, {} element nodes alone {:.0} us",
+        deck.packing.radii.len(),
+        us(particle),
+        runs[0].subdomains()[0].model().nodes().len(),
+        us(elements)
+    );
+    println!(
+        "mediator         steps  multipliers    rank  solver                          its  condition  us per step  interface  ns per entry  coupled/alone"
+    );
+    for ((run, t), (name, ratio)) in runs.iter().zip(&times).skip(2).zip(names) {
+        let i = &run.interfaces()[0];
+        let r = i.report();
+        let entries: usize = (0..2)
+            .filter_map(|m| i.coupling_matrix(m))
+            .map(|b| b.nnz() / 3)
+            .sum();
+        println!(
+            "{name:<16} 1:{ratio:<4} {:>10} {:>7}  {:<30} {:>4} {:>10.1e} {:>12.0} {:>10.0} {:>13.2} {:>14.3}",
+            r.multipliers,
+            r.rank,
+            r.solver,
+            i.iterations(),
+            r.condition,
+            us(t[0]),
+            us(t[1]),
+            t[1] * 1e9 / entries as f64,
+            t[0] / (ratio as f64 * particle + elements)
+        );
+    }
+    Ok(())
+}
+
+fn main() -> Result<()> {
+    // Benchmarks are called with flags of their own.
+    let mut numbers = std::env::args().filter_map(|a| a.parse().ok());
+    let (particles, threads) = (numbers.next().unwrap_or(12_000), numbers.next().unwrap_or(1));
+    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+        Ok(pool) => pool.install(|| measure(particles)),
+        Err(_) => measure(particles),
+    }
+}

@@ -1,0 +1,70 @@
+//! What looks at bonds while their forces are found.
+
+use super::lanes::Lanes;
+use super::law::{Law, Rigidity};
+use super::span::Slot;
+
+/// Something that sees every slot while forces are gathered.
+pub(crate) trait Visitor<L: Lanes, W: Law> {
+    fn begin(&mut self, own: &W::Ready<L>);
+    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>);
+    /// Block `b` of the part is done.
+    #[inline(always)]
+    fn end(&mut self, _b: usize) {}
+}
+
+/// Sees nothing, costs nothing.
+impl<L: Lanes, W: Law> Visitor<L, W> for () {
+    #[inline(always)]
+    fn begin(&mut self, _: &W::Ready<L>) {}
+    #[inline(always)]
+    fn visit(&mut self, _: &Rigidity<L>, _: usize, _: &Slot, _: &W::Ready<L>, _: &W::Near<L>) {}
+}
+
+/// One after the other.
+impl<L: Lanes, W: Law, A: Visitor<L, W>, B: Visitor<L, W>> Visitor<L, W> for (A, B) {
+    #[inline(always)]
+    fn begin(&mut self, own: &W::Ready<L>) {
+        self.0.begin(own);
+        self.1.begin(own);
+    }
+    #[inline(always)]
+    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>) {
+        self.0.visit(k, index, slot, own, near);
+        self.1.visit(k, index, slot, own, near);
+    }
+    #[inline(always)]
+    fn end(&mut self, b: usize) {
+        self.0.end(b);
+        self.1.end(b);
+    }
+}
+
+/// Adds up the energies of half-bonds, which are half of those of bonds.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Energy<L: Lanes> {
+    l: L,
+    sum: L::V,
+}
+
+impl<L: Lanes> Energy<L> {
+    #[inline(always)]
+    pub(crate) fn new(l: L) -> Self {
+        Self { l, sum: l.splat(0.0) }
+    }
+
+    /// Energy of what it saw, each bond from either end \[J\].
+    #[inline(always)]
+    pub(crate) fn total(&self) -> f64 {
+        0.5 * self.l.store(self.sum).iter().sum::<f64>()
+    }
+}
+
+impl<L: Lanes, W: Law> Visitor<L, W> for Energy<L> {
+    #[inline(always)]
+    fn begin(&mut self, _: &W::Ready<L>) {}
+    #[inline(always)]
+    fn visit(&mut self, k: &Rigidity<L>, _: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>) {
+        self.sum = self.l.add(self.sum, W::energy(self.l, k, slot, own, near));
+    }
+}

@@ -1,0 +1,125 @@
+//! The chain as a whole solver gives what the chain as a model gives.
+
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
+use arlequin::core::{L2, OwnStep, Silent, conformance};
+use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
+use arlequin::prelude::*;
+use spring_chain::{Chain, ChainSolver};
+
+const BONDS: usize = 60;
+
+fn chain() -> Chain {
+    Chain::new("chain", -20.0, 1.0, BONDS, 1.0, 1.0).unwrap()
+}
+
+/// A bar from −100 to 0 and a chain from −20 on in motion; the chain as a model or as a solver.
+fn coupled(solver: bool, own: OwnStep<f64>, weight: bool) -> Result<Coupled<f64>> {
+    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
+    // A solver that cannot weight itself takes nearly all.
+    let left: Weights<f64> = if weight {
+        Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?))
+    } else {
+        Weights::same(Arc::new(Ramp::new(slab, Profile::Constant(1e-6), 1e-6)?))
+    };
+    let right = Weights::complement_of(std::slice::from_ref(&left));
+    let bar = FemModel::new(
+        "bar",
+        generate::bar(-100.0, 0.0, 10, 1.0)?,
+        Elastic::new(1.0, 0.0, 1.0)?,
+    )?;
+    let bar = Subdomain::coarse(bar, left);
+    let v: Vec<f64> = (0..=BONDS)
+        .map(|k| (0.3 * k as f64).sin() + 0.2 * (1.9 * k as f64).cos())
+        .collect();
+    let q = vec![0.0; v.len()];
+    let field = chain().fine_field();
+    let chain = if solver {
+        Subdomain::participant(Box::new(ChainSolver::new(chain(), q, v)?), field, right)?
+    } else {
+        Subdomain::fine(chain(), right).with_initial(q, v)?
+    };
+    let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
+    let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
+    let steps = TimeStep::Seconds(2.4);
+    Coupled::new(vec![bar, chain.with_step(own)], vec![tie], steps, None)
+}
+
+fn states(c: &Coupled<f64>) -> Vec<f64> {
+    let all = c.subdomains().iter().map(|s| s.state());
+    all.flat_map(|s| s.q.iter().chain(&s.v)).copied().collect()
+}
+
+#[test]
+fn a_solver_in_the_place_of_a_model_gives_the_same_motion_and_the_same_ledger() {
+    let own = OwnStep::Ratio(3);
+    let [mut model, mut solver] = [false, true].map(|s| coupled(s, own, true).unwrap());
+    for run in [&mut model, &mut solver] {
+        run.run(1000, &mut Silent).unwrap();
+        assert!(run.drift() < 1e-13, "{:e}", run.drift());
+    }
+    let (a, b) = (states(&model), states(&solver));
+    let top = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let gap = a.iter().zip(&b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs()));
+    assert!(gap < 1e-12 * top, "{gap:e} of {top}");
+    let energy = |c: &Coupled<f64>| c.last_energy().unwrap().invariant;
+    assert!((energy(&model) / energy(&solver) - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
+    let mut run = coupled(true, OwnStep::Ratio(3), false).unwrap();
+    run.run(1000, &mut Silent).unwrap();
+    assert!(run.drift() < 1e-12, "{:e}", run.drift());
+    assert!(
+        run.constraint_residual() < 1e-12,
+        "{:e}",
+        run.constraint_residual()
+    );
+}
+
+#[test]
+fn a_run_with_a_solver_goes_on_with_the_same_bits() {
+    let build = || coupled(true, OwnStep::Ratio(3), true).unwrap();
+    let mut whole = build();
+    whole.run(40, &mut Silent).unwrap();
+    let kept = whole.snapshot().unwrap();
+    whole.run(40, &mut Silent).unwrap();
+    let mut second = build();
+    second.run(3, &mut Silent).unwrap();
+    second.restore(&kept).unwrap();
+    second.run(40, &mut Silent).unwrap();
+    let bits = |c: &Coupled<f64>| states(c).iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&whole), bits(&second));
+}
+
+#[test]
+fn the_solver_keeps_what_the_coupling_relies_on() {
+    let v: Vec<f64> = (0..=BONDS).map(|k| (0.7 * k as f64).sin()).collect();
+    let mut solver = ChainSolver::new(chain(), vec![0.0; v.len()], v).unwrap();
+    let d = conformance::participant(&mut solver, 0.8, 200).unwrap();
+    assert!(
+        d.kick < 1e-15 && d.moved == 0.0 && d.drift < 1e-13 && d.work < 1e-13,
+        "{d:?}"
+    );
+    assert!(d.resumed == 0.0, "{d:?}");
+}
+
+#[test]
+fn what_a_solver_cannot_have_of_the_core_and_a_step_above_its_own_are_refused_by_name() {
+    let build = |own| coupled(true, own, true).map(|_| ()).unwrap_err().to_string();
+    let text = build(OwnStep::Ratio(2));
+    for word in [
+        "1.2e0 s exceeds the critical step",
+        "'chain'",
+        "at least 3 own steps",
+    ] {
+        assert!(text.contains(word), "{text}");
+    }
+    let text = build(OwnStep::Implicit);
+    assert!(
+        text.contains("'chain' cannot have the core's implicit scheme"),
+        "{text}"
+    );
+}

@@ -1,0 +1,161 @@
+//! How multipliers are solved for: conjugate gradients that end anywhere, dependent multipliers in any number.
+
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
+#[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
+mod support;
+
+use arlequin::core::{
+    Coupled, H1Gradient, InterfaceOptions, Junction, L2, OwnStep, Profile, Silent, Solver, TimeStep,
+};
+use arlequin::fem_ref::ElementKind;
+use arlequin_studies::line::{COARSE, FINE, Line};
+use arlequin_studies::noise;
+use support::solid;
+
+fn gradients(tolerance: f64, max_iterations: usize) -> Solver<f64> {
+    Solver::ConjugateGradients {
+        tolerance,
+        max_iterations,
+    }
+}
+
+fn options(solver: Solver<f64>) -> InterfaceOptions<f64> {
+    InterfaceOptions {
+        solver,
+        ..InterfaceOptions::default()
+    }
+}
+
+/// Bar and chain in random motion; the chain makes `ratio` steps of its own.
+fn line(solver: Solver<f64>, ratio: usize) -> Coupled<f64> {
+    let line = Line {
+        overlap: 40.0,
+        coarse_elements: 20,
+        fine_bonds: 150,
+        step: TimeStep::Seconds(0.9 * ratio as f64),
+        options: options(solver),
+        ..Line::default()
+    };
+    let (mut a, mut b) = (noise(3), noise(4));
+    let random = |next: &mut dyn FnMut() -> f64| (0..400).map(|_| next()).collect::<Vec<f64>>();
+    let (left, right) = (random(&mut a), random(&mut b));
+    let at = |of: &[f64], x: f64| (0.0, of[(x + 210.0) as usize]);
+    let sides = line.subdomains(&|x| at(&left, x), &|x| at(&right, x)).unwrap();
+    let [bar, chain] = sides;
+    let sides = vec![bar, chain.with_step(OwnStep::Ratio(ratio))];
+    line.build_with(sides).unwrap()
+}
+
+/// Hexahedra and tetrahedra in random motion.
+fn solid_pair(junction: Box<dyn Junction<f64>>, solver: Solver<f64>) -> Coupled<f64> {
+    let bodies = solid::shaken(solid::bodies(Profile::Cubic, 0.05), 12);
+    let space = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [3, 3, 3]);
+    let mut spec = solid::spec(space, junction);
+    spec.options = options(solver);
+    Coupled::new(bodies, vec![spec], TimeStep::Fraction(0.8), None).unwrap()
+}
+
+fn velocities(c: &Coupled<f64>) -> Vec<f64> {
+    let all = c.subdomains().iter();
+    all.flat_map(|s| s.state().v.iter().copied()).collect()
+}
+
+#[test]
+fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
+    for iterations in [2, 3, 5] {
+        for ratio in [1, 4] {
+            let mut c = line(gradients(0.0, iterations), ratio);
+            let before = c.momentum()[0];
+            c.run(4000 / ratio, &mut Silent).unwrap();
+            let change = (c.momentum()[0] - before).norm();
+            assert!(
+                c.drift() < 1e-12,
+                "{iterations} iterations, ratio {ratio}: drift {:e}",
+                c.drift()
+            );
+            assert!(change < 1e-11, "{iterations} iterations: momentum {change:e}");
+            assert!(
+                c.constraint_residual() > 1e-9,
+                "they are too few to meet the constraint: {:e}",
+                c.constraint_residual()
+            );
+            let work = c.works().iter().find(|w| w.name == "constraint").unwrap().work;
+            assert!(work.abs() < 1e-10, "work of the constraint {work:e}");
+        }
+        for junction in solid::junctions::<f64>() {
+            let name = junction.name();
+            let mut c = solid_pair(junction, gradients(0.0, iterations));
+            c.run(400, &mut Silent).unwrap();
+            assert_eq!(c.interfaces()[0].iterations(), iterations);
+            assert!(
+                c.drift() < 1e-12,
+                "{name}, {iterations} iterations: drift {:e}",
+                c.drift()
+            );
+        }
+    }
+}
+
+#[test]
+fn conjugate_gradients_that_converge_give_what_the_factor_gives() {
+    for junction in [
+        || Box::new(L2) as Box<dyn Junction<f64>>,
+        || Box::new(H1Gradient::new(0.15).unwrap()),
+    ] {
+        let run = |solver| {
+            let mut c = solid_pair(junction(), solver);
+            c.run(100, &mut Silent).unwrap();
+            c
+        };
+        let [exact, near] = [Solver::Factor, gradients(1e-13, 500)].map(run);
+        let report = |c: &Coupled<f64>| c.interfaces()[0].report().clone();
+        assert_eq!(report(&exact).solver, "factor");
+        assert_eq!(report(&near).solver, "conjugate gradients");
+        assert_eq!(report(&exact).rank, report(&near).rank);
+        let ratio = report(&exact).condition / report(&near).condition;
+        assert!((ratio - 1.0).abs() < 0.01, "conditions differ by {ratio}");
+        let [a, b] = [&exact, &near].map(velocities);
+        let top = a.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top;
+        assert!(apart < 1e-10, "velocities differ by {apart:e}");
+        assert!(
+            near.constraint_residual() < 1e-11,
+            "residual {:e}",
+            near.constraint_residual()
+        );
+    }
+}
+
+#[test]
+fn more_dependent_multipliers_than_a_dense_solver_takes_are_counted_and_harmless() {
+    let line = Line {
+        overlap: 200.0,
+        mediator: 200.0 / 4100.0,
+        coarse_elements: 40,
+        fine_bonds: 400,
+        step: TimeStep::Seconds(0.9),
+        ..Line::default()
+    };
+    let mut next = noise(8);
+    let random: Vec<f64> = (0..900).map(|_| next()).collect();
+    let wave = |x: f64| (0.0, random[(x + 450.0) as usize]);
+    let mut c = line.build(&wave, &wave).unwrap();
+    c.run(200, &mut Silent).unwrap();
+    let report = c.interfaces()[0].report();
+    assert_eq!(report.multipliers, 4101);
+    // Functions of the chain in the overlap; those of the bar are among them.
+    assert_eq!(report.rank, 201, "{:?}", report.warnings);
+    assert_eq!(report.null_modes.len(), 3900);
+    assert_eq!(report.solver, "conjugate gradients on a factor");
+    let i = &c.interfaces()[0];
+    assert!(i.iterations() <= 3, "{} iterations", i.iterations());
+    assert!(c.drift() < 1e-12, "drift {:e}", c.drift());
+    assert!(
+        c.constraint_residual() < 1e-9,
+        "residual {:e}",
+        c.constraint_residual()
+    );
+    let [bar, chain] = [COARSE, FINE].map(|k| c.subdomains()[k].state().v.clone());
+    assert!(bar.iter().chain(&chain).all(|v| v.is_finite()));
+}
