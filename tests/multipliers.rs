@@ -102,7 +102,7 @@ fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
 fn conjugate_gradients_that_converge_give_what_the_factor_gives() {
     for junction in [
         || Box::new(L2) as Box<dyn Junction<f64>>,
-        || Box::new(H1Gradient::new(0.15).unwrap()),
+        || Box::new(H1Gradient::new(0.15).unwrap()) as Box<dyn Junction<f64>>,
     ] {
         let run = |solver| {
             let mut c = solid_pair(junction(), solver);
