@@ -128,6 +128,16 @@ fn materials_and_meshes() {
             ),
             ("poisson = 0.25, ", "", &["a solid needs poisson"]),
             (
+                "high = [6.0, 1.0, 1.0] }",
+                "high = [6.0, 1.0, 1.0], hole = { low = [0.5, 0.0, 0.0], high = [2.0, 1.0, 1.0] } }",
+                &["model.left.shape.box.hole: hole corner x = 0.5: must lie on a face between elements"],
+            ),
+            (
+                "high = [6.0, 1.0, 1.0] }",
+                "high = [6.0, 1.0, 1.0], hole = { low = [2.0, 0.0, 0.0], high = [2.0, 1.0, 1.0] } }",
+                &["model.left.shape.box.hole.high[0] = 2: must be above low[0] = 2 m"],
+            ),
+            (
                 "low = [0.0,",
                 "low = [nan,",
                 &[

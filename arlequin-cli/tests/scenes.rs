@@ -84,6 +84,35 @@ fn cantilever() {
     assert!((number(&s, "/energy/final") / number(&s, "/energy/initial") - 1.0).abs() < 5e-3);
 }
 
+/// Fewer and larger spheres: the frame of elements around them, its mediator, and a ball that breaks bonds and leaves.
+#[test]
+fn plate_impact() {
+    let coarser = [
+        "model.grains.spacing=0.8e-3",
+        "model.plate.spacing=2e-3",
+        "interface.rim.mediator.spacing=1e-3",
+        "output.interval=6e-6",
+    ];
+    let s = check_common(&run("plate-impact", &coarser));
+    // Eight rows of 32 elements by 32 without their middle, on three layers of nodes.
+    assert_eq!(s["models"][1]["nodes"], 3 * (33 * 33 - 9));
+    assert_eq!(s["interface"][0]["multipliers"], 3 * 5 * (15 * 15 - 49));
+    for side in [0, 1] {
+        assert!((number(&s, &format!("/interface/0/tied/{side}")) - 1.0).abs() < 1e-12);
+    }
+    let facts = |line: &str, fact: &str| {
+        let lines = s["effect_ledger"].as_array().expect("lines");
+        let of = lines.iter().find(|l| l["name"] == line).expect(line);
+        of["facts"][fact].as_f64().expect(fact)
+    };
+    assert!(
+        facts("grains/ball", "velocity z [m/s]") > 4.0,
+        "the ball is thrown back"
+    );
+    assert!(facts("grains/fracture", "broken bonds") > 10.0);
+    assert_eq!(s["into_overlap"].as_array().map(Vec::len), Some(0));
+}
+
 #[test]
 fn exchanging_the_kind_is_one_word() {
     let out = scratch("scene-kind").join("out");

@@ -241,6 +241,30 @@ fn generators_refuse_nonsense() {
 }
 
 #[test]
+fn holes_take_whole_elements_and_are_refused_elsewhere() {
+    let made = |kind, hole: [Point3<f64>; 2]| {
+        generate::hollow_block(kind, p(0., 0., 0.), p(4., 4., 2.), [4, 4, 2], hole)
+    };
+    // Closed on all sides but the top; open above and below; a cavity needs three layers.
+    for kind in [ElementKind::Hex8, ElementKind::Tet4] {
+        let pit = made(kind, [p(1., 1., 1.), p(3., 3., 9.)]).unwrap();
+        assert!((pit.volume() - 28.0).abs() < 1e-12 && pit.nodes().len() == 74);
+        let frame = made(kind, [p(1., 1., -1.), p(3., 3., 9.)]).unwrap();
+        assert!((frame.volume() - 24.0).abs() < 1e-12 && frame.nodes().len() == 72);
+        let top = frame.surface("z-max").unwrap();
+        assert!((top.iter().map(|f| f.area()).sum::<f64>() - 12.0).abs() < 1e-12);
+    }
+    let refused = |hole| text(made(ElementKind::Hex8, hole));
+    assert!(
+        refused([p(1.5, 1., 0.), p(3., 3., 2.)])
+            .contains("hole corner x = 1.5: must lie on a face between elements")
+    );
+    assert!(refused([p(5., 1., 0.), p(6., 3., 2.)]).contains("hole and box do not meet"));
+    assert!(refused([p(-1., -1., -1.), p(9., 9., 9.)]).contains("the hole takes the whole box"));
+    assert!(refused([p(3., 1., 0.), p(1., 3., 2.)]).contains("must be finite and above its predecessor"));
+}
+
+#[test]
 fn models_refuse_slanted_bars_and_wrong_lengths() {
     let slanted = Mesh::new(ElementKind::Bar2, vec![p(0., 0., 0.), p(1., 1., 0.)], vec![0, 1]).unwrap();
     let material = Elastic::new(1.0, 0.0, 1.0).unwrap();

@@ -72,6 +72,26 @@ impl<T: Real> Absorber<T> {
 const GRAIN: usize = 1_024;
 
 impl<T: Real> AttachedAbsorber<T> {
+    /// With shape functions `n` (row per node), `m` and `m η` of the nodes and the largest `η`; none if `G` is not positive definite.
+    fn new(components: usize, n: &CsMat<T>, nodes: &[usize], mass: Vec<[T; 2]>, top_rate: T) -> Option<Self> {
+        let zeros = |count: usize| vec![T::zero(); count * components];
+        Some(Self {
+            top_rate,
+            components,
+            gather: rows(&n.transpose_view().to_csr()),
+            damped: rows(&gram(n, |i| mass[i][1])),
+            scatter: rows(n),
+            factor: T::cholesky(&gram(n, |i| mass[i][0]).to_csc()).ok()?,
+            local: zeros(2 * nodes.len()),
+            coarse: zeros(2 * n.cols()),
+            resolved: zeros(n.cols()),
+            columns: zeros(n.cols()),
+            force: zeros(nodes.len()),
+            nodes: nodes.iter().map(|k| *k as u32).collect(),
+            mass,
+        })
+    }
+
     /// `G⁻¹` on what `resolved` holds, to the first or second half of `coarse`.
     fn solve<const N: usize, const W: usize>(&mut self, half: usize) {
         let count = self.factor.size();
@@ -192,30 +212,14 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
         }
         let masses = nodes.iter().map(|k| to.inertia[k * layout.components]);
         let mass: Vec<[T; 2]> = masses.zip(&rates).map(|(m, r)| [m, m * *r]).collect();
-        let factor = T::cholesky(&gram(&n, |i| mass[i][0]).to_csc()).map_err(|_| {
-            let counts = format!("{} resolved unknowns for {} nodes", used.len(), nodes.len());
-            invalid(
-                "absorber",
-                counts,
-                "the resolved space must be coarser than the model",
-            )
+        let top = rates.iter().fold(T::zero(), |a, b| a.max(*b));
+        let counts = format!("{} resolved unknowns for {} nodes", used.len(), nodes.len());
+        let made = AttachedAbsorber::new(layout.components, &n, &nodes, mass, top);
+        let made = made.ok_or_else(|| {
+            let rule = "the resolved space must be coarser than the model";
+            invalid("absorber", counts, rule)
         })?;
-        let zeros = |count: usize| vec![T::zero(); count * layout.components];
-        Ok(Box::new(AttachedAbsorber {
-            top_rate: rates.iter().fold(T::zero(), |a, b| a.max(*b)),
-            components: layout.components,
-            gather: rows(&n.transpose_view().to_csr()),
-            damped: rows(&gram(&n, |i| mass[i][1])),
-            scatter: rows(&n),
-            local: zeros(2 * nodes.len()),
-            coarse: zeros(2 * used.len()),
-            resolved: zeros(used.len()),
-            columns: zeros(used.len()),
-            force: zeros(nodes.len()),
-            nodes: nodes.into_iter().map(|k| k as u32).collect(),
-            mass,
-            factor,
-        }))
+        Ok(Box::new(made))
     }
 }
 
@@ -267,5 +271,73 @@ impl<T: Real> Effect<T> for AttachedAbsorber<T> {
 
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::damping(self.top_rate)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DMatrix;
+
+    /// The rearranged force is `−(I − P)ᵀ D (I − P) v` for any number of components; fields of the resolved space feel none.
+    #[test]
+    fn the_force_is_the_symmetric_product_of_its_definition() {
+        let (count, used) = (40, 4);
+        let wave = |k: usize| (k as f64 * 0.7).sin();
+        // Hat functions over the places of the nodes.
+        let hats = |i: usize| {
+            let s = i as f64 / count as f64 * (used - 1) as f64;
+            let j = s as usize;
+            [(j, 1.0 - s + j as f64), (j + 1, s - j as f64)]
+        };
+        let mut n = TriMat::new((count, used));
+        let mut dense = DMatrix::<f64>::zeros(count, used);
+        for i in 0..count {
+            for (j, v) in hats(i) {
+                n.add_triplet(i, j, v);
+                dense[(i, j)] = v;
+            }
+        }
+        let nodes: Vec<usize> = (0..count).map(|i| 2 * i + 1).collect();
+        let mass: Vec<[f64; 2]> = (0..count).map(|i| [1.5 + wave(i), 0.1 * i as f64]).collect();
+        let of = |k: usize| DMatrix::from_fn(count, count, |i, j| if i == j { mass[i][k] } else { 0.0 });
+        let gram = (dense.transpose() * of(0) * &dense)
+            .try_inverse()
+            .expect("regular");
+        let left = DMatrix::identity(count, count) - &dense * gram * dense.transpose() * of(0);
+        let product = -left.transpose() * of(1) * left;
+        for components in [1, 2, 3] {
+            let made = AttachedAbsorber::new(components, &n.to_csr(), &nodes, mass.clone(), 4.0);
+            let mut absorber = made.expect("positive definite");
+            let size = (2 * count + 1) * components;
+            let forces = |absorber: &mut AttachedAbsorber<f64>, v: &[f64]| {
+                let mut f = vec![0.0; size];
+                match components {
+                    1 => absorber.act::<1, 2>(v, &mut f),
+                    2 => absorber.act::<2, 4>(v, &mut f),
+                    _ => absorber.act::<3, 6>(v, &mut f),
+                }
+                f
+            };
+            let v: Vec<f64> = (0..size).map(wave).collect();
+            let found = forces(&mut absorber, &v);
+            let mut expected = vec![0.0; size];
+            for c in 0..components {
+                let part = DMatrix::from_fn(count, 1, |i, _| v[nodes[i] * components + c]);
+                for (i, f) in (&product * part).iter().enumerate() {
+                    expected[nodes[i] * components + c] = *f;
+                }
+            }
+            for (a, b) in found.iter().zip(&expected) {
+                assert!((a - b).abs() < 1e-13, "{components}: {a} {b}");
+            }
+            assert!(dot(&found, &v) < -0.1);
+            let mut smooth = vec![0.0; size];
+            for (i, &k) in nodes.iter().enumerate() {
+                (0..components).for_each(|c| smooth[k * components + c] = 2.0 + dense[(i, 1)]);
+            }
+            let none = forces(&mut absorber, &smooth);
+            assert!(none.iter().all(|f| f.abs() < 1e-13), "{components}");
+        }
     }
 }
