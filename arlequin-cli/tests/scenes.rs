@@ -20,7 +20,6 @@ fn check_common(folder: &Path) -> serde_json::Value {
     let s = summary(folder);
     assert_eq!(s["status"], "complete");
     assert!(s["scene"].as_str().is_some_and(|p| p.ends_with(".toml")));
-    assert!(number(&s, "/dt") <= number(&s, "/critical_dt"));
     assert!(number(&s, "/steps") > 0.0);
     for key in ["setup", "stepping", "output"] {
         assert!(number(&s, &format!("/wall_seconds/{key}")) >= 0.0);
@@ -33,6 +32,9 @@ fn check_common(folder: &Path) -> serde_json::Value {
     assert!(number(&s, "/interface/0/max_constraint_residual") < 1e-12);
     for m in s["models"].as_array().expect("models") {
         assert!(m["nodes"].as_u64() > Some(1) && m["unknowns"].as_u64() > Some(1));
+        assert!(number(m, "/own_dt") <= number(m, "/critical_dt"), "{m}");
+        let run = number(m, "/own_dt") * number(m, "/own_steps");
+        assert!((run / number(&s, "/dt") - 1.0).abs() < 1e-12, "{m}");
     }
     for file in ["probes.csv", "energy.csv"] {
         let table = std::fs::read_to_string(folder.join(file)).expect("table");

@@ -75,6 +75,7 @@ fn solids() -> Scene {
 }
 
 /// The error of reading, setting or preparing.
+#[track_caller]
 fn refused(scene: Result<Scene, Error>) -> Error {
     scene.and_then(|s| s.prepare()).err().expect("an error")
 }

@@ -92,6 +92,21 @@ pub fn hollow_block<T: Real>(
     hole: [Point3<T>; 2],
 ) -> Result<Mesh<T>> {
     let sides = sides(low, high, counts)?;
+    let gap = gap(low, high, counts, hole)?;
+    let inside = |at: [usize; 3]| (0..3).all(|c| (gap[c][0]..gap[c][1]).contains(&at[c]));
+    cuboid(kind, &sides, counts, |at| !inside(at))
+}
+
+/// The hexahedra of [`hollow_block`] that lie in the hole, along each axis: the first of them, and the first behind them.
+///
+/// # Errors
+/// Those of [`hollow_block`] that speak of the hole.
+pub fn gap<T: Real>(
+    low: Point3<T>,
+    high: Point3<T>,
+    counts: [usize; 3],
+    hole: [Point3<T>; 2],
+) -> Result<[[usize; 2]; 3]> {
     let mut gap = [[0; 2]; 3];
     for (c, gap) in gap.iter_mut().enumerate() {
         let name = ["hole corner x", "hole corner y", "hole corner z"][c];
@@ -121,8 +136,7 @@ pub fn hollow_block<T: Real>(
             "must leave an element: the hole takes the whole box",
         ));
     }
-    let inside = |at: [usize; 3]| (0..3).all(|c| (gap[c][0]..gap[c][1]).contains(&at[c]));
-    cuboid(kind, &sides, counts, |at| !inside(at))
+    Ok(gap)
 }
 
 /// The sides of a box between two corners, with numbers of elements that can be meshed.

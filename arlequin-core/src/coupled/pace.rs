@@ -10,8 +10,8 @@ use crate::error::invalid;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
-/// Share of its critical step that a chosen step takes of a participant that is not the finest: waves in it are then as
-/// exact as its mesh.
+/// Largest share of its critical step that a chosen step takes of a participant that is not the finest: waves in it are
+/// then as exact as its mesh.
 const COARSE: f64 = 0.5;
 /// Most own steps that are chosen: the jump of displacements is then some 2 % of the amplitude.
 const MOST: usize = 5;
@@ -187,7 +187,8 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
         return Ok((dt, own_steps(wishes, dt, |w| w.least(dt, finest))));
     };
     let own = smallest * finest;
-    let coarse = T::of(COARSE);
+    // Who asks for less than that asks it of all.
+    let coarse = T::of(COARSE).min(finest);
     let top = free().fold(T::zero(), |a, w| a.max(w.critical));
     let room = if wishes.iter().any(Wish::is_implicit) {
         MOST as f64

@@ -108,8 +108,8 @@ pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()>
     let key = format!("model.{name}");
     elastic(&key, &table.material)?;
     match table.kind {
-        ModelKind::Fem => request(&key, table, folder)?.check(),
-        ModelKind::Cnem => super::natural::request(&key, table, folder)?.check(),
+        ModelKind::Fem => request(&key, table, folder)?.check_body(),
+        ModelKind::Cnem => super::natural::request(&key, table, folder)?.check_body(),
         ModelKind::Dem => super::particles::check(&key, table, folder),
         ModelKind::Chain => line(&key, table).map(|_| ()),
     }

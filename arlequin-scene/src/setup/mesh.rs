@@ -125,6 +125,21 @@ impl Request<'_> {
         }
     }
 
+    /// The same of the mesh of a body, whose size of elements is known: a hole takes whole elements.
+    pub(super) fn check_body(&self) -> Result<()> {
+        self.check()?;
+        let Shape::Box { low, high, hole } = self.shape else {
+            return Ok(());
+        };
+        let Some(hole) = hole else { return Ok(()) };
+        let extents = [0, 1, 2].map(|c| high[c] - low[c]);
+        let n = divisions_of(self.key, &extents, self.spacing, self.divisions)?;
+        let [low, high, first, last] = [low, high, &hole.low, &hole.high].map(|x| Point3::from(*x));
+        generate::gap(low, high, [n[0], n[1], n[2]], [first, last])
+            .map(|_| ())
+            .map_err(fem(&format!("{}.shape.box.hole", self.key)))
+    }
+
     /// Meshes the shape.
     pub(super) fn mesh(&self) -> Result<Mesh<f64>> {
         self.check()?;

@@ -32,7 +32,9 @@ impl<'de> Deserialize<'de> for Selection {
                 Ok(Selection::Group(name.to_owned()))
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Selection, A::Error> {
-                let Table::Box { low, high } = Table::deserialize(MapAccessDeserializer::new(map))?;
+                let of_map = MapAccessDeserializer::new(map);
+                // The one of the choice, which minds further keys, not the derived one of the same name.
+                let Table::Box { low, high } = <Table as Deserialize>::deserialize(of_map)?;
                 Ok(Selection::Box(low, high))
             }
         }
