@@ -259,7 +259,7 @@ fn interfaces(all: &[InterfaceLine]) {
     for i in all {
         println!(
             "interface  {:<16} {}, overlap {:.4e} m³ with {} coarse and {} fine nodes, {} multipliers of rank {}, \
-             condition {:.2e}",
+             condition {:.2e}, solved by {}",
             i.name,
             i.junction,
             i.measure,
@@ -267,7 +267,8 @@ fn interfaces(all: &[InterfaceLine]) {
             i.coupled_nodes[1],
             i.multipliers,
             i.rank,
-            i.condition
+            i.condition,
+            i.solver
         );
         let [coarse, fine] = i.tied.map(|t| 100.0 * t);
         println!(

@@ -271,6 +271,7 @@ impl<T: Real> Interface<T> {
                 "only a junction of values (L2) may be lumped; lumping an H1 junction diverges",
             ));
         }
+        spec.options.solver.check(&spec.name)?;
         let built = assembly::assemble(spec, &sides, components)?;
         factoring();
         let inverse = [sides[0].inverse_inertia, sides[1].inverse_inertia];

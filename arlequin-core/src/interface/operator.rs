@@ -27,6 +27,44 @@ pub enum Solver<T> {
     },
 }
 
+impl<T: Real> Solver<T> {
+    /// Conjugate gradients to 1e-12 (single precision: 32 of its last digits), in 1000 iterations at most.
+    pub fn conjugate_gradients() -> Self {
+        Self::ConjugateGradients {
+            tolerance: T::of(1e-12).max(T::epsilon() * T::of(32.0)),
+            max_iterations: MOST_ITERATIONS,
+        }
+    }
+
+    /// Tolerance and number of iterations.
+    fn limits(self) -> (T, usize) {
+        match self {
+            Self::ConjugateGradients {
+                tolerance,
+                max_iterations,
+            } => (tolerance, max_iterations),
+            _ => Self::conjugate_gradients().limits(),
+        }
+    }
+
+    /// Refuses limits that make no sense.
+    pub(super) fn check(self, interface: &str) -> Result<()> {
+        let (tolerance, most) = self.limits();
+        let invalid = |value: &str, rule| Err(crate::error::invalid_option(interface, "solver", value, rule));
+        if !(tolerance >= T::zero() && tolerance < T::one()) {
+            let value = format!("tolerance {tolerance}");
+            return invalid(&value, "must be at least 0 and below 1, such as 1e-12");
+        }
+        if most == 0 {
+            return invalid(
+                "max_iterations 0",
+                "must be at least 1: without any the models are not coupled",
+            );
+        }
+        Ok(())
+    }
+}
+
 /// Iterations that conjugate gradients are expected to need: to 1e-12 they took 45 to 150 (decision 0030).
 const USUAL_ITERATIONS: usize = 120;
 /// Entries of the largest factor: a gigabyte.
@@ -86,44 +124,16 @@ impl<T: Real> Operator<T> {
         inverse: [&[T]; 2],
         components: usize,
     ) -> Result<Self> {
-        let shared = coupling[0].shared;
-        let rows = coupling[0].matrix.rows();
+        let (shared, rows) = (coupling[0].shared, coupling[0].matrix.rows());
         let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
-        let mut blocks: Vec<(Block<T>, Vec<usize>)> = Vec::new();
-        let mut modes_of: Vec<Option<Vec<NullMode>>> = Vec::new();
-        let mut condition = T::one();
-        let (mut exact, mut ranked) = (true, true);
-        let mut seen: Vec<[Vec<T>; 2]> = Vec::new();
-        let mut only = None;
-        for c in 0..shared {
-            let weights = [0, 1].map(|m| {
-                let columns = 0..coupling[m].matrix.cols();
-                columns.map(|j| inverse[m][j * shared + c]).collect::<Vec<T>>()
-            });
-            let known = seen.iter().position(|w| same_on_coupled(coupling, w, &weights));
-            if let Some(k) = known {
-                blocks[k].1.push(c);
-                continue;
-            }
-            let s = operator(coupling, &weights);
-            let outcome = if spec.options.lumped {
-                lumped(spec, &s)?
-            } else {
-                block(spec, &s, components / shared, passes)?
-            };
-            condition = condition.max(outcome.condition);
-            exact &= outcome.exact;
-            ranked &= outcome.null_modes.is_some();
-            modes_of.push(outcome.null_modes);
-            blocks.push((outcome.block, vec![c]));
-            seen.push(weights);
-            only = Some(s);
-        }
-        let null_modes: Vec<NullMode> = (blocks.iter().zip(modes_of))
-            .flat_map(|((_, served), modes)| {
-                served.iter().flat_map(move |_| modes.clone().unwrap_or_default())
-            })
-            .collect();
+        let Found {
+            blocks,
+            only,
+            exact,
+            ranked,
+            condition,
+            null_modes,
+        } = find_blocks(spec, coupling, inverse, components)?;
         if null_modes.len() == rows * shared {
             return Err(Error::SingularInterface {
                 interface: spec.name.clone(),
@@ -131,17 +141,11 @@ impl<T: Real> Operator<T> {
             });
         }
         let gradients = (!exact).then(|| {
-            let apply = match only.filter(|s| blocks.len() == 1 && s.nnz() < passes) {
+            let apply = match only.filter(|s| s.nnz() < passes) {
                 Some(s) => Apply::Rows(Rows::of(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
                 None => Apply::Sides,
             };
-            let (tolerance, most) = match spec.options.solver {
-                Solver::ConjugateGradients {
-                    tolerance,
-                    max_iterations,
-                } => (tolerance, max_iterations),
-                _ => (T::of(1e-12).max(T::epsilon() * T::of(32.0)), MOST_ITERATIONS),
-            };
+            let (tolerance, most) = spec.options.solver.limits();
             Gradients::new(apply, shared, rows * shared, tolerance, most)
         });
         let on_factor = blocks.iter().any(|b| matches!(b.0, Block::Factor { .. }));
@@ -234,6 +238,66 @@ impl<T: Real> Block<T> {
             }
         }
     }
+}
+
+/// Blocks of different inverse masses and what is known of them.
+struct Found<T: Real> {
+    blocks: Vec<(Block<T>, Vec<usize>)>,
+    /// The operator where all components share it.
+    only: Option<CsMat<T>>,
+    exact: bool,
+    ranked: bool,
+    condition: T,
+    null_modes: Vec<NullMode>,
+}
+
+fn find_blocks<T: Real>(
+    spec: &InterfaceSpec<T>,
+    coupling: &[Coupling<T>; 2],
+    inverse: [&[T]; 2],
+    components: usize,
+) -> Result<Found<T>> {
+    let shared = coupling[0].shared;
+    let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
+    let mut found = Found {
+        blocks: Vec::new(),
+        only: None,
+        exact: true,
+        ranked: true,
+        condition: T::one(),
+        null_modes: Vec::new(),
+    };
+    let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
+    let mut seen: Vec<[Vec<T>; 2]> = Vec::new();
+    for c in 0..shared {
+        let weights = [0, 1].map(|m| {
+            let columns = 0..coupling[m].matrix.cols();
+            columns.map(|j| inverse[m][j * shared + c]).collect::<Vec<T>>()
+        });
+        let known = seen.iter().position(|w| same_on_coupled(coupling, w, &weights));
+        if let Some(k) = known {
+            found.blocks[k].1.push(c);
+            found.null_modes.extend(modes_of[k].iter().cloned());
+            continue;
+        }
+        let s = operator(coupling, &weights);
+        let outcome = if spec.options.lumped {
+            lumped(spec, &s)?
+        } else {
+            block(spec, &s, components / shared, passes)?
+        };
+        found.condition = found.condition.max(outcome.condition);
+        found.exact &= outcome.exact;
+        found.ranked &= outcome.null_modes.is_some();
+        found.blocks.push((outcome.block, vec![c]));
+        found.only = Some(s).filter(|_| found.blocks.len() == 1);
+        modes_of.push(outcome.null_modes.unwrap_or_default());
+        found
+            .null_modes
+            .extend(modes_of[modes_of.len() - 1].iter().cloned());
+        seen.push(weights);
+    }
+    Ok(found)
 }
 
 /// How one block is solved with, and what is known of it; `passes`: entries that are read to apply it by both sides.

@@ -212,6 +212,10 @@ pub struct InterfaceLine {
     pub multipliers: usize,
     /// Independent ones.
     pub rank: usize,
+    /// How they are solved for.
+    pub solver: &'static str,
+    /// Iterations of the last solve; zero with a factor.
+    pub iterations: usize,
     /// Condition number of the operator.
     pub condition: f64,
     /// Volume of the overlap \[m³\].
@@ -399,6 +403,8 @@ pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
             junction: r.junction,
             multipliers: r.multipliers,
             rank: r.rank,
+            solver: r.solver,
+            iterations: i.iterations(),
             condition: r.condition,
             measure: r.measure,
             coupled_nodes: r.coupled_nodes,

@@ -5,14 +5,14 @@ use super::mediator::{is_hull, mediator, mediator_shape, within_hull};
 use super::mesh::{Grid, Request};
 use crate::error::{Result, core, key, value};
 use crate::spec::{
-    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, WeightTable,
+    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, SolverKind, WeightTable,
 };
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::{
     InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place, Primitive,
-    Ramp, Sampling, Shell, Slab, Weight, Weighting, Weights,
+    Ramp, Sampling, Shell, Slab, Solver, Weight, Weighting, Weights,
 };
 use arlequin::fem_ref::FemField;
 use std::path::Path;
@@ -255,6 +255,11 @@ fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
             Some(chosen) => chosen,
             None if sides.iter().any(|s| s.1.field.samples().is_some()) => Sampling::Particles,
             None => Sampling::Intersection,
+        },
+        solver: match table.solver {
+            SolverKind::Auto => Solver::Auto,
+            SolverKind::Factor => Solver::Factor,
+            SolverKind::ConjugateGradients => Solver::conjugate_gradients(),
         },
         lumped: table.lumped,
         pin: table.pin.map(Point3::from),

@@ -29,6 +29,9 @@ pub struct Interface {
     pub junction: JunctionTable,
     /// How its integrals are sampled; at the particles for a particle field, on the intersection otherwise.
     pub sampling: Option<Sampling>,
+    /// How the multipliers are solved for.
+    #[serde(default)]
+    pub solver: SolverKind,
     /// Lumped multiplier operator.
     #[serde(default)]
     pub lumped: bool,
@@ -39,6 +42,19 @@ pub struct Interface {
     pub pin: Option<[f64; 3]>,
     /// Damping of what the coarse model cannot carry.
     pub absorber: Option<Absorber>,
+}
+
+/// How multipliers are solved for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SolverKind {
+    /// What is expected to take the least time.
+    #[default]
+    Auto,
+    /// By a factor.
+    Factor,
+    /// By conjugate gradients to 1e-12.
+    ConjugateGradients,
 }
 
 /// An overlap.

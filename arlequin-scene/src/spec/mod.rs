@@ -13,7 +13,8 @@ pub use drive::{
 };
 pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
 pub use interface::{
-    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, WeightTable,
+    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SolverKind,
+    WeightTable,
 };
 pub use model::{
     CnemTable, DemTable, Element, Functions, Hole, LooseKind, Masses, Material, ModelKind, ModelTable,
