@@ -129,7 +129,7 @@ fn conjugate_gradients_that_converge_give_what_the_factor_gives() {
 }
 
 #[test]
-fn more_dependent_multipliers_than_a_dense_solver_takes_are_counted_and_harmless() {
+fn more_dependent_multipliers_than_a_dense_solver_takes_are_harmless_and_said() {
     let line = Line {
         overlap: 200.0,
         mediator: 200.0 / 4100.0,
@@ -142,21 +142,19 @@ fn more_dependent_multipliers_than_a_dense_solver_takes_are_counted_and_harmless
     let random: Vec<f64> = (0..900).map(|_| next()).collect();
     let wave = |x: f64| (0.0, random[(x + 450.0) as usize]);
     let mut c = line.build(&wave, &wave).unwrap();
-    c.run(200, &mut Silent).unwrap();
+    c.run(50, &mut Silent).unwrap();
     let report = c.interfaces()[0].report();
     assert_eq!(report.multipliers, 4101);
-    // Functions of the chain in the overlap; those of the bar are among them.
-    assert_eq!(report.rank, 201, "{:?}", report.warnings);
-    assert_eq!(report.null_modes.len(), 3900);
-    assert_eq!(report.solver, "conjugate gradients on a factor");
-    let i = &c.interfaces()[0];
-    assert!(i.iterations() <= 6, "{} iterations", i.iterations());
+    assert_eq!(report.solver, "conjugate gradients");
+    assert!(
+        report.warnings.iter().any(|w| w.contains("too many to tell")),
+        "{:?}",
+        report.warnings
+    );
     assert!(c.drift() < 1e-12, "drift {:e}", c.drift());
     assert!(
         c.constraint_residual() < 1e-8,
         "residual {:e}",
         c.constraint_residual()
     );
-    let [bar, chain] = [COARSE, FINE].map(|k| c.subdomains()[k].state().v.clone());
-    assert!(bar.iter().chain(&chain).all(|v| v.is_finite()));
 }

@@ -128,16 +128,6 @@ fn materials_and_meshes() {
             ),
             ("poisson = 0.25, ", "", &["a solid needs poisson"]),
             (
-                "high = [6.0, 1.0, 1.0] }",
-                "high = [6.0, 1.0, 1.0], hole = { low = [0.5, 0.0, 0.0], high = [2.0, 1.0, 1.0] } }",
-                &["model.left.shape.box.hole: hole corner x = 0.5: must lie on a face between elements"],
-            ),
-            (
-                "high = [6.0, 1.0, 1.0] }",
-                "high = [6.0, 1.0, 1.0], hole = { low = [2.0, 0.0, 0.0], high = [2.0, 1.0, 1.0] } }",
-                &["model.left.shape.box.hole.high[0] = 2: must be above low[0] = 2 m"],
-            ),
-            (
                 "low = [0.0,",
                 "low = [nan,",
                 &[
@@ -179,6 +169,35 @@ fn materials_and_meshes() {
             ),
         ],
     );
+}
+
+#[test]
+fn holes() {
+    let bench = Bench::new("holes");
+    let with = |from: &str, to: &str| {
+        let hole = format!("high = [6.0, 1.0, 1.0], hole = {{ low = {from}, high = {to} }} }}");
+        let mediator = ("weight = { profile = \"cubic\" }", MEDIATOR);
+        bench.edited(&[("high = [6.0, 1.0, 1.0] }", &hole), mediator])
+    };
+    for (from, to, expected) in [
+        (
+            "[0.5, 0.0, 0.0]",
+            "[2.0, 1.0, 1.0]",
+            "hole corner x = 0.5: must lie on a face between elements",
+        ),
+        (
+            "[2.0, 0.0, 0.0]",
+            "[2.0, 1.0, 1.0]",
+            "model.left.shape.box.hole.high[0] = 2: must be above low[0] = 2 m",
+        ),
+        ("[8.0, 0.0, 0.0]", "[9.0, 1.0, 1.0]", "hole and box do not meet"),
+    ] {
+        let error = with(from, to);
+        assert!(error.contains(expected), "{error}");
+    }
+    let hole = "high = [6.0, 1.0, 1.0], hole = { low = [1.0, 0.0, 0.0], high = [2.0, 1.0, 1.0] } }";
+    let error = bench.edited(&[("high = [6.0, 1.0, 1.0] }", hole)]);
+    assert!(error.contains("the mediator cannot be derived"), "{error}");
 }
 
 #[test]

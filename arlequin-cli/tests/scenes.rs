@@ -31,6 +31,7 @@ fn check_common(folder: &Path) -> serde_json::Value {
     assert!(number(&s, "/interface/0/condition") >= 1.0);
     assert!(number(&s, "/interface/0/max_constraint_residual") < 1e-12);
     for m in s["models"].as_array().expect("models") {
+        assert!(number(&s, "/dt") / number(m, "/own_steps") <= number(m, "/critical_dt"));
         assert!(m["nodes"].as_u64() > Some(1) && m["unknowns"].as_u64() > Some(1));
         assert!(number(m, "/own_dt") <= number(m, "/critical_dt"), "{m}");
         let run = number(m, "/own_dt") * number(m, "/own_steps");

@@ -2,12 +2,8 @@
 
 use crate::{Error, Real, Result};
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::ldlt::factor::{LdltError, LdltRegularization};
 use faer::linalg::solvers::{LltError, Solve};
-use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;
-use faer::sparse::linalg::cholesky::{
-    self, LdltRef, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-};
+use faer::sparse::linalg::cholesky::{self, LltRef, SymbolicCholesky, SymmetricOrdering};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::traits::RealField;
 use faer::{Conj, MatMut, MatRef, Par, Side};
@@ -45,8 +41,6 @@ pub struct DenseEigen<T> {
 struct Cholesky<T> {
     symbolic: SymbolicCholesky<usize>,
     values: Vec<T>,
-    /// Whether it is `L D Lᵀ`, for matrices whose dependent rows are left out, or `L Lᵀ`.
-    with_pivots: bool,
     memory: MemBuffer,
 }
 
@@ -68,21 +62,8 @@ impl<T: Real + RealField> SpdFactor<T> for Cholesky<T> {
                 MatMut::from_column_major_slice_mut(b, n, sides),
                 MemStack::new(&mut self.memory),
             );
-            if self.with_pivots {
-                LdltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
-                    Conj::No,
-                    b,
-                    Par::Seq,
-                    stack,
-                );
-            } else {
-                LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
-                    Conj::No,
-                    b,
-                    Par::Seq,
-                    stack,
-                );
-            }
+            let factor = LltRef::new(&self.symbolic, &self.values);
+            factor.solve_in_place_with_conj(Conj::No, b, Par::Seq, stack);
         }
     }
     fn size(&self) -> usize {
@@ -108,9 +89,6 @@ fn view<'a, T>(matrix: &'a CsMat<T>, starts: &'a [usize]) -> SparseColMatRef<'a,
     SparseColMatRef::new(symbolic, matrix.data())
 }
 
-/// What pivots that are left out become: more than any can be where the diagonal is one.
-const LEFT_OUT: f64 = 4.0;
-
 /// Entries that the Cholesky factor of a symmetric matrix will have; more than any machine holds where that cannot be said.
 pub(crate) fn cholesky_entries<T: Real>(matrix: &CsMat<T>) -> usize {
     let matrix = columns(matrix);
@@ -124,88 +102,30 @@ fn symbolic<T>(a: &SparseColMatRef<'_, usize, T>) -> Option<SymbolicCholesky<usi
 }
 
 pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn SpdFactor<T>>> {
-    Ok(Box::new(Cholesky::of(matrix, None)?))
-}
-
-/// The factor of a positive semidefinite matrix with a diagonal of ones, and the rows that are left out of it.
-pub(crate) fn cholesky_of_independent<T: Real + RealField>(
-    matrix: &CsMat<T>,
-    floor: T,
-) -> Result<(Box<dyn SpdFactor<T>>, Vec<usize>)> {
-    let factor = Cholesky::of(matrix, Some(floor))?;
-    let mut left_out = factor.pivots_above(T::of(0.5 * (1.0 + LEFT_OUT)));
-    left_out.sort_unstable();
-    Ok((Box::new(factor), left_out))
-}
-
-impl<T: Real + RealField> Cholesky<T> {
-    /// Factors a matrix; pivots at or below `floor`, where there is one, become [`LEFT_OUT`].
-    fn of(matrix: &CsMat<T>, floor: Option<T>) -> Result<Self> {
-        let size = matrix.rows();
-        let broken = |pivot| Error::NotPositiveDefinite { pivot, size };
-        let finite = |v| nalgebra::ComplexField::is_finite(v);
-        if !matrix.data().iter().all(finite) {
-            return Err(broken(0));
-        }
-        let matrix = columns(matrix);
-        let starts = matrix.indptr().to_proper().to_vec();
-        let a = view(&matrix, &starts);
-        let symbolic = symbolic(&a).ok_or_else(|| broken(size))?;
-        let mut values = vec![T::default(); symbolic.len_val()];
-        let (side, par) = (Side::Lower, Par::Seq);
-        if let Some(floor) = floor {
-            // Not `L Lᵀ`, whose dense kernels keep the old pivot on the diagonal (faer 0.24).
-            let positive = vec![1; size];
-            let regularization = LdltRegularization {
-                dynamic_regularization_signs: Some(&positive),
-                dynamic_regularization_delta: T::of(LEFT_OUT),
-                dynamic_regularization_epsilon: floor,
-            };
-            let scratch = symbolic.factorize_numeric_ldlt_scratch::<T>(par, Default::default());
-            let (mut memory, params) = (MemBuffer::new(scratch), Default::default());
-            let stack = MemStack::new(&mut memory);
-            symbolic
-                .factorize_numeric_ldlt(&mut values, a, side, regularization, par, stack, params)
-                .map_err(|LdltError::ZeroPivot { index }| broken(index))?;
-        } else {
-            let scratch = symbolic.factorize_numeric_llt_scratch::<T>(par, Default::default());
-            let (mut memory, params) = (MemBuffer::new(scratch), Default::default());
-            let stack = MemStack::new(&mut memory);
-            symbolic
-                .factorize_numeric_llt(&mut values, a, side, Default::default(), par, stack, params)
-                .map_err(|LltError::NonPositivePivot { index }| broken(index))?;
-        }
-        let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(AT_ONCE, par));
-        Ok(Self {
-            symbolic,
-            values,
-            with_pivots: floor.is_some(),
-            memory,
-        })
+    let size = matrix.rows();
+    let broken = |pivot| Error::NotPositiveDefinite { pivot, size };
+    let finite = |v| nalgebra::ComplexField::is_finite(v);
+    if !matrix.data().iter().all(finite) {
+        return Err(broken(0));
     }
-
-    /// Rows whose pivot exceeds a limit.
-    fn pivots_above(&self, limit: T) -> Vec<usize> {
-        let mut found = Vec::new();
-        match self.symbolic.raw() {
-            SymbolicCholeskyRaw::Simplicial(s) => {
-                let pivots = s.col_ptr().iter().take(s.ncols()).map(|&k| self.values[k]);
-                found.extend(pivots.enumerate().filter(|d| d.1 > limit).map(|d| d.0));
-            }
-            SymbolicCholeskyRaw::Supernodal(s) => {
-                let factor = SupernodalLdltRef::new(s, &self.values);
-                for node in (0..s.n_supernodes()).map(|k| factor.supernode(k)) {
-                    let pivots = 0..node.val().ncols();
-                    let above = pivots.filter(|&k| node.val()[(k, k)] > limit);
-                    found.extend(above.map(|k| node.start() + k));
-                }
-            }
-        }
-        match self.symbolic.perm() {
-            Some(order) => found.into_iter().map(|k| order.arrays().0[k]).collect(),
-            None => found,
-        }
-    }
+    let matrix = columns(matrix);
+    let starts = matrix.indptr().to_proper().to_vec();
+    let a = view(&matrix, &starts);
+    let symbolic = symbolic(&a).ok_or_else(|| broken(size))?;
+    let mut values = vec![T::default(); symbolic.len_val()];
+    let (side, par) = (Side::Lower, Par::Seq);
+    let scratch = symbolic.factorize_numeric_llt_scratch::<T>(par, Default::default());
+    let (mut memory, params) = (MemBuffer::new(scratch), Default::default());
+    let stack = MemStack::new(&mut memory);
+    symbolic
+        .factorize_numeric_llt(&mut values, a, side, Default::default(), par, stack, params)
+        .map_err(|LltError::NonPositivePivot { index }| broken(index))?;
+    let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(AT_ONCE, par));
+    Ok(Box::new(Cholesky {
+        symbolic,
+        values,
+        memory,
+    }))
 }
 
 struct Lu<T>(faer::sparse::linalg::solvers::Lu<usize, T>);
@@ -292,33 +212,6 @@ mod tests {
         t.add_triplet(1, 1, -1.0);
         let e = f64::cholesky(&t.to_csr()).unwrap_err();
         assert!(matches!(e, Error::NotPositiveDefinite { size: 2, .. }), "{e}");
-    }
-
-    #[test]
-    fn dependent_rows_are_left_out_and_consistent_systems_solved() {
-        // G Gᵀ of rank 40 with 60 rows, scaled to a diagonal of ones.
-        let g = nalgebra::DMatrix::from_fn(60, 40, |i, j| ((i * 37 + j * 11) as f64 * 0.618).sin());
-        let full = &g * g.transpose();
-        let mut t = TriMat::new((60, 60));
-        for (i, j) in (0..60).flat_map(|i| (0..60).map(move |j| (i, j))) {
-            t.add_triplet(i, j, full[(i, j)] / (full[(i, i)] * full[(j, j)]).sqrt());
-        }
-        let a: CsMat<f64> = t.to_csr();
-        let rank = g.rank(1e-10);
-        let (mut factor, left_out) = f64::cholesky_of_independent(&a, 1e-10).unwrap();
-        assert_eq!(left_out.len(), 60 - rank);
-        let x: Vec<f64> = (0..60).map(|i| f64::from(i).cos()).collect();
-        let times = |x: &[f64]| -> Vec<f64> {
-            let rows = a.outer_iterator();
-            rows.map(|r| r.iter().map(|(j, v)| v * x[j]).sum()).collect()
-        };
-        let b = times(&x);
-        let mut y = b.clone();
-        factor.solve(&mut y);
-        // What is left out takes no part beyond round-off of a consistent right-hand side.
-        for (l, r) in times(&y).iter().zip(&b) {
-            assert_abs_diff_eq!(*l, *r, epsilon = 1e-8);
-        }
     }
 
     #[test]

@@ -38,17 +38,6 @@ pub trait Real:
     /// Entries that such a factor will have.
     fn cholesky_entries(matrix: &CsMat<Self>) -> usize;
 
-    /// The factor of `A + E` for a positive semidefinite `A` with a diagonal of ones, and the rows (ascending) on which the
-    /// diagonal `E` is not zero: those whose pivot is at most `floor`. As many rows as the rank lacks, so that the factor
-    /// inverts `A` on its range.
-    ///
-    /// # Errors
-    /// [`Error::NotPositiveDefinite`] for numbers that are not finite.
-    fn cholesky_of_independent(
-        matrix: &CsMat<Self>,
-        floor: Self,
-    ) -> Result<(Box<dyn SpdFactor<Self>>, Vec<usize>)>;
-
     /// Sparse LU factor with partial pivoting, for the indefinite systems of the static twin.
     ///
     /// # Errors
@@ -84,12 +73,6 @@ macro_rules! real {
             }
             fn cholesky_entries(matrix: &CsMat<Self>) -> usize {
                 linalg::cholesky_entries(matrix)
-            }
-            fn cholesky_of_independent(
-                matrix: &CsMat<Self>,
-                floor: Self,
-            ) -> Result<(Box<dyn SpdFactor<Self>>, Vec<usize>)> {
-                linalg::cholesky_of_independent(matrix, floor)
             }
             fn lu(matrix: &CsMat<Self>) -> Result<Box<dyn SquareFactor<Self>>> {
                 linalg::lu(matrix)

@@ -72,8 +72,9 @@ fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
     let mut run = coupled(true, OwnStep::Ratio(3), false).unwrap();
     run.run(1000, &mut Silent).unwrap();
     assert!(run.drift() < 1e-12, "{:e}", run.drift());
+    // Masses under a multiplier differ by 1e6 here, and with them the digits it has.
     assert!(
-        run.constraint_residual() < 1e-12,
+        run.constraint_residual() < 1e-10,
         "{:e}",
         run.constraint_residual()
     );

@@ -46,6 +46,22 @@ impl<T: Real> Wish<T> {
     }
 }
 
+impl<T: Real> TimeStep<T> {
+    /// The step of a run \[s\] and the own steps in it that [`TimeStep::Chosen`] takes for models with these critical steps
+    /// \[s\], if no model names its own.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] for a share that is not between 0 and 1, and without a finite critical step.
+    pub fn chosen(share_of_finest: T, critical: &[T]) -> Result<(T, Vec<usize>)> {
+        let wish = |c: &T| Wish {
+            own: OwnStep::Same,
+            critical: *c,
+        };
+        let wishes: Vec<_> = critical.iter().map(wish).collect();
+        chosen(&wishes, share(share_of_finest)?, &[])
+    }
+}
+
 /// Finds the step of the run and all own steps.
 pub(super) fn choose<T: Real>(
     step: TimeStep<T>,

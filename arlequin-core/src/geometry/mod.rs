@@ -141,7 +141,7 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The same with about half as many samples, those of tetrahedra from a corner: not symmetric, so for integrands alone
+    /// The same with half to two thirds of the samples, those of tetrahedra from a corner: not symmetric, so for integrands alone
     /// that the rule integrates exactly, or nearly.
     pub fn lean_quadrature(&self, degree: usize, out: &mut Vec<Sample<T>>) {
         match self {

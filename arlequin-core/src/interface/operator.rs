@@ -5,6 +5,7 @@ use super::rank::{self, NullMode};
 use super::transfer::{Rows, Transfer};
 use super::{Coupling, InterfaceSpec};
 use crate::linalg::SpdFactor;
+use crate::scalar::dot;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
 
@@ -14,8 +15,8 @@ pub enum Solver<T> {
     /// By a factor, unless conjugate gradients are expected to take less time or the factor takes too much memory.
     #[default]
     Auto,
-    /// By a Cholesky factor, exactly. Where multipliers are dependent it is that of independent ones, and conjugate gradients on it
-    /// make up for its round-off.
+    /// By a Cholesky factor, exactly; where multipliers are dependent by the eigenvectors that act on something, and beyond
+    /// 2 000 of them per component by conjugate gradients.
     Factor,
     /// By conjugate gradients from zero, whose result costs no energy wherever they end; the velocity jump is then only as
     /// small as the tolerance.
@@ -79,6 +80,12 @@ enum Block<T: Real> {
     Factor {
         scale: Vec<T>,
         factor: Box<dyn SpdFactor<T>>,
+    },
+    /// Eigenvectors of what acts on something, each divided by the root of its eigenvalue, in the same scaling.
+    Modes {
+        scale: Vec<T>,
+        modes: Vec<T>,
+        work: Vec<T>,
     },
     Diagonal {
         inverse: Vec<T>,
@@ -148,7 +155,7 @@ impl<T: Real> Operator<T> {
             let (tolerance, most) = spec.options.solver.limits();
             Gradients::new(apply, shared, rows * shared, tolerance, most)
         });
-        let on_factor = blocks.iter().any(|b| matches!(b.0, Block::Factor { .. }));
+        let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
         let measure = |i: usize| {
             coupling[0]
                 .matrix
@@ -156,11 +163,11 @@ impl<T: Real> Operator<T> {
                 .map_or_else(T::zero, |r| r.iter().map(|e| e.1.abs()).sum())
         };
         Ok(Self {
-            solver: match (&gradients, on_factor) {
-                (None, true) => "factor",
-                (None, false) => "lumped",
-                (Some(_), true) => "conjugate gradients on a factor",
-                (Some(_), false) => "conjugate gradients",
+            solver: match (&gradients, dependent) {
+                (Some(_), _) => "conjugate gradients",
+                (None, _) if spec.options.lumped => "lumped",
+                (None, true) => "eigenvectors",
+                (None, false) => "factor",
             },
             gradients,
             row_measure: (0..rows * shared).map(|k| measure(k / shared)).collect(),
@@ -182,6 +189,7 @@ impl<T: Real> Operator<T> {
     pub(super) fn nonzeros(&self) -> usize {
         let count = |b: &Block<T>| match b {
             Block::Factor { factor, .. } => factor.nonzeros(),
+            Block::Modes { modes, .. } => modes.len(),
             Block::Diagonal { inverse } => inverse.len(),
         };
         let blocks: usize = self.blocks.all.iter().map(|(b, _)| count(b)).sum();
@@ -234,6 +242,18 @@ impl<T: Real> Block<T> {
             Self::Factor { scale, factor } => {
                 scaled(b, scale);
                 factor.solve(b);
+                scaled(b, scale);
+            }
+            Self::Modes { scale, modes, work } => {
+                scaled(b, scale);
+                for b in b.chunks_exact_mut(n) {
+                    work.fill(T::zero());
+                    for mode in modes.chunks_exact(n) {
+                        let a = dot(mode, b);
+                        work.iter_mut().zip(mode).for_each(|(w, m)| *w += a * *m);
+                    }
+                    b.copy_from_slice(work);
+                }
                 scaled(b, scale);
             }
         }
@@ -307,6 +327,7 @@ fn block<T: Real>(
     per_node: usize,
     passes: usize,
 ) -> Result<Outcome<T>> {
+    let tolerance = spec.options.rank_tolerance;
     let (scaled, scale) = equilibrated(s);
     let entries = T::cholesky_entries(&scaled);
     let by_factor = match spec.options.solver {
@@ -314,40 +335,45 @@ fn block<T: Real>(
         Solver::Factor => true,
         Solver::ConjugateGradients { .. } => false,
     };
-    let diagonal = |scale: &[T]| Block::Diagonal {
+    let diagonal = Block::Diagonal {
         inverse: scale.iter().map(|x| *x * *x).collect(),
     };
-    if !by_factor && entries > LARGEST_FACTOR {
+    if entries <= LARGEST_FACTOR
+        && scale.iter().all(|x| *x > T::zero())
+        && let Ok(mut factor) = T::cholesky(&scaled)
+    {
+        let [low, high] = rank::extremes(&scaled, &mut |b| factor.solve(b));
+        if low > high * tolerance {
+            let mut block = Block::Factor { scale, factor };
+            let [low, high] = rank::extremes(s, &mut |b| block.solve(b, s.rows()));
+            return Ok(Outcome {
+                block: if by_factor { block } else { diagonal },
+                exact: by_factor,
+                condition: high / low,
+                null_modes: Some(Vec::new()),
+            });
+        }
+    }
+    if scaled.rows() > rank::DENSE_LIMIT {
         return Ok(Outcome {
-            block: diagonal(&scale),
+            block: diagonal,
             exact: false,
-            condition: rank::condition(&scaled, spec.options.rank_tolerance)?,
+            condition: rank::condition(&scaled, tolerance)?,
             null_modes: None,
         });
     }
-    let (mut factor, left_out) = T::cholesky_of_independent(&scaled, spec.options.rank_tolerance)?;
-    let [low, high] = rank::extremes(&scaled, &mut |b| factor.solve(b));
-    let independent = left_out.is_empty() && low > high * spec.options.rank_tolerance;
-    // A factor that leaves rows out is as good as the rows it keeps.
-    let by_factor = by_factor && (independent || rank::inverts(&scaled, &mut |b| factor.solve(b)));
-    let mut block = Block::Factor {
-        scale: scale.clone(),
-        factor,
+    let found = rank::modes(&scaled, tolerance, per_node)?;
+    let chosen = matches!(spec.options.solver, Solver::ConjugateGradients { .. });
+    let modes = Block::Modes {
+        scale,
+        modes: found.modes,
+        work: vec![T::zero(); scaled.rows()],
     };
-    let (condition, null_modes) = if independent {
-        let [low, high] = rank::extremes(s, &mut |b| block.solve(b, s.rows()));
-        (high / low, Vec::new())
-    } else {
-        rank::null_modes(&scaled, left_out, spec.options.rank_tolerance, per_node)?
-    };
-    if !by_factor {
-        block = diagonal(&scale);
-    }
     Ok(Outcome {
-        block,
-        exact: by_factor && independent,
-        condition,
-        null_modes: Some(null_modes),
+        block: if chosen { diagonal } else { modes },
+        exact: !chosen,
+        condition: found.condition,
+        null_modes: Some(found.null_modes),
     })
 }
 

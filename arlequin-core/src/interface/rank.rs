@@ -4,18 +4,17 @@ use crate::scalar::dot;
 use crate::{Real, Result};
 use sprs::CsMat;
 
-/// Largest system whose null modes are looked at by dense eigenvalues (a second or two); pivots tell beyond.
-const DENSE_LIMIT: usize = 2000;
+/// Largest dependent system that is resolved by dense eigenvalues (a second or two).
+pub(super) const DENSE_LIMIT: usize = 2000;
 /// Lanczos steps for a condition number.
 const STEPS: usize = 150;
 
 /// A combination of multipliers that acts on nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NullMode {
-    /// Mediator node at which the mode is largest; beyond 2 000 multipliers per component that of the multiplier which
-    /// depends on others.
+    /// Mediator node at which the mode is largest.
     pub node: usize,
-    /// Eigenvalue of the scaled operator relative to its largest; beyond 2 000 multipliers per component a bound of it.
+    /// Eigenvalue of the scaled operator relative to its largest.
     pub eigenvalue: f64,
 }
 
@@ -71,40 +70,44 @@ fn sign<T: Real>(i: usize) -> T {
     }
 }
 
-/// Condition number of what acts on something, and the modes of a scaled operator that act on nothing; `left_out`: the rows
-/// whose pivots vanished.
-pub(super) fn null_modes<T: Real>(
-    scaled: &CsMat<T>,
-    left_out: Vec<usize>,
-    tolerance: T,
-    per_node: usize,
-) -> Result<(T, Vec<NullMode>)> {
+/// What dense eigenvalues tell of a scaled operator.
+pub(super) struct Found<T> {
+    /// Eigenvectors of what acts on something, each divided by the root of its eigenvalue.
+    pub(super) modes: Vec<T>,
+    /// Condition number of that.
+    pub(super) condition: T,
+    pub(super) null_modes: Vec<NullMode>,
+}
+
+/// Tells combinations that act on something from those that act on nothing: eigenvalues at or below the tolerance.
+pub(super) fn modes<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -> Result<Found<T>> {
     let n = scaled.rows();
-    if n > DENSE_LIMIT {
-        let modes = left_out.into_iter().map(|row| NullMode {
-            node: row / per_node,
-            eigenvalue: tolerance.as_f64(),
-        });
-        return Ok((condition(scaled, tolerance)?, modes.collect()));
-    }
     let mut dense = vec![T::zero(); n * n];
     scaled.iter().for_each(|(v, (j, i))| dense[j * n + i] = *v);
     let eigen = T::symmetric_eigen(n, &dense)?;
     let top = eigen.values.last().copied().unwrap_or_else(T::zero);
-    let acts = |value: &T| *value > top * tolerance;
-    let low = eigen.values.iter().copied().find(acts).unwrap_or(top);
-    let modes = eigen.values.iter().zip(eigen.vectors.chunks_exact(n.max(1)));
-    let modes = modes.filter(|(value, _)| !acts(value)).map(|(value, mode)| {
+    let (mut modes, mut null_modes, mut low) = (Vec::new(), Vec::new(), top);
+    for (value, mode) in eigen.values.iter().zip(eigen.vectors.chunks_exact(n.max(1))) {
+        if *value > top * tolerance {
+            low = low.min(*value);
+            let root = value.sqrt();
+            modes.extend(mode.iter().map(|m| *m / root));
+            continue;
+        }
         let size = |k: usize| mode[k].abs().as_f64();
         let peak = (0..n).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0);
         let relative = if top > T::zero() { *value / top } else { T::zero() };
-        NullMode {
+        null_modes.push(NullMode {
             node: peak / per_node,
             eigenvalue: relative.as_f64(),
-        }
-    });
+        });
+    }
     let condition = if low > T::zero() { top / low } else { T::one() };
-    Ok((condition, modes.collect()))
+    Ok(Found {
+        modes,
+        condition,
+        null_modes,
+    })
 }
 
 /// Condition number of a positive semidefinite matrix on its range, by Lanczos iteration from a vector of it: from below.
@@ -142,18 +145,6 @@ pub(super) fn condition<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<T> {
     let top = values.last().copied().unwrap_or_else(T::one);
     let low = values.into_iter().find(|v| *v > top * tolerance).unwrap_or(top);
     Ok(top / low)
-}
-
-/// Whether `solve` finds a solution of `A x = b` for some `b` of the range, to three digits.
-pub(super) fn inverts<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -> bool {
-    let start: Vec<T> = (0..a.rows()).map(scattered).collect();
-    let (mut b, mut back) = (vec![T::zero(); a.rows()], vec![T::zero(); a.rows()]);
-    multiply(a, &start, &mut b);
-    let mut x = b.clone();
-    solve(&mut x);
-    multiply(a, &x, &mut back);
-    back.iter_mut().zip(&b).for_each(|(y, b)| *y -= *b);
-    dot(&back, &back) <= dot(&b, &b) * T::of(1e-6)
 }
 
 /// A fixed sequence of both signs.

@@ -4,6 +4,7 @@ use super::predict::{self, Candidate, Errors, Form, Table};
 use super::scenario::{Scenario, Spectrum};
 use crate::error::Result;
 use crate::spec::{JunctionKind, ProfileKind};
+use arlequin::core::TimeStep;
 
 /// Widths of the overlap that are tried, in coarse spacings.
 const WIDTHS: [f64; 5] = [2.0, 3.0, 4.0, 6.0, 8.0];
@@ -29,7 +30,9 @@ pub(super) struct Measured {
     pub setup: f64,
     /// Own step of the finest model \[s\].
     pub dt: f64,
-    /// Its own steps in a step of the run.
+    /// Own steps of the coarse and the fine model in a step of the run.
+    pub own: [f64; 2],
+    /// Those of the finest model.
     pub most: f64,
     /// Critical steps of the coarse and the fine model \[s\].
     pub critical: [f64; 2],
@@ -61,6 +64,16 @@ impl CostModel {
         self.fraction * fine.min(coarse * c.h / self.base.h)
     }
 
+    /// Step of the run \[s\] and own steps of both models in it.
+    fn pace(&self, c: &Candidate, s: &Scenario) -> (f64, [f64; 2]) {
+        let [coarse, fine] = self.measured.critical;
+        let critical = [coarse * c.h / self.base.h, fine];
+        match TimeStep::chosen(self.fraction, &critical) {
+            Ok((dt, own)) if s.free_steps => (dt, [0, 1].map(|k| own[k] as f64)),
+            _ => (self.measured.most * self.dt(c), self.measured.own),
+        }
+    }
+
     /// Seconds of all steps and of the set-up.
     pub(super) fn seconds(&self, c: &Candidate, s: &Scenario, end: f64) -> f64 {
         let (m, b) = (&self.measured, &self.base);
@@ -79,9 +92,10 @@ impl CostModel {
         ];
         let interface = work(grown) / work(m.coupled).max(1.0);
         let nodes = (m.nodes[0] * shrink + m.nodes[1] * fine) / (m.nodes[0] + m.nodes[1]);
-        let step =
-            m.seconds[0] * shrink + m.seconds[1] * fine + m.seconds[2] * interface + m.seconds[3] * nodes;
-        (end / (m.most * self.dt(c))).ceil() * step + m.setup * nodes
+        let (dt, own) = self.pace(c, s);
+        let models = m.seconds[0] * shrink * own[0] / m.own[0] + m.seconds[1] * fine * own[1] / m.own[1];
+        let step = models + m.seconds[2] * interface + m.seconds[3] * nodes;
+        (end / dt).ceil() * step + m.setup * nodes
     }
 }
 
@@ -262,7 +276,7 @@ fn tried(s: &Scenario, h: f64) -> Vec<Form> {
 mod tests {
     use super::*;
 
-    fn costs(critical: [f64; 2]) -> (CostModel, Candidate) {
+    fn costs(critical: [f64; 2]) -> (CostModel, Candidate, Scenario) {
         let scene = "[model.a]\nkind = \"fem\"\nrole = \"coarse\"\nshape.bar = { from = 0, to = 9, section = 1 }\n\
              spacing = 0.5\nmaterial = { young = 1, density = 1 }\n\
              [model.b]\nkind = \"chain\"\nrole = \"fine\"\nshape.bar = { from = -9, to = 2, section = 1 }\n\
@@ -278,17 +292,18 @@ mod tests {
             seconds: [1e-6, 2e-6, 1e-6, 1e-6],
             setup: 1e-3,
             dt: 0.05,
+            own: [1.0; 2],
             most: 1.0,
             critical,
         };
-        (CostModel::new(given, measured, &s, 0.9), given)
+        (CostModel::new(given, measured, &s, 0.9), given, s)
     }
 
     /// An explicit step goes with the smallest spacing: where the coarse one limits it, half the spacing takes twice the
     /// steps; where the fine one does, the step stays.
     #[test]
     fn the_step_shrinks_with_the_spacing_that_limits_it() {
-        let (model, given) = costs([0.5, 0.8]);
+        let (model, given, _) = costs([0.5, 0.8]);
         for factor in [1.0, 0.5, 0.25] {
             let h = given.h * factor;
             let dt = model.dt(&Candidate { h, ..given });
@@ -302,11 +317,20 @@ mod tests {
                 .abs()
                 < 1e-12
         );
-        let (model, given) = costs([0.5, 0.1]);
+        let (model, given, s) = costs([0.5, 0.1]);
         let half = Candidate {
             h: 0.5 * given.h,
             ..given
         };
         assert!((model.dt(&half) - 0.09).abs() < 1e-12 && (model.dt(&given) - 0.09).abs() < 1e-12);
+        // Half of the coarse critical step has room for two fine ones, of half the spacing for one.
+        let near = |(dt, own): (f64, [f64; 2]), expected: (f64, [f64; 2])| {
+            assert!(
+                (dt - expected.0).abs() < 1e-12 && own == expected.1,
+                "{dt} {own:?}"
+            );
+        };
+        near(model.pace(&given, &s), (0.18, [1.0, 2.0]));
+        near(model.pace(&half, &s), (0.09, [1.0, 1.0]));
     }
 }

@@ -53,6 +53,7 @@ pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f6
         seconds,
         setup,
         dt: run.dt() / most as f64,
+        own: sides.map(|k| run.subdomains()[k].own_steps() as f64),
         most: most as f64,
         critical: sides.map(|k| run.critical_steps()[k]),
     };

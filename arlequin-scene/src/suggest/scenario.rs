@@ -55,6 +55,8 @@ pub struct Scenario {
     pub end: Option<f64>,
     /// Step in units of the critical one, if given so.
     pub fraction: Option<f64>,
+    /// Whether the run chooses the own steps of both models.
+    pub free_steps: bool,
 }
 
 /// Reads a scene.
@@ -115,6 +117,10 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
             StepChoice::Fraction(x) => Some(x),
             StepChoice::Seconds(_) => None,
         },
+        free_steps: matches!(scene.time.step, StepChoice::Fraction(_))
+            && scene.time.steps.is_none()
+            && c.step.is_none()
+            && f.step.is_none(),
     })
 }
 
