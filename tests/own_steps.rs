@@ -452,6 +452,8 @@ fn steps_are_chosen_from_the_critical_ones() {
     let same = OwnStep::Same;
     // Critical steps of 10 and 1.
     assert_eq!(own([same, same], TimeStep::Chosen(0.9)), (4.5, vec![1, 5]));
+    // A tenth is a tenth of the finer one's, though the step of the run is half of it.
+    assert_eq!(own([same, same], TimeStep::Chosen(0.1)), (0.5, vec![1, 5]));
     assert_eq!(own([same, same], TimeStep::Fraction(0.9)), (0.9, vec![1, 1]));
     assert_eq!(
         own([OwnStep::Ratio(1), same], TimeStep::Chosen(0.9)),

@@ -21,8 +21,8 @@ pub enum TimeStep<T> {
     /// The longest one of which every own step is at most this share, below one, of the critical one of its participant.
     Fraction(T),
     /// The finest participant at this share, below one, of its critical step; the step of the run is as many of these, up to
-    /// five, as one that takes half of the largest critical step has room for. Participants that ask for nothing
-    /// ([`OwnStep::Same`]) make as many own steps as they need.
+    /// five, as one that takes half of the largest critical step, or this share of it if less, has room for. Participants
+    /// that ask for nothing ([`OwnStep::Same`]) make as many own steps as they need.
     Chosen(T),
     /// In seconds, whatever the critical steps: for studies of stability.
     Unchecked(T),
