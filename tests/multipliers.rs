@@ -9,7 +9,7 @@ use arlequin::core::{
     Coupled, H1Gradient, InterfaceOptions, Junction, L2, OwnStep, Profile, Silent, Solver, TimeStep,
 };
 use arlequin::fem_ref::ElementKind;
-use arlequin_studies::line::{COARSE, FINE, Line};
+use arlequin_studies::line::Line;
 use arlequin_studies::noise;
 use support::solid;
 
@@ -145,7 +145,8 @@ fn more_dependent_multipliers_than_a_dense_solver_takes_are_harmless_and_said() 
     c.run(50, &mut Silent).unwrap();
     let report = c.interfaces()[0].report();
     assert_eq!(report.multipliers, 4101);
-    assert_eq!(report.solver, "conjugate gradients");
+    assert_eq!(report.solver, "conjugate gradients on a factor");
+    assert!(c.interfaces()[0].iterations() < 30);
     assert!(
         report.warnings.iter().any(|w| w.contains("too many to tell")),
         "{:?}",

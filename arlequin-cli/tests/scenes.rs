@@ -113,7 +113,7 @@ fn plate_impact() {
         "the ball is thrown back"
     );
     assert!(facts("grains/fracture", "broken bonds") > 10.0);
-    assert_eq!(s["into_overlap"].as_array().map(Vec::len), Some(0));
+    assert!(s["into_overlap"].is_null(), "no bond breaks in the overlap");
 }
 
 #[test]
