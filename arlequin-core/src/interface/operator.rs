@@ -16,7 +16,7 @@ pub enum Solver<T> {
     #[default]
     Auto,
     /// By a Cholesky factor, exactly; where multipliers are dependent by the eigenvectors that act on something, and beyond
-    /// 2 000 of them per component by conjugate gradients on the factor of `S + σI`.
+    /// 2 000 of them per component by conjugate gradients.
     Factor,
     /// By conjugate gradients from zero, whose result costs no energy wherever they end; the velocity jump is then only as
     /// small as the tolerance.
@@ -156,7 +156,6 @@ impl<T: Real> Operator<T> {
             Gradients::new(apply, shared, rows * shared, tolerance, most)
         });
         let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
-        let on_factor = blocks.iter().any(|b| matches!(b.0, Block::Factor { .. }));
         let measure = |i: usize| {
             coupling[0]
                 .matrix
@@ -165,7 +164,6 @@ impl<T: Real> Operator<T> {
         };
         Ok(Self {
             solver: match (&gradients, dependent) {
-                (Some(_), _) if on_factor => "conjugate gradients on a factor",
                 (Some(_), _) => "conjugate gradients",
                 (None, _) if spec.options.lumped => "lumped",
                 (None, true) => "eigenvectors",
@@ -358,13 +356,8 @@ fn block<T: Real>(
     }
     let chosen = matches!(spec.options.solver, Solver::ConjugateGradients { .. });
     if scaled.rows() > rank::DENSE_LIMIT {
-        let near = if chosen || entries > LARGEST_FACTOR {
-            None
-        } else {
-            T::cholesky(&lifted(&scaled, tolerance)).ok()
-        };
         return Ok(Outcome {
-            block: near.map_or(diagonal, |factor| Block::Factor { scale, factor }),
+            block: diagonal,
             exact: false,
             condition: rank::condition(&scaled, tolerance)?,
             null_modes: None,
@@ -432,15 +425,6 @@ fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
     s.iter()
         .for_each(|(v, (j, i))| t.add_triplet(i, j, *v * scale[i] * scale[j]));
     (t.to_csc(), scale)
-}
-
-/// `S + σ I`: positive definite, and as good as `S` for what is well above `σ`.
-fn lifted<T: Real>(s: &CsMat<T>, shift: T) -> CsMat<T> {
-    let n = s.rows();
-    let mut t = TriMat::with_capacity((n, n), s.nnz() + n);
-    s.iter().for_each(|(v, (j, i))| t.add_triplet(i, j, *v));
-    (0..n).for_each(|i| t.add_triplet(i, i, shift));
-    t.to_csc()
 }
 
 /// Row sums in place of the operator. Exists for the L2 junction, where they are positive.
