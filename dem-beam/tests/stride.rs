@@ -161,15 +161,18 @@ fn energies_on_the_way_are_those_of_the_plain_law() {
             }
             m.set_internal_weight(&Along).unwrap();
             let n = m.layout().dofs();
+            // Orientations come back to within some last digits: strains of that size are all that is left.
+            let (mut top, digits) = (0.0_f64, 10.0 * f64::EPSILON);
             for (u, turn) in [(1e-8, 1e-4), (1e-6, 0.3), (0.0, 0.0)] {
                 let size = |i: usize| if i < n / 2 { u } else { turn };
                 let q: Vec<f64> = (0..n).map(|i| (1.3 * i as f64).sin() * size(i)).collect();
                 let (mut f, mut g) = (vec![0.0; n], vec![0.0; n]);
                 let found = m.advance_with_energy(&q, &mut f).unwrap();
                 let plain = m.internal_energy(&q);
+                top = top.max(plain);
                 assert!(
-                    (found - plain).abs() <= 1e-12 * plain,
-                    "{finite} {found:e} {plain:e}"
+                    (found - plain).abs() <= 1e-12 * plain + digits * digits * top,
+                    "{finite} {found:e} {plain:e} {top:e}"
                 );
                 m.advance(&q, &mut g).unwrap();
                 assert!(
@@ -185,7 +188,7 @@ fn energies_on_the_way_are_those_of_the_plain_law() {
 /// With breaks, each a sample whose energy is that of the bonds left.
 #[test]
 fn energies_on_the_way_leave_out_what_broke() {
-    let spec = Fracture::new(Criterion::Axial, 1e8);
+    let spec = Fracture::new(Criterion::Axial, 2e7);
     let model = model(6, false).with_fracture(spec).unwrap();
     let log = model.break_log();
     let mut run = run(model, true, 1);

@@ -77,11 +77,12 @@ pub(crate) struct Rigidity<L: Lanes> {
     /// `12 EI e`, `6 EI e g`.
     side: L::V,
     lever: L::V,
-    /// `(GI_O + 2 EI) e g²`, `(GI_O - 4 EI) e g²`.
+    /// `EI e g²`, `(GI_O - EI) e g²`.
+    bending: L::V,
     along: L::V,
-    across: L::V,
-    /// `g`, `1/g`.
+    /// `g`, `g/2`, `1/g`.
     pub(super) step: L::V,
+    half_step: L::V,
     pub(super) per_step: L::V,
     pub(super) one: L::V,
     pub(super) two: L::V,
@@ -107,9 +108,10 @@ impl<L: Lanes> Rigidity<L> {
             bending2: s!(2.0 * k.bending * square),
             side: s!(12.0 * k.bending * e),
             lever: s!(6.0 * k.bending * e * g),
-            along: s!((k.torsion + 2.0 * k.bending) * square),
-            across: s!((k.torsion - 4.0 * k.bending) * square),
+            bending: s!(k.bending * square),
+            along: s!((k.torsion - k.bending) * square),
             step: s!(g),
+            half_step: s!(0.5 * g),
             per_step: s!(1.0 / g),
             one: s!(1.0),
             two: s!(2.0),
@@ -122,15 +124,16 @@ impl<L: Lanes> Rigidity<L> {
 
 /// Small rotations: rows are `u (3), -, th (3), -`; the free places may hold anything.
 ///
-/// With `s = w/l³` and the span `d`, a half-bond adds
+/// With `s = w/l³`, the span `d` and the shear `w = Du + d x (th_i + th_j) / 2`, a half-bond adds
 ///
 /// ```text
-/// f += 6 EI s (2 Du + d x (th_i + th_j)) + (ES - 12 EI/l²) s (d.Du) d
-/// c += 6 EI s d x Du - 2 EI s l² (2 th_i + th_j) + s [(GI_O + 2 EI) d.th_j - (GI_O - 4 EI) d.th_i] d
+/// f += 12 EI s w + (ES - 12 EI/l²) s (d.Du) d
+/// c += 6 EI s d x w + EI s l² (th_j - th_i) + (GI_O - EI) s (d.(th_j - th_i)) d
 /// ```
 ///
-/// What multiplies the own rotation could be summed over the bonds at set-up: ten operations fewer, but 72 bytes more
-/// per particle, and the law waits for memory. Translations are differences, so a moved body feels no force at all.
+/// `w` and `th_j - th_i` vanish where a body turns as a whole, and all but `6 EI s d x w` has the opposite sign seen from the
+/// other end: what products are rounded to leaves the moments of strains unbalanced, not those of a rotation common to all,
+/// which would add up over a run. Translations are differences, so a moved body feels no force at all.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Linear;
 
@@ -173,15 +176,13 @@ impl Law for Linear {
         let q = l.max(dot(l, d, d), k.one);
         let stiff = l.mul(l.nmadd(k.side, l.recip(q), k.axial), s);
         let lever = l.mul(k.lever, s);
-        // `th_i + th_j` serves force and torque: two additions instead of a second pass over the rotations.
-        let both = sum(l, ti, tj);
-        let f = axpy(l, du, l.mul(k.side, s), [acc[0], acc[1], acc[2]]);
-        let f = axpy(l, cross(l, d, both), lever, f);
+        let (both, apart) = (sum(l, ti, tj), diff(l, tj, ti));
+        let shear = axpy(l, cross(l, d, both), k.half_step, du);
+        let f = axpy(l, shear, l.mul(k.side, s), [acc[0], acc[1], acc[2]]);
         let f = axpy(l, d, l.mul(stiff, dot(l, d, du)), f);
-        let along = l.nmadd(k.across, dot(l, d, ti), l.mul(k.along, dot(l, d, tj)));
-        let c = axpy(l, cross(l, d, du), lever, [acc[3], acc[4], acc[5]]);
-        let c = minus(l, sum(l, ti, both), l.mul(l.mul(k.bending2, s), q), c);
-        let c = axpy(l, d, l.mul(along, s), c);
+        let c = axpy(l, cross(l, d, shear), lever, [acc[3], acc[4], acc[5]]);
+        let c = axpy(l, apart, l.mul(l.mul(k.bending, s), q), c);
+        let c = axpy(l, d, l.mul(l.mul(k.along, s), dot(l, d, apart)), c);
         *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
     }
 

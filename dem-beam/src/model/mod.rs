@@ -153,7 +153,6 @@ impl DemModel {
         pairs.sort_unstable();
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
         let radii = order.iter().map(|&i| radii[i as usize]).collect();
-        let nodes: Vec<Point3<f64>> = centres.iter().map(|x| Point3::from(*x)).collect();
         let volumes: Vec<f64> = order.iter().map(|&i| contents.volumes[i as usize]).collect();
         let contents = Contents {
             volumes: &volumes,
@@ -161,6 +160,8 @@ impl DemModel {
         };
         let body =
             BondedParticles::with_volumes(centres, radii, pairs, matter.density, matter.beam, &contents)?;
+        // Where the bonds see them: moments balance about these.
+        let nodes: Vec<Point3<f64>> = body.positions().iter().map(|x| Point3::from(*x)).collect();
         let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
             name: name.to_owned(),
