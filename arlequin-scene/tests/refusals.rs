@@ -77,7 +77,10 @@ fn solids() -> Scene {
 /// The error of reading, setting or preparing.
 #[track_caller]
 fn refused(scene: Result<Scene, Error>) -> Error {
-    scene.and_then(|s| s.prepare()).err().expect("an error")
+    match scene.and_then(|s| s.prepare()) {
+        Ok(_) => panic!("the scene is taken"),
+        Err(e) => e,
+    }
 }
 
 #[track_caller]

@@ -132,9 +132,9 @@ fn digits(x: f64) -> Option<(i32, i32)> {
 }
 
 /// `a × b · c`.
-fn triple<V: Copy>([a, b, c]: [[V; 3]; 3]) -> V
+fn triple<V>([a, b, c]: [[V; 3]; 3]) -> V
 where
-    V: std::ops::Mul<Output = V> + std::ops::Sub<Output = V> + std::ops::Add<Output = V>,
+    V: Copy + std::ops::Mul<Output = V> + std::ops::Sub<Output = V> + std::ops::Add<Output = V>,
 {
     c[0] * (a[1] * b[2] - a[2] * b[1])
         + c[1] * (a[2] * b[0] - a[0] * b[2])
