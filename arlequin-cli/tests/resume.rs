@@ -193,7 +193,7 @@ fn interrupted_it_goes_on_with_the_same_bits() {
     let body = std::fs::read_to_string(&scene).expect("scene");
     std::fs::write(&scene, body.replace("checkpoint_every = 200\n", "")).expect("scene");
     let mut child = start(&scene, &out, &[]);
-    std::thread::sleep(Duration::from_millis(500));
+    std::thread::sleep(Duration::from_millis(150));
     let signal = ["-TERM", &child.id().to_string()];
     assert!(
         std::process::Command::new("kill")
