@@ -8,7 +8,7 @@ use std::process::{Child, Stdio};
 use std::time::Duration;
 
 /// Steps of the runs that are killed: about two seconds of work.
-const STEPS: &str = "time.steps=60000";
+const STEPS: &str = "time.steps=180000";
 
 fn small(folder: &Path) -> PathBuf {
     let path = folder.join("small.toml");
@@ -193,7 +193,7 @@ fn interrupted_it_goes_on_with_the_same_bits() {
     let body = std::fs::read_to_string(&scene).expect("scene");
     std::fs::write(&scene, body.replace("checkpoint_every = 200\n", "")).expect("scene");
     let mut child = start(&scene, &out, &[]);
-    std::thread::sleep(Duration::from_millis(150));
+    std::thread::sleep(Duration::from_millis(300));
     let signal = ["-TERM", &child.id().to_string()];
     assert!(
         std::process::Command::new("kill")
