@@ -297,7 +297,7 @@ fn consistent(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
     );
     let jump = run.jumps(0)[0];
     // Between such layers natural neighbours are linear to nine digits only; particles by themselves to all.
-    let layered = kinds.contains(&Kind::Dem) && !case.particles;
+    let layered = kinds.contains(&Kind::Dem) && (!case.particles || kinds == [Kind::Dem; 2]);
     prop_assert!(jump < if layered { 1e-7 } else { 1e-12 }, "jump {jump:e} m/s");
     prop_assume!(jump < 1e-12);
     // Weights of both models, at every node and between.
