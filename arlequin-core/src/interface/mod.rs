@@ -12,6 +12,7 @@
 //! Velocities at the instant are the projected ones; the change is added a second time at the start of the next step, which makes
 //! the two a reflection. `S` does not depend on the step: it is factored once.
 
+mod advice;
 mod assembly;
 mod gradients;
 mod operator;
@@ -37,9 +38,6 @@ use sprs::{CsMat, TriMat};
 use std::sync::Arc;
 use transfer::Transfer;
 pub(crate) use transfer::{Rows, add_at};
-
-/// Warp of hexahedra, relative to their lengths, from which a user should know of it.
-const WARP: f64 = 1e-6;
 
 /// What ties a coarse to a fine subdomain.
 pub struct InterfaceSpec<T: Real> {
@@ -299,24 +297,9 @@ impl<T: Real> Interface<T> {
             start_moved: 0.0,
             warnings: built.warnings,
         };
-        report.warnings.extend(advice(&report, spec, components));
-        if !operator.ranked {
-            report.warnings.push(format!(
-                "{size} multiplier unknowns are too many to tell whether some are dependent; that costs no energy, but a mediator \
-                 finer than one of the models reflects long waves"
-            ));
-        }
-        let warp = (sides.iter().map(|s| s.field.warp())).fold(spec.mediator.warp(), |m, w| m.max(w));
-        if warp.as_f64() > WARP {
-            report.warnings.push(format!(
-                "faces of hexahedra leave their planes by up to {:.1} % of the element's length: uniform strain is \
-                 not exact across the overlap, displacements are off by about {:.0e} of the largest, strains by {:.0e}; \
-                 use tetrahedra or hexahedra with planar faces where that matters",
-                100.0 * warp.as_f64(),
-                0.01 * warp.as_f64(),
-                0.1 * warp.as_f64()
-            ));
-        }
+        report
+            .warnings
+            .extend(advice::advice(&report, spec, &sides, operator.ranked));
         Ok(Self {
             sides: [spec.coarse, spec.fine],
             coupling,
@@ -463,35 +446,4 @@ pub(crate) fn coupled_nodes<T: Real>(coupling: &Transfer<T>, components: usize) 
     let mut nodes: Vec<usize> = (coupling.coupled().iter().map(|j| *j as usize / per_column)).collect();
     nodes.dedup();
     nodes
-}
-
-fn advice<T: Real>(report: &InterfaceReport, spec: &InterfaceSpec<T>, components: usize) -> Vec<String> {
-    let mut out = Vec::new();
-    let nodes = report.multipliers / components;
-    let [coarse, fine] = report.coupled_nodes;
-    if nodes > coarse.min(fine) {
-        let which = if nodes > coarse.max(fine) {
-            "both models"
-        } else if nodes > fine {
-            "the fine model"
-        } else {
-            "the coarse model"
-        };
-        out.push(format!(
-            "the mediator ({nodes} nodes) is finer than {which} in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
-             will be reflected; use h_B ≥ {:.3e} m",
-            // Nodes go with the spacing to the power of the dimension: a line has one component, a solid three.
-            spec.mediator.spacing().as_f64()
-                * (nodes as f64 / coarse.min(fine) as f64).powf(1.0 / components as f64),
-        ));
-    }
-    if !report.null_modes.is_empty() {
-        out.push(format!(
-            "{} of {} multiplier unknowns are dependent and were dropped (first at mediator node {})",
-            report.null_modes.len(),
-            report.multipliers,
-            report.null_modes[0].node
-        ));
-    }
-    out
 }

@@ -1,0 +1,63 @@
+//! What a user should know of an interface.
+
+use super::{InterfaceReport, InterfaceSpec, Side};
+use crate::Real;
+
+/// Warp of hexahedra, relative to their lengths, from which a user should know of it.
+const WARP: f64 = 1e-6;
+
+/// Warnings for what the set-up found.
+pub(super) fn advice<T: Real>(
+    report: &InterfaceReport,
+    spec: &InterfaceSpec<T>,
+    sides: &[Side<'_, T>; 2],
+    ranked: bool,
+) -> Vec<String> {
+    let components = sides[0].layout.components;
+    let mut out = Vec::new();
+    let nodes = report.multipliers / components;
+    let [coarse, fine] = report.coupled_nodes;
+    if nodes > coarse.min(fine) {
+        let which = if nodes > coarse.max(fine) {
+            "both models"
+        } else if nodes > fine {
+            "the fine model"
+        } else {
+            "the coarse model"
+        };
+        out.push(format!(
+            "the mediator ({nodes} nodes) is finer than {which} in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
+             will be reflected; use h_B ≥ {:.3e} m",
+            // Nodes go with the spacing to the power of the dimension: a line has one component, a solid three.
+            spec.mediator.spacing().as_f64()
+                * (nodes as f64 / coarse.min(fine) as f64).powf(1.0 / components as f64),
+        ));
+    }
+    if !report.null_modes.is_empty() {
+        out.push(format!(
+            "{} of {} multiplier unknowns are dependent and were dropped (first at mediator node {})",
+            report.null_modes.len(),
+            report.multipliers,
+            report.null_modes[0].node
+        ));
+    }
+    if !ranked {
+        out.push(format!(
+            "{} multiplier unknowns are too many to tell whether some are dependent; that costs no energy, but a mediator \
+             finer than one of the models reflects long waves",
+            report.multipliers
+        ));
+    }
+    let warp = (sides.iter().map(|s| s.field.warp())).fold(spec.mediator.warp(), |m, w| m.max(w));
+    if warp.as_f64() > WARP {
+        out.push(format!(
+            "faces of hexahedra leave their planes by up to {:.1} % of the element's length: uniform strain is \
+             not exact across the overlap, displacements are off by about {:.0e} of the largest, strains by {:.0e}; \
+             use tetrahedra or hexahedra with planar faces where that matters",
+            100.0 * warp.as_f64(),
+            0.01 * warp.as_f64(),
+            0.1 * warp.as_f64()
+        ));
+    }
+    out
+}
