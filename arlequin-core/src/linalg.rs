@@ -9,7 +9,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::traits::RealField;
 use faer::{Conj, MatMut, MatRef, Par, Side};
-use sprs::CsMat;
+use sprs::{CsMat, TriMat};
 
 /// Right-hand sides that are solved for at a time: the components of a vector.
 const AT_ONCE: usize = 3;
@@ -135,17 +135,16 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
 /// By Sylvester's law of inertia, `A` has as many eigenvalues below `shift`.
 pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) -> Option<Vec<usize>> {
     let n = matrix.rows();
-    let moved = matrix
-        .iter()
-        .map(|(v, (i, j))| if i == j { *v - shift } else { *v });
-    let data: Vec<T> = moved.collect();
-    if data.iter().any(|v| !nalgebra::ComplexField::is_finite(v)) {
+    // A row of nothing has no diagonal to take the shift from.
+    let mut moved = TriMat::with_capacity((n, n), matrix.nnz() + n);
+    matrix.iter().for_each(|(v, (i, j))| moved.add_triplet(i, j, *v));
+    (0..n).for_each(|i| moved.add_triplet(i, i, -shift));
+    let moved: CsMat<T> = moved.to_csc();
+    if !moved.data().iter().all(|v| nalgebra::ComplexField::is_finite(v)) {
         return None;
     }
-    let matrix = columns(matrix);
-    let starts = matrix.indptr().to_proper().to_vec();
-    let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, matrix.indices());
-    let a = SparseColMatRef::new(pattern, &data);
+    let starts = moved.indptr().to_proper().to_vec();
+    let a = view(&moved, &starts);
     let symbolic = symbolic(&a)?;
     let mut values = vec![T::default(); symbolic.len_val()];
     let (side, par) = (Side::Lower, Par::Seq);
@@ -218,7 +217,6 @@ pub(crate) fn symmetric_eigen<T: Real + RealField>(n: usize, column_major: &[T])
 mod tests {
     use super::*;
     use approx::assert_abs_diff_eq;
-    use sprs::TriMat;
 
     fn laplacian(n: usize) -> CsMat<f64> {
         let mut t = TriMat::new((n, n));
