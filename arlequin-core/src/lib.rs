@@ -109,5 +109,5 @@ pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
 pub use scalar::{Real, check_finite};
 pub use subdomain::{OwnStep, PrescribedMotion, Subdomain};
 pub use time::TimeFunction;
-pub use weight::{Complement, Ramp, Uniform, Weight, Weighting, Weights};
+pub use weight::{Complement, Product, Ramp, Uniform, Weight, Weighting, Weights};
 pub use {nalgebra, sprs};
