@@ -2,6 +2,7 @@
 
 use super::choice::choice;
 use super::model::{Element, Shape};
+use crate::setup::zone::Piece;
 use serde::Deserialize;
 
 pub use arlequin::core::JunctionKind;
@@ -75,6 +76,9 @@ pub enum OverlapShape {
         /// Whole region of the fine model.
         domain: RegionShape,
     },
+    /// The layer of the body's elements around a zone.
+    #[serde(skip)]
+    Zone(Piece),
 }
 
 choice!(
@@ -156,6 +160,8 @@ pub struct ProfileTable {
 pub struct MediatorTable {
     /// Its body; derived from overlap and models where that is possible.
     pub shape: Option<Shape>,
+    /// Length of a unit of the file of its shape \[m\], 1 by default.
+    pub scale: Option<f64>,
     /// Target length `h_B` \[m\]; the coarse model's by default.
     pub spacing: Option<f64>,
     /// Number of elements along x, y, z, in place of `spacing`.

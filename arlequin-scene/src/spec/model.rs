@@ -1,7 +1,9 @@
 //! Model tables.
 
 use super::choice::choice;
+use crate::setup::zone::Piece;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Kinds of models, by their names in a scene.
@@ -39,8 +41,16 @@ pub struct ModelTable {
     pub spacing: Option<f64>,
     /// Number of elements along x (y, z), in place of `spacing`.
     pub divisions: Option<Vec<usize>>,
+    /// Length of a unit of the file of its shape \[m\]: 1e-3 for one in millimetres.
+    #[serde(default = "metre")]
+    pub scale: f64,
+    /// Physical volume of its mesh file that it fills; all of them by default.
+    pub volume: Option<String>,
     /// What it is made of.
     pub material: Material,
+    /// Physical volumes of its mesh file that are made of something else, by their names.
+    #[serde(default)]
+    pub materials: BTreeMap<String, Material>,
     /// How it steps between two reflections, where it is not to be chosen.
     pub step: Option<OwnStepTable>,
     /// Choices of finite elements; read by `kind = "fem"` only.
@@ -59,6 +69,11 @@ impl ModelTable {
     pub fn has_volume(&self) -> bool {
         self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
     }
+}
+
+/// Files are in metres unless they say otherwise.
+fn metre() -> f64 {
+    1.0
 }
 
 /// How a model steps between two reflections: one of `ratio`, `fraction`, or the implicit scheme.
@@ -125,6 +140,13 @@ pub enum Shape {
         /// Radius \[m\].
         radius: f64,
     },
+    /// A ball.
+    Ball {
+        /// Centre \[m\].
+        centre: [f64; 3],
+        /// Radius \[m\].
+        radius: f64,
+    },
     /// A line along x with a cross-section.
     Bar {
         /// First end \[m\].
@@ -134,13 +156,17 @@ pub enum Shape {
         /// Cross-section \[m²\].
         section: f64,
     },
-    /// A Gmsh mesh, or for particles also an STL surface; relative to the scene file.
+    /// A mesh, or for particles and natural elements also an STL surface; relative to the scene file.
     File(PathBuf),
+    /// What `[body]` and `[zone.NAME]` leave to one of their models.
+    #[serde(skip)]
+    Piece(Piece),
 }
 
 choice!(
     Shape,
-    "{ box = { low, high } }, { cylinder = { from, length, radius } }, { bar = { from, to, section } }, { file = path }"
+    "{ box = { low, high } }, { cylinder = { from, length, radius } }, { ball = { centre, radius } }, { bar = { from, to, section \
+     } }, { file = path }"
 );
 
 /// A box left out of a box.
@@ -159,8 +185,10 @@ impl Shape {
         match self {
             Self::Box { .. } => "box",
             Self::Cylinder { .. } => "cylinder",
+            Self::Ball { .. } => "ball",
             Self::Bar { .. } => "bar",
             Self::File(_) => "file",
+            Self::Piece(_) => "a part of the body",
         }
     }
 }
