@@ -84,6 +84,29 @@ fn a_zone_across_a_bar_passes_the_patch_test_like_the_explicit_form() {
     assert_eq!(nodes, [9 * 9, 15 * 25]);
 }
 
+#[test]
+fn two_zones_of_one_body_pass_the_patch_test_together() {
+    let zone = |name: &str, kind: &str, from: f64, to: f64| {
+        format!(
+            "[zone.{name}]\nkind = \"{kind}\"\nspacing = 0.5\nshape.box = {{ low = [{from}, -9.0, -9.0], high = [{to}, 9.0, 9.0] }}\n\
+             overlap.width = 3.0\nweight = {{ profile = \"linear\", epsilon = 0.0 }}\n"
+        )
+    };
+    let parts = format!(
+        "[body]\nkind = \"fem\"\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [12.0, 2.0, 2.0] }}\n\
+         divisions = [12, 2, 2]\nmaterial = {STEEL}\n{}{}",
+        zone("first", "fem", -9.0, 2.0),
+        zone("last", "fem", 10.0, 99.0)
+    );
+    let names = ["first", "last"];
+    let mut both = built(&pulled(&parts, names, &["first", "body", "last"]));
+    assert_eq!(both.run.interfaces().len(), 2);
+    let off = off_uniform_tension(&mut both);
+    assert!(off < 1e-10, "{off:e}");
+    let widths: Vec<f64> = both.zones.iter().map(|z| z.elements).collect();
+    assert!(widths.iter().all(|w| (w - 3.0).abs() < 1e-9), "{widths:?}");
+}
+
 /// The L of 60 mm by 60 mm by 12 mm with a zone around its corner.
 fn ell(zone: &str) -> String {
     format!(

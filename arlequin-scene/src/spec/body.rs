@@ -3,26 +3,28 @@
 use super::choice::choice;
 use super::interface::{Absorber, JunctionTable, SolverKind, WeightTable};
 use super::model::{CnemTable, DemTable, FemTable, Material, ModelKind, OwnStepTable};
+use super::schema;
 use arlequin::core::{Partition, Sampling};
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::PathBuf;
 
 /// `[zone.NAME]`: a fine model where it is wanted, coupled to that of `[body]` in a layer around it. The model and the
 /// interface bear the name of the zone.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ZoneTable {
-    /// Which model: `"fem"`, `"cnem"` or `"dem"`.
+    /// Which model: `fem`, `cnem` or `dem`.
     pub kind: ModelKind,
     /// Where it is wanted: the elements of the body that lie there, wholly or in part, are replaced.
     pub shape: ZoneShape,
-    /// Length of a unit of the files of that shape \[m\]; that of the body's file by default.
+    /// Length of a unit of the files of that shape \[m\]. Default: that of the body's file.
     pub scale: Option<f64>,
     /// The layer around it in which both models are.
     pub overlap: ZoneOverlap,
     /// Mean diameter of spheres; longest distance of nodes, reached by halving the body's elements \[m\].
     pub spacing: Option<f64>,
-    /// What it is made of; what the body is made of by default.
+    /// What it is made of. Default: what the body is made of, with its `materials`.
     pub material: Option<Material>,
     /// How it steps between two reflections, where it is not to be chosen.
     pub step: Option<OwnStepTable>,
@@ -41,20 +43,22 @@ pub struct ZoneTable {
     /// The scalar product of the constraint.
     #[serde(default)]
     pub junction: JunctionTable,
-    /// How its integrals are sampled; at the particles for a particle field, on the intersection otherwise.
+    /// How its integrals are sampled, as in an interface.
+    #[schemars(with = "Option<schema::Sampling>")]
     pub sampling: Option<Sampling>,
     /// How the multipliers are solved for.
     #[serde(default)]
     pub solver: SolverKind,
-    /// Whether the weights must sum to one.
+    /// Whether the weights must sum to one: `checked` (default) or `unchecked`.
     #[serde(default)]
+    #[schemars(with = "schema::Partition")]
     pub partition: Partition,
     /// Damping of what the body's model cannot carry; without `spacing`.
     pub absorber: Option<Absorber>,
 }
 
 /// The layer around a zone.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ZoneOverlap {
     /// How far it reaches from the zone \[m\], up to whole elements of the body; three elements or more.
@@ -62,7 +66,7 @@ pub struct ZoneOverlap {
 }
 
 /// Where a fine model is wanted.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum ZoneShape {
     /// In a ball.
@@ -88,7 +92,8 @@ pub enum ZoneShape {
         /// Radius \[m\].
         radius: f64,
     },
-    /// Near a named group of the body, or near the triangles of an STL file, which need not be closed.
+    /// Near the facets of a named group of the body (its nodes, where it has none: a crack front, a point), or near the
+    /// triangles of an STL file, which need not be closed.
     Near {
         /// The group.
         group: Option<String>,
