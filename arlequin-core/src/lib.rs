@@ -94,7 +94,7 @@ pub use junction::{
     Components, H1Gradient, H1Seminorm, H1Strain, Junction, JunctionKind, L2, Needs, ShapeFunction,
 };
 pub use ledger::{DisplacementJump, EnergySample, WorkLine};
-pub use material::Elastic;
+pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
     CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State, Stepping,
@@ -103,7 +103,7 @@ pub use model::{
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;
 pub use observer::{Observer, Phase, SetupPhase, Silent, StepReport};
-pub use overlap::{Overlap, Place, Primitive, Region, Shell, Slab};
+pub use overlap::{CellPlace, Overlap, Place, Primitive, Region, Shell, Slab};
 pub use participant::Participant;
 pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
 pub use scalar::{Real, check_finite};

@@ -5,6 +5,7 @@ use crate::output::summary::{self, InterfaceLine, ModelLine};
 use crate::recorder::PhaseClock;
 use crate::run::Prepared;
 use crate::scene::Scene;
+use crate::setup::zone::ZoneLine;
 use crate::setup::{Built, PhaseTime};
 use arlequin::core::Coupled;
 use serde::Serialize;
@@ -25,6 +26,9 @@ pub struct Preview {
     pub models: Vec<ModelLine>,
     /// Interfaces.
     pub interface: Vec<InterfaceLine>,
+    /// Widths of the overlaps around zones.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub zones: Vec<ZoneLine>,
     /// Effects that are on.
     pub effects: Vec<String>,
     /// Step \[s\].
@@ -75,6 +79,7 @@ impl Preview {
             frame_every,
             warnings,
             phases,
+            zones,
             ..
         } = built;
         let packings: Vec<_> = models.iter().map(|d| d.packing.clone()).collect();
@@ -88,6 +93,7 @@ impl Preview {
             title: scene.spec().title.clone(),
             models: summary::models(&run, &packings),
             interface: summary::interfaces(&run, &[]),
+            zones,
             effects: plan.effects.clone(),
             dt: plan.dt,
             critical_dt: plan.critical_dt,

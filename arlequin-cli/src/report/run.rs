@@ -121,6 +121,12 @@ pub(crate) fn plan(p: &Preview) {
 fn sizes(p: &Preview) {
     models(&p.models);
     interfaces(&p.interface);
+    for z in &p.zones {
+        println!(
+            "zone       {:<12} overlap {:.4e} m wide in the mean, {:.4e} m at least: {:.1} elements of the body, {:.1} of the zone's",
+            z.name, z.width.mean, z.width.least, z.elements, z.fine
+        );
+    }
     if p.effects.is_empty() {
         println!("effects    none");
     }

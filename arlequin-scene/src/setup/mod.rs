@@ -2,11 +2,13 @@
 
 mod between;
 mod clock;
+mod cloud;
 mod drive;
 pub mod filling;
 mod grains;
 mod interface;
 mod kinds;
+mod materials;
 mod mediator;
 mod mesh;
 mod natural;
@@ -16,6 +18,7 @@ mod precheck;
 mod probe;
 mod select;
 mod time;
+pub mod zone;
 
 pub use between::ParticlesWithoutContact;
 pub use clock::PhaseTime;
@@ -114,6 +117,8 @@ pub struct Built {
     pub warnings: Vec<String>,
     /// What the motion is held against.
     pub bounds: Bounds,
+    /// How wide the overlaps around zones came out.
+    pub zones: Vec<zone::ZoneLine>,
     /// Where the time of the set-up went, in order.
     pub phases: Vec<PhaseTime>,
 }
@@ -144,6 +149,7 @@ pub fn build_from(
     let pairs = between::pairs(scene, &bodies)?;
     let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
+    let zones = zone::lines(scene, &bodies);
     let models = bodies.iter().map(ModelInfo::of).collect();
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
@@ -174,6 +180,7 @@ pub fn build_from(
         without_contact,
         warnings,
         bounds,
+        zones,
         run,
         phases: Vec::new(),
     };

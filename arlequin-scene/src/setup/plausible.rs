@@ -225,12 +225,17 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             ));
         }
         let Some(width) = width(&i.overlap) else { continue };
-        let across = width / coarse.spacing;
+        // Meshes are finer in one place than in another.
+        let spacing = match &i.overlap {
+            OverlapShape::Zone(piece) => piece.width().map_or(coarse.spacing, |w| w.spacing),
+            _ => coarse.spacing,
+        };
+        let across = width / spacing;
         if across < ACROSS * (1.0 - 1e-6) {
             out.push(format!(
                 "interface '{name}': its overlap of {width:.3e} m is {across:.1} elements of '{}' ({:.3e} m) across; take {ACROSS} \
                  or more, or waves are reflected",
-                i.coarse, coarse.spacing
+                i.coarse, spacing
             ));
         }
     }
@@ -252,6 +257,7 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
                 .reduce(f64::min),
             _ => None,
         },
+        OverlapShape::Zone(piece) => piece.width().map(|w| w.mean),
     }
 }
 

@@ -11,8 +11,9 @@ use arlequin::core::invalid;
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 
-/// Groups of boxes and of cylinders.
+/// Groups of boxes, balls and cylinders.
 const BOX: [&str; 6] = ["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"];
+const BALL: [&str; 1] = ["surface"];
 const CYLINDER: [&str; 3] = ["x-min", "x-max", "side"];
 
 /// Checks all tables of a scene.
@@ -131,7 +132,9 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
         Selection::Group(name) => name,
     };
     let known: &[&str] = match (&table.shape, table.kind) {
-        (Shape::File(_), _) => return Ok(()),
+        (Shape::File(_) | Shape::Piece(_), _) => return Ok(()),
+        (Shape::Ball { .. }, ModelKind::Dem) => &BALL[..0],
+        (Shape::Ball { .. }, _) => &BALL,
         (Shape::Box { .. }, _) => &BOX,
         (Shape::Cylinder { .. }, ModelKind::Dem) | (Shape::Bar { .. }, _) => &CYLINDER[..2],
         (Shape::Cylinder { .. }, _) => &CYLINDER,
@@ -153,7 +156,8 @@ fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
             [[x, y - radius, z - radius], [x + length, y + radius, z + radius]]
         }
         Shape::Bar { from, to, .. } => [[from, 0.0, 0.0], [to, 0.0, 0.0]],
-        Shape::File(_) => return None,
+        Shape::Ball { centre, radius } => [centre.map(|c| c - radius), centre.map(|c| c + radius)],
+        Shape::File(_) | Shape::Piece(_) => return None,
     })
 }
 
@@ -166,7 +170,7 @@ fn corners(shape: &Shape) -> Option<Vec<Point3<f64>>> {
 
 fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &Path) -> Result<()> {
     let path = format!("interface.{name}");
-    let overlap = interface::overlap(&format!("{path}.overlap"), &table.overlap)?;
+    let overlap = interface::overlap(&format!("{path}.overlap"), &table.overlap, folder)?;
     if let (Some(coarse), Some(fine)) = (corners(&models[0].shape), corners(&models[1].shape)) {
         let names = [&table.coarse, &table.fine];
         interface::check_place(&path, &table.overlap, &*overlap, names, [&coarse, &fine])?;

@@ -1,5 +1,6 @@
 //! The scene: what the TOML file says, before any of it is built. `docs/scene.md` is its reference.
 
+mod body;
 mod choice;
 mod drive;
 mod effect;
@@ -8,18 +9,19 @@ mod model;
 pub mod schema;
 mod wake;
 
+pub use body::{ZoneOverlap, ZoneShape, ZoneTable};
 pub use drive::{
     Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Spin, Support, TimeShape,
     Wave,
 };
 pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
 pub use interface::{
-    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SolverKind,
-    WeightTable,
+    Absorber, Interface, JunctionKind, JunctionTable, MediatorTable, OverlapShape, ProfileKind, ProfileTable,
+    RegionShape, SolverKind, WeightTable,
 };
 pub use model::{
-    CnemTable, DemTable, Element, Functions, Hole, LooseKind, Masses, Material, ModelKind, ModelTable,
-    NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
+    CnemTable, DemTable, Element, FemTable, Functions, Hole, LooseKind, Masses, Material, ModelKind,
+    ModelTable, NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
 };
 pub use wake::{Near, Wake};
 
@@ -34,8 +36,13 @@ use std::collections::BTreeMap;
 pub struct SceneSpec {
     /// One line for reports and plots.
     pub title: Option<String>,
-    /// Models by name, at least one.
-    #[schemars(extend("minProperties" = 1))]
+    /// One body, whose coarse model is called `body`; it has the keys of a model but `role`.
+    pub body: Option<ModelTable>,
+    /// Where a fine model takes the place of the body's, by name.
+    #[serde(default)]
+    pub zone: BTreeMap<String, ZoneTable>,
+    /// Models by name; at least one, or a body.
+    #[serde(default)]
     pub model: BTreeMap<String, ModelTable>,
     /// Interfaces by name.
     #[serde(default)]

@@ -181,6 +181,26 @@ impl DemModel {
         })
     }
 
+    /// The same body of several materials: what a particle's place gives are the Young's modulus of its beams and its
+    /// density, over those of the packing. The bond between two of different moduli is half of each in a row. Goes
+    /// before finite rotations; bonds of several materials have no common strength, so fracture is refused.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] unless all are positive; [`Error::Graded`] after finite rotations or fracture.
+    pub fn with_grades(mut self, at: impl Fn(&Point3<f64>) -> [f64; 2]) -> Result<Self> {
+        if self.has_finite_rotations() || self.fracture.is_some() || self.watched.is_some() {
+            return Err(Error::Graded {
+                what: "materials after finite rotations or fracture",
+            });
+        }
+        let (stiffness, density): (Vec<f64>, Vec<f64>) = self.nodes.iter().map(|x| at(x).into()).unzip();
+        self.body.grade(&stiffness, &density)?;
+        self.mass = self.body.mass().to_vec();
+        self.inertia = self.body.inertia().to_vec();
+        self.kernel = Box::new(Gather::<Linear>::new(&self.body));
+        Ok(self)
+    }
+
     /// The same body under the finite-rotation law; see the module text.
     #[must_use]
     pub fn with_finite_rotations(mut self) -> Self {
