@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::report::{self, Progress};
 use arlequin::core::Coupled;
+use arlequin_scene::output::curves::CurveLine;
 use arlequin_scene::output::json;
 use arlequin_scene::{End, Observer, Results, RunFolder, Scene, Table};
 use std::ops::ControlFlow;
@@ -78,6 +79,9 @@ impl Observer for Terminal {
     }
     fn plot(&mut self, folder: &Path, title: &str, probes: &Table, energy: &Table) -> Result<()> {
         report::plot::run(folder, title, probes, energy)
+    }
+    fn plot_curve(&mut self, folder: &Path, title: &str, curve: &CurveLine) -> Result<()> {
+        report::plot::one_over_another(folder, title, curve)
     }
 }
 

@@ -88,17 +88,32 @@ pub enum TimeShape {
     },
     /// Linear between `[time, value]` rows.
     Table(Vec<(f64, f64)>),
+    /// The same from a file with comma-separated rows of time \[s\] and value; a first row of words is a headline.
+    File(String),
+    /// An expression of the time `t` \[s\], such as `"sin(2*pi*50*t)"`.
+    Expression(String),
+}
+
+impl Default for TimeShape {
+    /// From time zero on.
+    fn default() -> Self {
+        Self::Step
+    }
 }
 
 choice!(
     TimeShape,
-    "\"step\", { ramp = { duration = seconds } }, { pulse = { duration = seconds } }, { table = [[time, value], …] }"
+    "\"step\", { ramp = { duration = seconds } }, { pulse = { duration = seconds } }, { table = [[time, value], …] }, \
+     { file = \"name.csv\" }, { expression = \"sin(2*pi*50*t)\" }"
 );
 
 /// `[[support]]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Support {
+    /// Name by which probes ask for its force and moment; `support-1`, `support-2`, … by default. Supports of one name count
+    /// as one.
+    pub name: Option<String>,
     /// Model.
     pub model: String,
     /// Which nodes.
@@ -114,9 +129,12 @@ pub struct Support {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Motion {
-    /// Amplitude \[m\].
-    pub amplitude: f64,
-    /// Time function.
+    /// Displacement `amplitude · time` \[m\]; exactly one of `amplitude` and `speed`.
+    pub amplitude: Option<f64>,
+    /// Speed `speed · time` \[m/s\]: the displacement is its integral.
+    pub speed: Option<f64>,
+    /// Time function; from time zero on by default, which for a speed is a constant one.
+    #[serde(default)]
     pub time: TimeShape,
 }
 
@@ -215,48 +233,6 @@ pub struct Wave {
     pub speed: Option<f64>,
 }
 
-/// `[probe.NAME]`.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Probe {
-    /// Model.
-    pub model: String,
-    /// Point \[m\].
-    pub at: Option<[f64; 3]>,
-    /// Nodes whose mean is taken, in place of a point.
-    #[serde(rename = "where")]
-    pub over: Option<Selection>,
-    /// What.
-    #[serde(default)]
-    pub quantity: Quantity,
-    /// Which component.
-    pub component: Axis,
-}
-
-/// What a probe reads.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Quantity {
-    /// \[m\].
-    #[default]
-    Displacement,
-    /// \[m/s\].
-    Velocity,
-    /// Mean rotation of a group of nodes about an axis through their centroid \[rad\].
-    Rotation,
-}
-
-impl Quantity {
-    /// Name and unit.
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::Displacement => "displacement [m]",
-            Self::Velocity => "velocity [m/s]",
-            Self::Rotation => "rotation [rad]",
-        }
-    }
-}
-
 /// Fields of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -271,4 +247,16 @@ pub enum OutputField {
     EnergyDensity,
     /// Multipliers on the mediators.
     Multipliers,
+    /// Stress at the nodes \[Pa\]: `xx, yy, zz, xy, yz, xz`, tension positive.
+    Stress,
+    /// Strain at the nodes \[–\], likewise; `xy` is half the change of the angle.
+    Strain,
+    /// Equivalent stress of von Mises at the nodes \[Pa\].
+    VonMises,
+    /// Principal stresses at the nodes \[Pa\], largest first.
+    PrincipalStress,
+    /// Sum of the contact forces on every particle \[N\].
+    ContactForces,
+    /// Axial and shear force \[N\] and utilisation (load over strength) of every bond.
+    BondForces,
 }

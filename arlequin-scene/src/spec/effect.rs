@@ -111,11 +111,14 @@ pub(super) fn effects<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<
 }
 
 /// A constant acceleration field.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BodyForce {
     /// Acceleration \[m/s²\].
     pub acceleration: [f64; 3],
+    /// Time function; from time zero on by default.
+    #[serde(default)]
+    pub time: TimeShape,
 }
 
 /// Mass-proportional damping.
