@@ -17,12 +17,16 @@ use std::sync::{Mutex, PoisonError};
 /// nearest tetrahedron. Intersections of cells and points moved to a surface are off by 1e-12 or so.
 const NEAR: f64 = 1e-9;
 
+/// Volume of a cell over the cube of its longest edge below which it is left out: of a needle no face has a direction, so that the
+/// half-spaces of one of 1e-20 would hold the bodies beside it.
+const NEEDLE: f64 = 64.0 * f64::EPSILON;
+
 /// A natural-neighbour field on nodes or particle centres.
 #[derive(Debug)]
 pub struct NaturalField {
     domain: Domain,
     kind: Interpolant,
-    /// Tetrahedron of every cell; none with Voronoi cells.
+    /// Tetrahedron of every cell, without needles; none with Voronoi cells.
     elements: Vec<u32>,
     /// Voronoi cells of the nodes where they are asked for.
     bodies: Option<Vec<Cell<f64>>>,
@@ -45,8 +49,16 @@ impl Clone for NaturalField {
 impl NaturalField {
     /// Field on the nodes of a domain.
     pub fn new(domain: Domain, kind: Interpolant) -> Self {
+        let mut elements = domain.element_ids();
+        elements.retain(|t| {
+            let p = domain.corners_of(*t).map(|v| domain.nodes()[v]);
+            let [a, b, c] = [1, 2, 3].map(|k| p[k] - p[0]);
+            let edges = [a, b, c, b - a, c - a, c - b];
+            let longest = edges.iter().fold(0.0, |m: f64, e| m.max(e.norm()));
+            a.cross(&b).dot(&c).abs() > 6.0 * NEEDLE * longest * longest * longest
+        });
         Self {
-            elements: domain.element_ids(),
+            elements,
             bodies: None,
             domain,
             kind,
@@ -112,6 +124,12 @@ impl NaturalField {
         self.bodies = Some(bodies.collect());
         self.elements.clear();
         Ok(self)
+    }
+
+    /// Corners of the cells.
+    fn tetrahedra(&self) -> impl Iterator<Item = [Point3<f64>; 4]> {
+        let corners = |t: &u32| self.domain.corners_of(*t).map(|v| self.domain.nodes()[v]);
+        self.elements.iter().map(corners)
     }
 
     fn evaluate(
@@ -198,10 +216,8 @@ impl Interpolation<f64> for NaturalField {
         if let Some(bodies) = &self.bodies {
             return bodies.clone();
         }
-        let corners = |t: [usize; 4]| t.map(|v| self.domain.nodes()[v]);
-        self.domain
-            .elements()
-            .map(|t| Cell::Polyhedron(Polyhedron::tetrahedron(corners(t))))
+        self.tetrahedra()
+            .map(|p| Cell::Polyhedron(Polyhedron::tetrahedron(p)))
             .collect()
     }
 
@@ -209,12 +225,11 @@ impl Interpolation<f64> for NaturalField {
         if let Some(bodies) = &self.bodies {
             return Some(bodies.iter().cloned().enumerate().collect());
         }
-        let all = self.domain.elements().map(|t| t.map(|v| self.domain.nodes()[v]));
         let meets = |p: &[Point3<f64>; 4]| {
             let end = |of: fn(f64, f64) -> f64, k: usize| p[1..].iter().fold(p[0][k], |m, x| of(m, x[k]));
             (0..3).all(|k| end(f64::min, k) <= high[k] && low[k] <= end(f64::max, k))
         };
-        let near = all.enumerate().filter(|(_, p)| meets(p));
+        let near = self.tetrahedra().enumerate().filter(|(_, p)| meets(p));
         Some(
             near.map(|(k, p)| (k, Cell::Polyhedron(Polyhedron::tetrahedron(p))))
                 .collect(),

@@ -4,6 +4,9 @@ use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
 /// Largest linear residual, relative to the neighbourhood's size, that counts as round-off of the construction.
 pub(super) const LARGEST: f64 = 1e-4;
+/// Largest slope, per size of the neighbourhood, that says something of it: beside a line of nodes that lie on it to ten digits
+/// the slopes across it are those of the last digits.
+const STEEP: f64 = 1e6;
 /// Residual that is left alone.
 const SMALLEST: f64 = 5e-14;
 
@@ -18,11 +21,11 @@ struct Moments {
 }
 
 impl Moments {
-    fn new(values: &[f64], rel: &[Vector3<f64>], size: f64) -> Option<Self> {
+    fn new(values: impl Iterator<Item = f64>, rel: &[Vector3<f64>], size: f64) -> Option<Self> {
         let mut m = Matrix4::zeros();
-        for (w, r) in values.iter().zip(rel) {
+        for (w, r) in values.zip(rel) {
             let p = basis(r, size);
-            m += p * p.transpose() * *w;
+            m += p * p.transpose() * w;
         }
         let scale = m.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
         let scaled = Matrix4::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
@@ -59,7 +62,7 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
         return Some(found);
     }
     for _ in 0..3 {
-        let Some(moments) = Moments::new(values, rel, size) else {
+        let Some(moments) = Moments::new(values.iter().copied(), rel, size) else {
             return (found <= 1e-12).then_some(found);
         };
         let c = moments.solve(&r);
@@ -76,25 +79,46 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
     usable.then_some(found)
 }
 
-/// The same for the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`.
-pub(super) fn gradients(values: &[f64], slopes: &mut [Vector3<f64>], rel: &[Vector3<f64>], size: f64) {
-    let Some(moments) = Moments::new(values, rel, size) else {
-        return;
+/// The same for the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`; false if they are not usable. All neighbours
+/// take part in the change: next to a plane those on it have all the weight, and none of the slope across it.
+pub(super) fn gradients(
+    values: &[f64],
+    slopes: &mut [Vector3<f64>],
+    rel: &[Vector3<f64>],
+    size: f64,
+) -> bool {
+    let even = 1.0 / values.len() as f64;
+    let Some(moments) = Moments::new(values.iter().map(|w| w + even), rel, size) else {
+        return false;
     };
-    for d in 0..3 {
-        let mut target = Vector4::zeros();
-        target[d + 1] = 1.0 / size;
-        for (g, p) in slopes.iter().zip(rel) {
-            target -= basis(p, size) * g[d];
+    let mut left = f64::INFINITY;
+    for pass in 0..4 {
+        let mut worst = 0.0_f64;
+        for d in 0..3 {
+            let mut target = Vector4::zeros();
+            target[d + 1] = 1.0 / size;
+            for (g, p) in slopes.iter().zip(rel) {
+                target -= basis(p, size) * g[d];
+            }
+            let found = target.amax() * size;
+            // Not a number is no residual either.
+            worst = if found <= worst { worst } else { found };
+            if found > SMALLEST {
+                let c = moments.solve(&target);
+                for ((g, p), w) in slopes.iter_mut().zip(rel).zip(values) {
+                    g[d] += (w + even) * basis(p, size).dot(&c);
+                }
+            }
         }
-        if target.amax() * size <= SMALLEST {
-            continue;
+        if worst.is_nan() || (pass == 0 && worst > LARGEST) {
+            return false;
         }
-        let c = moments.solve(&target);
-        for ((g, p), w) in slopes.iter_mut().zip(rel).zip(values) {
-            g[d] += w * basis(p, size).dot(&c);
+        left = worst;
+        if worst <= SMALLEST {
+            break;
         }
     }
+    left <= 1e-12 && slopes.iter().all(|g| g.norm() * size <= STEEP)
 }
 
 /// As [`values`], for weights on a plane; true if they are usable.

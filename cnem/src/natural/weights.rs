@@ -56,7 +56,9 @@ impl Weights {
         let found = polish::values(&mut row.values, &cavity.rel, size)?;
         if slopes {
             self.slopes(kind, cavity, row, total);
-            polish::gradients(&row.values, &mut row.gradients, &cavity.rel, size);
+            if !polish::gradients(&row.values, &mut row.gradients, &cavity.rel, size) {
+                return None;
+            }
         }
         Some(found)
     }

@@ -14,10 +14,13 @@
 //! `r_0` its scalar part:
 //!
 //! ```text
-//! f_i = k_n (l-l0) n + [k_t s (2 r - s n) + g - (g.n) n] / l
-//! g   = -2 k_b [(2 c_i + c_j) t_i + (c_i + 2 c_j) t_j]
-//! m_i = k_t s (r_0 n + n x r) - 2 k_b t_i x (t_j - (2 c_i + c_j) n)
+//! f_i = k_n (l-l0) n + [k_t s (2 r - s n) - 2 k_b ((2 c_i + c_j) e_i + (c_i + 2 c_j) e_j)] / l
+//! m_i = k_t s (r_0 n + n x r) - 2 k_b t_i x (2 e_i + e_j)
+//! e_i = t_i - c_i n   e_j = t_j - c_j n
 //! ```
+//!
+//! All factors are strains: with `t` for `e` the same sums would be differences of numbers of the size of `k_b`, whose last digits
+//! push a body at rest the same way at every step.
 
 use super::lanes::{Lanes, Vec3, axpy, cross, diff, dot, load3, minus, scale, sum};
 use super::span::{Grid, Slot};
@@ -329,12 +332,12 @@ impl Law for Finite {
         let kb = l.mul(k.bending2, s);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
         let (a, b) = (l.madd(k.two, ci, cj), l.madd(k.two, cj, ci));
-        // Transverse part: k_t s (2 r - s n) + kb [(a c_i + b c_j) n - a t_i - b t_j], over l.
+        let (ei, ej) = (minus(l, n, ci, ti), minus(l, n, cj, tj));
+        // Transverse part: k_t s (2 r - s n) - kb (a e_i + b e_j), over l.
         let kbs = l.mul(kb, shrink);
         let (ka, kbb) = (l.mul(kbs, a), l.mul(kbs, b));
         let kts = l.mul(kt, shrink);
-        let along = l.madd(ka, ci, l.nmadd(kts, twist, l.mul(kbb, cj)));
-        let pull = l.madd(l.mul(k.axial, whole), stretch, along);
+        let pull = l.nmadd(kts, twist, l.mul(l.mul(k.axial, whole), stretch));
         let twice = l.mul(kts, k.two);
         let f = axpy(l, n, pull, axpy(l, r, twice, [acc[0], acc[1], acc[2]]));
         let m = axpy(
@@ -343,8 +346,8 @@ impl Law for Finite {
             l.mul(kt, r0),
             axpy(l, cross(l, n, r), kt, [acc[3], acc[4], acc[5]]),
         );
-        let bend = cross(l, ti, minus(l, n, a, tj));
-        let f = minus(l, ti, ka, minus(l, tj, kbb, f));
+        let bend = cross(l, ti, axpy(l, ei, k.two, ej));
+        let f = minus(l, ei, ka, minus(l, ej, kbb, f));
         let m = minus(l, bend, kb, m);
         *acc = [f[0], f[1], f[2], m[0], m[1], m[2]];
     }
