@@ -24,7 +24,7 @@ impl CurveAxis {
         let (quantity, unit) = label.strip_suffix(']')?.split_once(" [")?;
         let factor = (
             factor,
-            if factor == 1.0 {
+            if factor.to_bits() == 1.0_f64.to_bits() {
                 String::new()
             } else {
                 format!("{factor} ")

@@ -7,6 +7,7 @@ use crate::spec::{Effect, EffectKind, ObstacleShape, Probe, Quantity, SceneSpec,
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Coupled, Resultant};
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 /// Everything of one name.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,11 +36,11 @@ impl<'a> Readings<'a> {
         let at = || format!("the force of '{}'", what.name);
         let mut sum = Resultant::zero();
         for &(m, support) in &what.supports {
-            if !self.reactions.contains_key(&m) {
-                let found = run.reactions(m).map_err(core(at()))?;
-                self.reactions.insert(m, found);
-            }
-            let part = run.support_resultant(m, support, &self.reactions[&m], &what.about);
+            let known = match self.reactions.entry(m) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(empty) => empty.insert(run.reactions(m).map_err(core(at()))?),
+            };
+            let part = run.support_resultant(m, support, known, &what.about);
             sum += part.map_err(core(at()))?;
         }
         for &m in &what.models {

@@ -31,8 +31,13 @@ impl Node {
     }
 }
 
+/// A function of one argument by its name.
+type One = (&'static str, fn(f64) -> f64);
+/// A function of two.
+type Two = (&'static str, fn(f64, f64) -> f64);
+
 /// Functions of one argument.
-const ONE: [(&str, fn(f64) -> f64); 18] = [
+const ONE: [One; 18] = [
     ("sin", f64::sin),
     ("cos", f64::cos),
     ("tan", f64::tan),
@@ -54,7 +59,7 @@ const ONE: [(&str, fn(f64) -> f64); 18] = [
 ];
 
 /// Functions of two.
-const TWO: [(&str, fn(f64, f64) -> f64); 3] = [("min", f64::min), ("max", f64::max), ("atan2", f64::atan2)];
+const TWO: [Two; 3] = [("min", f64::min), ("max", f64::max), ("atan2", f64::atan2)];
 
 /// Reads expressions as mathematicians write them: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
 struct Parser<'a> {

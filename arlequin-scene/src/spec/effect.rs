@@ -34,6 +34,7 @@ macro_rules! effects {
     ($($(#[$doc:meta])* $key:ident: $kind:ident, $bearer:ident;)*) => {
         /// The effects of scenes.
         #[derive(Debug, Clone)]
+        #[allow(clippy::large_enum_variant, reason = "a scene has few effects")]
         pub enum EffectKind {
             $($(#[$doc])* $kind($kind),)*
         }

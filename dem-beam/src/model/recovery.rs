@@ -12,12 +12,13 @@
 
 use super::DemModel;
 use crate::finite;
-use crate::fracture::locked;
+use crate::fracture::{BreakLog, locked};
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::{
     Interpolation, LinkForce, Links, Recovered, Recovery, Result, SymmetricTensor, check_size, invalid,
 };
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 
 impl DemModel {
     /// Vector between the centres of a bond where its law sees them, and its force on the first particle; without weight.
@@ -65,16 +66,19 @@ impl Recovery<f64> for DemModel {
         }
         let (around, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
         let volumes = self.field.samples().unwrap_or_default();
-        for &i in nodes {
+        let broken: &BreakLog = &log;
+        let at = |&i: &usize| {
             let mut sum = Matrix3::zeros();
-            for &[j, b] in around.row(i).iter().filter(|e| !log.is_broken(e[1] as usize)) {
+            let whole = around.row(i).iter();
+            for &[j, b] in whole.filter(|e| !broken.is_broken(e[1] as usize)) {
                 let [span, force] = self.carried(b as usize, q);
                 // Seen from the second particle both change their sign.
                 sum += span * force.transpose() * (radii[i] / (radii[i] + radii[j as usize]));
             }
             let stress = SymmetricTensor::of(&(sum / volumes[i].measure));
-            out.push(Recovered { strain: None, stress });
-        }
+            Recovered { strain: None, stress }
+        };
+        out.par_extend(nodes.par_iter().map(at));
         Ok(())
     }
 }
@@ -88,27 +92,30 @@ impl Links<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         let (log, reader) = (locked(&self.log), self.reader(q));
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
-        for b in 0..self.body.pairs().len() {
-            let known = strength.map(|f| {
-                if log.is_broken(b) {
+        let broken: &BreakLog = &log;
+        let of = |b: usize| {
+            let gone = broken.is_broken(b);
+            let utilisation = strength.map(|f| {
+                if gone {
                     0.0
                 } else {
                     f.ratio(&self.body, &reader, b)
                 }
             });
-            let [span, force] = if log.is_broken(b) {
+            let [span, force] = if gone {
                 [Vector3::zeros(); 2]
             } else {
                 self.carried(b, q)
             };
             let along = span.try_normalize(0.0).unwrap_or_default();
             let axial = along.dot(&force);
-            out.push(LinkForce {
+            LinkForce {
                 axial,
                 shear: (force - along * axial).norm(),
-                utilisation: known,
-            });
-        }
+                utilisation,
+            }
+        };
+        out.par_extend((0..self.body.pairs().len()).into_par_iter().map(of));
         Ok(())
     }
 }

@@ -471,8 +471,8 @@ impl Effect<f64> for Body {
     }
 
     fn add_contact(&self, f: &mut [f64]) -> bool {
-        let touch = |a: &Active| contact::add(f, a.particle as usize, &a.force, &a.torque);
-        self.active.iter().for_each(touch);
+        let active = self.active.iter();
+        active.for_each(|a| contact::add(f, a.particle as usize, &a.force, &a.torque));
         true
     }
 

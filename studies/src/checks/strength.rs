@@ -88,7 +88,7 @@ pub(super) fn strength(done: &Runs) -> Result<Report> {
     let [tension, disc, bend] = [TENSION, DISC, BEND].map(|d| LoadCurve::of(&d));
     let (tension, disc, bend) = (tension?, disc?, bend?);
     // Sizes of the scenes [m]: section of the bar; diameter and thickness; span, width, height.
-    let (section, [wide, thick], [span, width, height]) = (9e-6, [8e-3, 2e-3], [14e-3, 2e-3, 4e-3]);
+    let (section, [wide, thick], [span, width, height]) = (9e-6, [8e-3, 2e-3], [14e-3, 3e-3, 4e-3]);
     let own = tension.peak() / section;
     let split = 2.0 * disc.peak() / (PI * wide * thick);
     let bent = 1.5 * bend.peak() * span / (width * height * height);
