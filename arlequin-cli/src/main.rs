@@ -1,13 +1,16 @@
 //! Command line of the Arlequin workspace: a scene file in, results out.
 
 mod calibrate;
+mod describe;
 mod error;
+mod new;
 mod report;
 mod run;
 mod suggest;
 mod sweep;
 mod threads;
 mod verify;
+mod view;
 
 use arlequin_scene::effects::compare;
 use arlequin_scene::{Scene, Source};
@@ -20,12 +23,16 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(name = "arlequin", version)]
 struct Cli {
+    #[command(flatten)]
+    loudness: report::Loudness,
     #[command(subcommand)]
     command: Command,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Write a commented scene to begin with.
+    New(new::Arguments),
     /// Run a scene and write its results.
     Run {
         #[command(flatten)]
@@ -70,6 +77,20 @@ enum Command {
     /// Write the page on accuracy and cost from finished sweeps.
     #[command(hide = true)]
     SweepDocs(sweep::DocumentArguments),
+    /// Write a page that shows the results of a run: turned, cut, coloured, over time, with its curves.
+    View(view::Arguments),
+    /// Print the JSON Schema of scenes: editors complete and check TOML files with it.
+    Schema(describe::SchemaArguments),
+    /// Print the completions for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Print the man page.
+    Man {
+        /// Write the pages of all commands into this folder instead.
+        folder: Option<PathBuf>,
+    },
     /// Propose settings for an error or a time.
     Suggest {
         #[command(flatten)]
@@ -95,7 +116,9 @@ struct Common {
 }
 
 fn main() -> ExitCode {
-    run_command(Cli::parse().command).unwrap_or_else(|e| e.report())
+    let cli = Cli::parse();
+    report::speak(cli.loudness);
+    run_command(cli.command).unwrap_or_else(|e| e.report())
 }
 
 fn run_command(command: Command) -> Result<ExitCode, Located> {
@@ -123,6 +146,14 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             suggest::suggest(scene, &wish, common.json)?;
             Ok(ExitCode::SUCCESS)
         }),
+        Command::New(asked) => Ok(new::new(&asked).map(|()| ExitCode::SUCCESS)?),
+        Command::View(asked) => Ok(view::view(&asked).map(|()| ExitCode::SUCCESS)?),
+        Command::Schema(asked) => Ok(describe::schema(&asked).map(|()| ExitCode::SUCCESS)?),
+        Command::Completions { shell } => {
+            describe::completions(shell);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Man { folder } => Ok(describe::man(folder.as_deref()).map(|()| ExitCode::SUCCESS)?),
         Command::Resume {
             folder,
             threads,

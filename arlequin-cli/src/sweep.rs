@@ -176,7 +176,7 @@ impl Runner for Processes {
         let log = std::fs::File::create(&words).map_err(write(&words))?;
         let mut command = Command::new(&self.program);
         command
-            .args(["run", "--json", "--force", "--out"])
+            .args(["run", "--json", "--quiet", "--force", "--out"])
             .arg(target)
             .arg(&m.scene);
         for s in &m.set {

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{SMALL, arlequin, scratch, text};
+use common::{SMALL, arlequin, schemas, scratch, text};
 use std::path::PathBuf;
 
 /// A mesh file of one tetrahedron: node lines `x y z` and the corners of its element.
@@ -30,8 +30,16 @@ impl Bench {
         }
     }
 
-    /// Error text of a scene.
+    /// Error text of a scene. What its reader refuses by itself, the schema refuses as well.
     fn error(&self, scene: &str) -> String {
+        let read = arlequin_scene::Scene::from_text(scene);
+        if matches!(read, Err(arlequin_scene::Error::Syntax { .. })) {
+            assert_ne!(
+                schemas::verdict("scene", scene),
+                Some(true),
+                "the schema accepts {scene}"
+            );
+        }
         let path = self.folder.join("scene.toml");
         std::fs::write(&path, scene).expect("scene");
         self.refused(&["check", text(&path)])
@@ -108,6 +116,46 @@ fn files_and_syntax() {
             ),
         ],
     );
+}
+
+#[test]
+fn what_was_probably_meant_is_asked() {
+    cases(
+        "meant",
+        &[
+            ("spacing = 1.0", "spacng = 1.0", &["did you mean 'spacing'?"]),
+            ("kind = \"fem\"", "kind = \"fme\"", &["did you mean 'fem'?"]),
+            (
+                "profile = \"cubic\"",
+                "profile = \"kubic\"",
+                &["did you mean 'cubic'?"],
+            ),
+            (
+                "where = \"x-max\"",
+                "where = \"xmax\"",
+                &["did you mean 'x-max'?"],
+            ),
+            (
+                "coarse = \"left\"",
+                "coarse = \"lfet\"",
+                &["did you mean 'left'?"],
+            ),
+            ("shape.box", "shape.bocks", &["did you mean 'box'?"]),
+        ],
+    );
+    let bench = Bench::new("meant-set");
+    let path = bench.folder.join("scene.toml");
+    std::fs::write(&path, SMALL).expect("scene");
+    let error = bench.refused(&["check", text(&path), "--set", "model.rihgt.spacing=1.0"]);
+    assert!(error.contains("did you mean 'right'?"), "{error}");
+    // Nothing near, nothing asked.
+    let error = bench.refused(&["check", text(&path), "--set", "time.colour=1.0"]);
+    assert!(
+        error.contains("unknown field `colour`") && !error.contains("did you mean"),
+        "{error}"
+    );
+    let error = bench.refused(&["chekc", text(&path)]);
+    assert!(error.contains("check"), "{error}");
 }
 
 #[test]

@@ -1,278 +1,16 @@
-//! The report of a sweep in a headless browser: it renders, says nothing on the console and asks for nothing outside.
+//! The report of a sweep, and the page of a run, in a headless browser: they render, say nothing on the console and ask for
+//! nothing outside.
 //!
 //! Ignored by default, since a user's `cargo test` needs no browser. `.ci/run` installs one and runs
-//! `cargo test --release --workspace --test browser -- --ignored`, which fails if there is none. The browser is driven
-//! over its debugging pipe (messages in JSON ended by a zero byte), which takes neither a port nor a library.
+//! `cargo test --release --workspace --test browser -- --ignored`, which fails if there is none.
 
 mod common;
 
+use common::browsers::{Browser, SIZES};
 use common::sweeps::{SWEEP, folder};
-use common::{arlequin, scratch, text};
-use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
-
-/// A browser that says nothing for so long is stuck.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// Time after loading in which late messages and requests still count.
-const LATE: Duration = Duration::from_millis(300);
-
-/// The browser: what `ARLEQUIN_BROWSER` names, else the first of the usual programs.
-fn program() -> PathBuf {
-    if let Some(named) = std::env::var_os("ARLEQUIN_BROWSER") {
-        return named.into();
-    }
-    let names = [
-        "chromium",
-        "chromium-browser",
-        "google-chrome",
-        "google-chrome-stable",
-    ];
-    let folders: Vec<PathBuf> =
-        std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()).collect();
-    let found = names.iter().flat_map(|n| folders.iter().map(move |f| f.join(n)));
-    found.into_iter().find(|p| p.is_file()).unwrap_or_else(|| {
-        panic!(
-            "no browser: install chromium (Debian: apt-get install chromium) or name one in ARLEQUIN_BROWSER"
-        )
-    })
-}
-
-struct Browser {
-    child: Child,
-    input: ChildStdin,
-    messages: Receiver<Value>,
-    session: Option<String>,
-    sent: u64,
-    /// Events that came while an answer was awaited.
-    events: Vec<Value>,
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Browser {
-    fn start(profile: &Path) -> Self {
-        // The browser reads commands from descriptor 3 and answers on 4.
-        let mut child = Command::new("sh")
-            .args(["-c", "exec \"$0\" \"$@\" 3<&0 4>&1 >/dev/null 2>&1"])
-            .arg(program())
-            .args([
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--disable-quic",
-                "--no-first-run",
-            ])
-            .args([
-                "--disable-background-networking",
-                "--disable-component-update",
-                "--disable-sync",
-            ])
-            .args([
-                "--disable-dev-shm-usage",
-                "--hide-scrollbars",
-                "--remote-debugging-pipe",
-            ])
-            .arg(format!("--user-data-dir={}", profile.display()))
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("the browser starts");
-        let input = child.stdin.take().expect("piped");
-        let mut output = BufReader::new(child.stdout.take().expect("piped"));
-        let (send, messages) = channel();
-        std::thread::spawn(move || {
-            loop {
-                let mut bytes = Vec::new();
-                match output.read_until(0, &mut bytes) {
-                    Ok(n) if n > 1 => {}
-                    _ => break,
-                }
-                bytes.pop();
-                let message = serde_json::from_slice(&bytes).expect("the browser speaks JSON");
-                if send.send(message).is_err() {
-                    break;
-                }
-            }
-        });
-        Self {
-            child,
-            input,
-            messages,
-            session: None,
-            sent: 0,
-            events: Vec::new(),
-        }
-    }
-
-    /// Sends a command and waits for its answer.
-    fn call(&mut self, method: &str, params: &Value) -> Value {
-        self.sent += 1;
-        let mut message = json!({ "id": self.sent, "method": method, "params": params });
-        if let Some(s) = &self.session {
-            message["sessionId"] = s.as_str().into();
-        }
-        let mut bytes = message.to_string().into_bytes();
-        bytes.push(0);
-        self.input
-            .write_all(&bytes)
-            .and_then(|()| self.input.flush())
-            .expect("the browser listens");
-        loop {
-            let answer = self.messages.recv_timeout(PATIENCE).expect("the browser answers");
-            if answer["id"] == self.sent {
-                assert!(answer["error"].is_null(), "{method}: {}", answer["error"]);
-                return answer["result"].clone();
-            }
-            self.events.push(answer);
-        }
-    }
-
-    /// A fresh page of a size, its events listened to.
-    fn page(&mut self, width: u32, phone: bool) {
-        self.session = None;
-        let target = self.call("Target.createTarget", &json!({ "url": "about:blank" }));
-        let attach = json!({ "targetId": target["targetId"], "flatten": true });
-        let session = self.call("Target.attachToTarget", &attach);
-        self.session = session["sessionId"].as_str().map(str::to_owned);
-        for domain in ["Page", "Runtime", "Log", "Network"] {
-            self.call(&format!("{domain}.enable"), &json!({}));
-        }
-        let size = json!({ "width": width, "height": 800, "deviceScaleFactor": 1, "mobile": phone });
-        self.call("Emulation.setDeviceMetricsOverride", &size);
-        self.events.clear();
-    }
-
-    /// Opens a file, waits for it, and says what was seen of it.
-    fn visit(&mut self, path: &Path, width: u32, phone: bool) -> Seen {
-        self.page(width, phone);
-        let address = format!("file://{}", path.display());
-        self.call("Page.navigate", &json!({ "url": address }));
-        while !self.events.iter().any(|e| e["method"] == "Page.loadEventFired") {
-            let event = self.messages.recv_timeout(PATIENCE).expect("the page loads");
-            self.events.push(event);
-        }
-        while let Ok(event) = self.messages.recv_timeout(LATE) {
-            self.events.push(event);
-        }
-        let asked = json!({ "expression": MEASURE, "returnByValue": true });
-        let page = self.call("Runtime.evaluate", &asked)["result"]["value"].clone();
-        assert!(page.is_object(), "the page could not be measured");
-        let events = std::mem::take(&mut self.events);
-        let own = events
-            .iter()
-            .filter(|e| e["sessionId"].as_str() == self.session.as_deref());
-        let mut seen = Seen {
-            width,
-            page,
-            complaints: Vec::new(),
-            requests: Vec::new(),
-        };
-        for e in own {
-            let p = &e["params"];
-            match e["method"].as_str().unwrap_or_default() {
-                "Runtime.exceptionThrown" => seen.complaints.push(p["exceptionDetails"].to_string()),
-                "Runtime.consoleAPICalled"
-                    if ["error", "warning", "assert"].iter().any(|t| p["type"] == *t) =>
-                {
-                    seen.complaints.push(p["args"].to_string());
-                }
-                "Log.entryAdded" if ["error", "warning"].iter().any(|l| p["entry"]["level"] == *l) => {
-                    seen.complaints.push(p["entry"].to_string());
-                }
-                "Network.requestWillBeSent" => {
-                    let url = p["request"]["url"].as_str().unwrap_or_default();
-                    // What lies in the page itself is no request.
-                    if url != address && !url.starts_with("data:") {
-                        seen.requests.push(url.to_owned());
-                    }
-                }
-                _ => {}
-            }
-        }
-        seen
-    }
-}
-
-/// What a page looks like once it is laid out. A picture must have an area, and what is drawn in it most of that.
-const MEASURE: &str = "(() => {
-    const pictures = [...document.querySelectorAll('svg, img, canvas')].map(p => {
-        const r = p.getBoundingClientRect();
-        if (p.tagName === 'IMG') return { width: p.naturalWidth, height: p.naturalHeight, filled: p.complete ? 1 : 0, marks: 1 };
-        const drawn = [...p.querySelectorAll('path,line,polyline,circle,polygon,rect,text')];
-        const visible = drawn.filter(d => { const q = d.getBoundingClientRect(); return q.width > 0 || q.height > 0; });
-        const inside = p.getBBox ? p.getBBox() : { width: 0, height: 0 };
-        const box = p.viewBox ? p.viewBox.baseVal : { width: 1, height: 1 };
-        return { width: r.width, height: r.height, filled: inside.width * inside.height / (box.width * box.height),
-                 marks: visible.length };
-    });
-    const runs = document.querySelectorAll('#runs tr');
-    const text = e => e ? e.innerText.trim() : '';
-    return {
-        title: document.title,
-        headline: text(document.querySelector('h1')),
-        conclusion: [...document.querySelectorAll('h2 + ul li')].map(text),
-        body: text(document.body),
-        pictures,
-        rows: [...runs].slice(1).map(r => text(r.cells[0])),
-        view: document.documentElement.clientWidth,
-        content: Math.max(document.documentElement.scrollWidth, document.body.scrollWidth),
-    };
-})()";
-
-struct Seen {
-    width: u32,
-    page: Value,
-    complaints: Vec<String>,
-    requests: Vec<String>,
-}
-
-impl Seen {
-    /// Everything that is wrong with a page, whatever it shows.
-    fn faults(&self) -> Vec<String> {
-        let mut out: Vec<String> = self.complaints.iter().map(|c| format!("console: {c}")).collect();
-        out.extend(self.requests.iter().map(|r| format!("request: {r}")));
-        let number = |v: &Value| v.as_f64().unwrap_or_default();
-        for (k, p) in self.page["pictures"].as_array().into_iter().flatten().enumerate() {
-            let [w, h] = [number(&p["width"]), number(&p["height"])];
-            if w < 200.0 || h < 100.0 || number(&p["filled"]) < 0.5 || number(&p["marks"]) < 1.0 {
-                out.push(format!("picture {k}: {p}"));
-            }
-        }
-        let (view, content) = (number(&self.page["view"]), number(&self.page["content"]));
-        if (view - f64::from(self.width)).abs() > 0.5 {
-            out.push(format!("layout: {view} px wide on a screen of {} px", self.width));
-        }
-        if content > view {
-            out.push(format!("overflow: {content} px of content in {view} px"));
-        }
-        out
-    }
-
-    fn words(&self, key: &str) -> &str {
-        self.page[key].as_str().unwrap_or_default()
-    }
-
-    fn list(&self, key: &str) -> Vec<&str> {
-        self.page[key]
-            .as_array()
-            .into_iter()
-            .flatten()
-            .filter_map(Value::as_str)
-            .collect()
-    }
-}
-
-/// A phone and a desktop.
-const SIZES: [(u32, bool); 2] = [(360, true), (1280, false)];
+use common::{arlequin, scene, scratch, succeed, text};
+use serde_json::Value;
+use std::path::PathBuf;
 
 fn report(name: &str, sweep: &str) -> (PathBuf, Value) {
     let path = folder(name, sweep);
@@ -320,6 +58,9 @@ fn the_report_renders_without_complaint_and_asks_for_nothing() {
             // Axes, ticks, legend and one mark per run.
             assert!((0..3).all(|k| marks(k) > 20), "{}", seen.page["pictures"]);
             assert!(!seen.words("body").contains("NaN"));
+            if phone {
+                assert_eq!(seen.list("cut"), Vec::<&str>::new(), "{}", path.display());
+            }
         }
     }
 }
@@ -373,5 +114,87 @@ fn pages_that_misbehave_are_flagged() {
             },
             "{name}: {faults:?}"
         );
+    }
+}
+
+/// How much of the picture is not background, how many colours it has, and a sum by which pictures are told apart.
+const PIXELS: &str = "(() => {
+    const from = document.getElementById('canvas'), to = document.createElement('canvas');
+    [to.width, to.height] = [from.width, from.height];
+    const c = to.getContext('2d');
+    c.drawImage(from, 0, 0);
+    const d = c.getImageData(0, 0, to.width, to.height).data, colours = new Set();
+    let drawn = 0, sum = 0;
+    for (let k = 0; k < d.length; k += 4) {
+        if (d[k + 3] === 0) continue;
+        drawn++;
+        colours.add(d[k] >> 3 << 10 | d[k + 1] >> 3 << 5 | d[k + 2] >> 3);
+        sum = (31 * sum + d[k] + 7 * d[k + 1] + 13 * d[k + 2] + k) % 1000003;
+    }
+    return { drawn: drawn / (to.width * to.height), colours: colours.size, sum };
+})()";
+
+/// Acts on a control as a user would.
+fn act(browser: &mut Browser, id: &str, value: &str, event: &str) {
+    browser.value(&format!(
+        "(() => {{ const e = document.getElementById('{id}'); e.value = '{value}'; e.dispatchEvent(new Event('{event}')); }})()"
+    ));
+}
+
+#[test]
+#[ignore = "needs a browser; .ci/run installs one and runs this"]
+fn the_page_of_a_run_shows_it_at_desktop_and_phone_width() {
+    let place = scratch("browser-view");
+    let mut browser = Browser::start(&place.join("profile"));
+    for (name, bonds) in [("quickstart", false), ("ball-impact", true)] {
+        let out = place.join(name);
+        succeed(&["run", text(&scene(&format!("{name}.toml"))), "--out", text(&out)]);
+        succeed(&["view", text(&out)]);
+        for (width, phone) in SIZES {
+            let seen = browser.visit(&out.join("view.html"), width, phone);
+            assert_eq!(seen.faults(), Vec::<String>::new(), "{name} at {width} px");
+            assert_eq!(browser.value("document.body.dataset.ready"), "yes");
+            browser.keep(&place.join(format!("{name}-{width}.png")));
+            let outside = "['play', 'frame', 'time', 'field', 'canvas', 'legend'].filter(i => { const r = \
+                           document.getElementById(i).getBoundingClientRect(); \
+                           return r.left < 0 || r.right > innerWidth || r.width < 20; })";
+            assert_eq!(
+                browser.value(outside),
+                serde_json::json!([]),
+                "{name} at {width} px"
+            );
+            let look = |b: &mut Browser| b.value(PIXELS);
+            let last = look(&mut browser);
+            let share = last["drawn"].as_f64().expect("a share");
+            assert!((0.03..0.9).contains(&share), "{name} at {width} px: {last}");
+            assert!(
+                last["colours"].as_u64() > Some(60),
+                "{name} at {width} px: {last}"
+            );
+            // Every control changes what is seen.
+            let mut sums = vec![last["sum"].clone()];
+            for (id, value, event) in [
+                ("frame", "3", "input"),
+                ("field", "displacement", "change"),
+                ("component", "0", "change"),
+                ("warp", "90", "input"),
+                ("cut", "y", "change"),
+                ("at", "700", "input"),
+            ] {
+                act(&mut browser, id, value, event);
+                let now = look(&mut browser)["sum"].clone();
+                assert!(!sums.contains(&now), "{name} at {width} px: {id} changes nothing");
+                sums.push(now);
+            }
+            browser.keep(&place.join(format!("{name}-{width}-cut.png")));
+            let broken = "parts.reduce((n, p) => n + p.breaks.length, 0)";
+            assert_eq!(browser.value(broken).as_u64() > Some(0), bonds, "{name}");
+            browser.value("element('play').click()");
+            browser.wait("state.frame !== 3");
+            assert_eq!(
+                browser.value("plots.length === about.plots.length && plots.length >= 2"),
+                true
+            );
+        }
     }
 }

@@ -3,11 +3,13 @@
 use crate::{Error, Real, Result};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::solvers::{LltError, Solve};
-use faer::sparse::linalg::cholesky::{self, LltRef, SymbolicCholesky, SymmetricOrdering};
+use faer::sparse::linalg::cholesky::{
+    self, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, supernodal::SupernodalLdltRef,
+};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::traits::RealField;
 use faer::{Conj, MatMut, MatRef, Par, Side};
-use sprs::CsMat;
+use sprs::{CsMat, TriMat};
 
 /// Right-hand sides that are solved for at a time: the components of a vector.
 const AT_ONCE: usize = 3;
@@ -128,6 +130,45 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
     }))
 }
 
+/// Rows whose pivots are negative in a factorisation `L D Lᵀ` of `A − shift · I`; none where it breaks down.
+///
+/// By Sylvester's law of inertia, `A` has as many eigenvalues below `shift`.
+pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) -> Option<Vec<usize>> {
+    let n = matrix.rows();
+    // A row of nothing has no diagonal to take the shift from.
+    let mut moved = TriMat::with_capacity((n, n), matrix.nnz() + n);
+    matrix.iter().for_each(|(v, (i, j))| moved.add_triplet(i, j, *v));
+    (0..n).for_each(|i| moved.add_triplet(i, i, -shift));
+    let moved: CsMat<T> = moved.to_csc();
+    if !moved.data().iter().all(|v| nalgebra::ComplexField::is_finite(v)) {
+        return None;
+    }
+    let starts = moved.indptr().to_proper().to_vec();
+    let a = view(&moved, &starts);
+    let symbolic = symbolic(&a)?;
+    let mut values = vec![T::default(); symbolic.len_val()];
+    let (side, par) = (Side::Lower, Par::Seq);
+    let mut memory = MemBuffer::new(symbolic.factorize_numeric_ldlt_scratch::<T>(par, Default::default()));
+    let (stack, params) = (MemStack::new(&mut memory), Default::default());
+    symbolic
+        .factorize_numeric_ldlt(&mut values, a, side, Default::default(), par, stack, params)
+        .ok()?;
+    let pivots: Vec<T> = match symbolic.raw() {
+        SymbolicCholeskyRaw::Simplicial(s) => s.col_ptr()[..n].iter().map(|k| values[*k]).collect(),
+        SymbolicCholeskyRaw::Supernodal(s) => {
+            let factor = SupernodalLdltRef::new(s, &values);
+            let blocks = (0..s.n_supernodes()).map(|k| factor.supernode(k).val());
+            blocks
+                .flat_map(|b| (0..b.ncols()).map(move |i| b[(i, i)]))
+                .collect()
+        }
+    };
+    let order = symbolic.perm().map(|p| p.arrays().0.to_vec());
+    let row = |k: usize| order.as_ref().map_or(k, |o| o[k]);
+    let negative = pivots.iter().enumerate().filter(|(_, d)| **d < T::zero());
+    Some(negative.map(|(k, _)| row(k)).collect())
+}
+
 struct Lu<T>(faer::sparse::linalg::solvers::Lu<usize, T>);
 
 impl<T> std::fmt::Debug for Lu<T> {
@@ -176,7 +217,6 @@ pub(crate) fn symmetric_eigen<T: Real + RealField>(n: usize, column_major: &[T])
 mod tests {
     use super::*;
     use approx::assert_abs_diff_eq;
-    use sprs::TriMat;
 
     fn laplacian(n: usize) -> CsMat<f64> {
         let mut t = TriMat::new((n, n));
@@ -212,6 +252,30 @@ mod tests {
         t.add_triplet(1, 1, -1.0);
         let e = f64::cholesky(&t.to_csr()).unwrap_err();
         assert!(matches!(e, Error::NotPositiveDefinite { size: 2, .. }), "{e}");
+    }
+
+    #[test]
+    fn negative_pivots_count_the_eigenvalues_below_a_shift() {
+        // Few rows are factored one by one, many in dense blocks.
+        for n in [12, 400] {
+            let a = laplacian(n);
+            let value = |k: usize| 2.0 - 2.0 * (k as f64 * std::f64::consts::PI / (n + 1) as f64).cos();
+            for below in [0, 1, 5, n / 2, n] {
+                // Between two of them, and not in the middle: there a diagonal would vanish.
+                let shift = 0.4 * value(below) + 0.6 * value(below + 1);
+                let rows = f64::negative_pivots(&a, shift).unwrap();
+                assert_eq!(rows.len(), below, "{n} rows, shift {shift}");
+            }
+        }
+        // B Bᵀ of 300 rows and rank 90: dense, as an operator of multipliers often is.
+        let b = |i: usize, j: usize| ((i * 37 + j * 101) as f64).sin() + if i % 90 == j { 3.0 } else { 0.0 };
+        let mut t = TriMat::new((300, 300));
+        for (i, j) in (0..300).flat_map(|i| (0..300).map(move |j| (i, j))) {
+            t.add_triplet(i, j, (0..90).map(|k| b(i, k) * b(j, k)).sum());
+        }
+        let rows = f64::negative_pivots(&t.to_csc(), 1e-8).unwrap();
+        assert_eq!(rows.len(), 210);
+        assert!(rows.iter().all(|r| *r < 300));
     }
 
     #[test]

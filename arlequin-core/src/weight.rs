@@ -11,12 +11,11 @@ use crate::{Real, Result};
 use nalgebra::Point3;
 use std::sync::Arc;
 
+use crate::named::named;
 use crate::profile::Profile;
 
 /// How weights enter a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Weighting {
     /// Every element or bond carries the mean of the weight over itself, in stiffness **and** mass. Conserves the
     /// weighted energy and leaves the critical step as it is for any weight.
@@ -26,6 +25,11 @@ pub enum Weighting {
     /// kept for comparison with the literature.
     Nodal,
 }
+
+named!(Weighting, "weighting":
+    Energy = "energy",
+    Nodal = "nodal",
+);
 
 /// A weight function. Over all models, the weights of one kind sum to one at every point.
 pub trait Weight<T: Real>: Send + Sync {

@@ -66,7 +66,7 @@ pub enum Error {
         name: String,
         /// What should bear it.
         what: &'static str,
-        /// What there is.
+        /// What there is, and what was probably meant.
         known: String,
     },
     /// The core refuses.
@@ -242,8 +242,19 @@ pub fn unknown<'a>(
         known: if known.is_empty() {
             "none".into()
         } else {
-            known.join(", ")
+            known.join(", ") + &meant(name, known.iter().copied())
         },
+    }
+}
+
+/// `"; did you mean 'x'?"` with the known word that is nearest to the one given, or nothing if none is near.
+pub fn meant<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> String {
+    // A swap counts once; a third of the letters may be wrong.
+    let far = 1 + word.chars().count() / 3;
+    let near = known.map(|k| (strsim::osa_distance(word, k), k));
+    match near.min_by_key(|n| n.0) {
+        Some((d, k)) if d > 0 && d <= far.min(k.len().saturating_sub(1)) => format!("; did you mean '{k}'?"),
+        _ => String::new(),
     }
 }
 

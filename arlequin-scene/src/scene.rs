@@ -1,6 +1,6 @@
 //! A scene: the text of its file, the changes made to it, and what both say.
 
-use crate::error::{Error, Result, key, value};
+use crate::error::{Error, Result, key, meant, value};
 use crate::run::Prepared;
 use crate::spec::SceneSpec;
 use std::fmt::Display;
@@ -276,7 +276,13 @@ fn in_words(message: &str) -> String {
         ),
     ];
     let words = WORDS.iter();
-    words.fold(message.to_owned(), |text, (from, to)| text.replace(from, to))
+    let text = words.fold(message.to_owned(), |text, (from, to)| text.replace(from, to));
+    // "unknown field `a`, expected one of `b`, `c`": the first word is the one that is not known.
+    let mut quoted = text.split('`').skip(1).step_by(2);
+    match quoted.next() {
+        Some(wrong) if text.starts_with("unknown ") => format!("{text}{}", meant(wrong, quoted)),
+        _ => text,
+    }
 }
 
 /// Sets one value; `Err` says what is wrong with the path.
@@ -292,8 +298,9 @@ fn assign(root: &mut toml::Table, path: &str, new: Value) -> std::result::Result
         if !known.iter().any(|k| k == name) {
             let known: Vec<&str> = known.into_iter().map(String::as_str).collect();
             return Err(format!(
-                "the scene has no {table} '{name}'; it has: {}",
-                known.join(", ")
+                "the scene has no {table} '{name}'; it has: {}{}",
+                known.join(", "),
+                meant(name, known.iter().copied())
             ));
         }
     }

@@ -9,6 +9,8 @@
 mod calibrate;
 pub(crate) mod hard;
 pub(crate) mod plot;
+mod progress;
+pub(crate) mod reference;
 mod run;
 pub(crate) mod sweep;
 pub(crate) mod sweep_docs;
@@ -20,80 +22,36 @@ pub(crate) use calibrate::text as calibration;
 pub(crate) use run::{comparison, finished, plan, proposal};
 
 use crate::error::Result;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+pub(crate) use progress::Progress;
 use serde::Serialize;
-use std::io::IsTerminal;
-use std::sync::Mutex;
-use std::time::Duration;
+use std::sync::OnceLock;
 
-/// Says what a set-up is at, a line as each phase begins, to a user at a terminal.
+// How much the program says. No comment for documentation: it would become the help of the program.
+#[derive(Debug, Default, Clone, Copy, clap::Args)]
+pub(crate) struct Loudness {
+    /// Say more: every phase of a set-up as it begins, and what it took.
+    #[arg(short, long, global = true)]
+    pub(crate) verbose: bool,
+    /// Say nothing but errors and what was asked for with --json.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+}
+
+static LOUDNESS: OnceLock<Loudness> = OnceLock::new();
+
+/// Sets once for all how much is said.
+pub(crate) fn speak(how: Loudness) {
+    let _ = LOUDNESS.set(how);
+}
+
+fn loudness() -> Loudness {
+    LOUDNESS.get().copied().unwrap_or_default()
+}
+
+/// Shows the phases of a set-up as they begin, until it is dropped.
 pub(crate) fn phase_teller() -> impl FnMut(&str) {
-    let terminal = std::io::stderr().is_terminal();
-    move |phase| {
-        if terminal {
-            eprintln!("set-up     {phase} ...");
-        }
-    }
-}
-
-/// A bar with the time to go on a terminal, a new one for each thing that is done; nothing elsewhere.
-#[derive(Debug, Default)]
-pub(crate) struct Progress(Mutex<Option<(String, ProgressBar)>>);
-
-impl Progress {
-    /// What a library tells of its progress.
-    pub(crate) fn teller(&self) -> impl Fn(&str, usize, usize) + Sync {
-        |what, done, of| self.show(what, done, of)
-    }
-
-    /// So much of so many is done.
-    pub(crate) fn show(&self, what: &str, done: usize, of: usize) {
-        let Ok(mut shown) = self.0.lock() else { return };
-        if shown.as_ref().is_none_or(|s| s.0 != what) {
-            if let Some((_, bar)) = shown.take() {
-                bar.finish_and_clear();
-            }
-            *shown = Some((what.to_owned(), bar(what, of)));
-        }
-        if let Some((_, bar)) = &*shown {
-            bar.set_position(done as u64);
-        }
-    }
-
-    /// Says what is done at the moment.
-    pub(crate) fn at(&self, label: &str) {
-        if let Ok(Some((_, bar))) = self.0.lock().as_deref() {
-            bar.set_message(format!(": {label}"));
-        }
-    }
-
-    /// Takes the bar away.
-    pub(crate) fn clear(&self) {
-        if let Some((_, bar)) = self.0.lock().ok().and_then(|mut s| s.take()) {
-            bar.finish_and_clear();
-        }
-    }
-}
-
-impl Drop for Progress {
-    fn drop(&mut self) {
-        self.clear();
-    }
-}
-
-fn bar(what: &str, of: usize) -> ProgressBar {
-    let bar = ProgressBar::new(of as u64);
-    if !std::io::stderr().is_terminal() {
-        bar.set_draw_target(ProgressDrawTarget::hidden());
-        return bar;
-    }
-    let template = format!("{{bar:40}} {{pos}}/{{len}} {what}{{msg}}, {{elapsed}} gone, {{eta}} to go");
-    if let Ok(style) = ProgressStyle::with_template(&template) {
-        bar.set_style(style);
-    }
-    // Twice a second: the bar must not take time from the run.
-    bar.enable_steady_tick(Duration::from_millis(500));
-    bar
+    let progress = Progress::default();
+    move |phase| progress.phase(phase)
 }
 
 /// Shows an error.
@@ -103,6 +61,9 @@ pub(crate) fn error(text: &str) {
 
 /// Shows a warning beside the results: while steps are made, before they end.
 pub(crate) fn warning(text: &str) {
+    if loudness().quiet {
+        return;
+    }
     eprintln!("warning    {text}");
 }
 
@@ -125,7 +86,7 @@ pub(crate) fn pretty(what: &impl Serialize) -> Result<String> {
 pub(crate) fn result<T: Serialize>(what: &T, json: bool, words: impl FnOnce(&T)) -> Result<()> {
     if json {
         line(&pretty(what)?);
-    } else {
+    } else if !loudness().quiet {
         words(what);
     }
     Ok(())

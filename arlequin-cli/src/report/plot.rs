@@ -136,6 +136,8 @@ const COLOURS: [RGBColor; 7] = [
 ];
 /// Width of a plot \[px\].
 const WIDTH: u32 = 1060;
+/// Height of a plot \[px\].
+const HEIGHT: u32 = 520;
 /// Most points of a curve; more cannot be told apart at this size.
 const MOST_POINTS: usize = 1500;
 
@@ -245,7 +247,32 @@ fn mark(place: f64, log: bool) -> String {
     tick((value / unit).round() * unit)
 }
 
+/// Places of a picture are whole numbers; lines need finer ones.
+const FINE: i32 = 10;
+
+/// So many pixels in the units of a picture.
+fn px(n: i32) -> i32 {
+    FINE * n
+}
+
 fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
+    let mut svg = String::new();
+    let size = (WIDTH * FINE as u32, HEIGHT * FINE as u32);
+    {
+        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+        draw_chart(&root, plot)?;
+        root.present().map_err(|e| e.to_string())?;
+    }
+    // As large as ever, in units ten times as fine.
+    let shown = format!("width=\"{WIDTH}\" height=\"{HEIGHT}\" viewBox");
+    let drawn = format!("width=\"{}\" height=\"{}\" viewBox", size.0, size.1);
+    let svg = svg.replacen(&drawn, &shown, 1);
+    arlequin_scene::output::put(path, &[svg.as_bytes()]).map_err(|e| e.to_string())
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+
+fn draw_chart(root: &Area<'_>, plot: &Plot<'_>) -> std::result::Result<(), String> {
     let text = |e: &dyn std::fmt::Display| e.to_string();
     let end = largest(plot.curves.iter().flat_map(|c| c.times.iter().copied()));
     let top = largest(plot.curves.iter().flat_map(|c| c.values.iter().copied()));
@@ -254,7 +281,6 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
     let (low, high) = range(plot, fv);
     let [log_x, log_y] = plot.log;
     let (first, last) = span(plot, ft);
-    let root = SVGBackend::new(path, (WIDTH, 520)).into_drawing_area();
     root.fill(&WHITE).map_err(|e| text(&e))?;
     // The legend stands beside the curves, never on them.
     let longest = plot
@@ -263,12 +289,12 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
         .map(|c| c.name.chars().count())
         .max()
         .unwrap_or(0) as i32;
-    let (left, right) = root.split_horizontally(WIDTH as i32 - (longest * 8 + 50).min(WIDTH as i32 / 2));
+    let (left, right) = root.split_horizontally(px(WIDTH as i32 - (longest * 8 + 50).min(WIDTH as i32 / 2)));
     let mut chart = ChartBuilder::on(&left)
-        .caption(&plot.title, ("sans-serif", 20))
-        .margin(14)
-        .x_label_area_size(46)
-        .y_label_area_size(84)
+        .caption(&plot.title, ("sans-serif", px(20)))
+        .margin(px(14))
+        .x_label_area_size(px(46))
+        .y_label_area_size(px(84))
         .build_cartesian_2d(first..last, low..high)
         .map_err(|e| text(&e))?;
     let unit = |u: &str| match u {
@@ -279,10 +305,12 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
         .configure_mesh()
         .x_desc(format!("{}{}", plot.across[0], unit(&tu)))
         .y_desc(format!("{}{}", plot.quantity, unit(&vu)))
-        .label_style(("sans-serif", 14))
-        .axis_desc_style(("sans-serif", 16))
+        .label_style(("sans-serif", px(14)))
+        .axis_desc_style(("sans-serif", px(16)))
         .light_line_style(TRANSPARENT)
-        .bold_line_style(BLACK.mix(0.12))
+        .bold_line_style(BLACK.mix(0.12).stroke_width(FINE as u32))
+        .axis_style(BLACK.stroke_width(FINE as u32))
+        .set_all_tick_mark_size(px(5))
         .x_label_formatter(&|v| mark(*v, log_x))
         .y_label_formatter(&|v| mark(*v, log_y))
         .draw()
@@ -293,17 +321,24 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
             .into_iter()
             .map(|(t, v)| (scaled(t, ft, log_x), scaled(v, fv, log_y)));
         chart
-            .draw_series(LineSeries::new(points, colour.stroke_width(2)))
+            .draw_series(LineSeries::new(points, colour.stroke_width(2 * FINE as u32)))
             .map_err(|e| text(&e))?;
-        let y = 54 + 22 * k as i32;
+        let y = px(54 + 22 * k as i32);
         right
-            .draw(&PathElement::new([(0, y), (22, y)], colour.stroke_width(2)))
+            .draw(&PathElement::new(
+                [(0, y), (px(22), y)],
+                colour.stroke_width(2 * FINE as u32),
+            ))
             .map_err(|e| text(&e))?;
         right
-            .draw(&Text::new(c.name.clone(), (30, y - 8), ("sans-serif", 14)))
+            .draw(&Text::new(
+                c.name.clone(),
+                (px(30), y - px(8)),
+                ("sans-serif", px(14)),
+            ))
             .map_err(|e| text(&e))?;
     }
-    root.present().map_err(|e| text(&e))
+    Ok(())
 }
 
 /// Short number: six digits, no trailing zeros.
@@ -320,5 +355,37 @@ fn tick(v: f64) -> String {
         text.trim_end_matches('0').trim_end_matches('.').to_owned()
     } else {
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_keep_places_between_pixels() {
+        let times: Vec<f64> = (0..1000).map(f64::from).collect();
+        let curves = vec![Curve {
+            name: "a".into(),
+            times: &times,
+            values: times.clone(),
+        }];
+        let path = std::env::temp_dir().join(format!("arlequin-plot-{}.svg", std::process::id()));
+        let plot = Plot::over_time("t".into(), "q", "m", curves);
+        draw(&path, &plot).unwrap_or_else(|e| panic!("{e}"));
+        let svg = std::fs::read_to_string(&path).unwrap_or_default();
+        let _ = std::fs::remove_file(&path);
+        assert!(svg.contains("width=\"1060\" height=\"520\" viewBox=\"0 0 10600 5200\""));
+        let line = svg
+            .split("points=\"")
+            .filter(|p| p.len() > 5000)
+            .last()
+            .unwrap_or_default();
+        let points = line.split('"').next().unwrap_or_default().split_whitespace();
+        let mut heights: Vec<&str> = points.filter_map(|p| p.split(',').nth(1)).collect();
+        heights.sort_unstable();
+        heights.dedup();
+        // A thousand rising values on some 400 pixels.
+        assert!(heights.len() > 990, "{}", heights.len());
     }
 }

@@ -15,6 +15,9 @@ const SHORT: f64 = 0.5;
 
 /// Reports a finished or interrupted run.
 pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
+    if super::loudness().quiet {
+        return;
+    }
     models(&s.models);
     interfaces(&s.interface);
     if s.load_steps.is_empty() {
@@ -169,10 +172,11 @@ fn sizes(p: &Preview) {
 /// Prints where the time of a set-up went; nothing of one that no one waits for.
 fn phases(all: &[PhaseTime]) {
     let total: f64 = all.iter().map(|p| p.seconds).sum();
-    if total < SHORT {
+    let verbose = super::loudness().verbose;
+    if total < SHORT && !verbose {
         return;
     }
-    for p in all.iter().filter(|p| p.seconds > 0.01 * total) {
+    for p in all.iter().filter(|p| verbose || p.seconds > 0.01 * total) {
         println!("set-up     {:<42} {:>9.2} s", p.phase, p.seconds);
     }
 }

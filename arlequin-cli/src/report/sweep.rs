@@ -55,13 +55,14 @@ pub(crate) fn write_all(out: &Path, file: &SweepFile, sweep: &Sweep) -> Result<S
     let json = super::pretty(sweep)?;
     put("sweep.json", &json)?;
     csv(&out.join("sweep.csv"), sweep)?;
-    let plots = work_precision::all(file, sweep)?;
+    let plots = work_precision::all(file, sweep, work_precision::Screen::Wide)?;
+    let narrow = work_precision::all(file, sweep, work_precision::Screen::Narrow)?;
     let folder = out.join("plots");
     std::fs::create_dir_all(&folder).map_err(write(&folder))?;
     for (name, svg) in &plots {
         put(&format!("plots/{name}.svg"), svg)?;
     }
-    put("report.html", &sweep_page::page(sweep, &plots))?;
+    put("report.html", &sweep_page::page(sweep, &plots, &narrow))?;
     Ok(json)
 }
 

@@ -41,7 +41,7 @@ pub(crate) fn part(
         let _ = writeln!(text, "{}", line.trim_start_matches('#').trim());
     }
     let _ = writeln!(text, "\nSweep file: `examples/sweeps/{stem}.toml`.\n");
-    for (name, svg) in picture::all(file, sweep)? {
+    for (name, svg) in picture::all(file, sweep, picture::Screen::Wide)? {
         let image = format!("sweep-{stem}-{name}.svg");
         let path = images.join(&image);
         std::fs::write(&path, svg).map_err(write(&path))?;

@@ -7,21 +7,26 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:1120px;margin:2em auto;padding:0 1em;color:#222}\
 h1{font-size:1.6em;line-height:1.25}h2{font-size:1.2em;margin-top:2em}figure{margin:1.5em 0}\
-figcaption{color:#555;font-size:14px}svg{display:block;width:100%;min-width:640px;max-width:1060px;height:auto}\
+figcaption{color:#555;font-size:14px}svg{display:block;width:100%;max-width:1060px;height:auto}\
 .wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px}th{white-space:normal;vertical-align:bottom;min-width:4.5em}\
 th,td{padding:.3em .6em;border-bottom:1px solid #ddd;text-align:right}td{white-space:nowrap}\
 th:first-child,td:first-child{text-align:left;position:sticky;left:0;background:#fff}\
 tr.front td,tr.front td:first-child{background:#e8f2fa}tr.failed td,tr.failed td:first-child{background:#fbe9e0}\
 td.words{text-align:left;white-space:normal;min-width:30em}ul{padding-left:1.4em}li{margin:.4em 0}\
-.note{color:#555;font-size:14px}";
+.note{color:#555;font-size:14px}.narrow{display:none}\
+@media(max-width:700px){body{margin:1em auto}.narrow{display:block}.broad,.more{display:none}th,td{padding:.3em .35em}\
+th{min-width:0}td.words{min-width:0}td:first-child,#knobs td,th{white-space:normal;overflow-wrap:anywhere}}";
 
 /// What maud would leave open: a width for phones, which else show the page as wide as a desktop's, and an empty icon, which
 /// keeps browsers from asking the server for one.
 const META: &str = "<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
 <link rel=\"icon\" href=\"data:,\"/>\n";
 
-/// The whole page; pictures by name.
-pub(crate) fn page(s: &Sweep, pictures: &[(String, String)]) -> String {
+/// Columns of the table of runs that a phone has room for: name, errors, times.
+const SHOWN: usize = 5;
+
+/// The whole page; pictures by name, and the same for narrow screens.
+pub(crate) fn page(s: &Sweep, pictures: &[(String, String)], narrow: &[(String, String)]) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -36,9 +41,10 @@ pub(crate) fn page(s: &Sweep, pictures: &[(String, String)]) -> String {
                     " runs, one after another on the same machine. Times of another machine differ, ratios less so."
                 }
                 @if !pictures.is_empty() { h2 { "Error against time" } }
-                @for (name, svg) in pictures {
+                @for ((name, svg), (_, small)) in pictures.iter().zip(narrow) {
                     figure {
-                        div.wide { (PreEscaped(picture::inline(svg))) }
+                        div.broad { (PreEscaped(picture::inline(svg))) }
+                        div.narrow { (PreEscaped(picture::inline(small))) }
                         figcaption { (caption(name, s)) }
                     }
                 }
@@ -132,13 +138,19 @@ fn run_table(s: &Sweep) -> Markup {
     heads.extend(["H drift", "cond(A)"].map(str::to_owned));
     html! {
         h2 { "Runs" }
-        p.note { "Blue rows: no other run is both faster and more accurate." }
+        p.note {
+            "Blue rows: no other run is both faster and more accurate."
+            span.narrow { "What each step took, memory and more are shown on a wider screen." }
+        }
         div.wide {
             table #runs {
-                tr { @for h in &heads { th { (h) } } }
+                tr { @for (k, h) in heads.iter().enumerate() { th class=[(k >= SHOWN).then_some("more")] { (h) } } }
                 @for r in &s.runs {
                     @if r.status == "complete" {
-                        tr class=[r.pareto.then_some("front")] { td { (r.label) } @for c in cells(r, &phases, &back) { td { (c) } } }
+                        tr class=[r.pareto.then_some("front")] {
+                            td { (r.label) }
+                            @for (k, c) in (1..).zip(cells(r, &phases, &back)) { td class=[(k >= SHOWN).then_some("more")] { (c) } }
+                        }
                     } @else {
                         tr.failed {
                             td { (r.label) }

@@ -11,10 +11,27 @@ const BLUE: RGBColor = RGBColor(0, 114, 178);
 const ORANGE: RGBColor = RGBColor(213, 94, 0);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
 const GREY: RGBColor = RGBColor(120, 120, 120);
-const WIDTH: u32 = 1060;
-const HEIGHT: u32 = 560;
-/// Room for the legend \[px\].
-const LEGEND: i32 = 250;
+/// Room for the legend, beside the curves or below them \[px\].
+const LEGEND: (i32, i32) = (250, 210);
+
+/// Where a picture is looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Screen {
+    /// A desktop, or paper: everything side by side.
+    Wide,
+    /// A phone: everything one below the other.
+    Narrow,
+}
+
+impl Screen {
+    /// Width and height of a picture with so many parts \[px\].
+    fn size(self, parts: u32) -> (u32, u32) {
+        match self {
+            Self::Wide => (1060, 560),
+            Self::Narrow => (430, 400 * parts + 210 * (2 - parts)),
+        }
+    }
+}
 
 /// A logarithmic axis with ticks at 1, 2, 5 times powers of ten.
 #[derive(Debug, Clone)]
@@ -151,15 +168,15 @@ enum Symbol {
 }
 
 /// All pictures of a sweep by name.
-pub(crate) fn all(file: &SweepFile, sweep: &Sweep) -> Result<Vec<(String, String)>> {
+pub(crate) fn all(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec<(String, String)>> {
     let mut out = Vec::new();
     for shown in [Shown::Displacement, Shown::Velocity] {
-        if let Some(svg) = work_precision(sweep, shown)? {
+        if let Some(svg) = work_precision(sweep, shown, screen)? {
             out.push((format!("work-precision-{}", shown.name()), svg));
         }
     }
     if let Some(h) = &file.hook
-        && let Some(svg) = hook(sweep, h)?
+        && let Some(svg) = hook(sweep, h, screen)?
     {
         out.push(("hook".to_owned(), svg));
     }
@@ -167,7 +184,7 @@ pub(crate) fn all(file: &SweepFile, sweep: &Sweep) -> Result<Vec<(String, String
 }
 
 /// Error against time of all runs; none if no run has both.
-fn work_precision(s: &Sweep, shown: Shown) -> Result<Option<String>> {
+fn work_precision(s: &Sweep, shown: Shown, screen: Screen) -> Result<Option<String>> {
     let name = format!("work-precision-{}", shown.name());
     let point = |r: &Run| Some((r.cost?, shown.of(r)?));
     let points: Vec<(&Run, (f64, f64))> = s.runs.iter().filter_map(|r| Some((r, point(r)?))).collect();
@@ -187,13 +204,13 @@ fn work_precision(s: &Sweep, shown: Shown) -> Result<Option<String>> {
         return Ok(None);
     };
     let mut svg = String::new();
-    draw_work(&mut svg, s, shown, [x, y], &points, &exact).map_err(|e| undrawn(&name, &e))?;
+    draw_work(&mut svg, (s, screen), shown, [x, y], &points, &exact).map_err(|e| undrawn(&name, &e))?;
     Ok(Some(svg))
 }
 
 fn draw_work(
     svg: &mut String,
-    s: &Sweep,
+    (s, screen): (&Sweep, Screen),
     shown: Shown,
     [x, y]: [Decades; 2],
     points: &[(&Run, (f64, f64))],
@@ -201,9 +218,17 @@ fn draw_work(
 ) -> std::result::Result<(), String> {
     let text = |e: &dyn std::fmt::Display| e.to_string();
     let (low, high) = (y.0, y.1);
-    let root = SVGBackend::with_string(svg, (WIDTH, HEIGHT)).into_drawing_area();
+    let (width, height) = screen.size(1);
+    let root = SVGBackend::with_string(svg, (width, height)).into_drawing_area();
     root.fill(&WHITE).map_err(|e| text(&e))?;
-    let (left, right) = root.split_horizontally(WIDTH as i32 - LEGEND);
+    let (left, right) = match screen {
+        Screen::Wide => root.split_horizontally(width as i32 - LEGEND.0),
+        Screen::Narrow => root.split_vertically(height as i32 - LEGEND.1),
+    };
+    let (right, top) = match screen {
+        Screen::Wide => (right, 60),
+        Screen::Narrow => (right.margin(0, 0, 40, 0), 20),
+    };
     let mut chart = ChartBuilder::on(&left)
         .caption(
             format!("Error of {} against time", shown.name()),
@@ -226,7 +251,7 @@ fn draw_work(
         .map_err(|e| text(&e))?;
     let mut legend = Legend {
         area: &right,
-        top: 60,
+        top,
         row: 0,
     };
     let all: Points = points.iter().map(|p| p.1).collect();
@@ -327,23 +352,33 @@ fn front(points: &[(f64, f64)]) -> Points {
 }
 
 /// Error and time over the value of an axis, side by side.
-fn hook(s: &Sweep, hook: &Hook) -> Result<Option<String>> {
+fn hook(s: &Sweep, hook: &Hook, screen: Screen) -> Result<Option<String>> {
     let rows = hook_rows(&s.runs, hook);
     if rows.len() < 2 {
         return Ok(None);
     }
     let mut svg = String::new();
-    draw_hook(&mut svg, &rows, hook, s.cost).map_err(|e| undrawn("hook", &e))?;
+    draw_hook(&mut svg, &rows, hook, s.cost, screen).map_err(|e| undrawn("hook", &e))?;
     Ok(Some(svg))
 }
 
 type Points = Vec<(f64, f64)>;
 
-fn draw_hook(svg: &mut String, rows: &[HookRow], hook: &Hook, cost: &str) -> std::result::Result<(), String> {
+fn draw_hook(
+    svg: &mut String,
+    rows: &[HookRow],
+    hook: &Hook,
+    cost: &str,
+    screen: Screen,
+) -> std::result::Result<(), String> {
     let text = |e: &dyn std::fmt::Display| e.to_string();
-    let root = SVGBackend::with_string(svg, (WIDTH, HEIGHT)).into_drawing_area();
+    let (width, height) = screen.size(2);
+    let root = SVGBackend::with_string(svg, (width, height)).into_drawing_area();
     root.fill(&WHITE).map_err(|e| text(&e))?;
-    let (left, right) = root.split_horizontally(WIDTH as i32 / 2);
+    let (left, right) = match screen {
+        Screen::Wide => root.split_horizontally(width as i32 / 2),
+        Screen::Narrow => root.split_vertically(height as i32 / 2),
+    };
     let name = hook.name.as_deref().unwrap_or(&hook.axis);
     let collect = |f: &dyn Fn(&HookRow) -> Option<f64>| -> Points {
         rows.iter()

@@ -1,6 +1,8 @@
 //! Running the binary and reading what it wrote.
 #![allow(dead_code, reason = "each test file uses a part of these")]
 
+pub(crate) mod browsers;
+pub(crate) mod schemas;
 pub(crate) mod sweeps;
 
 use std::path::{Path, PathBuf};

@@ -6,6 +6,7 @@ use super::{Coupling, InterfaceSpec, Side};
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{Body, BoxTree, Cell, HalfSpace, bounds_of};
 use crate::junction::Needs;
+use crate::named::named;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -14,8 +15,6 @@ use sprs::{CsMat, TriMat};
 /// How the junction integrals are sampled. Every choice uses the same points for both sides, so that action equals
 /// reaction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Sampling {
     /// Quadrature on the common refinement of mediator, coarse and fine cells: exact for polynomial shapes.
     #[default]
@@ -26,6 +25,12 @@ pub enum Sampling {
     /// does, else those of the coarse one.
     Particles,
 }
+
+named!(Sampling, "sampling":
+    Intersection = "intersection",
+    Projection = "projection",
+    Particles = "particles",
+);
 
 /// Share of the mediator that may lie outside a model before it counts as an error: faceted meshes of a curved
 /// surface differ by that much.

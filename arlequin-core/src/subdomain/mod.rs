@@ -24,6 +24,7 @@ pub(crate) use step::{Announce, Reached};
 use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
+use crate::named::named;
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
@@ -38,8 +39,6 @@ use step::Forces;
 
 /// Whether the weights of a model must sum to one with those of the models it is tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Partition {
     /// They must, wherever one of these models is; refused otherwise.
     #[default]
@@ -48,6 +47,11 @@ pub enum Partition {
     /// stiffness are then not those of the body.
     Unchecked,
 }
+
+named!(Partition, "partition":
+    Checked = "checked",
+    Unchecked = "unchecked",
+);
 
 /// What makes the own steps.
 #[derive(Debug)]

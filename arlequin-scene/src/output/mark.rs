@@ -39,8 +39,8 @@ const FILES: [&str; 12] = [
     "checkpoint.bin",
     "checkpoint.bin.tmp",
 ];
-/// Files that a sweep adds to its runs afterwards.
-const ADDED: [&str; 3] = ["member.json", ".member.json", "predicted.json"];
+/// Files that a sweep, or `arlequin view`, adds to results afterwards.
+const ADDED: [&str; 4] = ["member.json", ".member.json", "predicted.json", "view.html"];
 /// Folders inside, and what their files end with.
 const FOLDERS: [(&str, &str); 2] = [("vtu", ".vtu"), ("plots", ".svg")];
 /// How tables begin that are named after a model or a curve.

@@ -1,9 +1,12 @@
 //! What acts on the models and what is watched: supports, loads, effects, initial states, probes.
 
 use super::choice::choice;
-use serde::Deserialize;
+use super::schema;
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// A part of a model: a group by name, or what lies in a box.
 #[derive(Debug, Clone)]
@@ -14,14 +17,43 @@ pub enum Selection {
     Box([f64; 3], [f64; 3]),
 }
 
+/// A selection by place.
+#[derive(Deserialize, JsonSchema)]
+#[serde(remote = "Self", deny_unknown_fields, rename_all = "snake_case")]
+enum SelectionTable {
+    /// What lies in a closed box.
+    Box {
+        /// Lowest corner \[m\].
+        low: [f64; 3],
+        /// Highest corner \[m\].
+        high: [f64; 3],
+    },
+}
+
+choice!(SelectionTable, "{ box = { low, high } }");
+
+/// What the text of a selection may be.
+#[derive(JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "read by the schema alone")]
+enum SelectionWords {
+    /// The name of a group.
+    Group(String),
+    /// A place.
+    Place(SelectionTable),
+}
+
+impl JsonSchema for Selection {
+    fn schema_name() -> Cow<'static, str> {
+        "Selection".into()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        SelectionWords::json_schema(generator)
+    }
+}
+
 impl<'de> Deserialize<'de> for Selection {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        #[derive(Deserialize)]
-        #[serde(remote = "Self", deny_unknown_fields, rename_all = "snake_case")]
-        enum Table {
-            Box { low: [f64; 3], high: [f64; 3] },
-        }
-        choice!(Table, "{ box = { low, high } }");
         struct Either;
         impl<'de> Visitor<'de> for Either {
             type Value = Selection;
@@ -34,7 +66,7 @@ impl<'de> Deserialize<'de> for Selection {
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Selection, A::Error> {
                 let of_map = MapAccessDeserializer::new(map);
                 // The one of the choice, which minds further keys, not the derived one of the same name.
-                let Table::Box { low, high } = <Table as Deserialize>::deserialize(of_map)?;
+                let SelectionTable::Box { low, high } = <SelectionTable as Deserialize>::deserialize(of_map)?;
                 Ok(Selection::Box(low, high))
             }
         }
@@ -52,7 +84,7 @@ impl std::fmt::Display for Selection {
 }
 
 /// Directions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Axis {
     /// First.
@@ -71,22 +103,22 @@ impl Axis {
 }
 
 /// A dimensionless function of time.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum TimeShape {
     /// One from time zero on.
     Step,
-    /// From 0 to 1 within a duration \[s\].
+    /// From 0 to 1 within a duration, then 1.
     Ramp {
         /// Rise time \[s\].
         duration: f64,
     },
-    /// `sin²` within a duration \[s\], then zero.
+    /// `sin²(π t/duration)` within a duration, then 0.
     Pulse {
         /// Length \[s\].
         duration: f64,
     },
-    /// Linear between `[time, value]` rows.
+    /// Linear between `[time, value]` rows of rising times \[s\], constant outside.
     Table(Vec<(f64, f64)>),
     /// The same from a file with comma-separated rows of time \[s\] and value; a first row of words is a headline.
     File(String),
@@ -108,7 +140,7 @@ choice!(
 );
 
 /// `[[support]]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Support {
     /// Name by which probes ask for its force and moment; `support-1`, `support-2`, … by default. Supports of one name count
@@ -119,15 +151,16 @@ pub struct Support {
     /// Which nodes.
     #[serde(rename = "where")]
     pub at: Selection,
-    /// Which components; all by default.
+    /// Which components. Default: all.
     pub components: Option<Vec<Axis>>,
-    /// Prescribed motion; fixed without one.
+    /// Prescribed displacement `amplitude · time`. Default: fixed.
     pub motion: Option<Motion>,
 }
 
 /// A prescribed motion.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["amplitude", "speed"]))]
 pub struct Motion {
     /// Displacement `amplitude · time` \[m\]; exactly one of `amplitude` and `speed`.
     pub amplitude: Option<f64>,
@@ -139,33 +172,34 @@ pub struct Motion {
 }
 
 /// `[[load]]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["traction", "force", "pressure", "torque"]))]
 pub struct Load {
-    /// Name in the ledger.
+    /// Line in the ledger. Default: `load-1`, `load-2`, …
     pub name: Option<String>,
     /// Model.
     pub model: String,
-    /// Which surface.
+    /// Which surface; a box selects the surface facets with all corners in it.
     #[serde(rename = "where")]
     pub at: Selection,
-    /// Traction \[Pa\].
+    /// Traction \[Pa\]; exactly one of `traction`, `force`, `pressure`, `torque`.
     pub traction: Option<[f64; 3]>,
-    /// Total force \[N\].
+    /// Total force \[N\], spread evenly over the surface (by mass over chains and particles).
     pub force: Option<[f64; 3]>,
     /// Pressure against the outward normal \[Pa\].
     pub pressure: Option<f64>,
-    /// Total torque about the surface's centre \[N m\].
+    /// Total moment about the surface's centroid \[N m\], as tractions `∝ m × (x − c)`.
     pub torque: Option<[f64; 3]>,
     /// Time function.
     pub time: TimeShape,
 }
 
 /// `[[initial]]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Initial {
-    /// Of which models; all by default.
+    /// Of which models. Default: all.
     pub models: Option<Vec<String>>,
     /// Displacement \[m\].
     pub displacement: Option<Field>,
@@ -178,7 +212,7 @@ pub struct Initial {
 }
 
 /// A rigid spin about a point: velocities, and spins of particles.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Spin {
     /// Angular velocity \[rad/s\].
@@ -189,7 +223,7 @@ pub struct Spin {
 }
 
 /// A vector field.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Field {
     /// The same everywhere.
@@ -204,7 +238,7 @@ choice!(
 );
 
 /// `Σ c_k x^k`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Polynomial {
     /// Component of the field.
@@ -216,7 +250,7 @@ pub struct Polynomial {
 }
 
 /// `A cos²(π (x − centre)/width)` within its width, travelling.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wave {
     /// Component of the displacement.
@@ -229,12 +263,12 @@ pub struct Wave {
     pub width: f64,
     /// Amplitude \[m\].
     pub amplitude: f64,
-    /// Speed \[m/s\], negative towards smaller coordinates; `√(E/ρ)` of each model by default.
+    /// Speed, negative towards smaller coordinates \[m/s\]. Default: `√(E/ρ)` of each model.
     pub speed: Option<f64>,
 }
 
 /// Fields of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutputField {
     /// Displacement \[m\].

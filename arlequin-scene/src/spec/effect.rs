@@ -2,6 +2,8 @@
 
 use super::choice::choice;
 use super::drive::TimeShape;
+use super::schema;
+use schemars::JsonSchema;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
@@ -12,7 +14,8 @@ pub struct Effect {
     pub models: Option<Vec<String>>,
     /// The two models a contact is between; in place of `models`.
     pub between: Option<Vec<String>>,
-    /// Whether it is on.
+    /// `false`: as if it were not listed; the strengths of `fracture` are then compared at the end only, for a
+    /// warning.
     pub enabled: bool,
     /// The effect itself.
     pub kind: EffectKind,
@@ -53,14 +56,21 @@ macro_rules! effects {
             }
         }
 
-        #[derive(Deserialize)]
+        /// Exactly one effect, and on what it acts.
+        #[derive(Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields)]
-        struct Table {
+        #[schemars(rename = "Effect", transform = schema::exactly_one(EffectKind::KEYS))]
+        pub(super) struct Table {
+            /// On which models. Default: all that can have it.
             models: Option<Vec<String>>,
+            /// For `contact`, in place of `models`: the two particle models whose particles touch each other. Default:
+            /// within each model.
             between: Option<Vec<String>>,
+            /// `false`: as if it were not listed; the strengths of `fracture` are then compared at the end only, for a
+            /// warning.
             #[serde(default = "yes")]
             enabled: bool,
-            $($key: Option<$kind>,)*
+            $($(#[$doc])* $key: Option<$kind>,)*
         }
 
         impl Table {
@@ -112,7 +122,7 @@ pub(super) fn effects<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<
 }
 
 /// A constant acceleration field.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyForce {
     /// Acceleration \[m/s²\].
@@ -123,39 +133,40 @@ pub struct BodyForce {
 }
 
 /// Mass-proportional damping.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MassDamping {
-    /// Rate \[1/s\].
+    /// Rate \[1/s\] of the damping force `rate · mass · velocity`; lowers the critical step.
     pub rate: f64,
 }
 
 /// Initial displacements count as equilibrium; nothing to choose.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Prestress {}
 
 /// Stiffness-proportional damping.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StiffnessDamping {
-    /// `c` in `F = -c K v` \[s\].
+    /// Time \[s\] of the damping force `time · K · velocity`, which damps a mode of frequency `ω` by `time ω/2`;
+    /// lowers the critical step.
     pub time: f64,
 }
 
 /// Local damping.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LocalDamping {
-    /// Share of the force that opposes the motion.
+    /// Share of its force that every unknown feels against its motion, 0 to below 1 \[–\].
     pub share: f64,
 }
 
 /// Linear bulk viscosity.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BulkViscosity {
-    /// Coefficient `b`.
+    /// Coefficient `b` of the pressure `−b ρ c L div v` in the cells of solids \[–\]; lowers the critical step.
     #[serde(default = "usual")]
     pub coefficient: f64,
 }
@@ -165,26 +176,29 @@ fn usual() -> f64 {
 }
 
 /// Bonds that break.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::at_most_one(&["weibull", "deviation"]))]
 pub struct Fracture {
-    /// What is compared.
+    /// What is compared with the strength.
     pub criterion: CriterionKind,
-    /// Strength \[Pa\], or \[J/m²\] for the energy.
+    /// Strength of the beams (not of the packing) \[Pa\], or \[J/m²\] for the energy; the characteristic one with
+    /// `weibull`, else the mean.
     pub strength: f64,
-    /// Weibull modulus of the scatter.
+    /// Weibull modulus of the scatter between bonds \[–\]. Default: no scatter.
     pub weibull: Option<f64>,
-    /// Relative standard deviation of a normal scatter.
+    /// Relative deviation of a normal scatter, below 1/3 \[–\]; in place of `weibull`. Default: no scatter.
     pub deviation: Option<f64>,
-    /// Seed of the scatter.
+    /// Seed of the scatter; strengths belong to places, whatever the numbering.
     #[serde(default = "one")]
     pub seed: u64,
-    /// Steps between two checks.
+    /// Steps between two checks. Default: 1.
     pub every: Option<usize>,
-    /// Whether bonds in an overlap never break.
+    /// Whether bonds that lie in an overlap, wholly or in part, never break.
     #[serde(default)]
     pub spare_overlap: bool,
-    /// Whether the first bond that breaks in an overlap ends the run.
+    /// Whether the first bond that breaks in an overlap ends the run there, with `status` `"stopped-at-overlap"`
+    /// and all results; `arlequin resume` goes on.
     #[serde(default)]
     pub stop_at_overlap: bool,
 }
@@ -194,7 +208,7 @@ fn one() -> u64 {
 }
 
 /// Criteria of bonds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CriterionKind {
     /// Axial tension.
@@ -208,38 +222,41 @@ pub enum CriterionKind {
 }
 
 /// Contact between unbonded particles.
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Contact {
-    /// Modulus of the normal spring \[Pa\]; that of the material by default.
+    /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between particles that no bond joins \[Pa\].
+    /// Default: `material.young`; `2 E F/(E + F)` of both with `between`.
     pub modulus: Option<f64>,
-    /// Coefficient of restitution.
+    /// Coefficient of restitution, 0.15 to 1 \[–\]. Default: 0.5.
     pub restitution: Option<f64>,
-    /// Coulomb friction.
+    /// Coulomb friction \[–\]. Default: 0.
     pub friction: Option<f64>,
-    /// Tangential over normal stiffness.
+    /// Tangential over normal stiffness \[–\]. Default: 0.5.
     pub shear_ratio: Option<f64>,
-    /// Rolling resistance.
+    /// Rolling resistance, lever over reduced radius \[–\]; not of obstacles. Default: 0.
     pub rolling: Option<f64>,
-    /// Skin of the neighbour list in mean radii.
+    /// Reach of the neighbour list beyond touch, in mean radii \[–\]; not of obstacles. Default: 0.4.
     pub skin: Option<f64>,
 }
 
 /// A rigid body.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::at_most_one(&["velocity", "displacement"]))]
 pub struct Obstacle {
-    /// Name in the ledger.
+    /// Line in the ledger. Default: `obstacle-1`, …
     pub name: Option<String>,
     /// Shape at rest.
     pub shape: ObstacleShape,
-    /// Constant velocity \[m/s\]; with a mass, the velocity at the start.
+    /// Constant velocity \[m/s\]; with `mass` the one at the start. Default: at rest.
     pub velocity: Option<[f64; 3]>,
-    /// Prescribed displacement.
+    /// Prescribed displacement, in place of `velocity`.
     pub displacement: Option<ObstacleMotion>,
-    /// Mass of a free body \[kg\].
+    /// Mass of a free body \[kg\]; a free sphere also turns, by the friction of `contact`, planes and cylinders do
+    /// not. Default: driven or fixed.
     pub mass: Option<f64>,
-    /// Moment of inertia of a free ball \[kg m²\].
+    /// Moment of inertia of a free sphere \[kg m²\]. Default: full ball, `2/5 mass radius²`.
     pub inertia: Option<f64>,
     /// How it touches particles.
     #[serde(default)]
@@ -247,14 +264,14 @@ pub struct Obstacle {
 }
 
 /// Shapes of obstacles.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum ObstacleShape {
     /// Half-space behind a plane.
     Plane {
         /// A point of it \[m\].
         point: [f64; 3],
-        /// Towards the particles.
+        /// Normal, towards the particles.
         normal: [f64; 3],
     },
     /// Ball.
@@ -281,7 +298,7 @@ choice!(
 );
 
 /// Displacement of an obstacle, `amplitude · time`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ObstacleMotion {
     /// Amplitude \[m\].

@@ -6,6 +6,7 @@ mod effect;
 mod interface;
 mod model;
 mod probe;
+pub mod schema;
 mod statics;
 mod wake;
 
@@ -24,16 +25,19 @@ pub use statics::Static;
 pub use wake::{Near, Wake};
 
 use choice::choice;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
 /// A scene.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["time", "static"]))]
 pub struct SceneSpec {
-    /// One line for reports.
+    /// One line for reports and plots.
     pub title: Option<String>,
-    /// Models by name.
+    /// Models by name, at least one.
+    #[schemars(extend("minProperties" = 1))]
     pub model: BTreeMap<String, ModelTable>,
     /// Interfaces by name.
     #[serde(default)]
@@ -50,8 +54,9 @@ pub struct SceneSpec {
     /// Loads.
     #[serde(default)]
     pub load: Vec<Load>,
-    /// Body forces and damping.
+    /// Effects beside supports and loads; only those that are listed exist in the run.
     #[serde(default, deserialize_with = "effect::effects")]
+    #[schemars(with = "Vec<effect::Table>")]
     pub effect: Vec<Effect>,
     /// Initial displacements and velocities.
     #[serde(default)]
@@ -70,25 +75,26 @@ pub struct SceneSpec {
 }
 
 /// Length of the run and of its steps.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["end", "steps"]))]
 pub struct Time {
-    /// End \[s\].
+    /// End of the run \[s\], rounded up to whole steps; `end` or `steps` is needed.
     pub end: Option<f64>,
-    /// Number of steps, in place of `end`.
+    /// Number of steps of the run, which are then those of the finest model.
     pub steps: Option<usize>,
-    /// The step.
+    /// The step. Default: `{ fraction = 0.9 }`; models step in it as often as they need.
     #[serde(default)]
     pub step: StepChoice,
 }
 
 /// How the time step is chosen.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum StepChoice {
-    /// Share of the critical step.
+    /// Own step of the finest model in units of its critical one, above 0 and below 1 \[–\].
     Fraction(f64),
-    /// Seconds.
+    /// Step of the run \[s\], refused where an own step exceeds the critical one of its model.
     Seconds(f64),
 }
 
@@ -105,22 +111,23 @@ impl Default for StepChoice {
 }
 
 /// What is written, and how often.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(transform = schema::at_most_one(&["every", "interval"]))]
 pub struct Output {
-    /// Steps between two frames.
+    /// Steps between two frames. Default: about 20 frames in all.
     pub every: Option<usize>,
-    /// Seconds between two frames.
+    /// Time between two frames, in place of `every` \[s\].
     pub interval: Option<f64>,
     /// Fields in the frames.
     pub fields: Vec<OutputField>,
     /// Steps between two rows of `probes.csv`.
     pub probe_every: usize,
-    /// Steps between two rows of `energy.csv`.
+    /// Steps between two rows of `energy.csv`, and between two looks for divergence.
     pub energy_every: usize,
-    /// Steps between two checkpoints; none are written otherwise.
+    /// Steps between two checkpoints, from which `arlequin resume` goes on. Default: none but on Ctrl-C.
     pub checkpoint_every: Option<usize>,
-    /// Whether plots are drawn.
+    /// Whether `plots/` is written.
     pub plots: bool,
 }
 

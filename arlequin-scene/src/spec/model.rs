@@ -1,20 +1,21 @@
 //! Model tables.
 
 use super::choice::choice;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Kinds of models, by their names in a scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ModelKind {
     /// Linear finite elements.
     Fem,
-    /// Constrained natural elements.
+    /// Constrained natural elements on the nodes of the same mesh.
     Cnem,
-    /// Spheres joined by cohesive beams.
+    /// A random packing of spheres joined by cohesive beams; shapes `box`, `cylinder`, `file`.
     Dem,
-    /// Harmonic spring chain along x.
+    /// Masses `ρ S r` (half at the ends) and springs `E S/r` along x; shape `bar`, role `fine` only.
     Chain,
 }
 
@@ -26,22 +27,22 @@ impl ModelKind {
 }
 
 /// `[model.NAME]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelTable {
-    /// Which model.
+    /// Which model; exchanging it is this one word.
     pub kind: ModelKind,
-    /// Its part in the coupling; without one it stands alone.
+    /// Its part in the coupling; needed by a model that takes part in an interface.
     pub role: Option<RoleKind>,
     /// Its body.
     pub shape: Shape,
-    /// Target distance of nodes or particles \[m\].
+    /// Target distance of nodes, mean diameter of spheres \[m\]; needed unless `divisions` or a mesh file says it.
     pub spacing: Option<f64>,
-    /// Number of elements along x (y, z), in place of `spacing`.
+    /// Number of elements along each direction (three for a box, one for a bar), in place of `spacing`.
     pub divisions: Option<Vec<usize>>,
     /// What it is made of.
     pub material: Material,
-    /// How it steps between two reflections, where it is not to be chosen.
+    /// How it steps between two reflections. Default: chosen, see `time`.
     pub step: Option<OwnStepTable>,
     /// Choices of finite elements; read by `kind = "fem"` only.
     #[serde(default)]
@@ -62,29 +63,30 @@ impl ModelTable {
 }
 
 /// How a model steps between two reflections: one of `ratio`, `fraction`, or the implicit scheme.
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OwnStepTable {
-    /// Number of its own steps in a step of the run.
+    /// Number of the model's own steps in a step of the run, at least 1.
     pub ratio: Option<usize>,
-    /// Longest own step in units of its own critical step.
+    /// Longest own step in units of the model's own critical step, above 0 and at most 1 \[–\].
     pub fraction: Option<f64>,
-    /// The scheme.
+    /// The scheme. Default: `explicit`.
     pub scheme: Option<Scheme>,
 }
 
 /// Time stepping schemes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scheme {
-    /// Velocity Verlet.
+    /// Velocity Verlet; goes with `ratio` or `fraction`.
     Explicit,
-    /// Average acceleration, one step in each of the run; for solids.
+    /// One step of average acceleration in each of the run, without a critical step; for `fem`, `cnem` and `chain`,
+    /// with dead loads, body forces and supports only.
     Implicit,
 }
 
 /// The part of a model in its interfaces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RoleKind {
     /// Receives the weight.
@@ -104,19 +106,20 @@ impl RoleKind {
 }
 
 /// A body.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Shape {
-    /// A box along the axes.
+    /// A box along the axes. Groups `x-min`, `x-max`, `y-min`, … `z-max`.
     Box {
         /// Lowest corner \[m\].
         low: [f64; 3],
         /// Highest corner \[m\].
         high: [f64; 3],
-        /// What is left out of it.
+        /// What is left out of it, for meshes: elements inside that box, where a fine model is alone. Its faces lie
+        /// between elements, or beyond the box, where it is open.
         hole: Option<Hole>,
     },
-    /// A circular cylinder along x.
+    /// A circular cylinder along x. Groups `x-min`, `x-max`, `side`.
     Cylinder {
         /// Centre of the face with the smaller x \[m\].
         from: [f64; 3],
@@ -125,7 +128,7 @@ pub enum Shape {
         /// Radius \[m\].
         radius: f64,
     },
-    /// A line along x with a cross-section.
+    /// A line on the x axis with a cross-section, which moves along x only. Groups `x-min`, `x-max`.
     Bar {
         /// First end \[m\].
         from: f64,
@@ -144,7 +147,7 @@ choice!(
 );
 
 /// A box left out of a box.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Hole {
     /// Lowest corner \[m\].
@@ -166,19 +169,22 @@ impl Shape {
 }
 
 /// Isotropic linear elasticity.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Material {
-    /// Young's modulus \[Pa\].
+    /// Young's modulus, positive \[Pa\].
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub young: f64,
-    /// Poisson's ratio \[–\]; solids need it.
+    /// Poisson's ratio, above −1 and below 0.5 \[–\]; solids need it.
+    #[schemars(extend("exclusiveMinimum" = -1, "exclusiveMaximum" = 0.5))]
     pub poisson: Option<f64>,
-    /// Density \[kg/m³\].
+    /// Density, positive \[kg/m³\].
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub density: f64,
 }
 
 /// Choices of finite elements.
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FemTable {
     /// Element of boxes and cylinders.
@@ -187,7 +193,7 @@ pub struct FemTable {
 }
 
 /// Elements of solids.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Element {
     /// Eight-node hexahedra: far less stiff in bending than tetrahedra of the same size, hence the default.
@@ -198,29 +204,31 @@ pub enum Element {
 }
 
 /// Choices of natural elements.
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CnemTable {
-    /// Shape functions.
+    /// Shape functions. Default: `laplace`.
     pub functions: Option<Functions>,
-    /// Share of the stabilisation, 0 for none.
+    /// Share of the cure of spurious modes, 0 (none) to 1 \[–\]. Default: 0.1.
     pub stabilisation: Option<f64>,
-    /// Which nodes carry the mass of a cell.
+    /// Which nodes carry the mass of a cell. Default: `cells`.
     pub inertia: Option<Masses>,
 }
 
 /// Masses of natural elements.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Masses {
     /// The cell's own node.
     Cells,
-    /// The nodes around its centroid.
+    /// The nodes around its centroid: torsion of coarse bodies is right; static fields under body forces are less
+    /// accurate, the critical step is 4 to 7 % shorter for a model alone and longer where weights are small, 1.25
+    /// times in `beam-cnem.toml`.
     Centroids,
 }
 
 /// Natural-neighbour functions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Functions {
     /// Volumes stolen from the neighbours.
@@ -230,39 +238,48 @@ pub enum Functions {
 }
 
 /// Choices of particles.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DemTable {
     /// Number of spheres, in place of `spacing`.
     pub count: Option<usize>,
-    /// Seed of the random start.
+    /// Seed of the random start; same seed, same packing, for any number of threads. Default: 1.
     pub seed: Option<u64>,
-    /// How the packing is compacted.
+    /// How the packing is compacted. Default: `onset`.
     pub protocol: Option<Protocol>,
-    /// Spheres from a file (CSV, VTU) in place of a packing of ours, relative to the scene file.
+    /// Spheres from a file in place of a packing of ours, in m, path relative to the scene: `.csv` (lines
+    /// `x,y,z,r`) or `.vtu` (points and a point array of radii, such as a written frame). Bonded by `coordination`;
+    /// the shape gives the volume, and every sphere must lie in it. Excludes `spacing`, `count`, `seed`,
+    /// `protocol`.
     pub file: Option<PathBuf>,
-    /// Name of the array of radii in a VTU file.
+    /// Name of the array of radii in a `.vtu`. Default: first of `radius [m]`, `radius`, `Radius`, `radii`,
+    /// `Radii`, `r`.
     pub radii: Option<String>,
-    /// Bonds per particle times two.
+    /// Bonds per particle times two, over all particles \[–\]; about 17 GPa of silica's modulus per unit. Default:
+    /// 6.2.
     pub coordination: Option<f64>,
-    /// Young's modulus of the beams \[Pa\].
+    /// Young's modulus of the beams \[Pa\]. Default: 3.56 `material.young`, which gives a packing about that
+    /// modulus (265 GPa for 74.4 GPa).
     pub young: Option<f64>,
-    /// Poisson's ratio of the beams \[–\].
+    /// Poisson's ratio of the beams \[–\]; that of the packing follows from the beams (0.17 with the defaults),
+    /// `material.poisson` does not enter. Default: 0.3.
     pub poisson: Option<f64>,
-    /// Beam radius over mean particle radius \[–\].
+    /// Beam radius over mean particle radius \[–\]; needs `young`. Default: 0.71.
     pub radius_ratio: Option<f64>,
-    /// Field that interfaces see.
+    /// What interfaces see.
     pub field: ParticleFieldKind,
-    /// Whether rotations may be large.
+    /// Whether the beams follow large rotations, of any angle; angular momentum about the present positions is then
+    /// kept.
     pub finite_rotations: bool,
-    /// What becomes of spheres that no bonds join to a part.
+    /// What becomes of spheres that no bonds join to a part of at least four.
     pub loose: LooseKind,
-    /// Boxes that no bond crosses.
+    /// Boxes: bonds that pass through one are left out, and spheres that hang on nothing without them go with their
+    /// mass. A box without thickness is a cut.
     pub notch: Vec<NotchBox>,
 }
 
 /// A box that cuts all bonds that pass through it.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NotchBox {
     /// Lowest corner \[m\].
@@ -272,33 +289,33 @@ pub struct NotchBox {
 }
 
 /// Spheres without bonds.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LooseKind {
-    /// Left out; refused if they are many.
+    /// Left out, the other spheres of their body carry their mass; refused above 2 % of the volume.
     #[default]
     Drop,
-    /// Kept as loose grains; they need contact.
+    /// They stay as loose grains with the mass of their own volume; needs an effect `contact` on the model.
     Keep,
 }
 
 /// How spheres are packed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Protocol {
     /// Grown to the onset of jamming: the elasticity comes out by itself.
     Onset,
-    /// One quench at a fixed volume fraction: some seconds faster, a few per cent stiffer.
+    /// One quench at a fixed volume fraction: seconds faster, some per cent stiffer.
     Quench,
 }
 
 /// Displacement field of particles in an overlap.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ParticleFieldKind {
-    /// The particles themselves are the integration points.
+    /// The particles are the integration points; for H1 their gradients are fitted to the bonded neighbours.
     #[default]
     Particles,
-    /// Natural neighbours between the centres.
+    /// Natural neighbours between the centres; a derived mediator is drawn in until it lies within their hull.
     Natural,
 }

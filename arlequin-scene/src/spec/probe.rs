@@ -1,11 +1,14 @@
 //! `[probe.NAME]` and `[curve.NAME]`: values over time, and one over another.
 
 use super::drive::{Axis, Selection};
-use serde::Deserialize;
+use super::schema;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// `[probe.NAME]`: a value over time.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["at", "where", "of"]))]
 pub struct Probe {
     /// Model that is looked at. With `of`: only what acts on this model counts; all by default.
     pub model: Option<String>,
@@ -29,7 +32,7 @@ pub struct Probe {
 }
 
 /// Components of vectors, of symmetric tensors and of their principal values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Component {
     /// First of a vector.
@@ -91,7 +94,7 @@ impl Component {
 }
 
 /// What a probe reads.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
     /// Displacement \[m\].
@@ -141,7 +144,7 @@ impl Quantity {
 }
 
 /// `[curve.NAME]`: one probe over another, such as force over displacement.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
     /// Probe on the horizontal axis.

@@ -1,12 +1,15 @@
 //! `[static]`: equilibria in place of a run in time.
 
+use super::schema;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// `[static]`: the scene at rest, load step after load step, in place of `[time]`. Loads and motions are taken at the time of
 /// the load step. Models that are linear, under forces that depend on time alone, are solved directly; whatever else there is
 /// (contact, bonds that break, large rotations) is relaxed.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["times", "file", "steps"]))]
 pub struct Static {
     /// Times of the load steps \[s\], rising; exactly one of `times`, `file` and `steps`.
     pub times: Option<Vec<f64>>,

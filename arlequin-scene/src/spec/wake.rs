@@ -1,22 +1,25 @@
 //! `[wake]`: a model that sleeps until the one that stands in for it is strained enough.
 
 use super::choice::choice;
+use super::schema;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// `[wake]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wake {
-    /// The model that sleeps.
+    /// The model that sleeps, of any kind.
     pub model: String,
-    /// The model that carries its region until then.
+    /// The model that carries its region until then, `fem` or `cnem`.
     pub by: String,
-    /// Assignments, as those of `--set`, that make the sleeping scene.
+    /// Assignments, as those of `--set`, that make the sleeping scene: `by` must cover the whole body, and what
+    /// acts on `model` must act on `by` (`"support.0.model=block"`).
     #[serde(default)]
     pub asleep: Vec<String>,
     /// What wakes it.
     pub criterion: WakeCriterion,
-    /// Where it is looked at; all of the carrier by default.
+    /// Where element centres are looked at. Default: all of `by`.
     pub near: Option<Near>,
     /// Steps between two looks.
     #[serde(default = "ten")]
@@ -28,17 +31,18 @@ fn ten() -> usize {
 }
 
 /// Exactly one of the two.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["strain", "stress"]))]
 pub struct WakeCriterion {
-    /// Largest principal strain, tension positive \[–\].
+    /// Largest principal strain of `by` at its element centres, tension positive \[–\].
     pub strain: Option<f64>,
-    /// Largest principal stress, tension positive \[Pa\].
+    /// Largest principal stress, likewise \[Pa\].
     pub stress: Option<f64>,
 }
 
 /// A part of space.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Near {
     /// A closed box along the axes.

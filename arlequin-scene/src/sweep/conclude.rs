@@ -80,7 +80,7 @@ fn cheapest<'a>(runs: impl Iterator<Item = &'a Run>, target: f64) -> Option<&'a 
 
 /// Plain-language conclusion, one sentence or two per target.
 pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
-    let mut out = Vec::new();
+    let mut out: Vec<String> = pays(runs).into_iter().collect();
     let failed = runs.iter().filter(|r| r.status == "failed").count();
     let missing = runs.iter().filter(|r| r.status == "missing").count();
     if failed > 0 {
@@ -109,6 +109,46 @@ pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
     out.extend(scatter(runs));
     out.extend(file.measure.keys().map(|m| scalar(runs, m)));
     out
+}
+
+/// For which errors a coupled run is cheaper than either model alone; none if no model was run alone.
+fn pays(runs: &[Run]) -> Option<String> {
+    let alone = |mark: Mark| {
+        runs.iter()
+            .filter(move |r| r.mark == Some(mark) && r.cost.is_some())
+    };
+    let fine = |e: f64| cheapest(alone(Mark::AllFine), e).map_or(f64::INFINITY, cost);
+    let coarse = |e: f64| cheapest(alone(Mark::AllCoarse), e).map_or(f64::INFINITY, cost);
+    let coupled_at = |e: f64| cheapest(runs.iter().filter(coupled), e).map_or(f64::INFINITY, cost);
+    alone(Mark::AllFine).chain(alone(Mark::AllCoarse)).next()?;
+    // Nothing changes between two errors that some run has.
+    let mut errors: Vec<f64> = runs.iter().filter(|r| r.point().is_some()).map(error).collect();
+    errors.sort_by(f64::total_cmp);
+    let wins = |e: &f64| coupled_at(*e) < fine(*e).min(coarse(*e));
+    let Some(first) = errors.iter().position(wins) else {
+        return Some(
+            "Coupling pays nowhere in this sweep: for every error, one model alone is cheaper. It pays where the fine model is \
+             wanted for what it does beyond these errors, such as fracture."
+                .into(),
+        );
+    };
+    let ends = errors[first..]
+        .iter()
+        .position(|e| !wins(e))
+        .map(|k| errors[first + k]);
+    let won: Vec<f64> = errors[first..].iter().take_while(|e| wins(e)).copied().collect();
+    let gain = won.iter().map(|e| fine(*e) / coupled_at(*e)).fold(0.0, f64::max);
+    let from = percent(errors[first]);
+    let span = ends.map_or_else(
+        || format!("of {from} and more"),
+        |e| format!("from {from} to {}", percent(e)),
+    );
+    let gain = match gain {
+        g if g.is_finite() && g > 1.0 => format!(", up to {g:.1} times cheaper than the fine model alone"),
+        _ => String::new(),
+    };
+    let beyond = ends.map_or("", |_| "; beyond, one model alone is cheaper");
+    Some(format!("Coupling pays for errors {span}{gain}{beyond}."))
 }
 
 /// How far all-fine runs lie apart, if there are several.
@@ -307,17 +347,28 @@ mod tests {
         let file: SweepFile =
             toml::from_str("scene = 's.toml'\ntargets = [0.01, 0.02]").unwrap_or_else(|e| panic!("{e}"));
         let text = words(&runs, &file);
+        // From the coupled run of 0.5 % to the coarse one of 1.5 %.
         assert_eq!(
             text[0],
+            "Coupling pays for errors from 0.50 % to 1.5 %, up to 4.0 times cheaper than the fine model alone; beyond, one model \
+             alone is cheaper."
+        );
+        assert_eq!(
+            text[1],
             "Within 2.0 %: h=2 (1.8 %), 1.50 s, 8.0 times cheaper than all-fine at that error (all-fine, 12.0 s); going to \
              1.0 % costs 2.00 times more. The coarse model alone is that accurate in 0.500 s (all-coarse), 3.0 times \
              cheaper: here coupling pays only if the fine model is wanted for what it does beyond linear elasticity."
         );
         assert!(
-            text[1].ends_with("does not come that close in this sweep."),
+            text[2].ends_with("does not come that close in this sweep."),
             "{}",
-            text[1]
+            text[2]
         );
+        let dear = [
+            run("all-fine", Some(Mark::AllFine), 1.0, 0.001),
+            run("h=1", None, 2.0, 0.01),
+        ];
+        assert!(words(&dear, &file)[0].starts_with("Coupling pays nowhere in this sweep"));
         super::super::result::mark_pareto(&mut runs);
         let front: Vec<&str> = runs
             .iter()

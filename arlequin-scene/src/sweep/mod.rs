@@ -7,7 +7,7 @@ mod curve;
 mod kept;
 mod plan;
 mod result;
-mod spec;
+pub(crate) mod spec;
 
 pub use curve::{Curve, Errors};
 pub use plan::Member;

@@ -1,11 +1,12 @@
 //! The sweep file: what its TOML says, before it is turned into runs. `docs/sweep.md` is its reference.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// A sweep file.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweepFile {
     /// One line for the report.
@@ -65,7 +66,7 @@ fn targets() -> Vec<f64> {
 }
 
 /// How axes are combined.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Design {
     /// Every value of every axis with every value of all others.
@@ -76,7 +77,7 @@ pub enum Design {
 }
 
 /// Which error decides.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Judge {
     /// Of displacements.
@@ -100,7 +101,7 @@ impl Judge {
 }
 
 /// Which time decides.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cost {
     /// Set-up and stepping: what a user waits for, output apart.
@@ -121,11 +122,12 @@ impl Cost {
 }
 
 /// `[axis.NAME]`: values put into assignments, or named levels.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Axis {
     /// Values; a list among them fills `{0}`, `{1}`, …
     #[serde(default)]
+    #[schemars(with = "Vec<serde_json::Value>")]
     pub values: Vec<toml::Value>,
     /// Assignments with `{}` for the value.
     #[serde(default)]
@@ -134,11 +136,12 @@ pub struct Axis {
     #[serde(default)]
     pub levels: Vec<Level>,
     /// Value or name of the level that others are varied about; the first by default.
+    #[schemars(with = "Option<serde_json::Value>")]
     pub base: Option<toml::Value>,
 }
 
 /// A named level of an axis.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Level {
     /// Name.
@@ -149,7 +152,7 @@ pub struct Level {
 }
 
 /// What a named run is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, serde::Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mark {
     /// The fine model everywhere.
@@ -159,13 +162,14 @@ pub enum Mark {
 }
 
 /// `[run.NAME]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedRun {
     /// Its scene; the base scene (with its assignments) by default.
     pub scene: Option<PathBuf>,
     /// Values, one run each, named `NAME=VALUE`.
     #[serde(default)]
+    #[schemars(with = "Vec<serde_json::Value>")]
     pub values: Vec<toml::Value>,
     /// Assignments.
     #[serde(default)]
@@ -175,7 +179,7 @@ pub struct NamedRun {
 }
 
 /// What runs are held against.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Reference {
     /// Label of a run.
@@ -185,7 +189,7 @@ pub enum Reference {
 }
 
 /// A reference curve of one probe.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum CurveTable {
     /// Columns of a file with comma-separated values.
@@ -224,7 +228,7 @@ pub enum CurveTable {
 }
 
 /// Where errors are taken.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Window {
     /// Start \[s\].
@@ -236,7 +240,7 @@ pub struct Window {
 }
 
 /// `[reflected.NAME]`: what comes back through a probe relative to what went in.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Reflected {
     /// Probe.
@@ -251,7 +255,7 @@ pub struct Reflected {
 }
 
 /// `[measure.NAME]`: a number of `summary.json`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Measure {
     /// JSON pointer to it, such as `/probes/tip/max`.
@@ -271,7 +275,7 @@ fn unit_factor() -> f64 {
 }
 
 /// `[hook]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Hook {
     /// Axis with positive numbers.

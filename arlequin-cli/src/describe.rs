@@ -1,0 +1,59 @@
+//! What the program tells of itself: the schema of its files, completions for shells, man pages.
+
+use crate::Cli;
+use crate::error::{Result, write};
+use crate::report;
+use arlequin_scene::spec::schema;
+use clap::CommandFactory;
+use clap_complete::Shell;
+use std::path::{Path, PathBuf};
+
+/// What the command line says.
+#[derive(Debug, clap::Args)]
+pub(crate) struct SchemaArguments {
+    /// The schema of sweep files instead.
+    #[arg(long)]
+    sweep: bool,
+    /// The reference in Markdown that the book shows.
+    #[arg(long, hide = true)]
+    reference: bool,
+}
+
+/// Prints the JSON Schema of scenes or sweeps.
+pub(crate) fn schema(asked: &SchemaArguments) -> Result<()> {
+    let schema = if asked.sweep {
+        schema::sweep()
+    } else {
+        schema::scene()
+    };
+    if asked.reference {
+        report::text(&report::reference::markdown(&schema));
+    } else {
+        report::line(&report::pretty(&schema)?);
+    }
+    Ok(())
+}
+
+/// Prints what a shell needs to complete commands and options.
+pub(crate) fn completions(shell: Shell) {
+    let mut out = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "arlequin", &mut out);
+    report::text(&String::from_utf8_lossy(&out));
+}
+
+/// Prints the man page, or writes those of all commands into a folder.
+pub(crate) fn man(folder: Option<&Path>) -> Result<()> {
+    let command = Cli::command();
+    let Some(folder) = folder else {
+        let mut out = Vec::new();
+        let page = clap_mangen::Man::new(command);
+        page.render(&mut out)
+            .map_err(write(&PathBuf::from("the man page")))?;
+        report::text(&String::from_utf8_lossy(&out));
+        return Ok(());
+    };
+    std::fs::create_dir_all(folder).map_err(write(folder))?;
+    clap_mangen::generate_to(command, folder).map_err(write(folder))?;
+    report::line(&format!("written    {}", folder.display()));
+    Ok(())
+}

@@ -1,0 +1,234 @@
+//! What a program that works for long says of it: a bar on a terminal; elsewhere, such as in the log of a batch system, a line
+//! now and then, and none for what takes seconds.
+
+use super::loudness;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Time before the first line of a log \[s\]; every further one takes twice as long as the one before, up to a minute.
+const FIRST: u64 = 5;
+const MOST: u64 = 60;
+
+/// What is done at the moment.
+#[derive(Debug, Default)]
+struct Doing {
+    what: String,
+    label: String,
+    done: usize,
+    of: usize,
+    since: Option<Instant>,
+    over: bool,
+}
+
+impl Doing {
+    /// `steps 1200 of 5000, 38 s to go`.
+    fn words(&self, now: Instant) -> Option<String> {
+        let since = self.since?;
+        if self.of == 0 {
+            return Some(self.what.clone());
+        }
+        let gone = now.duration_since(since).as_secs_f64();
+        let left = gone * (self.of.saturating_sub(self.done)) as f64 / self.done.max(1) as f64;
+        let to_go = if self.done > 0 {
+            format!(", {left:.0} s to go")
+        } else {
+            String::new()
+        };
+        Some(format!(
+            "{} {} of {}{}{to_go}",
+            self.what, self.done, self.of, self.label
+        ))
+    }
+}
+
+/// Where it is shown.
+#[derive(Debug)]
+enum Place {
+    Nowhere,
+    Terminal(Mutex<Option<(String, ProgressBar)>>),
+    Log(Arc<(Mutex<Doing>, Condvar)>, Option<JoinHandle<()>>),
+}
+
+/// Progress of one thing after another.
+#[derive(Debug)]
+pub(crate) struct Progress(Place);
+
+impl Default for Progress {
+    fn default() -> Self {
+        Self(match loudness().quiet {
+            true => Place::Nowhere,
+            false if std::io::stderr().is_terminal() => Place::Terminal(Mutex::default()),
+            false => {
+                let shared = Arc::<(Mutex<Doing>, Condvar)>::default();
+                let told = shared.clone();
+                let log = std::thread::Builder::new().spawn(move || log(&told));
+                Place::Log(shared, log.ok())
+            }
+        })
+    }
+}
+
+/// Writes a line now and then until it is over.
+fn log((doing, wake): &(Mutex<Doing>, Condvar)) {
+    let start = Instant::now();
+    let mut pause = FIRST;
+    let mut now = doing.lock().unwrap_or_else(PoisonError::into_inner);
+    loop {
+        let until = |d: &mut Doing| !d.over;
+        let waited = wake.wait_timeout_while(now, Duration::from_secs(pause), until);
+        now = waited.unwrap_or_else(PoisonError::into_inner).0;
+        if now.over {
+            return;
+        }
+        if let Some(words) = now.words(Instant::now()) {
+            eprintln!("{:>7.0} s  {words}", start.elapsed().as_secs_f64());
+        }
+        pause = (2 * pause).min(MOST);
+    }
+}
+
+impl Progress {
+    /// What a library tells of its progress.
+    pub(crate) fn teller(&self) -> impl Fn(&str, usize, usize) + Sync {
+        |what, done, of| self.show(what, done, of)
+    }
+
+    /// A phase of a set-up begins; how long it takes nobody knows.
+    pub(crate) fn phase(&self, phase: &str) {
+        if loudness().verbose {
+            eprintln!("set-up     {phase} ...");
+        }
+        self.show(&format!("set-up: {phase}"), 0, 0);
+    }
+
+    /// So much of so many is done.
+    pub(crate) fn show(&self, what: &str, done: usize, of: usize) {
+        match &self.0 {
+            Place::Nowhere => {}
+            Place::Terminal(shown) => {
+                let Ok(mut shown) = shown.lock() else { return };
+                if shown.as_ref().is_none_or(|s| s.0 != what) {
+                    if let Some((_, bar)) = shown.take() {
+                        bar.finish_and_clear();
+                    }
+                    *shown = Some((what.to_owned(), bar(what, of)));
+                }
+                if let Some((_, bar)) = &*shown {
+                    bar.set_position(done as u64);
+                }
+            }
+            Place::Log(shared, _) => {
+                let Ok(mut doing) = shared.0.lock() else { return };
+                if doing.what != what {
+                    what.clone_into(&mut doing.what);
+                    doing.label.clear();
+                    doing.since = Some(Instant::now());
+                }
+                (doing.done, doing.of) = (done, of);
+            }
+        }
+    }
+
+    /// Says what is done at the moment.
+    pub(crate) fn at(&self, label: &str) {
+        match &self.0 {
+            Place::Nowhere => {}
+            Place::Terminal(shown) => {
+                if let Ok(Some((_, bar))) = shown.lock().as_deref() {
+                    bar.set_message(format!(": {label}"));
+                }
+            }
+            Place::Log(shared, _) => {
+                if let Ok(mut doing) = shared.0.lock() {
+                    doing.label = format!(" ({label})");
+                }
+            }
+        }
+    }
+
+    /// Takes the bar away.
+    pub(crate) fn clear(&self) {
+        match &self.0 {
+            Place::Nowhere => {}
+            Place::Terminal(shown) => {
+                if let Some((_, bar)) = shown.lock().ok().and_then(|mut s| s.take()) {
+                    bar.finish_and_clear();
+                }
+            }
+            Place::Log(shared, _) => {
+                if let Ok(mut doing) = shared.0.lock() {
+                    doing.since = None;
+                    doing.what.clear();
+                }
+            }
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.clear();
+        if let Place::Log(shared, thread) = &mut self.0 {
+            if let Ok(mut doing) = shared.0.lock() {
+                doing.over = true;
+            }
+            shared.1.notify_all();
+            if let Some(t) = thread.take() {
+                let _ = t.join();
+            }
+        }
+    }
+}
+
+fn bar(what: &str, of: usize) -> ProgressBar {
+    let (bar, template) = match of {
+        0 => (
+            ProgressBar::new_spinner(),
+            format!("{{spinner}} {what}, {{elapsed}}"),
+        ),
+        of => {
+            let text = format!("{{bar:40}} {{pos}}/{{len}} {what}{{msg}}, {{elapsed}} gone, {{eta}} to go");
+            (ProgressBar::new(of as u64), text)
+        }
+    };
+    if let Ok(style) = ProgressStyle::with_template(&template) {
+        bar.set_style(style);
+    }
+    // Twice a second: the bar must not take time from the run.
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_says_how_much_is_done_and_how_long_the_rest_takes() {
+        let start = Instant::now();
+        let mut doing = Doing {
+            what: "steps".into(),
+            of: 400,
+            done: 100,
+            since: Some(start),
+            ..Doing::default()
+        };
+        let later = start + Duration::from_secs(10);
+        assert_eq!(
+            doing.words(later).as_deref(),
+            Some("steps 100 of 400, 30 s to go")
+        );
+        doing.done = 0;
+        assert_eq!(doing.words(later).as_deref(), Some("steps 0 of 400"));
+        doing = Doing {
+            what: "set-up: model 'ball'".into(),
+            since: Some(start),
+            ..Doing::default()
+        };
+        assert_eq!(doing.words(later).as_deref(), Some("set-up: model 'ball'"));
+        assert_eq!(Doing::default().words(later), None);
+    }
+}

@@ -1,0 +1,176 @@
+//! Tables over time, grouped into plots by what they show.
+
+use serde::Serialize;
+use std::path::Path;
+
+/// Rows of a plot; more cannot be told apart on a screen.
+const ROWS: usize = 1200;
+
+/// Curves of one quantity.
+#[derive(Debug)]
+pub(super) struct Plot {
+    pub(super) title: String,
+    pub(super) unit: String,
+    pub(super) names: Vec<String>,
+    pub(super) times: Vec<f64>,
+    pub(super) columns: Vec<Vec<f64>>,
+}
+
+/// A header of a table.
+#[derive(Debug, Serialize, PartialEq)]
+struct Header {
+    curve: String,
+    quantity: String,
+    unit: String,
+}
+
+/// Reads the tables of a folder that have times; a table that is not there, or is half written, is passed over.
+pub(super) fn read(folder: &Path) -> Vec<Plot> {
+    let mut out = Vec::new();
+    for file in ["probes.csv", "energy.csv", "effects.csv"] {
+        let text = std::fs::read_to_string(folder.join(file)).unwrap_or_default();
+        let mut lines = text.lines();
+        let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+        let row = |l: &str| l.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>().ok();
+        let rows: Vec<Vec<f64>> = lines.filter_map(row).filter(|r| r.len() == names.len()).collect();
+        if rows.len() < 2 {
+            continue;
+        }
+        let mut plots: Vec<Plot> = Vec::new();
+        for (k, name) in names.iter().enumerate().skip(1) {
+            let Some(h) = header(file, name) else { continue };
+            let column = rows.iter().map(|r| r[k]).collect();
+            let same = plots
+                .iter_mut()
+                .find(|p| p.title == h.quantity && p.unit == h.unit);
+            match same {
+                Some(p) => {
+                    p.names.push(h.curve);
+                    p.columns.push(column);
+                }
+                None => plots.push(Plot {
+                    title: h.quantity,
+                    unit: h.unit,
+                    names: vec![h.curve],
+                    times: rows.iter().map(|r| r[0]).collect(),
+                    columns: vec![column],
+                }),
+            }
+        }
+        out.extend(plots.into_iter().map(thinned));
+    }
+    out
+}
+
+/// What a column is; none if it is not drawn.
+fn header(file: &str, name: &str) -> Option<Header> {
+    let (words, unit) = match name.strip_suffix(']').and_then(|n| n.rsplit_once(" [")) {
+        Some((words, unit)) => (words, unit),
+        None => (name, ""),
+    };
+    let made = |curve: &str, quantity: &str| {
+        Some(Header {
+            curve: curve.to_owned(),
+            quantity: quantity.to_owned(),
+            unit: unit.to_owned(),
+        })
+    };
+    match file {
+        "energy.csv" if unit == "J" => match words.strip_prefix("work ") {
+            Some(of) => made(of, "work"),
+            None if words == "drift" || words == "work" => None,
+            None => made(words, "energy"),
+        },
+        "energy.csv" => None,
+        _ => {
+            let (of, quantity) = words.split_once(' ')?;
+            // Components stand in one plot.
+            match quantity.rsplit_once(' ') {
+                Some((q, axis @ ("x" | "y" | "z"))) => made(&format!("{of} {axis}"), q),
+                _ if file == "effects.csv" && unit.is_empty() && quantity != "broken bonds" => None,
+                _ if file == "effects.csv" && unit == "s" => None,
+                _ => made(of, quantity),
+            }
+        }
+    }
+}
+
+/// Keeps lowest and highest value of every curve in every few rows: peaks stay.
+fn thinned(plot: Plot) -> Plot {
+    let rows = plot.times.len();
+    if rows <= ROWS {
+        return plot;
+    }
+    let buckets = (ROWS / (2 * plot.columns.len())).max(50);
+    let size = rows.div_ceil(buckets);
+    let mut kept = vec![0, rows - 1];
+    for start in (0..rows).step_by(size) {
+        let range = start..(start + size).min(rows);
+        for column in &plot.columns {
+            let by = |a: &usize, b: &usize| column[*a].total_cmp(&column[*b]);
+            kept.extend(range.clone().min_by(by));
+            kept.extend(range.clone().max_by(by));
+        }
+    }
+    kept.sort_unstable();
+    kept.dedup();
+    let pick = |values: &[f64]| kept.iter().map(|k| values[*k]).collect::<Vec<f64>>();
+    Plot {
+        times: pick(&plot.times),
+        columns: plot.columns.iter().map(|c| pick(c)).collect(),
+        ..plot
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_become_curves() {
+        let parts = |file: &str, name: &str| header(file, name).map(|h| [h.curve, h.quantity, h.unit]);
+        let some = |a: [&str; 3]| Some(a.map(str::to_owned));
+        assert_eq!(
+            parts("probes.csv", "tip displacement [m]"),
+            some(["tip", "displacement", "m"])
+        );
+        assert_eq!(
+            parts("energy.csv", "kinetic [J]"),
+            some(["kinetic", "energy", "J"])
+        );
+        assert_eq!(
+            parts("energy.csv", "work a/blow [J]"),
+            some(["a/blow", "work", "J"])
+        );
+        assert_eq!(parts("energy.csv", "relative drift [-]"), None);
+        assert_eq!(
+            parts("effects.csv", "a/ball force on it z [N]"),
+            some(["a/ball z", "force on it", "N"])
+        );
+        assert_eq!(
+            parts("effects.csv", "a/fracture broken bonds"),
+            some(["a/fracture", "broken bonds", ""])
+        );
+        assert_eq!(parts("effects.csv", "a/contact calls"), None);
+    }
+
+    #[test]
+    fn thinning_keeps_peaks() {
+        let times: Vec<f64> = (0..100_000).map(f64::from).collect();
+        let mut curve = vec![0.0; times.len()];
+        curve[77_777] = 5.0;
+        let plot = thinned(Plot {
+            title: String::new(),
+            unit: String::new(),
+            names: vec![String::new()],
+            times,
+            columns: vec![curve],
+        });
+        assert!(plot.times.len() <= ROWS + 2);
+        let at = plot.columns[0]
+            .iter()
+            .position(|v| (*v - 5.0).abs() < 1e-12)
+            .expect("the peak");
+        assert!((plot.times[at] - 77_777.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,228 @@
+//! Frames of a run, read back: the index `results.pvd` and the VTU files that the run wrote (raw appended data). An array is read
+//! when it is asked for, so that no more than one is in memory at a time.
+
+use crate::error::{Error, Result, value};
+use roxmltree::{Document, Node};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// The files of one model, mediator or body over time.
+#[derive(Debug)]
+pub(super) struct Series {
+    /// Its name in the index.
+    pub(super) name: String,
+    /// Times \[s\] and files, ascending.
+    pub(super) files: Vec<(f64, PathBuf)>,
+}
+
+impl Series {
+    /// The file that shows a time: the last one up to it.
+    pub(super) fn at(&self, time: f64) -> Option<&Path> {
+        let k = self.files.partition_point(|f| f.0 <= time);
+        Some(&self.files.get(k.saturating_sub(1))?.1)
+    }
+}
+
+/// What a folder of results has, in the order of the index.
+pub(super) fn index(folder: &Path) -> Result<Vec<Series>> {
+    let path = folder.join("results.pvd");
+    let text = std::fs::read_to_string(&path).map_err(read(&path))?;
+    let xml = Document::parse(&text).map_err(|e| damaged(&path, &e.to_string()))?;
+    let mut out: Vec<Series> = Vec::new();
+    for set in xml.descendants().filter(|n| n.has_tag_name("DataSet")) {
+        let word = |key: &str| set.attribute(key).unwrap_or_default();
+        let time: f64 = word("timestep")
+            .parse()
+            .map_err(|_| damaged(&path, "a time is no number"))?;
+        let file = (time, folder.join(word("file")));
+        match out.iter_mut().find(|s| s.name == word("name")) {
+            Some(series) => series.files.push(file),
+            None => out.push(Series {
+                name: word("name").to_owned(),
+                files: vec![file],
+            }),
+        }
+    }
+    for series in &mut out {
+        series.files.sort_by(|a, b| a.0.total_cmp(&b.0));
+    }
+    out.retain(|s| !s.files.is_empty());
+    if out.is_empty() {
+        return Err(damaged(&path, "it names no frames"));
+    }
+    Ok(out)
+}
+
+fn read(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
+    move |source| Error::Read {
+        path: path.to_owned(),
+        source,
+    }
+}
+
+fn damaged(path: &Path, why: &str) -> Error {
+    let rule = format!("is no frame that 'arlequin run' wrote, or a damaged one ({why}); make the run again");
+    value("DIR", path.display(), &rule)
+}
+
+/// Where in a file an array belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Place {
+    Point,
+    Cell,
+    /// Positions, connectivity, offsets and types.
+    Grid,
+}
+
+/// An array of a file.
+#[derive(Debug, Clone)]
+pub(super) struct Array {
+    pub(super) name: String,
+    pub(super) place: Place,
+    pub(super) components: usize,
+    bytes: usize,
+    decode: fn(&[u8]) -> f64,
+    offset: u64,
+}
+
+/// An open file.
+#[derive(Debug)]
+pub(super) struct Frame {
+    path: PathBuf,
+    file: File,
+    data: u64,
+    pub(super) points: usize,
+    pub(super) cells: usize,
+    pub(super) arrays: Vec<Array>,
+}
+
+impl Frame {
+    /// Reads the head of a file.
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let mut file = File::open(path).map_err(read(path))?;
+        let (head, data) = head(&mut file).map_err(read(path))?;
+        let bad = |why: &str| damaged(path, why);
+        let head = head.ok_or_else(|| bad("its data are not appended raw"))?;
+        let xml = Document::parse(&head).map_err(|e| bad(&e.to_string()))?;
+        let piece = xml.descendants().find(|n| n.has_tag_name("Piece"));
+        let piece = piece.ok_or_else(|| bad("it has no piece"))?;
+        let count = |key: &str| piece.attribute(key).and_then(|v| v.parse().ok());
+        let (points, cells) = count("NumberOfPoints")
+            .zip(count("NumberOfCells"))
+            .ok_or_else(|| bad("no counts"))?;
+        let mut arrays = Vec::new();
+        for (section, place) in [
+            ("PointData", Place::Point),
+            ("CellData", Place::Cell),
+            ("Points", Place::Grid),
+            ("Cells", Place::Grid),
+        ] {
+            let found = piece.children().filter(|n| n.has_tag_name(section));
+            for node in found
+                .flat_map(|n| n.children())
+                .filter(|n| n.has_tag_name("DataArray"))
+            {
+                arrays.push(array(node, place).ok_or_else(|| bad("an array is of an unknown kind"))?);
+            }
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            file,
+            data,
+            points,
+            cells,
+            arrays,
+        })
+    }
+
+    /// An array by its name.
+    pub(super) fn find(&self, place: Place, name: &str) -> Option<Array> {
+        let mut all = self.arrays.iter();
+        all.find(|a| a.place == place && (a.name == name || (name.is_empty() && a.components == 3)))
+            .cloned()
+    }
+
+    /// All numbers of an array.
+    pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
+        let path = self.path.clone();
+        let bytes = self.bytes(array).map_err(read(&path))?;
+        let numbers: Vec<f64> = bytes.chunks_exact(array.bytes).map(array.decode).collect();
+        let expected = match array.place {
+            Place::Point => Some(self.points * array.components),
+            Place::Cell => Some(self.cells * array.components),
+            Place::Grid => None,
+        };
+        if expected.is_some_and(|n| n != numbers.len()) {
+            return Err(damaged(
+                &path,
+                &format!("'{}' has {} numbers", array.name, numbers.len()),
+            ));
+        }
+        Ok(numbers)
+    }
+
+    fn bytes(&mut self, array: &Array) -> std::io::Result<Vec<u8>> {
+        self.file.seek(SeekFrom::Start(self.data + array.offset))?;
+        let mut size = [0; 8];
+        self.file.read_exact(&mut size)?;
+        let size = u64::from_le_bytes(size);
+        // A damaged length must not take all memory.
+        let left = self
+            .file
+            .metadata()?
+            .len()
+            .saturating_sub(self.data + array.offset + 8);
+        if size > left {
+            return Err(std::io::ErrorKind::UnexpectedEof.into());
+        }
+        let mut bytes = vec![0; size as usize];
+        self.file.read_exact(&mut bytes)?;
+        Ok(bytes)
+    }
+}
+
+/// The XML before the appended data, closed by hand, and where the data begin.
+fn head(file: &mut File) -> std::io::Result<(Option<String>, u64)> {
+    const MARK: &[u8] = b"<AppendedData encoding=\"raw\">";
+    let mut bytes = Vec::new();
+    let mut block = vec![0; 1 << 14];
+    loop {
+        let n = file.read(&mut block)?;
+        bytes.extend_from_slice(&block[..n]);
+        let mark = bytes.windows(MARK.len()).position(|w| w == MARK);
+        let start = mark.and_then(|m| Some((m, m + bytes[m..].iter().position(|b| *b == b'_')? + 1)));
+        if let Some((mark, start)) = start {
+            let text = String::from_utf8(bytes[..mark].to_vec()).ok();
+            return Ok((text.map(|t| t + "</VTKFile>"), start as u64));
+        }
+        // A head names arrays; no frame has thousands.
+        if n == 0 || bytes.len() > 1 << 20 {
+            return Ok((None, 0));
+        }
+    }
+}
+
+fn array(node: Node<'_, '_>, place: Place) -> Option<Array> {
+    fn raw<const N: usize>(b: &[u8]) -> [u8; N] {
+        std::array::from_fn(|k| b[k])
+    }
+    let (bytes, decode): (usize, fn(&[u8]) -> f64) = match node.attribute("type")? {
+        "Float64" => (8, |b| f64::from_le_bytes(raw(b))),
+        "Float32" => (4, |b| f64::from(f32::from_le_bytes(raw(b)))),
+        "Int64" => (8, |b| i64::from_le_bytes(raw(b)) as f64),
+        "Int32" => (4, |b| f64::from(i32::from_le_bytes(raw(b)))),
+        "UInt32" => (4, |b| f64::from(u32::from_le_bytes(raw(b)))),
+        "UInt8" => (1, |b| f64::from(b[0])),
+        _ => return None,
+    };
+    let components = node.attribute("NumberOfComponents").unwrap_or("1");
+    Some(Array {
+        name: node.attribute("Name").unwrap_or_default().to_owned(),
+        place,
+        components: components.parse().ok().filter(|c| *c > 0)?,
+        bytes,
+        decode,
+        offset: node.attribute("offset")?.parse().ok()?,
+    })
+}

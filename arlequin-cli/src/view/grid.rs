@@ -1,0 +1,198 @@
+//! The picture of a grid: faces between cells, lines, and what is left of both when points are left out.
+
+use super::frames::{Frame, Place};
+use crate::error::{Result, value};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// No cell on the other side of a face.
+pub(super) const OUTSIDE: u32 = u32::MAX;
+
+/// A grid as it is drawn. Indices of points and cells are those of the file.
+#[derive(Debug, Default)]
+pub(super) struct Grid {
+    /// Points at rest, three coordinates each \[m\].
+    pub(super) points: Vec<f64>,
+    /// Four corners (the last two alike for a triangle) and the cells on both sides.
+    pub(super) faces: Vec<[u32; 6]>,
+    /// Ends of a line and its cell.
+    pub(super) lines: Vec<[u32; 3]>,
+    /// Corners of all solid and plane cells in a row, and where each cell ends in it; empty cells are of other kinds.
+    pub(super) corners: Vec<u32>,
+    pub(super) ends: Vec<u32>,
+    /// Cells of kinds that are not drawn.
+    pub(super) unknown: usize,
+}
+
+/// Faces of the cells of VTK that are drawn: outward, corners by their place in the cell.
+fn faces_of(kind: u8) -> Option<&'static [[usize; 4]]> {
+    match kind {
+        5 => Some(&[[0, 1, 2, 2]]),
+        9 => Some(&[[0, 1, 2, 3]]),
+        10 => Some(&[[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [0, 3, 2, 2]]),
+        12 => Some(&[
+            [0, 3, 2, 1],
+            [4, 5, 6, 7],
+            [0, 1, 5, 4],
+            [1, 2, 6, 5],
+            [2, 3, 7, 6],
+            [3, 0, 4, 7],
+        ]),
+        13 => Some(&[
+            [0, 1, 2, 2],
+            [3, 5, 4, 4],
+            [0, 3, 4, 1],
+            [1, 4, 5, 2],
+            [2, 5, 3, 0],
+        ]),
+        14 => Some(&[
+            [0, 3, 2, 1],
+            [0, 1, 4, 4],
+            [1, 2, 4, 4],
+            [2, 3, 4, 4],
+            [3, 0, 4, 4],
+        ]),
+        _ => None,
+    }
+}
+
+impl Grid {
+    /// Reads the grid of a frame.
+    pub(super) fn of(frame: &mut Frame, path: &Path) -> Result<Self> {
+        let need = |f: &Frame, name: &str| {
+            let rule = format!("has no array '{name}'; make the run again");
+            f.find(Place::Grid, name)
+                .ok_or_else(|| value("DIR", path.display(), &rule))
+        };
+        let mut read = |name: &str| {
+            let array = need(frame, name)?;
+            frame.numbers(&array)
+        };
+        let points = read("")?;
+        let corners: Vec<u32> = read("connectivity")?.into_iter().map(|x| x as u32).collect();
+        let ends: Vec<u32> = read("offsets")?.into_iter().map(|x| x as u32).collect();
+        let kinds: Vec<u8> = read("types")?.into_iter().map(|x| x as u8).collect();
+        let count = points.len() / 3;
+        let rising =
+            ends.windows(2).all(|w| w[0] <= w[1]) && ends.last().is_none_or(|e| *e as usize <= corners.len());
+        if !rising || kinds.len() != ends.len() || corners.iter().any(|c| *c as usize >= count) {
+            return Err(value(
+                "DIR",
+                path.display(),
+                "has cells with corners that are not there; make the run again",
+            ));
+        }
+        Ok(Self::new(points, &corners, &ends, &kinds))
+    }
+
+    fn new(points: Vec<f64>, corners: &[u32], ends: &[u32], kinds: &[u8]) -> Self {
+        let mut grid = Self {
+            points,
+            ..Self::default()
+        };
+        // A face that two cells have lies between them.
+        let mut between: HashMap<[u32; 4], usize> = HashMap::new();
+        let mut start = 0;
+        for (cell, (end, kind)) in ends.iter().zip(kinds).enumerate() {
+            let own = &corners[start..*end as usize];
+            start = *end as usize;
+            match (faces_of(*kind), kind) {
+                (Some(faces), _) if own.len() > faces.iter().flatten().copied().max().unwrap_or(0) => {
+                    for face in faces {
+                        let at = face.map(|k| own[k]);
+                        let mut key = at;
+                        key.sort_unstable();
+                        if let Some(k) = between.remove(&key) {
+                            grid.faces[k][5] = cell as u32;
+                        } else {
+                            between.insert(key, grid.faces.len());
+                            grid.faces
+                                .push([at[0], at[1], at[2], at[3], cell as u32, OUTSIDE]);
+                        }
+                    }
+                    grid.corners.extend(own);
+                }
+                (_, 3) if own.len() == 2 => grid.lines.push([own[0], own[1], cell as u32]),
+                (_, 1) => {}
+                _ => grid.unknown += 1,
+            }
+            grid.ends.push(grid.corners.len() as u32);
+        }
+        grid
+    }
+
+    /// Corners of a cell.
+    pub(super) fn cell(&self, k: usize) -> &[u32] {
+        let start = if k == 0 { 0 } else { self.ends[k - 1] as usize };
+        &self.corners[start..self.ends[k] as usize]
+    }
+
+    /// Centres of all cells, zero for those that have no faces.
+    pub(super) fn centres(&self) -> Vec<f64> {
+        let centre = |k: usize| {
+            let own = self.cell(k);
+            let sum = |c: usize| own.iter().map(|i| self.points[3 * *i as usize + c]).sum::<f64>();
+            std::array::from_fn::<_, 3, _>(|c| sum(c) / own.len().max(1) as f64)
+        };
+        (0..self.ends.len()).flat_map(centre).collect()
+    }
+
+    /// Values of cells as means at the points.
+    pub(super) fn at_points(&self, values: &[f64], components: usize) -> Vec<f64> {
+        let count = self.points.len() / 3;
+        let (mut sums, mut shares) = (vec![0.0_f64; count * components], vec![0.0_f64; count]);
+        for k in 0..self.ends.len() {
+            for i in self.cell(k) {
+                shares[*i as usize] += 1.0;
+                for c in 0..components {
+                    sums[*i as usize * components + c] += values[k * components + c];
+                }
+            }
+        }
+        for (sum, share) in sums.chunks_exact_mut(components).zip(&shares) {
+            sum.iter_mut().for_each(|s| *s /= share.max(1.0));
+        }
+        sums
+    }
+
+    /// Leaves out all that lies within.
+    pub(super) fn hollow(&mut self) {
+        self.faces.retain(|f| f[5] == OUTSIDE);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_cubes_share_one_face_and_close_outward() {
+        let points = (0..12)
+            .flat_map(|k| [f64::from(k % 3), f64::from(k / 3 % 2), f64::from(k / 6)])
+            .collect();
+        let cubes = [0, 1, 4, 3, 6, 7, 10, 9, 1, 2, 5, 4, 7, 8, 11, 10];
+        let grid = Grid::new(points, &cubes, &[8, 16], &[12, 12]);
+        assert_eq!(grid.faces.len(), 11);
+        assert_eq!(grid.faces.iter().filter(|f| f[5] == 1).count(), 1);
+        assert_eq!(grid.centres(), [0.5, 0.5, 0.5, 1.5, 0.5, 0.5]);
+        // Volume by the divergence theorem: a third of the sum of x · n over the outer faces.
+        let at = |i: u32| std::array::from_fn::<_, 3, _>(|c| grid.points[3 * i as usize + c]);
+        let det = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
+            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+                + a[2] * (b[0] * c[1] - b[1] * c[0])
+        };
+        let outer = grid.faces.iter().filter(|f| f[5] == OUTSIDE);
+        let volume: f64 = outer
+            .map(|f| (det(at(f[0]), at(f[1]), at(f[2])) + det(at(f[0]), at(f[2]), at(f[3]))) / 6.0)
+            .sum();
+        assert!((volume - 2.0).abs() < 1e-12, "{volume}");
+        assert_eq!(grid.at_points(&[1.0, 3.0], 1)[..3], [1.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn a_tetrahedron_closes_outward() {
+        let points = vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let grid = Grid::new(points, &[0, 1, 2, 3, 0, 1], &[4, 6], &[10, 3]);
+        assert_eq!((grid.faces.len(), grid.lines.as_slice()), (4, &[[0, 1, 1]][..]));
+    }
+}

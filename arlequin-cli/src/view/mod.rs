@@ -1,0 +1,127 @@
+//! `arlequin view`: one page with everything in it, made from the files of a run: what it shows is what they say.
+
+mod curves;
+mod frames;
+mod grid;
+mod page;
+mod part;
+
+use crate::error::{Result, write};
+use crate::report;
+use arlequin_scene::output::mark;
+use frames::{Frame, Place, Series};
+use part::Part;
+use std::path::{Path, PathBuf};
+
+/// What the command line says.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Folder of results.
+    folder: PathBuf,
+    /// Page to write [default: view.html in the folder]
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Data to keep; more is thinned, and the page says how. Before they are packed, to about a half.
+    #[arg(long, value_name = "N", default_value_t = 48)]
+    megabytes: usize,
+}
+
+/// Frames that stay when points have to go too.
+const FRAMES: usize = 20;
+/// Cells of a mesh beyond which only its surface is drawn.
+const CELLS: usize = 250_000;
+/// Lines beyond which only broken ones are drawn.
+pub(super) const LINES: usize = 400_000;
+
+/// Writes the page.
+pub(crate) fn view(a: &Arguments) -> Result<()> {
+    let html = a.html.clone().unwrap_or_else(|| a.folder.join("view.html"));
+    mark::generated("--html", &html, page::HEAD)?;
+    let series = frames::index(&a.folder)?;
+    let plan = Plan::new(&series, a.megabytes.max(1) * 1_000_000)?;
+    let mut notices = plan.notices.clone();
+    let mut parts = Vec::new();
+    for s in &series {
+        parts.push(Part::read(s, &plan, &mut notices)?);
+    }
+    let summary = std::fs::read_to_string(a.folder.join("summary.json")).unwrap_or_default();
+    let summary = serde_json::from_str(&summary).unwrap_or_default();
+    let text = page::html(&summary, &plan.times, &parts, &curves::read(&a.folder), &notices)?;
+    std::fs::write(&html, &text).map_err(write(&html))?;
+    for n in &notices {
+        report::line(&format!("notice     {n}"));
+    }
+    let size = text.len() as f64 / 1e6;
+    report::line(&format!("written    {} ({size:.1} MB)", html.display()));
+    Ok(())
+}
+
+/// What of a run is shown.
+#[derive(Debug)]
+pub(super) struct Plan {
+    /// Times of the frames \[s\].
+    times: Vec<f64>,
+    /// Share of the particles that stay.
+    share: f64,
+    notices: Vec<String>,
+}
+
+impl Plan {
+    /// Leaves out frames first, down to a few, then particles.
+    fn new(series: &[Series], bytes: usize) -> Result<Self> {
+        let mut times: Vec<f64> = series.iter().flat_map(|s| s.files.iter().map(|f| f.0)).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        let (mut grains, mut rest, mut count) = (0, 0, 0);
+        for s in series {
+            let frame = Frame::open(first(s))?;
+            // Two bytes a value.
+            let of = |place: Place| -> usize {
+                let all = frame.arrays.iter().filter(|a| a.place == place && varies(a));
+                all.map(|a| 2 * a.components).sum()
+            };
+            let (of_point, of_cell) = (of(Place::Point), of(Place::Cell));
+            if frame.find(Place::Point, "radius [m]").is_some() {
+                grains += of_point * frame.points + of_cell * frame.cells;
+                count += frame.points;
+            } else if frame.cells > CELLS {
+                // The points of its surface.
+                rest += (of_point + of_cell) * 6 * (frame.points as f64).powf(2.0 / 3.0) as usize;
+            } else {
+                rest += (of_point + of_cell) * frame.points;
+            }
+        }
+        let mut notices = Vec::new();
+        let all = times.len();
+        let fits = (bytes / (grains + rest).max(1)).max(FRAMES.min(all)).max(1);
+        if fits < all {
+            let last = all - 1;
+            times = (0..fits).map(|k| times[k * last / (fits - 1).max(1)]).collect();
+            notices.push(format!("{fits} of {all} frames are shown; more with --megabytes"));
+        }
+        let room = (bytes / times.len()).saturating_sub(rest) as f64;
+        let share = (room / grains.max(1) as f64).clamp(0.002, 1.0);
+        if share < 1.0 {
+            let shown = share * count as f64;
+            notices.push(format!(
+                "about {shown:.0} of {count} particles are shown, larger than they are, and all with broken bonds; more with \
+                 --megabytes"
+            ));
+        }
+        Ok(Self {
+            times,
+            share,
+            notices,
+        })
+    }
+}
+
+fn first(series: &Series) -> &Path {
+    &series.files[0].1
+}
+
+/// Whether an array is one of values over time that are kept.
+fn varies(array: &frames::Array) -> bool {
+    const FIXED: [&str; 5] = ["alpha", "beta", "gamma", "radius [m]", "broken [-]"];
+    !FIXED.contains(&array.name.as_str())
+}

@@ -1,0 +1,189 @@
+//! The page: skeleton, style and script of `web/`, libraries of `web/vendor/`, and the data, packed.
+
+use super::curves::Plot;
+use super::part::{Field, Part};
+use crate::error::Result;
+use crate::report;
+use base64::Engine;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+/// First line of a page, by which it is known as one.
+pub(super) const HEAD: &str = "<!DOCTYPE html><!-- Results of arlequin, by 'arlequin view' -->\n";
+
+const SKELETON: &str = include_str!("../../web/view.html");
+/// What takes the place of a mark in the skeleton.
+const PIECES: [(&str, &str); 6] = [
+    (
+        "/* uplot.css */",
+        include_str!("../../web/vendor/uplot/uPlot.min.css"),
+    ),
+    ("/* view.css */", include_str!("../../web/view.css")),
+    (
+        "/* three.js */",
+        include_str!("../../web/vendor/three/three.min.js"),
+    ),
+    (
+        "/* uplot.js */",
+        include_str!("../../web/vendor/uplot/uPlot.iife.min.js"),
+    ),
+    ("/* body.js */", include_str!("../../web/body.js")),
+    ("/* view.js */", include_str!("../../web/view.js")),
+];
+
+/// Numbers one after another; the page takes views of them.
+#[derive(Debug, Default)]
+struct Store(Vec<u8>);
+
+/// Where an array begins \[bytes\], and how many numbers it has.
+#[derive(Debug, Serialize)]
+struct Stored(usize, usize);
+
+impl Store {
+    fn put<const N: usize>(&mut self, numbers: impl Iterator<Item = [u8; N]>) -> Stored {
+        // Views begin at multiples of the size of their numbers.
+        self.0.resize(self.0.len().next_multiple_of(4), 0);
+        let at = self.0.len();
+        self.0.extend(numbers.flatten());
+        Stored(at, (self.0.len() - at) / N)
+    }
+
+    fn floats(&mut self, numbers: impl Iterator<Item = f64>) -> Stored {
+        self.put(numbers.map(|x| (x as f32).to_le_bytes()))
+    }
+}
+
+/// The whole page.
+pub(super) fn html(
+    summary: &Value,
+    times: &[f64],
+    parts: &[Part],
+    plots: &[Plot],
+    notices: &[String],
+) -> Result<String> {
+    let mut store = Store::default();
+    let (centre, size) = extent(parts);
+    let parts: Vec<Value> = parts
+        .iter()
+        .map(|p| part(&mut store, p, summary, (centre, size)))
+        .collect();
+    let plots: Vec<Value> = plots.iter().map(|p| plot(&mut store, p)).collect();
+    let title = ["title", "scene"]
+        .iter()
+        .find_map(|k| summary[*k].as_str())
+        .unwrap_or("Results");
+    let about = json!({
+        "title": title,
+        "facts": facts(summary),
+        "size": size,
+        "times": times,
+        "parts": parts,
+        "plots": plots,
+        "notices": notices,
+    });
+    // Neither may end the element they stand in.
+    let about = report::pretty(&about)?.replace('<', "\\u003c");
+    let packed = miniz_oxide::deflate::compress_to_vec_zlib(&store.0, 5);
+    let packed = base64::engine::general_purpose::STANDARD.encode(packed);
+    let name = title.replace('&', "&amp;").replace('<', "&lt;");
+    let mut page = HEAD.to_owned() + &SKELETON.replace("<!-- title -->", &name);
+    for (mark, piece) in PIECES {
+        page = page.replace(mark, piece.trim_end());
+    }
+    Ok(page.replace("/* about */", &about).replace("/* data */", &packed))
+}
+
+/// Centre and diagonal of the space that all parts fill at rest \[m\].
+fn extent(parts: &[Part]) -> ([f64; 3], f64) {
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [f64::NEG_INFINITY; 3];
+    for (k, x) in parts.iter().flat_map(|p| p.grid.points.iter().enumerate()) {
+        low[k % 3] = low[k % 3].min(*x);
+        high[k % 3] = high[k % 3].max(*x);
+    }
+    let centre = std::array::from_fn(|c| 0.5 * (low[c] + high[c]));
+    let size = (0..3).map(|c| (high[c] - low[c]).powi(2)).sum::<f64>().sqrt();
+    (centre, size.max(f64::MIN_POSITIVE))
+}
+
+fn part(store: &mut Store, p: &Part, summary: &Value, (centre, size): ([f64; 3], f64)) -> Value {
+    let models = summary["models"].as_array();
+    let model = models
+        .into_iter()
+        .flatten()
+        .find(|m| m["name"] == p.name.as_str());
+    let place = |(k, x): (usize, &f64)| (x - centre[k % 3]) / size;
+    let whole = |k: &u32| k.to_le_bytes();
+    let fields: Vec<Value> = p.fields.iter().map(|f| field(store, f)).collect();
+    json!({
+        "name": p.name,
+        "kind": model.map_or(Value::Null, |m| m["kind"].clone()),
+        "mediator": p.name.starts_with("mediator-"),
+        "places": store.floats(p.grid.points.iter().enumerate().map(place)),
+        "radii": store.floats(p.radii.iter().map(|r| r / size)),
+        "faces": store.put(p.grid.faces.iter().flatten().map(whole)),
+        "centres": store.floats(p.centres.iter().enumerate().map(place)),
+        "lines": store.put(p.grid.lines.iter().flat_map(|l| &l[..2]).map(whole)),
+        "broken": store.put(p.broken.iter().map(|b| b.to_le_bytes())),
+        "fields": fields,
+    })
+}
+
+fn field(store: &mut Store, f: &Field) -> Value {
+    let (name, unit) = match f.name.split_once(" [") {
+        Some((name, rest)) => {
+            let (unit, more) = rest.split_once(']').unwrap_or((rest, ""));
+            (format!("{name}{more}"), if unit == "-" { "" } else { unit })
+        }
+        None => (f.name.clone(), ""),
+    };
+    json!({
+        "name": name,
+        "unit": unit.replace("m3", "m³").replace("m2", "m²"),
+        "onLines": f.on_lines,
+        "components": f.components,
+        "frames": f.frames,
+        "low": f.low,
+        "high": f.high,
+        "values": store.put(f.values.iter().map(|v| v.to_le_bytes())),
+    })
+}
+
+fn plot(store: &mut Store, p: &Plot) -> Value {
+    json!({
+        "title": p.title,
+        "unit": p.unit,
+        "names": p.names,
+        "times": store.floats(p.times.iter().copied()),
+        "columns": p.columns.iter().map(|c| store.floats(c.iter().copied())).collect::<Vec<_>>(),
+    })
+}
+
+/// A few lines about the run.
+fn facts(s: &Value) -> Vec<String> {
+    let mut out = Vec::new();
+    for m in s["models"].as_array().into_iter().flatten() {
+        if let (Some(name), Some(kind), Some(n)) =
+            (m["name"].as_str(), m["kind"].as_str(), m["nodes"].as_u64())
+        {
+            let what = if kind == "dem" { "particles" } else { "nodes" };
+            out.push(format!("{name}: {kind}, {n} {what}"));
+        }
+    }
+    if let (Some(steps), Some(dt)) = (s["steps"].as_u64(), s["dt"].as_f64()) {
+        out.push(format!("{steps} steps of {dt:.3e} s"));
+    }
+    if let Some(drift) = s["energy"]["h_drift_max"].as_f64() {
+        out.push(format!("unexplained drift of H {drift:.1e}"));
+    }
+    let broken = s["effect_ledger"].as_array().into_iter().flatten();
+    let broken: f64 = broken.filter_map(|e| e["facts"]["broken bonds"].as_f64()).sum();
+    if broken > 0.0 {
+        out.push(format!("{broken:.0} bonds broke"));
+    }
+    match s["status"].as_str() {
+        None | Some("complete") => {}
+        Some(other) => out.push(format!("status: {other}")),
+    }
+    out
+}

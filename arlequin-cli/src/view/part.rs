@@ -1,0 +1,327 @@
+//! One model, mediator or body of a run, as far as it is shown: grid, fields over time, broken bonds.
+
+use super::frames::{Array, Frame, Place, Series};
+use super::grid::Grid;
+use super::{CELLS, LINES, Plan, first};
+use crate::error::{Result, value};
+use std::collections::BTreeSet;
+
+/// A line that never breaks.
+pub(super) const WHOLE: u16 = u16::MAX;
+/// No point stays.
+const GONE: u32 = u32::MAX;
+/// What moves the points.
+pub(super) const MOVE: &str = "displacement [m]";
+
+/// A part of the picture.
+#[derive(Debug)]
+pub(super) struct Part {
+    pub(super) name: String,
+    pub(super) grid: Grid,
+    /// Radii \[m\]; empty if the points are no spheres.
+    pub(super) radii: Vec<f64>,
+    /// Centres of the cells that faces name.
+    pub(super) centres: Vec<f64>,
+    /// Frame at which every line breaks; empty if none can.
+    pub(super) broken: Vec<u16>,
+    pub(super) fields: Vec<Field>,
+}
+
+/// Values over time, a number of 16 bits each between the lowest and the highest of its component.
+#[derive(Debug)]
+pub(super) struct Field {
+    /// With its unit.
+    pub(super) name: String,
+    pub(super) on_lines: bool,
+    pub(super) components: usize,
+    /// One if it never changes.
+    pub(super) frames: usize,
+    pub(super) low: Vec<f64>,
+    pub(super) high: Vec<f64>,
+    /// By frame, component, point.
+    pub(super) values: Vec<u16>,
+}
+
+/// What stays of the points and lines of a file.
+struct Kept {
+    points: Vec<u32>,
+    lines: Vec<u32>,
+}
+
+impl Part {
+    /// Reads what the plan shows of it.
+    pub(super) fn read(series: &Series, plan: &Plan, notices: &mut Vec<String>) -> Result<Self> {
+        let path = first(series);
+        let mut frame = Frame::open(path)?;
+        let mut full = Grid::of(&mut frame, path)?;
+        let mut tell = |text: String| notices.push(format!("'{}': {text}", series.name));
+        if full.unknown > 0 {
+            tell(format!(
+                "{} cells of kinds that this page does not draw",
+                full.unknown
+            ));
+        }
+        let radii = match frame.find(Place::Point, "radius [m]") {
+            Some(a) => frame.numbers(&a)?,
+            None => Vec::new(),
+        };
+        if full.ends.len() > CELLS && !full.faces.is_empty() {
+            full.hollow();
+            tell("its surface alone is shown, and what is within only where a cut opens no cells".into());
+        }
+        let broken = breaks(series, plan, full.ends.len())?;
+        let (grid, centres, kept) = reduced(&full, !radii.is_empty(), plan.share, &broken);
+        if kept.lines.len() < full.lines.len() && plan.share >= 1.0 {
+            tell(format!(
+                "{} of {} bonds are shown, all broken ones among them",
+                kept.lines.len(),
+                full.lines.len()
+            ));
+        }
+        let fields = fields(series, plan, &full, &kept)?;
+        let of = |list: &[u32], all: &[u16]| list.iter().map(|k| all[*k as usize]).collect();
+        Ok(Self {
+            name: series.name.clone(),
+            radii: drawn(&radii, &kept, plan.share),
+            broken: if broken.is_empty() {
+                broken
+            } else {
+                of(&kept.lines, &broken)
+            },
+            grid,
+            centres,
+            fields,
+        })
+    }
+}
+
+/// Radii of the particles that stay; those that stand for others are drawn so much larger that they fill the space.
+fn drawn(radii: &[f64], kept: &Kept, share: f64) -> Vec<f64> {
+    let limit = (share * f64::from(u32::MAX)) as u32;
+    let size = |k: &u32| {
+        if share < 1.0 && scattered(*k) <= limit {
+            share.cbrt().recip()
+        } else {
+            1.0
+        }
+    };
+    let all = kept.points.iter().filter(|_| !radii.is_empty());
+    all.map(|k| radii[*k as usize] * size(k)).collect()
+}
+
+/// The frame at which each cell is seen broken first.
+fn breaks(series: &Series, plan: &Plan, cells: usize) -> Result<Vec<u16>> {
+    let mut out = Vec::new();
+    for (k, path) in plan.times.iter().filter_map(|t| series.at(*t)).enumerate() {
+        let mut frame = Frame::open(path)?;
+        let Some(array) = frame.find(Place::Cell, "broken [-]") else {
+            return Ok(out);
+        };
+        let now = frame.numbers(&array)?;
+        out.resize(cells, WHOLE);
+        for (at, gone) in out.iter_mut().zip(now) {
+            if *at == WHOLE && gone > 0.5 {
+                *at = k as u16;
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// The grid with the points that stay, the centres of its cells, and which points and lines they are.
+fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<f64>, Kept) {
+    let count = full.points.len() / 3;
+    let mut wanted = vec![grains || full.faces.is_empty(); count];
+    if grains && share < 1.0 {
+        let limit = (share * f64::from(u32::MAX)) as u32;
+        for (k, w) in wanted.iter_mut().enumerate() {
+            *w = scattered(k as u32) <= limit;
+        }
+        cracked(full, broken)
+            .filter(|ends| ends.len() as f64 <= share * count as f64)
+            .into_iter()
+            .flatten()
+            .for_each(|i| wanted[i as usize] = true);
+    }
+    full.faces
+        .iter()
+        .flat_map(|f| &f[..4])
+        .for_each(|i| wanted[*i as usize] = true);
+    let mut number = vec![GONE; count];
+    let mut points = Vec::new();
+    for k in (0..count).filter(|k| wanted[*k]) {
+        number[k] = points.len() as u32;
+        points.push(k as u32);
+    }
+    let stays = |l: &&[u32; 3]| l[..2].iter().all(|i| number[*i as usize] != GONE);
+    let mut lines: Vec<[u32; 3]> = full.lines.iter().filter(stays).copied().collect();
+    if lines.len() > LINES {
+        lines.retain(|l| broken.get(l[2] as usize).is_some_and(|b| *b != WHOLE));
+    }
+    let (mut cells, mut centres) = (vec![GONE; full.ends.len()], Vec::new());
+    let all = full.centres();
+    let mut faces = full.faces.clone();
+    for face in &mut faces {
+        face[..4].iter_mut().for_each(|i| *i = number[*i as usize]);
+        for cell in face[4..].iter_mut().filter(|c| **c != super::grid::OUTSIDE) {
+            let k = *cell as usize;
+            if cells[k] == GONE {
+                cells[k] = (centres.len() / 3) as u32;
+                centres.extend(&all[3 * k..3 * k + 3]);
+            }
+            *cell = cells[k];
+        }
+    }
+    let grid = Grid {
+        points: points
+            .iter()
+            .flat_map(|k| &full.points[3 * *k as usize..][..3])
+            .copied()
+            .collect(),
+        faces,
+        lines: lines
+            .iter()
+            .map(|l| [number[l[0] as usize], number[l[1] as usize], l[2]])
+            .collect(),
+        ..Grid::default()
+    };
+    let lines = lines.iter().map(|l| l[2]).collect();
+    (grid, centres, Kept { points, lines })
+}
+
+/// A number without order: even in space, whatever the order of the particles.
+fn scattered(k: u32) -> u32 {
+    let h = k.wrapping_mul(0x9e37_79b1);
+    let h = (h ^ (h >> 15)).wrapping_mul(0x85eb_ca6b);
+    (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35)
+}
+
+/// Particles with broken bonds: they are what is looked for.
+fn cracked(full: &Grid, broken: &[u16]) -> Option<BTreeSet<u32>> {
+    let gone = |l: &&[u32; 3]| broken.get(l[2] as usize).is_some_and(|b| *b != WHOLE);
+    let ends: BTreeSet<u32> = full
+        .lines
+        .iter()
+        .filter(gone)
+        .flat_map(|l| [l[0], l[1]])
+        .collect();
+    (!ends.is_empty()).then_some(ends)
+}
+
+/// All values of the frames that are shown.
+fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<Field>> {
+    let frame = Frame::open(first(series))?;
+    let shown = |a: &&Array| a.place != Place::Grid && a.name != "radius [m]" && a.name != "broken [-]";
+    let mut wanted: Vec<Array> = frame.arrays.iter().filter(shown).cloned().collect();
+    let moves = wanted.iter().any(|a| a.name == MOVE);
+    if !moves {
+        wanted.extend(frame.find(Place::Grid, ""));
+    }
+    let mut out = Vec::new();
+    for array in &wanted {
+        let on_lines = array.place == Place::Cell && full.faces.is_empty();
+        if on_lines && kept.lines.is_empty() {
+            continue;
+        }
+        let mut frames = Vec::new();
+        for path in plan.times.iter().filter_map(|t| series.at(*t)) {
+            let mut frame = Frame::open(path)?;
+            let found = frame.find(
+                array.place,
+                if array.place == Place::Grid {
+                    ""
+                } else {
+                    &array.name
+                },
+            );
+            let found = found
+                .filter(|f| f.components == array.components)
+                .ok_or_else(|| {
+                    let rule = format!(
+                        "has no array '{}' as the first frame; make the run again",
+                        array.name
+                    );
+                    value("DIR", path.display(), &rule)
+                })?;
+            let mut values = frame.numbers(&found)?;
+            if array.place == Place::Grid {
+                if values.len() != full.points.len() {
+                    let rule =
+                        "has another number of points than the first frame, which this page cannot show";
+                    return Err(value("DIR", path.display(), rule));
+                }
+                values.iter_mut().zip(&full.points).for_each(|(v, x)| *v -= x);
+            } else if array.place == Place::Cell && !on_lines {
+                values = full.at_points(&values, array.components);
+            }
+            let list = if on_lines { &kept.lines } else { &kept.points };
+            frames.push(picked(&values, array.components, list));
+        }
+        let name = if array.place == Place::Grid {
+            MOVE
+        } else {
+            &array.name
+        };
+        let mean = array.place == Place::Cell && !on_lines;
+        let name = if mean {
+            format!("{name}, mean at nodes")
+        } else {
+            name.to_owned()
+        };
+        let field = quantised(name, on_lines, array.components, frames);
+        // Points that do not move need no displacement.
+        if array.place != Place::Grid || field.frames > 1 {
+            out.push(field);
+        }
+    }
+    Ok(out)
+}
+
+/// Values of those that stay, by component.
+fn picked(values: &[f64], components: usize, list: &[u32]) -> Vec<f32> {
+    let of = |c: usize| {
+        list.iter()
+            .map(move |k| values[*k as usize * components + c] as f32)
+    };
+    (0..components).flat_map(of).collect()
+}
+
+fn quantised(name: String, on_lines: bool, components: usize, mut frames: Vec<Vec<f32>>) -> Field {
+    if frames.windows(2).all(|w| w[0] == w[1]) {
+        frames.truncate(1);
+    }
+    let count = frames.first().map_or(0, |f| f.len() / components);
+    let (mut low, mut high) = (vec![0.0; components], vec![0.0; components]);
+    for c in 0..components {
+        let all = || {
+            frames
+                .iter()
+                .flat_map(|f| &f[c * count..(c + 1) * count])
+                .filter(|v| v.is_finite())
+        };
+        low[c] = f64::from(all().copied().fold(f32::INFINITY, f32::min));
+        high[c] = f64::from(all().copied().fold(f32::NEG_INFINITY, f32::max));
+        if low[c] > high[c] {
+            (low[c], high[c]) = (0.0, 0.0);
+        }
+    }
+    let short = |v: f32, c: usize| {
+        let width = (high[c] - low[c]).max(f64::MIN_POSITIVE);
+        ((f64::from(v) - low[c]) / width * f64::from(u16::MAX)).round() as u16
+    };
+    let of_frame = |f: &Vec<f32>| {
+        f.iter()
+            .enumerate()
+            .map(|(k, v)| short(*v, k / count.max(1)))
+            .collect::<Vec<u16>>()
+    };
+    Field {
+        name,
+        on_lines,
+        components,
+        frames: frames.len(),
+        values: frames.iter().flat_map(of_frame).collect(),
+        low,
+        high,
+    }
+}
