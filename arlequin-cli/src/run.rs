@@ -77,8 +77,8 @@ impl Observer for Terminal {
     fn stepped(&mut self) {
         self.bar.clear();
     }
-    fn plot(&mut self, folder: &Path, title: &str, probes: &Table, energy: &Table) -> Result<()> {
-        report::plot::run(folder, title, probes, energy)
+    fn plot(&mut self, folder: &Path, title: &str, tables: [&Table; 3]) -> Result<()> {
+        report::plot::run(folder, title, tables)
     }
     fn plot_curve(&mut self, folder: &Path, title: &str, curve: &CurveLine) -> Result<()> {
         report::plot::one_over_another(folder, title, curve)

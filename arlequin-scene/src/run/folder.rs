@@ -234,7 +234,7 @@ impl Session<'_> {
             let title = spec.title.as_deref().unwrap_or_default();
             let r = &self.recorder;
             let drawn = plots.and_then(|p| {
-                observer.plot(&p, title, &r.probes, &r.energy)?;
+                observer.plot(&p, title, [&r.probes, &r.energy, &r.effects])?;
                 curves.iter().try_for_each(|c| observer.plot_curve(&p, title, c))
             });
             tries.push(drawn);
