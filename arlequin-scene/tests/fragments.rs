@@ -1,4 +1,5 @@
 //! What broke and what is left: modes, energies, pieces with their masses and velocities.
+#![allow(clippy::float_cmp, reason = "instants in a table are the same bits")]
 
 use arlequin_scene::{RunFolder, Scene, Silent};
 use std::path::PathBuf;

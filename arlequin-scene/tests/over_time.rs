@@ -1,4 +1,5 @@
 //! Loads, motions and speeds as expressions and tables, and what of a run can be read while it goes on.
+#![allow(clippy::float_cmp, reason = "the same load gives the same bits")]
 
 use arlequin::core::Coupled;
 use arlequin_scene::{Observer, Results, RunFolder, Scene, Silent};

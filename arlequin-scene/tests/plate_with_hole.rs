@@ -1,4 +1,5 @@
 //! The stress at the edge of a hole in a plate against Howland's solution.
+#![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin_scene::{Scene, Silent};
 use std::fmt::Write as _;

@@ -2,6 +2,7 @@
 //!
 //! What is compared knows nothing of how reactions are found: the momentum of all models, whose change in a step of velocity
 //! Verlet is the trapezoidal sum of all outer forces, `P_{n+1} − P_n = Δt/2 (F_n + F_{n+1})`.
+#![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin::core::nalgebra::Vector3;
 use arlequin_scene::{Error, Results, Scene, Silent};

@@ -1,4 +1,9 @@
 //! Scenes at rest: direct and relaxed equilibria, their reactions, load steps from a file.
+#![allow(
+    clippy::print_stdout,
+    clippy::float_cmp,
+    reason = "a test shows what it measured and compares times that are the same bits"
+)]
 
 use arlequin_scene::{Results, Scene, Silent};
 use std::path::PathBuf;
