@@ -76,8 +76,8 @@ impl Observer for Terminal {
     fn stepped(&mut self) {
         self.bar.clear();
     }
-    fn plot(&mut self, folder: &Path, title: &str, probes: &Table, energy: &Table) -> Result<()> {
-        report::plot::run(folder, title, probes, energy)
+    fn plot(&mut self, folder: &Path, title: &str, tables: [&Table; 3]) -> Result<()> {
+        report::plot::run(folder, title, tables)
     }
 }
 

@@ -227,7 +227,7 @@ impl Session<'_> {
             let plots = folder.subfolder("plots");
             let title = spec.title.as_deref().unwrap_or_default();
             let r = &self.recorder;
-            tries.push(plots.and_then(|p| observer.plot(&p, title, &r.probes, &r.energy)));
+            tries.push(plots.and_then(|p| observer.plot(&p, title, [&r.probes, &r.energy, &r.effects])));
         }
         tries
     }

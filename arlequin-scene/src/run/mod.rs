@@ -31,11 +31,11 @@ pub trait Observer {
     }
     /// No more steps follow, or none before a sleeping model wakes; results are put together.
     fn stepped(&mut self) {}
-    /// The scene asks for plots of the tables, in a folder that is not finished before they are there.
+    /// The scene asks for plots of the tables (probes, energy, effects), in a folder that is not finished before they are there.
     ///
     /// # Errors
     /// What cannot be drawn or written.
-    fn plot(&mut self, _folder: &Path, _title: &str, _probes: &Table, _energy: &Table) -> Result<()> {
+    fn plot(&mut self, _folder: &Path, _title: &str, _tables: [&Table; 3]) -> Result<()> {
         Ok(())
     }
 }

@@ -287,11 +287,11 @@ pub struct DemTable {
     /// Name of the array of radii in a `.vtu`. Default: first of `radius [m]`, `radius`, `Radius`, `radii`,
     /// `Radii`, `r`.
     pub radii: Option<String>,
-    /// Bonds per particle times two, over all particles \[–\]; about 17 GPa of silica's modulus per unit. Default:
+    /// Bonds per particle times two, over all particles \[–\]; about 1.7e10 Pa of silica's modulus per unit. Default:
     /// 6.2.
     pub coordination: Option<f64>,
     /// Young's modulus of the beams \[Pa\]. Default: 3.56 `material.young`, which gives a packing about that
-    /// modulus (265 GPa for 74.4 GPa).
+    /// modulus (2.65e11 Pa for 7.44e10 Pa).
     pub young: Option<f64>,
     /// Poisson's ratio of the beams \[–\]; that of the packing follows from the beams (0.17 with the defaults),
     /// `material.poisson` does not enter. Default: 0.3.
