@@ -17,11 +17,13 @@ fn built(text: &str) -> Built {
     build(scene.spec(), scene.folder()).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
 
-/// Deviation of displacements and of strains from uniform tension along x, relative, of the static twin.
+/// Deviation of displacements from uniform tension along x, relative to the largest one, of the static twin; and that of its
+/// energy in a body of the given volume.
 ///
 /// The scene pulls where it says, and Poisson's ratio is zero: `u = (x, 0, 0)/1000`.
-fn off_uniform_tension(built: &mut Built) -> f64 {
+fn off_uniform_tension(built: &mut Built, volume: f64) -> [f64; 2] {
     let solved = built.run.equilibrium(1.0).unwrap();
+    let energy = solved.energy / (0.5e-6 * volume) - 1.0;
     let mut worst: f64 = 0.0;
     let mut largest: f64 = 0.0;
     for (s, q) in built.run.subdomains().iter().zip(&solved.displacements) {
@@ -33,7 +35,7 @@ fn off_uniform_tension(built: &mut Built) -> f64 {
             }
         }
     }
-    worst / largest
+    [worst / largest, energy.abs()]
 }
 
 /// A bar from 0 to 12 m pulled at one end, with what divides it.
@@ -69,11 +71,14 @@ fn a_zone_across_a_bar_passes_the_patch_test_like_the_explicit_form() {
          overlap.width = 3.0\n{linear}\n"
     );
     let names = ["left", "right"];
-    let written = off_uniform_tension(&mut built(&pulled(&explicit, names, &names)));
+    let written = off_uniform_tension(&mut built(&pulled(&explicit, names, &names)), 48.0);
     let names = ["body", "right"];
     let mut derived = built(&pulled(&zone, names, &names));
-    let found = off_uniform_tension(&mut derived);
-    assert!(written < 1e-10 && found < 1e-10, "{written:e} {found:e}");
+    let found = off_uniform_tension(&mut derived, 48.0);
+    assert!(
+        written.iter().chain(&found).all(|off| *off < 1e-10),
+        "{written:?} {found:?}"
+    );
     // Both are the same models.
     let nodes: Vec<usize> = derived
         .run
@@ -101,8 +106,8 @@ fn two_zones_of_one_body_pass_the_patch_test_together() {
     let names = ["first", "last"];
     let mut both = built(&pulled(&parts, names, &["first", "body", "last"]));
     assert_eq!(both.run.interfaces().len(), 2);
-    let off = off_uniform_tension(&mut both);
-    assert!(off < 1e-10, "{off:e}");
+    let off = off_uniform_tension(&mut both, 48.0);
+    assert!(off.iter().all(|off| *off < 1e-10), "{off:?}");
     let widths: Vec<f64> = both.zones.iter().map(|z| z.elements).collect();
     assert!(widths.iter().all(|w| (w - 3.0).abs() < 1e-9), "{widths:?}");
 }
@@ -217,7 +222,7 @@ fn ell_pulled(zone: &str) -> String {
     let e = 1e-5;
     for model in ["body", "corner"] {
         for (x, low) in [(0.0, 0.0), (24e-3, 24e-3), (60e-3, 0.0)] {
-            if model == "corner" && x == 60e-3 {
+            if model == "corner" && x > 50e-3 {
                 continue;
             }
             out += &format!(
@@ -239,19 +244,17 @@ fn ell_pulled(zone: &str) -> String {
     out + "[time]\nsteps = 1\n[output]\nplots = false\n"
 }
 
+/// Elements of any form leave the gradient of the weights to vary from one to the next, which multipliers cannot follow: nodes
+/// that are next to weightless move most, the energy hardly knows.
 #[test]
-fn uniform_strain_of_a_gmsh_body_passes_a_zone_of_any_shape() {
-    // Exactly where the mediator can hold the forces of the weights: with the fine model's own elements as the body's.
-    for (zone, limit) in [
-        (
-            "kind = \"fem\"\nspacing = 3.5e-3\nweight = { profile = \"linear\", epsilon = 0.0 }",
-            1.0,
-        ),
-        ("kind = \"fem\"\nspacing = 3.5e-3", 1.0),
+fn uniform_strain_of_a_gmsh_body_with_a_zone_has_nearly_its_energy() {
+    for zone in [
+        "kind = \"fem\"\nspacing = 3.5e-3\nweight = { profile = \"linear\", epsilon = 0.0 }",
+        "kind = \"fem\"\nspacing = 3.5e-3",
     ] {
-        let off = off_uniform_tension(&mut built(&ell_pulled(zone)));
-        eprintln!("patch {zone}: {off:e}");
-        assert!(off < limit, "{off:e}");
+        let [off, energy] = off_uniform_tension(&mut built(&ell_pulled(zone)), 27_648e-9);
+        eprintln!("patch {zone}: {off:e} {energy:e}");
+        assert!(off < 0.15 && energy < 0.05, "{off:e} {energy:e}");
     }
 }
 
@@ -290,7 +293,7 @@ fn uniform_strain_passes_a_zone_at_least_as_well_as_the_explicit_shell() {
              shape.box = {{ low = [5.0, 5.0, -1.0], high = [9.0, 9.0, 3.0] }}\noverlap.width = 3.0\n"
         );
         let off = |text: &str, names: [&str; 2]| {
-            off_uniform_tension(&mut built(&block_pulled(text, names[0], names[1])))
+            off_uniform_tension(&mut built(&block_pulled(text, names[0], names[1])), 392.0)[0]
         };
         let (written, derived) = (
             off(&explicit, ["plate", "middle"]),
@@ -304,4 +307,180 @@ fn uniform_strain_passes_a_zone_at_least_as_well_as_the_explicit_shell() {
         unreachable!()
     };
     assert!(linear <= written && cubic < 1.5e-2, "{found:?}");
+}
+
+/// A bar with a zone at its end.
+const BAR: &str = "[body]\nkind = \"fem\"\nshape.box = { low = [0.0, 0.0, 0.0], high = [12.0, 2.0, 2.0] }\nspacing = 1.0\n\
+                   material = { young = 1.0, poisson = 0.2, density = 1.0 }\n\
+                   [zone.tip]\nkind = \"fem\"\nspacing = 0.5\nshape.box = { low = [9.0, -1.0, -1.0], high = [13.0, 3.0, 3.0] }\n\
+                   overlap.width = 3.0\n[time]\nsteps = 1\n";
+
+/// An assignment, the key that is blamed, and words of the message.
+const REFUSED: &[[&str; 3]] = &[
+    ["body.role=\"coarse\"", "body.role", "a body has none"],
+    [
+        "body.kind=\"dem\"",
+        "body.kind",
+        "zones are cut out of a continuum",
+    ],
+    [
+        "body.shape={ bar = { from = 0.0, to = 1.0, section = 1.0 } }",
+        "body.shape",
+        "cut out of solids",
+    ],
+    ["body.scale=0.0", "body.scale", "must be positive"],
+    ["body.scale=1e-3", "body", "belong to shape.file"],
+    ["body.volume=\"all\"", "body", "belong to shape.file"],
+    [
+        "body.materials={ core = { young = 1.0, density = 1.0 } }",
+        "body.materials",
+        "only a mesh file tells volumes apart",
+    ],
+    ["body.spacing=-1.0", "body.spacing", "must be positive"],
+    [
+        "body.shape={ ball = { centre = [0.0, 0.0, 0.0], radius = -1.0 } }",
+        "body.shape.ball.radius",
+        "must be positive",
+    ],
+    ["zone.tip.kind=\"chain\"", "zone.tip.kind", "a chain is a line"],
+    ["zone.tip.scale=-1.0", "zone.tip.scale", "must be positive"],
+    [
+        "zone.tip.overlap.width=0.0",
+        "zone.tip.overlap.width",
+        "must be positive",
+    ],
+    [
+        "zone.tip.overlap.width=1e-7",
+        "zone.tip.overlap.width",
+        "less than an element of the body",
+    ],
+    [
+        "zone.tip.overlap.width=20.0",
+        "zone.tip.shape",
+        "take the whole body",
+    ],
+    ["zone.tip.spacing=0.0", "zone.tip.spacing", "must be positive"],
+    [
+        "zone.tip.spacing=1e-3",
+        "zone.tip.spacing",
+        "times finer than the body's elements",
+    ],
+    [
+        "zone.tip.absorber={ rate = 1.0, spacing = 1.0 }",
+        "zone.tip.absorber.spacing",
+        "remove spacing",
+    ],
+    [
+        "zone.tip.shape={ ball = { centre = [6.0, 1.0, 1.0], radius = -1.0 } }",
+        "zone.tip.shape.ball.radius",
+        "must be positive",
+    ],
+    [
+        "zone.tip.shape={ ball = { centre = [60.0, 1.0, 1.0], radius = 1.0 } }",
+        "zone.tip.shape",
+        "no element of the body",
+    ],
+    [
+        "zone.tip.shape={ near = { group = \"x-max\", distance = 0.0 } }",
+        "zone.tip.shape.near.distance",
+        "must be positive",
+    ],
+    [
+        "zone.tip.shape={ near = { distance = 1.0 } }",
+        "zone.tip.shape.near",
+        "exactly one of group, file",
+    ],
+    [
+        "zone.tip.shape={ near = { group = \"top\", distance = 1.0 } }",
+        "zone.tip.shape.near.group",
+        "known: x-max, x-min",
+    ],
+    [
+        "zone.tip.shape={ file = \"plate.msh\" }",
+        "zone.tip.shape.file",
+        "STL",
+    ],
+    (
+        "zone.tip.shape={ cylinder = { point = [0.0, 0.0, 0.0], axis = [0.0, 0.0, 0.0], radius = 1.0 } }",
+        "zone.tip.shape.cylinder.axis",
+        "no length",
+    ),
+    [
+        "zone.tip.shape={ box = { low = [9.0, 0.0, 0.0], high = [1.0, 3.0, 3.0] } }",
+        "zone.tip.shape.box.high[0]",
+        "must be above low",
+    ],
+    [
+        "zone.top.spacing=1.0",
+        "zone.top.spacing",
+        "the scene has no zone 'top'; it has: tip",
+    ],
+];
+
+#[test]
+fn what_makes_no_body_or_zone_is_refused_with_key_and_remedy() {
+    for [set, key, words] in REFUSED {
+        let found = scene(BAR)
+            .unwrap()
+            .assign(&[(*set).to_owned()])
+            .and_then(|s| s.prepare());
+        let e = found.err().unwrap_or_else(|| panic!("{set} was taken"));
+        assert_eq!(e.place().0, Some(*key), "{set}: {e}");
+        assert!(e.to_string().contains(*words), "{set}: {e}");
+    }
+}
+
+#[test]
+fn zones_need_a_body_a_name_of_their_own_and_room() {
+    let refused = |text: &str| {
+        let e = scene(text).and_then(|s| s.prepare()).err();
+        e.unwrap_or_else(|| panic!("taken: {text}")).to_string()
+    };
+    let alone = BAR.split("[zone.tip]").nth(1).unwrap();
+    assert!(
+        refused(&format!("[zone.tip]{alone}"))
+            .contains("zone.tip: a zone is a part of [body], which is not there")
+    );
+    assert!(refused("[time]\nsteps = 1\n").contains("a scene needs at least one model"));
+    let taken = "[model.tip]\nkind = \"fem\"\nshape.box = { low = [0.0, 0.0, 0.0], high = [1.0, 1.0, 1.0] }\nspacing = 1.0\n\
+                 material = { young = 1.0, poisson = 0.2, density = 1.0 }\n";
+    assert!(refused(&format!("{BAR}{taken}")).contains("model.tip: has the name of the body or of a zone"));
+    let near = BAR
+        .split("[zone.tip]")
+        .nth(1)
+        .unwrap()
+        .split("[time]")
+        .next()
+        .unwrap();
+    let second = near
+        .replace("[9.0, -1.0", "[4.0, -1.0")
+        .replace("[13.0, 3.0", "[6.0, 3.0");
+    let e = refused(&format!("{BAR}[zone.top]{second}"));
+    assert!(e.contains("reach into those of zone"), "{e}");
+    // STL has no volume that elements could fill.
+    let stl = BAR.replace(
+        "shape.box = { low = [0.0, 0.0, 0.0], high = [12.0, 2.0, 2.0] }",
+        "shape.file = \"ell.stl\"",
+    );
+    let e = with_stl("zone-fem-stl", &stl)
+        .unwrap()
+        .prepare()
+        .unwrap_err()
+        .to_string();
+    assert!(
+        e.starts_with("body.shape.file") && e.contains("Gmsh mesh") && e.contains("cnem"),
+        "{e}"
+    );
+    let metres = stl
+        .replace("kind = \"fem\"\nshape", "kind = \"cnem\"\nshape")
+        .replace("spacing = 1.0", "spacing = 0.01");
+    let e = with_stl("zone-metres", &metres)
+        .unwrap()
+        .prepare()
+        .unwrap_err()
+        .to_string();
+    assert!(
+        e.starts_with("body.spacing = 0.01") && e.contains("scale = 1e-3"),
+        "{e}"
+    );
 }

@@ -227,7 +227,7 @@ impl<T: Real> FemField<T> {
         let mut shape = [T::zero(); 8];
         match self.mesh.kind() {
             ElementKind::Hex8 => {
-                shape = element::hex_values(&Vector3::new(at.local[0], at.local[1], at.local[2]))
+                shape = element::hex_values(&Vector3::new(at.local[0], at.local[1], at.local[2]));
             }
             ElementKind::Tet4 | ElementKind::Bar2 => shape[..4].copy_from_slice(&at.local),
         }

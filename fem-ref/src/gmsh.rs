@@ -64,7 +64,7 @@ fn contents(bytes: &[u8]) -> Result<Contents> {
         }
     };
     found.names = v4::physical_names(bytes)?;
-    found.to_first_order();
+    found.linearise();
     Ok(found)
 }
 

@@ -49,7 +49,7 @@ impl Contents {
     }
 
     /// Makes elements of second order linear: their corners come first. Nodes that no corner is on are left out.
-    pub(super) fn to_first_order(&mut self) {
+    pub(super) fn linearise(&mut self) {
         let mut middles = HashSet::new();
         let mut count = 0;
         for block in &mut self.blocks {

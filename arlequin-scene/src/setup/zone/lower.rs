@@ -6,6 +6,7 @@ use crate::error::{Error, Result, key, value};
 use crate::spec::{
     Interface, MediatorTable, ModelKind, ModelTable, OverlapShape, RoleKind, SceneSpec, Shape, ZoneTable,
 };
+use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 /// Name of the body's model.
@@ -133,7 +134,6 @@ fn kind_name(kind: ModelKind) -> &'static str {
 }
 
 fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {
-    let inherited = zone.material.is_none();
     ModelTable {
         kind: zone.kind,
         role: Some(RoleKind::Fine),
@@ -143,7 +143,10 @@ fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {
         scale: 1.0,
         volume: None,
         material: zone.material.unwrap_or(body.material),
-        materials: inherited.then(|| body.materials.clone()).unwrap_or_default(),
+        materials: match zone.material {
+            None => body.materials.clone(),
+            Some(_) => BTreeMap::new(),
+        },
         step: zone.step,
         fem: zone.fem,
         cnem: zone.cnem,
