@@ -400,11 +400,11 @@ const REFUSED: &[[&str; 3]] = &[
         "zone.tip.shape.file",
         "STL",
     ],
-    (
+    [
         "zone.tip.shape={ cylinder = { point = [0.0, 0.0, 0.0], axis = [0.0, 0.0, 0.0], radius = 1.0 } }",
         "zone.tip.shape.cylinder.axis",
         "no length",
-    ),
+    ],
     [
         "zone.tip.shape={ box = { low = [9.0, 0.0, 0.0], high = [1.0, 3.0, 3.0] } }",
         "zone.tip.shape.box.high[0]",

@@ -175,11 +175,15 @@ fn facts(s: &Value) -> Vec<String> {
             out.push(format!("{name}: {kind}, {n} {what}"));
         }
     }
-    if let (Some(steps), Some(dt)) = (s["steps"].as_u64(), s["dt"].as_f64()) {
-        out.push(format!("{steps} steps of {dt:.3e} s"));
-    }
-    if let Some(drift) = s["energy"]["h_drift_max"].as_f64() {
-        out.push(format!("unexplained drift of H {drift:.1e}"));
+    if let Some(load_steps) = s["load_steps"].as_array().filter(|l| !l.is_empty()) {
+        out.push(format!("{} load steps at rest", load_steps.len()));
+    } else {
+        if let (Some(steps), Some(dt)) = (s["steps"].as_u64(), s["dt"].as_f64()) {
+            out.push(format!("{steps} steps of {dt:.3e} s"));
+        }
+        if let Some(drift) = s["energy"]["h_drift_max"].as_f64() {
+            out.push(format!("unexplained drift of H {drift:.1e}"));
+        }
     }
     let broken = s["effect_ledger"].as_array().into_iter().flatten();
     let broken: f64 = broken.filter_map(|e| e["facts"]["broken bonds"].as_f64()).sum();
