@@ -1,6 +1,7 @@
 //! Linear isotropic elasticity, the material that all continuum models share: `σ = λ tr(ε) I + 2 μ ε`.
 
 use crate::error::invalid;
+use crate::recovery::SymmetricTensor;
 use crate::{Real, Result};
 
 /// A homogeneous isotropic elastic material.
@@ -69,6 +70,16 @@ impl<T: Real> Elastic<T> {
         let mu = self.young / (T::of(2.0) * (one + self.poisson));
         let lambda = self.young * self.poisson / ((one + self.poisson) * (one - self.poisson - self.poisson));
         [lambda, mu]
+    }
+
+    /// Stress of a strain, `λ tr ε 1 + 2 μ ε` \[Pa\].
+    pub fn stress(&self, strain: &SymmetricTensor<T>) -> SymmetricTensor<T> {
+        let [lambda, mu] = self.lame();
+        let [xx, yy, zz, ..] = strain.0;
+        let mut out = SymmetricTensor(strain.0.map(|e| (mu + mu) * e));
+        let pressure = lambda * (xx + yy + zz);
+        out.0[..3].iter_mut().for_each(|s| *s += pressure);
+        out
     }
 
     /// P-wave modulus `λ + 2 μ = E (1 − ν) / ((1 + ν)(1 − 2ν))` \[Pa\].

@@ -202,7 +202,7 @@ impl Error {
                 | Self::Observer(_)
                 | Self::Kept { .. }
                 | Self::Core {
-                    source: Core::Diverged { .. } | Core::EnergyGrowth { .. },
+                    source: Core::Diverged { .. } | Core::EnergyGrowth { .. } | Core::NotSettled { .. },
                     ..
                 }
         );

@@ -1,7 +1,7 @@
 //! What a run will be: sizes, steps, output, memory and time.
 
-use crate::output::Frames;
 use crate::output::summary::{self, InterfaceLine, ModelLine};
+use crate::output::{Frames, Pictures};
 use crate::recorder::PhaseClock;
 use crate::run::Prepared;
 use crate::scene::Scene;
@@ -71,6 +71,8 @@ impl Preview {
             mut run,
             models,
             mediators,
+            rigid,
+            load_steps,
             steps,
             frame_every,
             warnings,
@@ -80,7 +82,13 @@ impl Preview {
         let packings: Vec<_> = models.iter().map(|d| d.packing.clone()).collect();
         // Nothing is written: the folder is only a name.
         let fields = &scene.spec().output.fields;
-        let frames = Frames::new(PathBuf::new(), fields, &run, models, mediators);
+        let pictures = Pictures {
+            models,
+            mediators,
+            rigid,
+        };
+        let frames = Frames::new(PathBuf::new(), fields, &run, pictures);
+        let last = load_steps.and_then(|s| s.times.last().copied());
         let plan = run.plan();
         let count = 1 + steps.div_ceil(frame_every);
         Self {
@@ -92,7 +100,7 @@ impl Preview {
             dt: plan.dt,
             critical_dt: plan.critical_dt,
             steps,
-            end: steps as f64 * plan.dt,
+            end: last.unwrap_or(steps as f64 * plan.dt),
             frames: count,
             output_bytes: count * frames.bytes_per_frame(),
             memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
@@ -100,7 +108,12 @@ impl Preview {
             setup_phases: phases,
             warnings,
             asleep: None,
-            stepping_seconds: trial(&mut run, steps),
+            // How long a load step takes is not known before it is there.
+            stepping_seconds: if last.is_some() {
+                None
+            } else {
+                trial(&mut run, steps)
+            },
         }
     }
 }

@@ -43,6 +43,7 @@ mod kernel;
 mod mesh;
 mod model;
 mod order;
+mod recovery;
 
 pub use arlequin_core::Elastic;
 pub use element::{ElementKind, GaussPoint};

@@ -8,14 +8,16 @@ use crate::error::{Error, Result};
 use crate::field::FemField;
 use crate::kernel;
 use crate::mesh::Mesh;
+use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Real, Weight, check_size,
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Patches, Real, Recovery,
+    Weight, check_size,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::CsMat;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A linear elastic body meshed with finite elements; bars carry axial displacements only.
 #[derive(Debug, Clone)]
@@ -26,6 +28,8 @@ pub struct FemModel<T: Real> {
     /// Unweighted lumped mass contributions `ρ ∫ N_i dV` \[kg\], per element and corner.
     masses: Vec<T>,
     stiffness: BlockMatrix<T>,
+    /// How stresses come to the nodes, once they are asked for.
+    patches: OnceLock<Patches<T>>,
 }
 
 impl<T: Real> FemModel<T> {
@@ -59,6 +63,7 @@ impl<T: Real> FemModel<T> {
             field: Arc::new(FemField::new(mesh)),
             material,
             masses,
+            patches: OnceLock::new(),
         })
     }
 
@@ -70,6 +75,10 @@ impl<T: Real> FemModel<T> {
     /// The material.
     pub fn material(&self) -> &Elastic<T> {
         &self.material
+    }
+
+    pub(crate) fn patches(&self) -> &Patches<T> {
+        self.patches.get_or_init(|| recovery::patches(self.mesh()))
     }
 
     /// The displacement field.
@@ -167,6 +176,10 @@ impl<T: Real> Model<T> for FemModel<T> {
     /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[T]) -> T {
         self.stiffness.energy(q)
+    }
+
+    fn recovery(&self) -> Option<&dyn Recovery<T>> {
+        Some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {

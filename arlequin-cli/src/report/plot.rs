@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::view::curves;
 use arlequin_scene::Table;
+use arlequin_scene::output::curves::CurveLine;
 use plotters::prelude::*;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -62,6 +63,8 @@ pub(crate) fn run(folder: &Path, title: &str, [probes, energy, effects]: [&Table
         ("displacement.svg", "displacement", "m"),
         ("velocity.svg", "velocity", "m/s"),
         ("rotation.svg", "rotation", "rad"),
+        ("force.svg", "force", "N"),
+        ("moment.svg", "moment", "N m"),
     ] {
         let label = format!(" {name} [{unit}]");
         let curves = columns(probes, |n| n.strip_suffix(&label).map(str::to_owned));
@@ -105,6 +108,23 @@ fn of_effects(folder: &Path, title: &str, table: &Table) -> Result<()> {
         draw(&folder.join(file), &plot)?;
     }
     Ok(())
+}
+
+/// Plots one probe over another.
+pub(crate) fn one_over_another(folder: &Path, title: &str, curve: &CurveLine) -> Result<()> {
+    let plot = Plot {
+        title: headline(title, &curve.name),
+        across: [&curve.x.label, &curve.x.unit],
+        log: [false; 2],
+        quantity: &curve.y.label,
+        unit: &curve.y.unit,
+        curves: vec![Curve {
+            name: curve.name.clone(),
+            times: &curve.x.values,
+            values: curve.y.values.clone(),
+        }],
+    };
+    draw(&folder.join(format!("curve-{}.svg", curve.name)), &plot)
 }
 
 /// The columns of a table that are named.

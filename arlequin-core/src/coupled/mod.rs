@@ -17,6 +17,8 @@ mod own_steps;
 mod pace;
 mod pairs;
 mod partition;
+mod reaction;
+mod settle;
 mod setup;
 pub mod snapshot;
 mod start;
@@ -25,6 +27,7 @@ mod tie;
 
 pub use crate::subdomain::Partition;
 pub use partition::PartitionReport;
+pub use settle::{Relaxation, Settled};
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
 use crate::interface::Interface;

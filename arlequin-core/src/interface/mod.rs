@@ -410,6 +410,14 @@ impl<T: Real> Interface<T> {
         self.spread();
     }
 
+    /// Takes multipliers that are known, those of an equilibrium.
+    pub(crate) fn hold(&mut self, lambda: &[T]) {
+        for (m, l) in self.impulse.iter_mut().zip(lambda) {
+            *m = *l / self.rate;
+        }
+        self.spread();
+    }
+
     /// `δ` of both sides and `λ` from the impulses.
     fn spread(&mut self) {
         for (l, m) in self.lambda.iter_mut().zip(&self.impulse) {

@@ -178,23 +178,28 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
         let (Some(m), Some(motion)) = (names.iter().position(|n| **n == s.model), &s.motion) else {
             continue;
         };
-        let (bound, amplitude) = (&built.bounds.0[m], motion.amplitude.abs());
+        let bound = &built.bounds.0[m];
+        let amplitude = motion.amplitude.unwrap_or_default().abs();
         if bound.small && amplitude > bound.extent {
             out.push(format!(
                 "support[{k}]: a motion of {amplitude:.3e} m is beyond model '{}', which is {:.3e} m large; check the unit",
                 s.model, bound.extent
             ));
         }
-        let rise = match &motion.time {
-            TimeShape::Ramp { duration } => *duration,
-            TimeShape::Pulse { duration } => duration / std::f64::consts::PI,
+        if scene.statics.is_some() {
+            continue;
+        }
+        let speed = match (motion.speed, &motion.time) {
+            (Some(speed), TimeShape::Step | TimeShape::Ramp { .. } | TimeShape::Pulse { .. }) => speed.abs(),
+            (None, TimeShape::Ramp { duration }) => amplitude / duration,
+            (None, TimeShape::Pulse { duration }) => amplitude * std::f64::consts::PI / duration,
             _ => continue,
         };
-        if amplitude / rise > bound.wave {
+        if speed > bound.wave {
             out.push(format!(
                 "support[{k}]: a motion at {:.3e} m/s is faster than the waves of model '{}', {:.3e} m/s; check amplitude and \
                  duration",
-                amplitude / rise,
+                speed,
                 s.model,
                 bound.wave
             ));

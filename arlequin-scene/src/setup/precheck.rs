@@ -2,7 +2,7 @@
 
 use super::drive::{self, model_index};
 use super::kinds;
-use super::{between, effects_by_model, grains, interface, mediator, probe, select, sides_of};
+use super::{between, effects_by_model, exerted, grains, interface, mediator, probe, select, sides_of};
 use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{
     Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
@@ -67,7 +67,7 @@ fn acting(scene: &SceneSpec) -> Result<()> {
             along(&format!("{path}.components[{n}]"), *c, &s.model, table, "[\"x\"]")?;
         }
         if let Some(m) = &s.motion {
-            drive::time_function(&format!("{path}.motion.time"), &m.time)?;
+            drive::motion(&format!("{path}.motion"), m)?;
         }
     }
     for (k, l) in scene.load.iter().enumerate() {
@@ -85,24 +85,34 @@ fn acting(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-/// Probes.
+/// Probes and curves.
 fn watched(scene: &SceneSpec) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
-        let table = model(&path, &p.model, scene)?;
-        along(
-            &format!("{path}.component"),
-            p.component,
-            &p.model,
-            table,
-            "\"x\"",
-        )?;
+        if let Some(of) = &p.of {
+            exerted::check(&path, of, p, scene)?;
+            continue;
+        }
+        let called = probe::model(&path, p)?;
+        let table = model(&path, called, scene)?;
         probe::check(&path, p)?;
+        if !p.quantity.is_recovered() {
+            let axis = probe::axis(&path, p)?;
+            along(&format!("{path}.component"), axis, called, table, "\"x\"")?;
+        }
         if let Some(s) = &p.over {
             selection(&format!("{path}.where"), s, table)?;
         }
         if let (Some(x), Some(ends)) = (&p.at, ends(&table.shape)) {
-            probe::inside(&path, &p.model, &Point3::from(*x), ends)?;
+            probe::inside(&path, called, &Point3::from(*x), ends)?;
+        }
+    }
+    for (name, c) in &scene.curve {
+        for (axis, probe) in [("x", &c.x), ("y", &c.y)] {
+            if !scene.probe.contains_key(probe) {
+                let path = format!("curve.{name}.{axis}");
+                return Err(unknown(path, probe, "probe", scene.probe.keys()));
+            }
         }
     }
     Ok(())

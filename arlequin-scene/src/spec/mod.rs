@@ -5,13 +5,12 @@ mod drive;
 mod effect;
 mod interface;
 mod model;
+mod probe;
 pub mod schema;
+mod statics;
 mod wake;
 
-pub use drive::{
-    Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Spin, Support, TimeShape,
-    Wave,
-};
+pub use drive::{Axis, Field, Initial, Load, Motion, OutputField, Selection, Spin, Support, TimeShape, Wave};
 pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
 pub use interface::{
     Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SolverKind,
@@ -21,6 +20,8 @@ pub use model::{
     CnemTable, DemTable, Element, Functions, Hole, LooseKind, Masses, Material, ModelKind, ModelTable,
     NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
 };
+pub use probe::{Component, Curve, Probe, Quantity};
+pub use statics::Static;
 pub use wake::{Near, Wake};
 
 use choice::choice;
@@ -31,6 +32,7 @@ use std::collections::BTreeMap;
 /// A scene.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["time", "static"]))]
 pub struct SceneSpec {
     /// One line for reports and plots.
     pub title: Option<String>,
@@ -41,7 +43,11 @@ pub struct SceneSpec {
     #[serde(default)]
     pub interface: BTreeMap<String, Interface>,
     /// Length of the run and of its steps.
+    #[serde(default)]
     pub time: Time,
+    /// A scene at rest, in place of `[time]`.
+    #[serde(rename = "static")]
+    pub statics: Option<Static>,
     /// Supports and prescribed motions.
     #[serde(default)]
     pub support: Vec<Support>,
@@ -58,6 +64,9 @@ pub struct SceneSpec {
     /// Probes by name.
     #[serde(default)]
     pub probe: BTreeMap<String, Probe>,
+    /// One probe over another: a table and a picture.
+    #[serde(default)]
+    pub curve: BTreeMap<String, Curve>,
     /// What is written, and how often.
     #[serde(default)]
     pub output: Output,
@@ -66,7 +75,7 @@ pub struct SceneSpec {
 }
 
 /// Length of the run and of its steps.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one(&["end", "steps"]))]
 pub struct Time {
@@ -133,6 +142,12 @@ impl Default for Output {
                 OutputField::Weights,
                 OutputField::EnergyDensity,
                 OutputField::Multipliers,
+                OutputField::Stress,
+                OutputField::Strain,
+                OutputField::VonMises,
+                OutputField::PrincipalStress,
+                OutputField::BondForces,
+                OutputField::ContactForces,
             ],
             probe_every: 1,
             // A row costs two energy evaluations, a fifth of a step each.

@@ -21,6 +21,7 @@
 mod breaking;
 pub(crate) mod forces;
 pub(crate) mod poses;
+mod recovery;
 mod report;
 mod select;
 mod stiffness;
@@ -40,18 +41,20 @@ use crate::kernel::law::{Finite, Linear};
 use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::effect::Finding;
 use arlequin_core::geometry::Sample;
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
-    ParticleField, State, Stepping, Stride, Watching, Weight, check_size, parallel, spectrum,
+    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
+    Model, ParticleField, Recovery, State, Stepping, Stride, Watching, Weight, check_size, parallel,
+    spectrum,
 };
 use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Spheres joined by cohesive beams, ready to be coupled.
 #[derive(Debug)]
@@ -73,6 +76,8 @@ pub struct DemModel {
     /// Strengths that are compared at the end only, in a run without fracture.
     watched: Option<FractureState>,
     log: SharedLog,
+    /// Bonds of every particle, once stresses are asked for.
+    around: OnceLock<Adjacency<[u32; 2]>>,
 }
 
 impl DemModel {
@@ -177,6 +182,7 @@ impl DemModel {
             fracture: None,
             watched: None,
             log: SharedLog::default(),
+            around: OnceLock::new(),
             body,
         })
     }
@@ -381,6 +387,14 @@ impl Model<f64> for DemModel {
 
     fn facts(&self) -> Vec<(String, f64)> {
         self.fracture_facts()
+    }
+
+    fn recovery(&self) -> Option<&dyn Recovery<f64>> {
+        Some(self)
+    }
+
+    fn links(&self) -> Option<&dyn Links<f64>> {
+        Some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
