@@ -104,6 +104,10 @@ fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
 }
 
 fn millimetres(built: &Built) -> Option<String> {
+    // No wave runs in a scene at rest.
+    if built.load_steps.is_some() {
+        return None;
+    }
     let end = built.steps as f64 * built.run.dt();
     let all = built.run.subdomains().iter().zip(&built.bounds.0);
     let odd = |(_, b): &(&Subdomain<f64>, &Bound)| {
