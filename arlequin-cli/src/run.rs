@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::report::{self, Progress};
 use arlequin::core::Coupled;
+use arlequin_scene::output::curves::CurveLine;
 use arlequin_scene::output::json;
 use arlequin_scene::{End, Observer, Results, RunFolder, Scene, Table};
 use std::ops::ControlFlow;
@@ -76,8 +77,11 @@ impl Observer for Terminal {
     fn stepped(&mut self) {
         self.bar.clear();
     }
-    fn plot(&mut self, folder: &Path, title: &str, probes: &Table, energy: &Table) -> Result<()> {
-        report::plot::run(folder, title, probes, energy)
+    fn plot(&mut self, folder: &Path, title: &str, tables: [&Table; 3]) -> Result<()> {
+        report::plot::run(folder, title, tables)
+    }
+    fn plot_curve(&mut self, folder: &Path, title: &str, curve: &CurveLine) -> Result<()> {
+        report::plot::one_over_another(folder, title, curve)
     }
 }
 

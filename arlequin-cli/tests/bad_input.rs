@@ -97,7 +97,11 @@ fn files_and_syntax() {
                 "spacing = \"wide\"",
                 &["invalid type: string \"wide\", expected a number", ":6:11"],
             ),
-            ("[time]\nsteps = 50", "", &["missing field `time`"]),
+            (
+                "[time]\nsteps = 50",
+                "",
+                &["needs exactly one of end [s], steps; a scene at rest has [static]"],
+            ),
             ("kind = \"fem\"", "kind = \"fdm\"", &["unknown variant `fdm`"]),
             (
                 "steps = 50",

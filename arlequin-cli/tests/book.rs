@@ -73,7 +73,7 @@ fn every_page_is_a_chapter_and_every_link_leads_somewhere() {
     assert_eq!(broken, Vec::<String>::new());
 }
 
-/// A block that begins with ```toml run is a whole scene.
+/// Blocks of the kind `toml run` are whole scenes.
 #[test]
 fn every_scene_of_the_book_runs() {
     let folder = scratch("book");

@@ -75,6 +75,10 @@ fn a_small_page_leaves_out_frames_and_then_particles_and_says_so() {
         "--out",
         text(&out),
     ]);
+    for plot in ["broken-bonds", "force-on-it", "displacement"] {
+        let svg = std::fs::read_to_string(out.join(format!("plots/effect-{plot}.svg"))).expect(plot);
+        assert!(svg.contains("grains/"), "{plot}");
+    }
     let page = out.join("small.html");
     let said = succeed(&["view", text(&out), "--html", text(&page), "--megabytes", "1"]);
     let data = about(&page);

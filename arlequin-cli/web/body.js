@@ -97,7 +97,8 @@ class Part {
       value: new THREE.BufferAttribute(new Float32Array(this.count), 1),
     };
     this.objects = {};
-    this.mode = about.mediator ? "outline" : "solid";
+    // A plane would hide what is behind it.
+    this.mode = about.mediator || (!about.kind && this.faces.length < 60) ? "outline" : "solid";
     this.share();
     const add = (name, Kind, mat, attributes) => {
       const g = new THREE.BufferGeometry();

@@ -77,7 +77,8 @@ function look(name) {
   const [right, up] = [0, 1].map((k) => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, k));
   let [wide, high] = [1e-6, 1e-6];
   const x = new THREE.Vector3();
-  for (const p of parts) {
+  const models = parts.filter((p) => p.kind);
+  for (const p of models.length ? models : parts) {
     const step = Math.max(1, Math.floor(p.count / 3000));
     for (let i = 0; i < p.count; i += step) {
       x.fromArray(p.places, 3 * i).sub(controls.target);
@@ -137,7 +138,8 @@ function legend(field) {
   box.querySelector("i").style.background = `linear-gradient(90deg, ${RAMPS[ramp].map((x) => `rgb(${x})`)})`;
 }
 
-const component = (field, c) => (field.components === 3 ? words[c] : field.components === 6 ? tensor[c] ?? "norm" : c < field.components ? `${c}` : "norm");
+const ranked = (field) => field.name.startsWith("principal");
+const component = (field, c) => (field.components === 6 ? tensor[c] : ranked(field) ? `no. ${c + 1}` : field.components === 3 ? words[c] : `${c}`);
 
 /** A warp that shows the largest displacement as a twelfth of the body; none where it is seen as it is. */
 function fitting() {
@@ -154,7 +156,7 @@ function options(select, list, chosen) {
 
 function wire() {
   const all = fields();
-  const preferred = ["von Mises", "damage", "velocity", "displacement"];
+  const preferred = ["damage", "von Mises", "velocity", "displacement"];
   const first = preferred.map((n) => all.find((f) => f.name.startsWith(n))).find((f) => f && f.frames >= Math.min(2, about.times.length));
   state.field = asked.field ?? first?.name ?? all[0]?.name ?? "";
   options(element("field"), [["", "none"], ...all.map((f) => [f.name, f.unit ? `${f.name} [${f.unit}]` : f.name])], state.field);
@@ -206,8 +208,9 @@ function wire() {
 function components(wanted) {
   const field = fields().find((f) => f.name === state.field);
   const n = field?.components ?? 1;
-  const all = n === 1 ? [] : [...Array(n + (n === 3 ? 1 : 0)).keys()].reverse();
-  state.component = n === 1 ? 0 : Number(wanted ?? all[0]);
+  const vector = n === 3 && !ranked(field);
+  const all = n === 1 ? [] : [...Array(n + vector).keys()];
+  state.component = Number(wanted ?? (vector ? 3 : 0));
   element("of").hidden = n === 1;
   element("of").style.display = n === 1 ? "none" : "";
   options(element("component"), all.map((c) => [c, component(field, c)]), state.component);

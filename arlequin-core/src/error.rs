@@ -27,6 +27,21 @@ impl std::fmt::Display for Share {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
+    /// No equilibrium was reached.
+    #[error(
+        "no equilibrium at t = {time:e} s: after {steps} steps of relaxation the residual is {residual:.1e}, above {tolerance:.1e}; \
+         allow more steps or a larger residual, take smaller load steps, or hold what can move freely"
+    )]
+    NotSettled {
+        /// Time of the loads \[s\].
+        time: f64,
+        /// Largest unbalanced force over the largest internal force.
+        residual: f64,
+        /// Limit.
+        tolerance: f64,
+        /// Steps made.
+        steps: usize,
+    },
     /// A point at which a field was asked for lies outside of it.
     #[error("point ({:.6e}, {:.6e}, {:.6e}) m is outside the {role} field; trim the mediator to the overlap or extend the model", point[0], point[1], point[2])]
     OutsideDomain {

@@ -74,6 +74,7 @@ mod phase;
 mod profile;
 mod reach;
 mod record;
+mod recovery;
 mod scalar;
 pub mod spectrum;
 mod subdomain;
@@ -83,7 +84,7 @@ mod weight;
 
 pub use coupled::snapshot;
 pub use coupled::statics::Equilibrium;
-pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, TimeStep};
+pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, Relaxation, Settled, TimeStep};
 use coupled::{ledger, momentum, observer};
 pub use error::{Error, ModelError, Result, Share, invalid, not_negative};
 pub use field::{Interpolation, ParticleField, ShapeRow, outside};
@@ -94,7 +95,7 @@ pub use junction::{
     Components, H1Gradient, H1Seminorm, H1Strain, Junction, JunctionKind, L2, Needs, ShapeFunction,
 };
 pub use ledger::{DisplacementJump, EnergySample, WorkLine};
-pub use material::Elastic;
+pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
     CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State, Stepping,
@@ -103,11 +104,12 @@ pub use model::{
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;
 pub use observer::{Observer, Phase, SetupPhase, Silent, StepReport};
-pub use overlap::{Overlap, Place, Primitive, Region, Shell, Slab};
+pub use overlap::{CellPlace, Overlap, Place, Primitive, Region, Shell, Slab};
 pub use participant::Participant;
 pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
+pub use recovery::{LinkForce, Links, Patches, Recovered, Recovery, SymmetricTensor};
 pub use scalar::{Real, check_finite};
-pub use subdomain::{OwnStep, PrescribedMotion, Subdomain};
-pub use time::TimeFunction;
+pub use subdomain::{OwnStep, PrescribedMotion, Resultant, Subdomain};
+pub use time::{Formula, TimeFunction};
 pub use weight::{Complement, Product, Ramp, Uniform, Weight, Weighting, Weights};
 pub use {nalgebra, sprs};

@@ -1,6 +1,7 @@
 //! Linear isotropic elasticity, the material that all continuum models share: `σ = λ tr(ε) I + 2 μ ε`.
 
 use crate::error::invalid;
+use crate::recovery::SymmetricTensor;
 use crate::{Real, Result};
 
 /// A homogeneous isotropic elastic material.
@@ -71,6 +72,16 @@ impl<T: Real> Elastic<T> {
         [lambda, mu]
     }
 
+    /// Stress of a strain, `λ tr ε 1 + 2 μ ε` \[Pa\].
+    pub fn stress(&self, strain: &SymmetricTensor<T>) -> SymmetricTensor<T> {
+        let [lambda, mu] = self.lame();
+        let [xx, yy, zz, ..] = strain.0;
+        let mut out = SymmetricTensor(strain.0.map(|e| (mu + mu) * e));
+        let pressure = lambda * (xx + yy + zz);
+        out.0[..3].iter_mut().for_each(|s| *s += pressure);
+        out
+    }
+
     /// P-wave modulus `λ + 2 μ = E (1 − ν) / ((1 + ν)(1 − 2ν))` \[Pa\].
     pub fn p_wave_modulus(&self) -> T {
         let (one, two) = (T::one(), T::of(2.0));
@@ -85,5 +96,66 @@ impl<T: Real> Elastic<T> {
     /// Speed of long axial waves in a bar, `c = √(E/ρ)` \[m/s\].
     pub fn bar_speed(&self) -> T {
         (self.young / self.density).sqrt()
+    }
+}
+
+/// What a body is made of: one material, or one for every element.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Materials<T> {
+    all: Vec<Elastic<T>>,
+    /// Number of every element's material; empty for one material.
+    of: Vec<u32>,
+}
+
+impl<T: Real> From<Elastic<T>> for Materials<T> {
+    fn from(one: Elastic<T>) -> Self {
+        Self {
+            all: vec![one],
+            of: Vec::new(),
+        }
+    }
+}
+
+impl<T: Real> Materials<T> {
+    /// Several materials, and the number of every element's one.
+    ///
+    /// ```
+    /// use arlequin_core::{Elastic, Materials};
+    /// let [steel, rubber] = [Elastic::new(210e9, 0.3, 7850.0)?, Elastic::new(1e6, 0.49, 1100.0)?];
+    /// let plate = Materials::of_elements(vec![steel, rubber], vec![0, 0, 1])?;
+    /// assert_eq!(plate.at(2).young(), 1e6);
+    /// # Ok::<(), arlequin_core::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] for a number that no material has.
+    pub fn of_elements(all: Vec<Elastic<T>>, of: Vec<u32>) -> Result<Self> {
+        match of.iter().find(|k| **k as usize >= all.len()) {
+            Some(k) => Err(crate::Error::InvalidParameter {
+                name: "material of an element".into(),
+                value: k.to_string(),
+                rule: format!("there are {}, counted from 0", all.len()),
+            }),
+            None => Ok(Self { all, of }),
+        }
+    }
+
+    /// That of an element.
+    ///
+    /// # Panics
+    /// For an element beyond those it was made for.
+    pub fn at(&self, element: usize) -> &Elastic<T> {
+        let number = if self.of.is_empty() { 0 } else { self.of[element] };
+        &self.all[number as usize]
+    }
+
+    /// All of them.
+    pub fn all(&self) -> &[Elastic<T>] {
+        &self.all
+    }
+
+    /// Number of elements that it tells apart; none for one material.
+    pub fn elements(&self) -> Option<usize> {
+        (!self.of.is_empty()).then_some(self.of.len())
     }
 }

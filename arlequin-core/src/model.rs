@@ -4,6 +4,7 @@ use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::geometry::Sample;
 use crate::record::Record;
+use crate::recovery::{Links, Recovery};
 use crate::weight::Weight;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
@@ -210,6 +211,16 @@ pub trait Model<T: Real>: Send {
     /// Particles with the volumes they stand for \[m³\], for a model that consists of them: where it is, whatever field
     /// interpolates between them. None for a model that fills the cells of its field.
     fn particles(&self) -> Option<&[Sample<T>]> {
+        None
+    }
+
+    /// The model as one that knows stresses at its nodes, if it does: for output and probes.
+    fn recovery(&self) -> Option<&dyn Recovery<T>> {
+        None
+    }
+
+    /// The model as one whose nodes are joined by bonds, if they are: for output.
+    fn links(&self) -> Option<&dyn Links<T>> {
         None
     }
 

@@ -4,6 +4,7 @@ use crate::geometry::Sample;
 use crate::model::{Arms, DofLayout, Model, Watching};
 use crate::parallel;
 use crate::record::Record;
+use crate::recovery::{Links, Recovery};
 use crate::scalar::check_finite;
 use crate::weight::{Uniform, Weight};
 use crate::{Error, Real, Result};
@@ -87,6 +88,12 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     }
     fn particles(&self) -> Option<&[Sample<T>]> {
         self.model.particles()
+    }
+    fn recovery(&self) -> Option<&dyn Recovery<T>> {
+        self.model.recovery()
+    }
+    fn links(&self) -> Option<&dyn Links<T>> {
+        self.model.links()
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<T>, out: &mut [T]) -> Result<()> {

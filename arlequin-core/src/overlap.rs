@@ -1,6 +1,7 @@
 //! Where the overlap is: the normalised position across it, from the distances to its two borders.
 
 use crate::error::invalid;
+use crate::geometry::Cell;
 use crate::{Real, Result};
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -15,10 +16,26 @@ pub enum Place<T> {
     Overlap(T),
 }
 
+/// Where a whole cell lies with respect to an overlap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CellPlace {
+    /// Where only the coarse model lives.
+    Coarse,
+    /// Where only the fine one does.
+    Fine,
+    /// In the overlap, or partly so; the means of weights take so many halvings of it.
+    Halved(usize),
+}
+
 /// An overlap of a coarse and a fine model.
 pub trait Overlap<T: Real>: std::fmt::Debug + Send + Sync {
     /// Place of a point.
     fn place(&self, x: &Point3<T>) -> Place<T>;
+
+    /// Where a cell lies, if the overlap knows more of cells than the places of their corners.
+    fn place_of_cell(&self, _cell: &Cell<T>) -> Option<CellPlace> {
+        None
+    }
 
     /// `(g, c)` if the unclamped position is the linear function `s(x) = g · x + c`.
     fn linear_position(&self) -> Option<(Vector3<T>, T)> {

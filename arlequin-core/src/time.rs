@@ -2,6 +2,46 @@
 
 use crate::error::invalid;
 use crate::{Real, Result};
+use std::sync::Arc;
+
+/// A function of time by a formula, with the text that says it.
+#[derive(Clone)]
+pub struct Formula {
+    text: Arc<str>,
+    at: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
+}
+
+impl Formula {
+    /// A formula and what it says; it must always give the same value at the same time.
+    pub fn new(text: &str, at: impl Fn(f64) -> f64 + Send + Sync + 'static) -> Self {
+        Self {
+            text: text.into(),
+            at: Arc::new(at),
+        }
+    }
+
+    /// Value at time `t` \[s\]. Before time zero the formula goes on, or has its value at zero where it makes no sense there.
+    pub fn at(&self, t: f64) -> f64 {
+        let value = (self.at)(t);
+        if t < 0.0 && !value.is_finite() {
+            return (self.at)(0.0);
+        }
+        value
+    }
+}
+
+impl std::fmt::Debug for Formula {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Formula {}", self.text)
+    }
+}
+
+/// Equal where they say the same.
+impl PartialEq for Formula {
+    fn eq(&self, other: &Self) -> bool {
+        self.text == other.text
+    }
+}
 
 /// A dimensionless function of time.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,6 +61,11 @@ pub enum TimeFunction<T> {
     },
     /// Linear between `(time, value)` pairs, constant outside.
     Table(Vec<(T, T)>),
+    /// Any formula.
+    Formula(Formula),
+    /// `∫_0^t` of another function \[s\]: a motion of which the speed is given. Exact for all but formulas, which are summed
+    /// up by Gauss points.
+    Integral(Box<Self>),
 }
 
 impl<T: Real> TimeFunction<T> {
@@ -31,6 +76,13 @@ impl<T: Real> TimeFunction<T> {
     pub fn validate(&self) -> Result<()> {
         match self {
             Self::Step => Ok(()),
+            Self::Formula(f) if f.at(0.0).is_finite() => Ok(()),
+            Self::Formula(f) => Err(invalid(
+                "formula of the time function",
+                &f.text,
+                "must be finite at t = 0",
+            )),
+            Self::Integral(of) => of.validate(),
             Self::Ramp { duration } | Self::SmoothPulse { duration } => {
                 if *duration > T::zero() && duration.is_finite() {
                     Ok(())
@@ -57,7 +109,7 @@ impl<T: Real> TimeFunction<T> {
         }
     }
 
-    /// Value at time `t` \[s\]; zero before time zero except for tables.
+    /// Value at time `t` \[s\]; zero before time zero except for tables and formulas.
     pub fn at(&self, t: T) -> T {
         T::of(self.at_wide(t.as_f64()))
     }
@@ -77,6 +129,8 @@ impl<T: Real> TimeFunction<T> {
                     s * s
                 }
             }
+            Self::Formula(f) => f.at(t),
+            Self::Integral(of) => of.integral(t),
             Self::Table(rows) => {
                 let k = rows.partition_point(|r| r.0.as_f64() <= t);
                 if k == 0 {
@@ -92,9 +146,81 @@ impl<T: Real> TimeFunction<T> {
     }
 }
 
+impl<T: Real> TimeFunction<T> {
+    /// `∫_0^t f dt` \[s\].
+    fn integral(&self, t: f64) -> f64 {
+        match self {
+            Self::Step => t.max(0.0),
+            Self::Ramp { duration } => {
+                let (d, inside) = (duration.as_f64(), t.clamp(0.0, duration.as_f64()));
+                0.5 * inside * inside / d + (t - d).max(0.0)
+            }
+            Self::SmoothPulse { duration } => {
+                let d = duration.as_f64();
+                let inside = t.clamp(0.0, d);
+                let turn = 2.0 * std::f64::consts::PI / d;
+                0.5 * inside - (turn * inside).sin() / (2.0 * turn)
+            }
+            Self::Table(rows) => {
+                // Trapezia between the rows from zero to t.
+                let mut between: Vec<f64> = rows.iter().map(|r| r.0.as_f64()).collect();
+                let (low, high) = (t.min(0.0), t.max(0.0));
+                between.retain(|x| (low..high).contains(x));
+                between.extend([low, high]);
+                between.sort_by(f64::total_cmp);
+                let part = |w: &[f64]| 0.5 * (w[1] - w[0]) * (self.at_wide(w[0]) + self.at_wide(w[1]));
+                t.signum() * between.windows(2).map(part).sum::<f64>()
+            }
+            Self::Formula(_) | Self::Integral(_) => {
+                // As many pieces as there are digits in it, each by three points.
+                let (pieces, root) = (256, 0.6_f64.sqrt());
+                let h = t / f64::from(pieces);
+                let piece = |k: i32| {
+                    let middle = h * (f64::from(k) + 0.5);
+                    let ends = [-root, root].map(|x| self.at_wide(middle + 0.5 * h * x));
+                    h * (5.0 * (ends[0] + ends[1]) + 8.0 * self.at_wide(middle)) / 18.0
+                };
+                (0..pieces).map(piece).sum()
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn integrals_are_those_of_the_functions() {
+        let integral = |f: TimeFunction<f64>, t: f64| TimeFunction::Integral(Box::new(f)).at(t);
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-14, "{a} {b}");
+        near(integral(TimeFunction::Step, 3.0), 3.0);
+        near(integral(TimeFunction::Step, -3.0), 0.0);
+        near(integral(TimeFunction::Ramp { duration: 2.0 }, 5.0), 4.0);
+        near(integral(TimeFunction::Ramp { duration: 2.0 }, 1.0), 0.25);
+        near(integral(TimeFunction::SmoothPulse { duration: 2.0 }, 9.0), 1.0);
+        near(integral(TimeFunction::SmoothPulse { duration: 2.0 }, 1.0), 0.5);
+        let table = TimeFunction::Table(vec![(0.0, 1.0), (1.0, 3.0), (2.0, 3.0)]);
+        near(integral(table.clone(), 0.5), 0.75);
+        near(integral(table.clone(), 4.0), 2.0 + 3.0 + 6.0);
+        near(integral(table, -2.0), -2.0);
+        let wave = TimeFunction::Formula(Formula::new("cos(t)", f64::cos));
+        near(integral(wave, 2.0), 2.0_f64.sin());
+    }
+
+    #[test]
+    fn formulas_say_what_they_are_and_must_be_finite_at_the_start() {
+        let root = Formula::new("sqrt(t)", f64::sqrt);
+        assert!(root == Formula::new("sqrt(t)", f64::sqrt) && root != Formula::new("t", |t| t));
+        assert!(root.at(-1.0).abs() < 1e-300 && (root.at(4.0) - 2.0).abs() < 1e-15);
+        assert_eq!(format!("{root:?}"), "Formula sqrt(t)");
+        let pole = Formula::new("1/t", |t| 1.0 / t);
+        let told = TimeFunction::<f64>::Formula(pole)
+            .validate()
+            .unwrap_err()
+            .to_string();
+        assert!(told.contains("1/t") && told.contains("finite at t = 0"), "{told}");
+    }
 
     #[test]
     #[allow(clippy::float_cmp, reason = "these values are exact")]

@@ -6,7 +6,7 @@
 
 use crate::error::invalid;
 use crate::geometry::{self, Cell, HalfSpace};
-use crate::overlap::{Overlap, Place};
+use crate::overlap::{CellPlace, Overlap, Place};
 use crate::{Real, Result};
 use nalgebra::Point3;
 use std::sync::Arc;
@@ -241,9 +241,12 @@ impl<T: Real> Weight<T> for Ramp<T> {
     }
 
     fn mean(&self, cell: &Cell<T>) -> T {
-        match self.overlap.linear_position() {
-            Some((gradient, offset)) => self.exact_mean(cell, gradient, offset),
-            None => {
+        match (self.overlap.linear_position(), self.overlap.place_of_cell(cell)) {
+            (Some((gradient, offset)), _) => self.exact_mean(cell, gradient, offset),
+            (None, Some(CellPlace::Coarse)) => T::one(),
+            (None, Some(CellPlace::Fine)) => T::zero(),
+            (None, Some(CellPlace::Halved(levels))) => geometry::mean(cell, levels, &|x| self.at(x)),
+            (None, None) => {
                 let places: Vec<_> = cell.corners().iter().map(|x| self.overlap.place(x)).collect();
                 let all = |p: &dyn Fn(&Place<T>) -> bool| places.iter().all(p);
                 // Away from the borders one rule will do; a border inside the cell needs a fine subdivision.

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Name of the file in an output folder.
 pub(crate) const NAME: &str = "checkpoint.bin";
 /// Changes whenever the payload does.
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;

@@ -5,7 +5,7 @@
 use crate::PhaseClock;
 use crate::Scene;
 use crate::error::{Error, Result, core, key, value};
-use crate::setup::{self, Built};
+use crate::setup::{self, Built, Readings};
 use crate::spec::SceneSpec;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -171,8 +171,9 @@ fn steps(built: Built) -> Result<Trace> {
             break;
         }
         out.times.push(run.time());
+        let mut readings = Readings::default();
         for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
-            values.push(reader.read(run.subdomains()));
+            values.push(reader.read(&mut run, &mut readings)?);
         }
         if made % every == 0 || made == steps {
             for (model, f) in run.watch().into_iter().chain(without_contact.watch(&run)) {

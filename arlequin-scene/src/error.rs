@@ -181,6 +181,27 @@ impl Error {
         }
     }
 
+    /// The same of the key that `other` gives for its own, if any.
+    #[must_use]
+    pub(crate) fn at_key(mut self, other: impl FnOnce(&str) -> Option<String>) -> Self {
+        match &mut self {
+            Self::Set { key, .. }
+            | Self::Value { key, .. }
+            | Self::Key { key, .. }
+            | Self::UnknownName { key, .. }
+            | Self::Core { key, .. }
+            | Self::Fem { key, .. }
+            | Self::Dem { key, .. }
+            | Self::Cnem { key, .. } => {
+                if let Some(new) = other(key) {
+                    *key = new;
+                }
+            }
+            _ => {}
+        }
+        self
+    }
+
     /// The same, and what is kept where.
     #[must_use]
     pub fn kept(self, what: impl Into<String>, place: &Path) -> Self {
@@ -202,7 +223,7 @@ impl Error {
                 | Self::Observer(_)
                 | Self::Kept { .. }
                 | Self::Core {
-                    source: Core::Diverged { .. } | Core::EnergyGrowth { .. },
+                    source: Core::Diverged { .. } | Core::EnergyGrowth { .. } | Core::NotSettled { .. },
                     ..
                 }
         );

@@ -59,7 +59,7 @@ pub use crossing::OverlapBreak;
 pub use error::{Error, Result};
 pub use preview::Preview;
 pub use recorder::{PhaseClock, Table};
-pub use run::{End, Observer, Prepared, Recorded, Results, Resumed, RunFolder, Silent, resume};
+pub use run::{End, LoadStep, Observer, Prepared, Recorded, Results, Resumed, RunFolder, Silent, resume};
 pub use scene::{Scene, Source};
 pub use spec::SceneSpec;
 

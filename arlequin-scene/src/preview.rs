@@ -1,10 +1,11 @@
 //! What a run will be: sizes, steps, output, memory and time.
 
-use crate::output::Frames;
 use crate::output::summary::{self, InterfaceLine, ModelLine};
+use crate::output::{Frames, Pictures};
 use crate::recorder::PhaseClock;
 use crate::run::Prepared;
 use crate::scene::Scene;
+use crate::setup::zone::ZoneLine;
 use crate::setup::{Built, PhaseTime};
 use arlequin::core::Coupled;
 use serde::Serialize;
@@ -25,6 +26,9 @@ pub struct Preview {
     pub models: Vec<ModelLine>,
     /// Interfaces.
     pub interface: Vec<InterfaceLine>,
+    /// Widths of the overlaps around zones.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub zones: Vec<ZoneLine>,
     /// Effects that are on.
     pub effects: Vec<String>,
     /// Step \[s\].
@@ -71,16 +75,25 @@ impl Preview {
             mut run,
             models,
             mediators,
+            rigid,
+            load_steps,
             steps,
             frame_every,
             warnings,
             phases,
+            zones,
             ..
         } = built;
         let packings: Vec<_> = models.iter().map(|d| d.packing.clone()).collect();
         // Nothing is written: the folder is only a name.
         let fields = &scene.spec().output.fields;
-        let frames = Frames::new(PathBuf::new(), fields, &run, models, mediators);
+        let pictures = Pictures {
+            models,
+            mediators,
+            rigid,
+        };
+        let frames = Frames::new(PathBuf::new(), fields, &run, pictures);
+        let last = load_steps.and_then(|s| s.times.last().copied());
         let plan = run.plan();
         let count = 1 + steps.div_ceil(frame_every);
         Self {
@@ -88,11 +101,12 @@ impl Preview {
             title: scene.spec().title.clone(),
             models: summary::models(&run, &packings),
             interface: summary::interfaces(&run, &[]),
+            zones,
             effects: plan.effects.clone(),
             dt: plan.dt,
             critical_dt: plan.critical_dt,
             steps,
-            end: steps as f64 * plan.dt,
+            end: last.unwrap_or(steps as f64 * plan.dt),
             frames: count,
             output_bytes: count * frames.bytes_per_frame(),
             memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
@@ -100,7 +114,12 @@ impl Preview {
             setup_phases: phases,
             warnings,
             asleep: None,
-            stepping_seconds: trial(&mut run, steps),
+            // How long a load step takes is not known before it is there.
+            stepping_seconds: if last.is_some() {
+                None
+            } else {
+                trial(&mut run, steps)
+            },
         }
     }
 }

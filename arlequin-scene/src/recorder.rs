@@ -3,9 +3,12 @@
 use crate::error::{Error, Result, core};
 use crate::output::Entry;
 use crate::output::Frames;
+use crate::output::curves;
+use crate::output::fragments::{Fragments, Piece};
 use crate::output::summary::Summary;
-use crate::run::Recorded;
-use crate::setup::ProbeReader;
+use crate::run::{LoadStep, Recorded};
+use crate::setup::{ProbeReader, Readings};
+use crate::spec::SceneSpec;
 use arlequin::core::{Coupled, EnergySample, Observer, Phase, StepReport};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -172,6 +175,8 @@ pub struct Records {
     top_speed: f64,
     warnings: Vec<String>,
     frames: Vec<Entry>,
+    fragments: Vec<Piece>,
+    load_steps: Vec<LoadStep>,
     /// Energy before the first step \[J\].
     pub initial_energy: f64,
 }
@@ -189,6 +194,10 @@ pub struct Recorder {
     pub effects: Table,
     /// Frames, if the run is kept.
     pub frames: Option<Frames>,
+    /// Pieces at the instants of the frames.
+    pub fragments: Fragments,
+    /// Load steps of a scene at rest.
+    pub load_steps: Vec<LoadStep>,
     /// Largest relative velocity jump per interface.
     pub residuals: Vec<f64>,
     /// What a user should know: from before the first step, then from the steps, each once.
@@ -201,17 +210,21 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Records the state before the first step.
+    /// Records the state before the first step, but for scenes at rest: it is no equilibrium.
     pub fn new(
-        run: &Coupled<f64>,
+        run: &mut Coupled<f64>,
         readers: Vec<ProbeReader>,
         mut frames: Option<Frames>,
-        probe_every: usize,
-        frame_every: usize,
+        mut fragments: Fragments,
+        [probe_every, frame_every]: [usize; 2],
         warnings: Vec<String>,
+        resting: bool,
     ) -> Result<Self> {
-        if let Some(frames) = &mut frames {
-            frames.write(run)?;
+        if !resting {
+            if let Some(frames) = &mut frames {
+                frames.write(run)?;
+            }
+            fragments.look(run);
         }
         let works: Vec<String> = run.works().into_iter().map(|w| w.name).collect();
         let bodies: Vec<String> = run.bodies().iter().map(|b| b.models.join(" + ")).collect();
@@ -228,6 +241,8 @@ impl Recorder {
             effects: Table::new(facts(run).map(|f| f.0)),
             readers,
             frames,
+            fragments,
+            load_steps: Vec::new(),
             residuals: Vec::new(),
             warnings,
             top_speed: 0.0,
@@ -235,7 +250,9 @@ impl Recorder {
             probe_every,
             frame_every,
         };
-        out.read_probes(run)?;
+        if !resting {
+            out.read_probes(run)?;
+        }
         Ok(out)
     }
 
@@ -250,6 +267,8 @@ impl Recorder {
             self.warn(w);
         }
         self.initial_energy = from.initial_energy;
+        self.fragments.rows = from.fragments;
+        self.load_steps = from.load_steps;
         match &mut self.frames {
             Some(frames) => frames.resume(from.frames),
             None => Ok(()),
@@ -278,6 +297,8 @@ impl Recorder {
                 .frames
                 .as_ref()
                 .map_or_else(Vec::new, |f| f.entries().to_vec()),
+            fragments: self.fragments.rows.clone(),
+            load_steps: self.load_steps.clone(),
             initial_energy: self.initial_energy,
         }
     }
@@ -299,24 +320,36 @@ impl Recorder {
     }
 
     fn write_frame(&mut self, run: &Coupled<f64>, due: bool) -> Result<()> {
+        if due {
+            self.fragments.look(run);
+        }
         match &mut self.frames {
             Some(frames) if due => frames.write(run),
             _ => Ok(()),
         }
     }
 
+    /// Whether a frame belongs to the step just made.
+    pub(crate) fn framed(&self, run: &Coupled<f64>) -> bool {
+        run.steps().is_multiple_of(self.frame_every)
+    }
+
     /// What is left once the run has ended.
-    pub(crate) fn into_recorded(self, summary: Summary) -> Recorded {
+    pub(crate) fn into_recorded(self, scene: &SceneSpec, summary: Summary) -> Recorded {
         Recorded {
+            curves: curves::of(scene, &self),
             summary,
             probes: self.probes,
             energy: self.energy,
             effects: self.effects,
+            fragments: self.fragments.rows,
         }
     }
 
-    fn read_probes(&mut self, run: &Coupled<f64>) -> Result<()> {
-        let values: Vec<f64> = self.readers.iter().map(|r| r.read(run.subdomains())).collect();
+    fn read_probes(&mut self, run: &mut Coupled<f64>) -> Result<()> {
+        let mut readings = Readings::default();
+        let values = self.readers.iter().map(|r| r.read(run, &mut readings));
+        let values = values.collect::<Result<Vec<f64>>>()?;
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {
                 what: format!("probe '{}'", self.readers[k].name),

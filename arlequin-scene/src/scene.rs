@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result, key, meant, value};
 use crate::run::Prepared;
+use crate::setup::zone;
 use crate::spec::SceneSpec;
 use std::fmt::Display;
 use std::ops::Range;
@@ -117,7 +118,7 @@ impl Scene {
         let table: toml::Table = toml::from_str(&source.text).map_err(syntax)?;
         plausible("", &table)?;
         // From the text, as only then errors know their line.
-        let spec = toml::from_str(&source.text).map_err(syntax)?;
+        let spec = zone::lowered(toml::from_str(&source.text).map_err(syntax)?)?;
         Ok(Self {
             source,
             changes: Vec::new(),
@@ -158,8 +159,9 @@ impl Scene {
         assign(&mut self.table, path, parse_value(value)).map_err(bad)?;
         plausible("", &self.table)?;
         // From its text again: a second way to read all tables would take a tenth of this crate's code.
-        self.spec = toml::from_str(&self.table.to_string())
+        let spec = toml::from_str(&self.table.to_string())
             .map_err(|e: toml::de::Error| bad(in_words(e.message())))?;
+        self.spec = zone::lowered(spec)?;
         self.changes.push(format!("{path}={value}"));
         Ok(())
     }
@@ -209,7 +211,7 @@ impl Scene {
     /// # Errors
     /// Those of [`Self::prepare`].
     pub fn prepare_with(&self, tell: &mut dyn FnMut(&str)) -> Result<Prepared> {
-        Prepared::new(self, tell)
+        Prepared::new(self, tell).map_err(|e| zone::written(&self.spec, e))
     }
 }
 
@@ -290,7 +292,7 @@ fn assign(root: &mut toml::Table, path: &str, new: Value) -> std::result::Result
     let parts = parts(path)?;
     let parts: Vec<&str> = parts.iter().map(|k| k.get()).collect();
     // Tables whose keys are names: a misspelt name must not make a new model.
-    if let [table @ ("model" | "interface" | "probe"), name, ..] = parts.as_slice() {
+    if let [table @ ("model" | "interface" | "probe" | "zone"), name, ..] = parts.as_slice() {
         let known: Vec<&String> = match root.get(*table) {
             Some(Value::Table(t)) => t.keys().collect(),
             _ => Vec::new(),

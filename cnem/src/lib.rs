@@ -80,6 +80,7 @@ mod model;
 pub mod natural;
 pub mod predicates;
 pub mod scni;
+mod stress;
 pub(crate) mod tet;
 pub mod voronoi;
 

@@ -18,15 +18,17 @@ use crate::field::NaturalField;
 use crate::inertia::{Inertia, Spread};
 use crate::natural::Interpolant;
 use crate::scni::{BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells, stiffness};
+use crate::stress;
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Weight, check_size,
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Patches, Recovery, Weight,
+    check_size,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Largest relative error of the energy of a linear field. Sound bodies have 1e-15; re-entrant edges with nodes of four
 /// digits up to 1e-6; cells that do not close 1e-3 and more.
@@ -76,6 +78,8 @@ pub struct CnemModel {
     /// Where cells do not keep their mass.
     spread: Option<Spread>,
     neighbours: Neighbours,
+    /// How stresses come to the nodes, once they are asked for.
+    patches: OnceLock<Patches<f64>>,
 }
 
 impl CnemModel {
@@ -126,6 +130,7 @@ impl CnemModel {
             sub,
             spread,
             neighbours,
+            patches: OnceLock::new(),
         };
         model.check_linear_fields()?;
         Ok(model)
@@ -181,6 +186,15 @@ impl CnemModel {
     /// The choices made.
     pub fn options(&self) -> Options {
         self.options
+    }
+
+    pub(crate) fn patches(&self) -> &Patches<f64> {
+        self.patches.get_or_init(|| stress::patches(self))
+    }
+
+    /// Nodes and gradients of the shape functions of one cell, smoothed over it.
+    pub(crate) fn smoothed_row(&self, cell: usize) -> (&[u32], &[Vector3<f64>]) {
+        self.smoothing.row(cell)
     }
 
     /// The displacement field.
@@ -326,6 +340,10 @@ impl Model<f64> for CnemModel {
     /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         self.forces.energy(q)
+    }
+
+    fn recovery(&self) -> Option<&dyn Recovery<f64>> {
+        Some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {

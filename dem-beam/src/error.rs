@@ -174,6 +174,14 @@ pub enum Error {
         /// What was wanted.
         what: &'static str,
     },
+    /// Something that particles of several materials cannot have.
+    #[error(
+        "{what} cannot be had by particles of several materials: give the model one material, or a model to each"
+    )]
+    Graded {
+        /// What was wanted.
+        what: &'static str,
+    },
     /// A packing with walls where a periodic one is needed.
     #[error("bulk elasticity needs a periodic packing: make it in `Container::periodic`")]
     NotPeriodic,

@@ -30,6 +30,8 @@ pub struct BondedParticles {
     pairs: Vec<[u32; 2]>,
     bonds: Vec<LinearBond>,
     weights: Vec<f64>,
+    /// Stiffness of every bond over that of a beam of the packing's material; empty where all are alike.
+    grades: Vec<f64>,
     full_mass: Vec<f64>,
     mass: Vec<f64>,
     inertia: Vec<f64>,
@@ -156,6 +158,7 @@ impl BondedParticles {
         let inertia = sphere_inertia(&full_mass, &radii);
         Ok(Self {
             weights: vec![1.0; pairs.len()],
+            grades: Vec::new(),
             mass: full_mass.clone(),
             positions,
             radii,
@@ -183,8 +186,9 @@ impl BondedParticles {
                 return Err(Error::out_of_range("bond weight", w, "values >= 0"));
             }
         }
-        for (bond, &w) in self.bonds.iter_mut().zip(weights) {
-            bond.scale = w / bond.axis.norm();
+        for (b, (bond, &w)) in self.bonds.iter_mut().zip(weights).enumerate() {
+            let grade = self.grades.get(b).copied().unwrap_or(1.0);
+            bond.scale = w * grade / bond.axis.norm();
             if self.rounded {
                 *bond = self.grid.rounded(bond);
             }
@@ -195,6 +199,37 @@ impl BondedParticles {
         }
         self.inertia = sphere_inertia(&self.mass, &self.radii);
         Ok(())
+    }
+
+    /// Gives every particle its own stiffness and density, over those of the packing's material. A bond between two
+    /// stiffnesses `a` and `b` is half of each in a row, `2 a b/(a + b)`.
+    ///
+    /// # Errors
+    /// [`Error::LengthMismatch`]; [`Error::OutOfRange`] unless all are positive.
+    pub(crate) fn grade(&mut self, stiffness: &[f64], density: &[f64]) -> Result<()> {
+        for (what, values) in [
+            ("stiffnesses of particles", stiffness),
+            ("densities of particles", density),
+        ] {
+            expect_len(what, values.len(), self.len())?;
+            for v in values {
+                positive(what, *v)?;
+            }
+        }
+        let series = |&[i, j]: &[u32; 2]| {
+            let [a, b] = [i, j].map(|k| stiffness[k as usize]);
+            2.0 * a * b / (a + b)
+        };
+        self.grades = self.pairs.iter().map(series).collect();
+        self.full_mass.iter_mut().zip(density).for_each(|(m, d)| *m *= d);
+        let weights = std::mem::take(&mut self.weights);
+        self.weights = vec![1.0; weights.len()];
+        self.set_weights(&weights)
+    }
+
+    /// Whether bonds are of several materials.
+    pub(crate) fn is_graded(&self) -> bool {
+        !self.grades.is_empty()
     }
 
     /// Mean of bond values over the bonds of each particle; `alone` for a loose one without any.

@@ -31,6 +31,8 @@ pub struct FemField<T: Real> {
     mesh: Arc<Mesh<T>>,
     tree: BoxTree<T>,
     hexes: Vec<HexShape<T>>,
+    /// Gradients of the functions of corners 1 to 3 of every tetrahedron, by which points are found in it.
+    tets: Vec<[Vector3<T>; 3]>,
     tolerance: T,
     /// Whether some hexahedron has warped faces and is cut into several cells.
     warped: bool,
@@ -66,6 +68,15 @@ impl<T: Real> FemField<T> {
                 .collect(),
             _ => Vec::new(),
         };
+        let tets: Vec<_> = match mesh.kind() {
+            ElementKind::Tet4 => (0..mesh.element_count())
+                .map(|e| {
+                    let [_, a, b, c] = element::tet_gradients(&mesh.corners(e)).0;
+                    [a, b, c]
+                })
+                .collect(),
+            _ => Vec::new(),
+        };
         let boxes = (0..mesh.element_count()).map(|e| {
             let p = mesh.corners(e);
             let [low, high] = bounds_of(p[..mesh.kind().corners()].iter());
@@ -78,6 +89,7 @@ impl<T: Real> FemField<T> {
             mesh: mesh.clone(),
             warped: hexes.iter().any(|h| h.warp > tolerance),
             hexes,
+            tets,
             tolerance,
         }
     }
@@ -145,9 +157,8 @@ impl<T: Real> FemField<T> {
                 ([one - s, s, zero, zero], (-s).max(s - one).max(off))
             }
             ElementKind::Tet4 => {
-                let p = self.mesh.corners(e);
-                let (g, _) = element::tet_gradients(&p);
-                let b = [1, 2, 3].map(|k: usize| g[k].dot(&(x - p[0])));
+                let first = self.mesh.nodes()[self.mesh.element(e)[0] as usize];
+                let b = self.tets[e].map(|g| g.dot(&(x - first)));
                 let local = [one - b[0] - b[1] - b[2], b[0], b[1], b[2]];
                 (local, local.into_iter().fold(-one, |v, l| v.max(-l)))
             }
@@ -200,6 +211,29 @@ impl<T: Real> FemField<T> {
             false
         });
         best.or(near)
+    }
+
+    /// The element that holds a point, of several the one of lowest number.
+    pub fn element_at(&self, x: &Point3<T>) -> Option<usize> {
+        self.locate(x).map(|found| found.element)
+    }
+
+    /// The element that holds a point, and the value there of a field given by its values at the nodes.
+    ///
+    /// # Panics
+    /// For fewer values than nodes.
+    pub fn value_at(&self, x: &Point3<T>, values: &[T]) -> Option<(usize, T)> {
+        let at = self.locate(x)?;
+        let mut shape = [T::zero(); 8];
+        match self.mesh.kind() {
+            ElementKind::Hex8 => {
+                shape = element::hex_values(&Vector3::new(at.local[0], at.local[1], at.local[2]));
+            }
+            ElementKind::Tet4 | ElementKind::Bar2 => shape[..4].copy_from_slice(&at.local),
+        }
+        let nodes = self.mesh.element(at.element).iter();
+        let sum = nodes.zip(shape).map(|(k, n)| values[*k as usize] * n).sum();
+        Some((at.element, sum))
     }
 
     /// Shape functions at a located point.

@@ -1,7 +1,11 @@
-//! Structured meshes: bars, boxes, cylinders.
+//! Structured meshes: bars, boxes, cylinders, balls.
 //!
 //! Nodes are numbered layer by layer along x, which keeps the bandwidth small for beams. Every solid names its faces;
 //! bars name their ends `x-min` and `x-max`.
+
+mod ball;
+
+pub use ball::ball;
 
 use crate::element::ElementKind;
 use crate::error::{Error, Result, parameter};

@@ -43,6 +43,8 @@ mod kernel;
 mod mesh;
 mod model;
 mod order;
+mod part;
+mod recovery;
 
 pub use arlequin_core::Elastic;
 pub use element::{ElementKind, GaussPoint};

@@ -38,6 +38,9 @@ pub struct Mesh<T: Real> {
     connectivity: Vec<u32>,
     groups: BTreeMap<String, Group>,
     volumes: Vec<String>,
+    /// Number of every element's volume; empty where nothing tells them apart.
+    regions: Vec<u32>,
+    notices: Vec<String>,
     section: T,
 }
 
@@ -68,6 +71,8 @@ impl<T: Real> Mesh<T> {
             connectivity,
             groups: BTreeMap::new(),
             volumes: Vec::new(),
+            regions: Vec::new(),
+            notices: Vec::new(),
             section: T::one(),
         })
     }
@@ -217,7 +222,10 @@ impl<T: Real> Mesh<T> {
             }
             mesh.set_group(name, group.nodes.clone(), facets);
         }
+        let sixfold = |r: &u32| std::iter::repeat_n(*r, 6);
+        mesh.regions = self.regions.iter().flat_map(sixfold).collect();
         mesh.volumes = self.volumes;
+        mesh.notices = self.notices;
         Ok(mesh)
     }
 
@@ -227,8 +235,24 @@ impl<T: Real> Mesh<T> {
         &self.volumes
     }
 
-    pub(crate) fn set_volumes(&mut self, names: Vec<String>) {
+    /// Number of every element's volume, in the order of [`Mesh::volumes`]; empty where nothing tells them apart.
+    pub fn regions(&self) -> &[u32] {
+        &self.regions
+    }
+
+    /// Names the volumes, and says to which every element belongs.
+    pub(crate) fn set_volumes(&mut self, names: Vec<String>, regions: Vec<u32>) {
         self.volumes = names;
+        self.regions = regions;
+    }
+
+    /// What its file holds otherwise than it was read, in words.
+    pub fn notices(&self) -> &[String] {
+        &self.notices
+    }
+
+    pub(crate) fn set_notices(&mut self, notices: Vec<String>) {
+        self.notices = notices;
     }
 
     /// Named groups.

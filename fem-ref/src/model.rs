@@ -4,28 +4,32 @@
 //! the means of the weights over the element.
 
 use crate::element::{self, ElementKind};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, parameter};
 use crate::field::FemField;
 use crate::kernel;
 use crate::mesh::Mesh;
+use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Real, Weight, check_size,
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model, Patches, Real,
+    Recovery, Weight, check_size,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::CsMat;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A linear elastic body meshed with finite elements; bars carry axial displacements only.
 #[derive(Debug, Clone)]
 pub struct FemModel<T: Real> {
     name: String,
     field: Arc<FemField<T>>,
-    material: Elastic<T>,
+    materials: Materials<T>,
     /// Unweighted lumped mass contributions `ρ ∫ N_i dV` \[kg\], per element and corner.
     masses: Vec<T>,
     stiffness: BlockMatrix<T>,
+    /// How stresses come to the nodes, once they are asked for.
+    patches: OnceLock<Patches<T>>,
 }
 
 impl<T: Real> FemModel<T> {
@@ -41,8 +45,14 @@ impl<T: Real> FemModel<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::BarDirection`] for bars that are not parallel to x.
-    pub fn new(name: &str, mesh: Mesh<T>, material: Elastic<T>) -> Result<Self> {
+    /// [`Error::BarDirection`] for bars that are not parallel to x; [`Error::Parameter`] for materials of another number of
+    /// elements.
+    pub fn new(name: &str, mesh: Mesh<T>, material: impl Into<Materials<T>>) -> Result<Self> {
+        let materials = material.into();
+        if let Some(n) = materials.elements().filter(|n| *n != mesh.element_count()) {
+            let rule = "must be that of the elements of the mesh";
+            return Err(parameter("number of elements with a material", n, rule));
+        }
         if mesh.kind() == ElementKind::Bar2 {
             bars_along_x(&mesh)?;
         }
@@ -50,15 +60,16 @@ impl<T: Real> FemModel<T> {
         let mut masses = Vec::with_capacity(mesh.connectivity().len());
         for e in 0..mesh.element_count() {
             let volumes = element::nodal_volumes(mesh.kind(), &mesh.corners(e), mesh.section());
-            masses.extend(volumes[..corners].iter().map(|v| *v * material.density()));
+            masses.extend(volumes[..corners].iter().map(|v| *v * materials.at(e).density()));
         }
         let ones = vec![T::one(); mesh.element_count()];
         Ok(Self {
             name: name.to_owned(),
-            stiffness: kernel::stiffness(&mesh, &material, &ones),
+            stiffness: kernel::stiffness(&mesh, &materials, &ones),
             field: Arc::new(FemField::new(mesh)),
-            material,
+            materials,
             masses,
+            patches: OnceLock::new(),
         })
     }
 
@@ -67,9 +78,18 @@ impl<T: Real> FemModel<T> {
         self.field.mesh()
     }
 
-    /// The material.
+    /// The material; of several the first, see [`FemModel::materials`].
     pub fn material(&self) -> &Elastic<T> {
-        &self.material
+        &self.materials.all()[0]
+    }
+
+    /// What every element is made of.
+    pub fn materials(&self) -> &Materials<T> {
+        &self.materials
+    }
+
+    pub(crate) fn patches(&self) -> &Patches<T> {
+        self.patches.get_or_init(|| recovery::patches(self.mesh()))
     }
 
     /// The displacement field.
@@ -153,7 +173,7 @@ impl<T: Real> Model<T> for FemModel<T> {
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> arlequin_core::Result<()> {
         let means = self.element_means(alpha);
         arlequin_core::check_finite("element weights", &means)?;
-        kernel::assemble(&mut self.stiffness, self.field.mesh(), &self.material, &means);
+        kernel::assemble(&mut self.stiffness, self.field.mesh(), &self.materials, &means);
         Ok(())
     }
 
@@ -167,6 +187,10 @@ impl<T: Real> Model<T> for FemModel<T> {
     /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[T]) -> T {
         self.stiffness.energy(q)
+    }
+
+    fn recovery(&self) -> Option<&dyn Recovery<T>> {
+        Some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {

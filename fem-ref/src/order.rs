@@ -29,7 +29,13 @@ impl<T: Real> Mesh<T> {
             connectivity.extend(self.element(old as usize).iter().map(|&k| place[k as usize]));
         }
         let nodes = order.iter().map(|&k| self.nodes()[k as usize]).collect();
+        let of = self.regions();
+        let regions = elements
+            .iter()
+            .filter_map(|&(_, old)| of.get(old as usize).copied());
+        let (names, regions) = (self.volumes().to_vec(), regions.collect());
         let mut out = self.with_parts(nodes, connectivity);
+        out.set_volumes(names, regions);
         out.map_groups(
             |k| place[k as usize],
             |f| Facet {

@@ -1,4 +1,4 @@
-//! Gmsh 4.1: ascii and binary, physical groups, broken and unsupported files.
+//! Gmsh 4.1 (2.2 is in `formats.rs`): ascii and binary, physical groups, broken and unsupported files.
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,
@@ -191,8 +191,8 @@ fn broken_and_unsupported_files() {
         "Gmsh mesh: the file does not start with $MeshFormat; is it a .msh file?"
     );
     assert_eq!(
-        text(&TETS.replace("4.1 0 8", "2.2 0 8")),
-        "Gmsh mesh: format 2.2 is not supported; save in 4.1 (Mesh.MshFileVersion = 4.1)"
+        text(&TETS.replace("4.1 0 8", "4.0 0 8")),
+        "Gmsh mesh: format 4.0 is not supported; save in 4.1 (Mesh.MshFileVersion = 4.1)"
     );
     assert_eq!(
         text(&TETS.replace("4.1 0 8", "4.1 0 3")),

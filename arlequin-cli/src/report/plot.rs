@@ -1,8 +1,11 @@
 //! Curves as SVG: over time, or over anything else on linear or logarithmic axes.
 
 use crate::error::{Error, Result};
+use crate::view::curves;
 use arlequin_scene::Table;
+use arlequin_scene::output::curves::CurveLine;
 use plotters::prelude::*;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// One curve.
@@ -55,11 +58,13 @@ const ENERGIES: [(&str, &str); 3] = [
 ];
 
 /// Plots the tables of a run into a folder.
-pub(crate) fn run(folder: &Path, title: &str, probes: &Table, energy: &Table) -> Result<()> {
+pub(crate) fn run(folder: &Path, title: &str, [probes, energy, effects]: [&Table; 3]) -> Result<()> {
     for (file, name, unit) in [
         ("displacement.svg", "displacement", "m"),
         ("velocity.svg", "velocity", "m/s"),
         ("rotation.svg", "rotation", "rad"),
+        ("force.svg", "force", "N"),
+        ("moment.svg", "moment", "N m"),
     ] {
         let label = format!(" {name} [{unit}]");
         let curves = columns(probes, |n| n.strip_suffix(&label).map(str::to_owned));
@@ -81,7 +86,45 @@ pub(crate) fn run(folder: &Path, title: &str, probes: &Table, energy: &Table) ->
         "J",
         curves,
     );
-    draw(&folder.join("ledger.svg"), &plot)
+    draw(&folder.join("ledger.svg"), &plot)?;
+    of_effects(folder, title, effects)
+}
+
+/// Plots what effects did, a picture for each quantity: forces on obstacles, broken bonds.
+fn of_effects(folder: &Path, title: &str, table: &Table) -> Result<()> {
+    let header = |name: &str| curves::header("effects.csv", name);
+    let mut seen = BTreeSet::new();
+    for shown in table.names.iter().filter_map(|n| header(n)) {
+        if !seen.insert((shown.quantity.clone(), shown.unit.clone())) {
+            continue;
+        }
+        let same = |n: &str| {
+            let h = header(n).filter(|h| h.quantity == shown.quantity && h.unit == shown.unit)?;
+            Some(h.curve)
+        };
+        let headline = headline(title, &shown.quantity);
+        let plot = Plot::over_time(headline, &shown.quantity, &shown.unit, columns(table, same));
+        let file = format!("effect-{}.svg", shown.quantity.replace(' ', "-"));
+        draw(&folder.join(file), &plot)?;
+    }
+    Ok(())
+}
+
+/// Plots one probe over another.
+pub(crate) fn one_over_another(folder: &Path, title: &str, curve: &CurveLine) -> Result<()> {
+    let plot = Plot {
+        title: headline(title, &curve.name),
+        across: [&curve.x.label, &curve.x.unit],
+        log: [false; 2],
+        quantity: &curve.y.label,
+        unit: &curve.y.unit,
+        curves: vec![Curve {
+            name: curve.name.clone(),
+            times: &curve.x.values,
+            values: curve.y.values.clone(),
+        }],
+    };
+    draw(&folder.join(format!("curve-{}.svg", curve.name)), &plot)
 }
 
 /// The columns of a table that are named.

@@ -6,6 +6,9 @@ use std::fmt::Write as _;
 
 type Object = Map<String, Value>;
 
+const HEAD: &str = "# Every key of a scene\n\nWritten from the types that read scenes, by `arlequin schema --reference`. All numbers are SI. \
+                    A key without a default that is not needed is left out; tables of choices take exactly one of their keys.\n";
+
 /// What a page is made from.
 struct Writer<'a> {
     definitions: &'a Object,
@@ -26,7 +29,7 @@ pub(crate) fn markdown(schema: &Value) -> String {
         definitions,
         uses,
         pending: Vec::new(),
-        out: String::new(),
+        out: HEAD.to_owned(),
     };
     w.top(schema);
     let mut k = 0;

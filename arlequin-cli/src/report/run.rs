@@ -20,19 +20,11 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     }
     models(&s.models);
     interfaces(&s.interface);
-    println!(
-        "steps      {} of {planned} with {:.4e} s (critical {:.4e} s), up to t = {:.4e} s",
-        s.steps, s.dt, s.critical_dt, s.time
-    );
-    println!(
-        "energy     {:.6e} J at the start, {:.6e} J at the end, unexplained drift of H at most {:.2e} of the energy in play",
-        s.energy.initial, s.energy.last, s.energy.h_drift_max
-    );
-    for (name, work) in &s.energy.ledger {
-        println!("work       {name:<24} {work:>14.6e} J");
+    if s.load_steps.is_empty() {
+        motion(s, planned);
+    } else {
+        rest(s, planned);
     }
-    momentum(&s.momentum);
-    effects(&s.effect_ledger);
     for (name, p) in &s.probes {
         let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
         let frequencies = if shown.is_empty() {
@@ -65,6 +57,39 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     } else {
         println!("results    {}", place.display());
     }
+}
+
+/// Prints what only a run in time has.
+fn motion(s: &Summary, planned: usize) {
+    println!(
+        "steps      {} of {planned} with {:.4e} s (critical {:.4e} s), up to t = {:.4e} s",
+        s.steps, s.dt, s.critical_dt, s.time
+    );
+    println!(
+        "energy     {:.6e} J at the start, {:.6e} J at the end, unexplained drift of H at most {:.2e} of the energy in play",
+        s.energy.initial, s.energy.last, s.energy.h_drift_max
+    );
+    for (name, work) in &s.energy.ledger {
+        println!("work       {name:<24} {work:>14.6e} J");
+    }
+    momentum(&s.momentum);
+    effects(&s.effect_ledger);
+}
+
+/// Prints what only a scene at rest has.
+fn rest(s: &Summary, planned: usize) {
+    let residual = s.load_steps.iter().map(|l| l.residual).fold(0.0, f64::max);
+    let iterations: usize = s.load_steps.iter().map(|l| l.iterations).sum();
+    let how = match iterations {
+        0 => "solved directly".to_owned(),
+        n => format!("relaxed in {n} steps"),
+    };
+    println!(
+        "load steps {} of {planned} up to t = {:.4e} s, {how}, residual at most {residual:.1e}",
+        s.load_steps.len(),
+        s.time
+    );
+    println!("energy     {:.6e} J at the end", s.energy.last);
 }
 
 /// Prints whether and how a sleeping model woke.
@@ -121,6 +146,12 @@ pub(crate) fn plan(p: &Preview) {
 fn sizes(p: &Preview) {
     models(&p.models);
     interfaces(&p.interface);
+    for z in &p.zones {
+        println!(
+            "zone       {:<12} overlap {:.4e} m wide in the mean, {:.4e} m at least: {:.1} elements of the body, {:.1} of the zone's",
+            z.name, z.width.mean, z.width.least, z.elements, z.fine
+        );
+    }
     if p.effects.is_empty() {
         println!("effects    none");
     }

@@ -1,6 +1,5 @@
 //! Tables over time, grouped into plots by what they show.
 
-use serde::Serialize;
 use std::path::Path;
 
 /// Rows of a plot; more cannot be told apart on a screen.
@@ -17,11 +16,11 @@ pub(super) struct Plot {
 }
 
 /// A header of a table.
-#[derive(Debug, Serialize, PartialEq)]
-struct Header {
-    curve: String,
-    quantity: String,
-    unit: String,
+#[derive(Debug)]
+pub(crate) struct Header {
+    pub(crate) curve: String,
+    pub(crate) quantity: String,
+    pub(crate) unit: String,
 }
 
 /// Reads the tables of a folder that have times; a table that is not there, or is half written, is passed over.
@@ -63,7 +62,7 @@ pub(super) fn read(folder: &Path) -> Vec<Plot> {
 }
 
 /// What a column is; none if it is not drawn.
-fn header(file: &str, name: &str) -> Option<Header> {
+pub(crate) fn header(file: &str, name: &str) -> Option<Header> {
     let (words, unit) = match name.strip_suffix(']').and_then(|n| n.rsplit_once(" [")) {
         Some((words, unit)) => (words, unit),
         None => (name, ""),

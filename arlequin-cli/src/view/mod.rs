@@ -1,6 +1,6 @@
 //! `arlequin view`: one page with everything in it, made from the files of a run: what it shows is what they say.
 
-mod curves;
+pub(crate) mod curves;
 mod frames;
 mod grid;
 mod page;

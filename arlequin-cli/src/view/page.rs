@@ -62,7 +62,7 @@ pub(super) fn html(
     notices: &[String],
 ) -> Result<String> {
     let mut store = Store::default();
-    let (centre, size) = extent(parts);
+    let (centre, size) = extent(parts, summary);
     let parts: Vec<Value> = parts
         .iter()
         .map(|p| part(&mut store, p, summary, (centre, size)))
@@ -93,11 +93,20 @@ pub(super) fn html(
     Ok(page.replace("/* about */", &about).replace("/* data */", &packed))
 }
 
-/// Centre and diagonal of the space that all parts fill at rest \[m\].
-fn extent(parts: &[Part]) -> ([f64; 3], f64) {
+/// The model of a name, in the summary of a run.
+fn model<'a>(summary: &'a Value, name: &str) -> Option<&'a Value> {
+    summary["models"].as_array()?.iter().find(|m| m["name"] == name)
+}
+
+/// Centre and diagonal of the space that the models fill at rest \[m\]; rigid bodies may reach far beyond.
+fn extent(parts: &[Part], summary: &Value) -> ([f64; 3], f64) {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
-    for (k, x) in parts.iter().flat_map(|p| p.grid.points.iter().enumerate()) {
+    let known = summary["models"].is_array();
+    let models = parts
+        .iter()
+        .filter(|p| !known || model(summary, &p.name).is_some());
+    for (k, x) in models.flat_map(|p| p.grid.points.iter().enumerate()) {
         low[k % 3] = low[k % 3].min(*x);
         high[k % 3] = high[k % 3].max(*x);
     }
@@ -107,11 +116,7 @@ fn extent(parts: &[Part]) -> ([f64; 3], f64) {
 }
 
 fn part(store: &mut Store, p: &Part, summary: &Value, (centre, size): ([f64; 3], f64)) -> Value {
-    let models = summary["models"].as_array();
-    let model = models
-        .into_iter()
-        .flatten()
-        .find(|m| m["name"] == p.name.as_str());
+    let model = model(summary, &p.name);
     let place = |(k, x): (usize, &f64)| (x - centre[k % 3]) / size;
     let whole = |k: &u32| k.to_le_bytes();
     let fields: Vec<Value> = p.fields.iter().map(|f| field(store, f)).collect();
@@ -170,11 +175,15 @@ fn facts(s: &Value) -> Vec<String> {
             out.push(format!("{name}: {kind}, {n} {what}"));
         }
     }
-    if let (Some(steps), Some(dt)) = (s["steps"].as_u64(), s["dt"].as_f64()) {
-        out.push(format!("{steps} steps of {dt:.3e} s"));
-    }
-    if let Some(drift) = s["energy"]["h_drift_max"].as_f64() {
-        out.push(format!("unexplained drift of H {drift:.1e}"));
+    if let Some(load_steps) = s["load_steps"].as_array().filter(|l| !l.is_empty()) {
+        out.push(format!("{} load steps at rest", load_steps.len()));
+    } else {
+        if let (Some(steps), Some(dt)) = (s["steps"].as_u64(), s["dt"].as_f64()) {
+            out.push(format!("{steps} steps of {dt:.3e} s"));
+        }
+        if let Some(drift) = s["energy"]["h_drift_max"].as_f64() {
+            out.push(format!("unexplained drift of H {drift:.1e}"));
+        }
     }
     let broken = s["effect_ledger"].as_array().into_iter().flatten();
     let broken: f64 = broken.filter_map(|e| e["facts"]["broken bonds"].as_f64()).sum();

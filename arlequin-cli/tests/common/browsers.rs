@@ -207,7 +207,7 @@ impl Browser {
                 {
                     seen.complaints.push(p["args"].to_string());
                 }
-                // That a test reads pixels is no fault of the page.
+                // A browser without a graphics card reads pictures back to show them, and says so.
                 "Log.entryAdded"
                     if p["entry"]["text"]
                         .as_str()

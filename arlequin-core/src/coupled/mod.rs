@@ -17,7 +17,9 @@ mod own_steps;
 mod pace;
 mod pairs;
 mod partition;
+mod reaction;
 mod reflection;
+mod settle;
 mod setup;
 pub mod snapshot;
 mod start;
@@ -26,6 +28,7 @@ mod tie;
 
 pub use crate::subdomain::Partition;
 pub use partition::PartitionReport;
+pub use settle::{Relaxation, Settled};
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
 use crate::interface::Interface;

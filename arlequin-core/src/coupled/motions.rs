@@ -89,6 +89,9 @@ fn instants<T: Real>(f: &TimeFunction<T>) -> Vec<f64> {
         TimeFunction::Ramp { duration } | TimeFunction::SmoothPulse { duration } => {
             [0.25, 0.5, 0.75, 1.0].map(|s| s * duration.as_f64()).into()
         }
+        TimeFunction::Integral(of) => instants(of),
+        // Any time will tell two formulas apart, unless they are the same there.
+        TimeFunction::Formula(_) => (-24..=24).map(|k| 10.0_f64.powf(f64::from(k) / 4.0)).collect(),
         TimeFunction::Table(rows) => rows.iter().map(|r| r.0.as_f64()).collect(),
     }
 }

@@ -119,7 +119,7 @@ impl<T: Real> Coupled<T> {
     }
 
     /// One own step of those that step together.
-    fn own_step(
+    pub(super) fn own_step(
         &mut self,
         group: usize,
         reached: Reached<T>,

@@ -26,6 +26,7 @@ use crate::model::{Arms, Model};
 use crate::record::Record;
 use crate::weight::Weights;
 use crate::{Real, Result};
+use nalgebra::Vector3;
 
 /// The subdomain that an effect acts on, as the effect sees it when it is attached.
 #[derive(Clone, Copy)]
@@ -108,6 +109,17 @@ pub trait EffectSpec<T: Real>: Send {
     fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>>;
 }
 
+/// Where a rigid body is and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RigidMotion<T: Real> {
+    /// Displacement since the start \[m\].
+    pub displacement: Vector3<T>,
+    /// Velocity half a step earlier \[m/s\].
+    pub velocity: Vector3<T>,
+    /// Angular velocity then \[rad/s\].
+    pub spin: Vector3<T>,
+}
+
 /// What effects on one subdomain and between two have in common: a line of the energy ledger, and a memory.
 pub trait AnyEffect<T: Real>: Send {
     /// Name in the ledger; between two subdomains it names both models, such as `contact ball-block`.
@@ -130,6 +142,11 @@ pub trait AnyEffect<T: Real>: Send {
     /// `supplied − work − stored` is what it has dissipated, and a run in which that becomes negative is stopped.
     /// `None` for loads, whose work is all from outside.
     fn supplied(&self) -> Option<T> {
+        None
+    }
+
+    /// How the rigid body of the effect moves, if it has one: for output.
+    fn rigid(&self) -> Option<RigidMotion<T>> {
         None
     }
 
@@ -167,6 +184,11 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     /// What the effect demands of the time step.
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::none()
+    }
+
+    /// Adds the last forces of contact to `f`, for output; `false` for an effect that is none.
+    fn add_contact(&self, _: &mut [T]) -> bool {
+        false
     }
 
     /// Whether its forces depend on time alone: only such can act on a model that steps implicitly.

@@ -44,6 +44,11 @@ pub trait PairEffect<T: Real>: AnyEffect<T> {
     /// Power of the last added forces on the velocities of both sides \[W\].
     fn power(&self, v: [&[T]; 2]) -> T;
 
+    /// Adds the last forces of contact on one side to `f`, for output; `false` for an effect that is none.
+    fn add_contact(&self, _side: usize, _: &mut [T]) -> bool {
+        false
+    }
+
     /// What the effect demands of the step of either side.
     fn step_demand(&self) -> [StepDemand<T>; 2] {
         [StepDemand::none(), StepDemand::none()]

@@ -3,12 +3,13 @@
 use super::{Effect, EffectSpec, ForceLaw, Host, Instant, StepDemand};
 use crate::error::{invalid, not_negative};
 use crate::model::Arms;
+use crate::time::TimeFunction;
 use crate::{Real, Result};
 use nalgebra::Vector3;
 
 /// Gravity or any constant acceleration field \[m/s²\]: `F_i = M_γ,i g`.
 #[derive(Debug, Clone)]
-pub struct BodyForce<T: Real>(Vector3<T>);
+pub struct BodyForce<T: Real>(Vector3<T>, TimeFunction<T>);
 
 impl<T: Real> BodyForce<T> {
     /// Body force with the given acceleration \[m/s²\]; bars and chains feel its x component.
@@ -17,10 +18,19 @@ impl<T: Real> BodyForce<T> {
     /// [`crate::Error::InvalidParameter`] if it is not finite.
     pub fn new(acceleration: Vector3<T>) -> Result<Self> {
         if acceleration.iter().all(|a| a.is_finite()) {
-            return Ok(Self(acceleration));
+            return Ok(Self(acceleration, TimeFunction::Step));
         }
         let found = format_args!("{acceleration:?}");
         Err(invalid("body acceleration", found, "must be finite"))
+    }
+
+    /// The same, times a function of time.
+    ///
+    /// # Errors
+    /// Those of [`TimeFunction::validate`].
+    pub fn over_time(self, time: TimeFunction<T>) -> Result<Self> {
+        time.validate()?;
+        Ok(Self(self.0, time))
     }
 }
 
@@ -36,13 +46,28 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
                 T::zero()
             };
         }
-        let add = |_: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+        let time = self.1;
+        if time == TimeFunction::Step {
+            let add = |_: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+                f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+            };
+            return Ok(Box::new(ForceLaw {
+                force,
+                dead: true,
+                ..ForceLaw::new("body-force", 0, add)
+            }));
+        }
+        let dofs = force.len();
+        let add = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+            let factor = time.at(at.time);
+            for ((f, own), g) in f.iter_mut().zip(own).zip(&force) {
+                *own = factor * *g;
+                *f += *own;
+            }
         };
         Ok(Box::new(ForceLaw {
-            force,
             dead: true,
-            ..ForceLaw::new("body-force", 0, add)
+            ..ForceLaw::new("body-force", dofs, add)
         }))
     }
 }

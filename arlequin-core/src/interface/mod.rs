@@ -424,6 +424,15 @@ impl<T: Real> Interface<T> {
         self.coupling.iter_mut().for_each(|c| c.spread(impulse));
     }
 
+    /// Takes multipliers that are known, those of an equilibrium.
+    pub(crate) fn hold(&mut self, lambda: &[T]) {
+        for (m, l) in self.impulse.iter_mut().zip(lambda) {
+            *m = *l / self.rate;
+        }
+        self.lambda.copy_from_slice(lambda);
+        self.coupling.iter_mut().for_each(|c| c.spread(&self.impulse));
+    }
+
     /// Sets the length of the steps between reflections \[s\], to which multipliers refer.
     pub(crate) fn pace(&mut self, step: T) {
         self.rate = T::of(2.0) / step;

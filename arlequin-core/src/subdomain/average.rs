@@ -8,7 +8,7 @@
 //! `½vᵀMv + ½qᵀKq`, which changes by the work `Δt F_½·v̄` alone. The matrix is factored once.
 
 use super::{Stepper, Subdomain};
-use crate::effect::Instant;
+use crate::effect::{Attached, Effect, Instant};
 use crate::linalg::SpdFactor;
 use crate::model::State;
 use crate::weight::Weighting;
@@ -30,6 +30,37 @@ pub(super) struct Average<T> {
     pull: Vec<T>,
     /// Work of the moving supports in the step \[J\].
     pub(super) support: T,
+}
+
+impl<T: Real> Average<T> {
+    /// Finds the loads of an instant.
+    pub(super) fn load(
+        &mut self,
+        effects: &mut [Attached<T, dyn Effect<T>>],
+        at: &Instant<'_, T>,
+    ) -> Result<()> {
+        self.loads.fill(T::zero());
+        effects
+            .iter_mut()
+            .try_for_each(|e| e.effect.add_forces(at, &mut self.loads))
+    }
+
+    /// Loads that were found last.
+    pub(super) fn loads(&self) -> &[T] {
+        &self.loads
+    }
+}
+
+/// An instant of a state, for dead loads.
+pub(super) fn instant<'a, T: Real>(time: T, dt: T, state: &'a State<T>, internal: &'a [T]) -> Instant<'a, T> {
+    Instant {
+        time,
+        q: &state.q,
+        v_half: &state.v,
+        dt,
+        internal,
+        internal_before: internal,
+    }
 }
 
 impl<T: Real> Subdomain<T> {
@@ -108,22 +139,11 @@ impl<T: Real> Subdomain<T> {
         let Stepper::Average(average) = &mut self.stepper else {
             return Ok(());
         };
-        let Average {
-            loads, trial, pull, ..
-        } = &mut **average;
+        let middle = reached.time - reached.since * T::of(0.5);
+        let at = instant(middle, reached.since, &self.state, self.forces.internal());
+        average.load(&mut self.effects, &at)?;
+        let Average { trial, pull, .. } = &mut **average;
         let (q, now) = (&self.state.q, self.forces.internal());
-        loads.fill(T::zero());
-        let at = Instant {
-            time: reached.time - reached.since * T::of(0.5),
-            q,
-            v_half: &self.state.v,
-            dt: reached.since,
-            internal: now,
-            internal_before: now,
-        };
-        for e in &mut self.effects {
-            e.effect.add_forces(&at, loads)?;
-        }
         if self.supports.iter().all(|m| m.amplitude == T::zero()) {
             parallel::copy(pull, now);
             return Ok(());
@@ -202,6 +222,10 @@ impl<T: Real> Subdomain<T> {
         let forces = now.iter().zip(&*loads);
         for ((a, w), (f, g)) in a.iter_mut().zip(&self.inverse_inertia).zip(forces) {
             *a = *w * (*f + *g);
+        }
+        for motion in &self.supports {
+            let (.., acceleration) = motion.kinematics(reached.time, reached.dt);
+            motion.dofs.iter().for_each(|&d| a[d] = acceleration);
         }
         for e in &mut self.effects {
             let work = dt * e.effect.power(mean);

@@ -9,12 +9,15 @@ mod guest;
 mod motion;
 mod own;
 mod prepare;
+mod reaction;
 mod record;
+mod rest;
 mod step;
 mod stride;
 
 pub use motion::PrescribedMotion;
 pub use own::OwnStep;
+pub use reaction::Resultant;
 pub use record::SubdomainSnapshot;
 pub(crate) use step::{Announce, Reached};
 

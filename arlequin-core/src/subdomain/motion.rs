@@ -33,7 +33,7 @@ impl<T: Real> PrescribedMotion<T> {
     }
 
     /// Position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\], as central differences over `dt` \[s\]: with
-    /// these velocity Verlet follows the motion exactly.
+    /// these velocity Verlet follows the motion exactly. With `dt` zero the time stands still: position alone.
     pub fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
         // In double precision whatever `T` is: the differences are many digits below the values.
         let amplitude = self.amplitude.as_f64();
@@ -41,6 +41,9 @@ impl<T: Real> PrescribedMotion<T> {
             return (T::zero(), T::zero(), T::zero());
         }
         let (t, dt) = (t.as_f64(), dt.as_f64());
+        if dt <= 0.0 {
+            return (self.at(T::of(t)), T::zero(), T::zero());
+        }
         let at = |t: f64| amplitude * self.time.at_wide(t);
         let (before, now, after) = (at(t - dt), at(t), at(t + dt));
         (

@@ -40,6 +40,8 @@ pub(super) struct Forces<T> {
     /// Displacements one step earlier, where they were kept.
     q_before: Vec<T>,
     loads: Loads<T>,
+    /// Whether they are those of the present state: not between a restored one and its first step.
+    known: bool,
 }
 
 impl<T: Real> Forces<T> {
@@ -49,7 +51,13 @@ impl<T: Real> Forces<T> {
             internal_before: vec![T::zero(); dofs],
             q_before: vec![T::zero(); dofs],
             loads: Loads::Absent,
+            known: false,
         }
+    }
+
+    /// Whether they are those of the present state.
+    pub(super) fn known(&self) -> bool {
+        self.known
     }
 
     /// Makes room for forces beside the internal ones.
@@ -74,8 +82,24 @@ impl<T: Real> Forces<T> {
 
     /// Goes to the internal forces of another instant.
     pub(super) fn restore(&mut self, internal: &[T]) {
+        self.known = false;
         if self.internal.len() == internal.len() {
             self.internal.copy_from_slice(internal);
+        }
+    }
+
+    /// Takes the internal forces of another state.
+    pub(super) fn settle(&mut self, internal: Vec<T>) {
+        self.internal_before.clone_from(&internal);
+        self.q_before.resize(internal.len(), T::zero());
+        self.internal = internal;
+        self.known = true;
+    }
+
+    /// Takes all forces of another state, where there are others than internal ones.
+    pub(super) fn settle_loads(&mut self, all: &[T]) {
+        if let Loads::Own(total) | Loads::Paired(total) = &mut self.loads {
+            total.copy_from_slice(all);
         }
     }
 
@@ -196,6 +220,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Finds forces and accelerations of the start, after [`Self::hold`].
     pub(crate) fn start(&mut self, time: T) -> Result<()> {
+        self.forces.known = true;
         if self.is_guest() {
             self.guest_start();
             return Ok(());
@@ -223,6 +248,7 @@ impl<T: Real> Subdomain<T> {
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
+        self.forces.known = true;
         match self.stepper {
             Stepper::Verlet => {}
             Stepper::Average(_) => return self.average_step(reached),

@@ -10,6 +10,7 @@ use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::{JAMMED_PERIODIC, mean_sphere_volume};
 use arlequin::dem_beam::{BeamMaterial, Packing};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Spheres of a periodic sample: isotropic to a per cent.
@@ -59,7 +60,7 @@ impl Sample {
             return periodic(wanted, at, &table);
         }
         let bar = bar(&at, &table.shape)?;
-        let filling = Filling::of(&at, &table.shape, &folder)?;
+        let filling = Filling::of(&at, &table, &folder)?;
         let recipes = recipes(wanted.seeds, &at, &table, &folder, &filling)?;
         let (from, form) = match table.shape {
             Shape::Cylinder { radius, .. } => ("cylinder", format!("radius {radius:e} m")),
@@ -166,6 +167,9 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
         },
     };
     ModelTable {
+        scale: 1.0,
+        volume: None,
+        materials: BTreeMap::new(),
         kind: ModelKind::Dem,
         role: None,
         shape,
@@ -217,7 +221,7 @@ fn bar(at: &str, shape: &Shape) -> Result<Bar> {
             length: high[0] - low[0],
             area: (high[1] - low[1]) * (high[2] - low[2]),
         }),
-        Shape::Bar { .. } | Shape::File(_) => {
+        Shape::Bar { .. } | Shape::Ball { .. } | Shape::File(_) | Shape::Piece(_) => {
             let rule = "a tension test needs a straight bar along x: a box or a cylinder; or give --periodic";
             Err(value(format!("{at}.shape"), shape.name(), rule))
         }

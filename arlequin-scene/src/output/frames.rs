@@ -1,11 +1,12 @@
 //! Frames: the state of all models and mediators at one instant.
 
-use super::mark;
 use super::vtu::{self, Array, Entry};
+use super::{fields, mark};
 use crate::cells::{self, Cell};
 use crate::error::{Error, Result, write};
-use crate::setup::{Grid, ModelInfo};
+use crate::setup::{Grid, ModelInfo, RigidPicture};
 use crate::spec::OutputField;
+use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Elastic, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
@@ -17,7 +18,19 @@ pub struct Frames {
     fields: Vec<OutputField>,
     models: Vec<Painter>,
     mediators: Vec<Grid>,
+    rigid: Vec<RigidPicture>,
     entries: Vec<Entry>,
+}
+
+/// What frames show.
+#[derive(Debug)]
+pub struct Pictures {
+    /// Models.
+    pub models: Vec<ModelInfo>,
+    /// Mediators.
+    pub mediators: Vec<Grid>,
+    /// Rigid bodies.
+    pub rigid: Vec<RigidPicture>,
 }
 
 /// What a model's files repeat.
@@ -30,19 +43,16 @@ struct Painter {
     weights: Vec<Array>,
     /// What broke, where bonds can.
     breaks: Option<SharedLog>,
+    /// Bytes of recovered fields in a frame.
+    recovered: usize,
 }
 
 impl Frames {
     /// Prepares frames in a folder.
-    pub fn new(
-        folder: PathBuf,
-        fields: &[OutputField],
-        run: &Coupled<f64>,
-        models: Vec<ModelInfo>,
-        mediators: Vec<Grid>,
-    ) -> Self {
+    pub fn new(folder: PathBuf, fields: &[OutputField], run: &Coupled<f64>, pictures: Pictures) -> Self {
         let density = fields.contains(&OutputField::EnergyDensity);
-        let models = models
+        let models = pictures
+            .models
             .into_iter()
             .zip(run.subdomains())
             .map(|(d, s)| Painter {
@@ -52,6 +62,7 @@ impl Frames {
                     Vec::new()
                 },
                 weights: weights(s),
+                recovered: fields::bytes(fields, s),
                 grid: d.grid,
                 breaks: d.breaks,
                 material: d.material,
@@ -61,7 +72,8 @@ impl Frames {
             folder,
             fields: fields.to_vec(),
             models,
-            mediators,
+            mediators: pictures.mediators,
+            rigid: pictures.rigid,
             entries: Vec::new(),
         }
     }
@@ -104,7 +116,10 @@ impl Frames {
             } else {
                 0
             };
-            fixed + (48 + weights) * m.grid.points.len() + 8 * (m.centres.len() + m.grid.radii.len())
+            fixed
+                + (48 + weights) * m.grid.points.len()
+                + 8 * (m.centres.len() + m.grid.radii.len())
+                + m.recovered
         };
         let mediator = |v: &Grid| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
         self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
@@ -116,11 +131,13 @@ impl Frames {
             let name = s.model().name();
             check_finite(run, name, &s.state().q)?;
             check_finite(run, name, &s.state().v)?;
-            let (points, cells) = painter.arrays(&self.fields, s);
+            let (mut points, cells) = painter.arrays(&self.fields, s)?;
+            points.extend(fields::contacts(&self.fields, run, part));
             let file = format!("{name}_{:08}.vtu", run.steps());
             vtu::write_grid(&self.folder.join(&file), &painter.grid, &points, &cells)?;
             self.entries.push(entry(run, part, name, file));
         }
+        self.write_rigid(run)?;
         if !self.fields.contains(&OutputField::Multipliers) {
             return Ok(());
         }
@@ -144,6 +161,46 @@ impl Frames {
         Ok(())
     }
 
+    /// Rigid bodies where they are at rest, with the displacement and velocity of every point.
+    fn write_rigid(&mut self, run: &Coupled<f64>) -> Result<()> {
+        for (k, p) in self.rigid.iter().enumerate() {
+            let mut effects = run.subdomains()[p.model].effects();
+            let Some(now) = effects.find(|e| e.name() == p.name).and_then(|e| e.rigid()) else {
+                continue;
+            };
+            let array = |name: &str, value: &dyn Fn(&Point3<f64>) -> Vector3<f64>| Array {
+                name: name.into(),
+                components: 3,
+                values: p.grid.points.iter().flat_map(|x| value(x).data.0[0]).collect(),
+            };
+            let arrays = [
+                array("displacement [m]", &|_| now.displacement),
+                array("velocity [m/s]", &|x| {
+                    now.velocity + now.spin.cross(&(x - p.centre))
+                }),
+            ];
+            let model = run.subdomains()[p.model].model().name();
+            let name = format!("rigid-{}-{model}", p.name);
+            // Names of rigid bodies are free, those of files are not.
+            let plain = |c: char| {
+                if c.is_ascii_alphanumeric() || "-_".contains(c) {
+                    c
+                } else {
+                    '-'
+                }
+            };
+            let file = format!(
+                "{}-{k}_{:08}.vtu",
+                name.chars().map(plain).collect::<String>(),
+                run.steps()
+            );
+            vtu::write_grid(&self.folder.join(&file), &p.grid, &arrays, &[])?;
+            let part = self.models.len() + self.mediators.len() + k;
+            self.entries.push(entry(run, part, &name, file));
+        }
+        Ok(())
+    }
+
     /// Writes the index.
     pub fn finish(&self, path: &Path) -> Result<()> {
         vtu::write_index(path, &self.entries)
@@ -151,7 +208,7 @@ impl Frames {
 }
 
 impl Painter {
-    fn arrays(&self, fields: &[OutputField], s: &Subdomain<f64>) -> (Vec<Array>, Vec<Array>) {
+    fn arrays(&self, fields: &[OutputField], s: &Subdomain<f64>) -> Result<(Vec<Array>, Vec<Array>)> {
         let (mut points, mut cells) = (Vec::new(), Vec::new());
         let count = s.model().layout().components;
         let vector = |name: &str, values: &[f64]| Array {
@@ -180,15 +237,17 @@ impl Painter {
                         .map(|cell| self.density(cell, &s.state().q, count))
                         .collect(),
                 }),
-                OutputField::EnergyDensity | OutputField::Multipliers => {}
+                _ => {}
             }
         }
+        points.extend(fields::recovered(fields, s)?);
+        cells.extend(fields::bonds(fields, s, self.grid.cells())?);
         if let Some(log) = &self.breaks {
             let (damage, broken) = self.damage(&locked(log));
             points.push(damage);
             cells.push(broken);
         }
-        (points, cells)
+        Ok((points, cells))
     }
 
     /// Share of broken bonds of every particle, and which bonds are broken.

@@ -25,12 +25,16 @@ const END: &str = "end\n";
 /// Length of what is neither a file nor a folder: no list knows it.
 const LINK: u64 = u64::MAX;
 /// Files of a run.
-const FILES: [&str; 8] = [
+const FILES: [&str; 12] = [
     NAME,
     "probes.csv",
     "energy.csv",
     "effects.csv",
+    "breaks.csv",
+    "fragments.csv",
     "results.pvd",
+    "static.csv",
+    "results.pvd.tmp",
     "summary.json",
     "checkpoint.bin",
     "checkpoint.bin.tmp",
@@ -39,6 +43,8 @@ const FILES: [&str; 8] = [
 const ADDED: [&str; 4] = ["member.json", ".member.json", "predicted.json", "view.html"];
 /// Folders inside, and what their files end with.
 const FOLDERS: [(&str, &str); 2] = [("vtu", ".vtu"), ("plots", ".svg")];
+/// How tables begin that are named after a model or a curve.
+const NAMED: [&str; 2] = ["fracture-", "curve-"];
 /// Folder with the same again.
 pub const PART: &str = "asleep";
 
@@ -221,7 +227,9 @@ fn is_part(parts: &[&str]) -> bool {
             FILES.contains(file)
                 || ADDED.contains(file)
                 || FOLDERS.iter().any(|f| f.0 == *file)
-                || (file.starts_with("fracture-") && file.ends_with(".csv"))
+                || NAMED
+                    .iter()
+                    .any(|n| file.starts_with(n) && file.ends_with(".csv"))
         }
         [folder, file] => FOLDERS.iter().any(|f| f.0 == *folder && file.ends_with(f.1)),
         _ => false,

@@ -1,7 +1,11 @@
 //! Result files.
 
+pub mod curves;
+mod fields;
 mod folder;
+pub mod fragments;
 mod frames;
+pub(crate) mod live;
 pub mod mark;
 pub mod packing;
 pub mod summary;
@@ -9,7 +13,7 @@ pub mod tables;
 mod vtu;
 
 pub use folder::{Folder, Place};
-pub use frames::Frames;
+pub use frames::{Frames, Pictures};
 pub use vtu::Entry;
 
 use crate::error::{Error, Result, write};

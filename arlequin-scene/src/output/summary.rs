@@ -2,6 +2,7 @@
 
 use super::packing::PackingLine;
 use crate::recorder::{PhaseClock, Recorder};
+use crate::run::LoadStep;
 use crate::setup::{ParticlesWithoutContact, PhaseTime, ProbeReader};
 use crate::spectrum;
 use arlequin::core::effect::EffectLine;
@@ -16,6 +17,9 @@ pub struct Summary {
     pub scene: String,
     /// Its title.
     pub title: Option<String>,
+    /// Load steps of a scene at rest.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub load_steps: Vec<LoadStep>,
     /// "complete", "interrupted" or "failed"; "woken" for the part of a run in which a model slept.
     pub status: &'static str,
     /// What ended a failed run.

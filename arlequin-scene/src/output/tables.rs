@@ -1,16 +1,22 @@
 //! Tables of what was recorded.
 
-use super::csv;
+use super::{csv, fragments, put};
 use crate::error::Result;
 use crate::recorder::{Recorder, Table};
+use crate::run::LoadStep;
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
+use std::fmt::Write as _;
 use std::path::Path;
 
 /// Writes what probes, ledger and effects recorded.
 pub fn write(folder: &Path, r: &Recorder) -> Result<()> {
     for (name, table) in [("probes.csv", &r.probes), ("energy.csv", &r.energy)] {
         table_csv(&folder.join(name), table)?;
+    }
+    load_steps(folder, &r.load_steps)?;
+    if !r.fragments.is_empty() {
+        fragments::write(&folder.join("fragments.csv"), &r.fragments.rows)?;
     }
     if r.effects.names.is_empty() {
         return Ok(());
@@ -25,6 +31,47 @@ fn table_csv(path: &Path, table: &Table) -> Result<()> {
         .chain(table.names.iter().cloned())
         .collect();
     csv(path, &names, &columns)
+}
+
+/// What load steps took, if there are any.
+pub(crate) fn load_steps(folder: &Path, steps: &[LoadStep]) -> Result<()> {
+    if steps.is_empty() {
+        return Ok(());
+    }
+    let mut text = "time [s],method,residual [-],iterations [-],internal [J]\n".to_owned();
+    for s in steps {
+        let _ = writeln!(
+            text,
+            "{:e},{},{:e},{},{:e}",
+            s.time, s.method, s.residual, s.iterations, s.energy
+        );
+    }
+    put(&folder.join("static.csv"), &[text.as_bytes()])
+}
+
+/// All broken bonds in the order in which they broke: what a user asks first. Models tell more, see [`breaks`].
+pub fn all_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<()> {
+    let mut all: Vec<(usize, Break)> = Vec::new();
+    for (k, log) in breaks.iter().enumerate() {
+        let events = log.iter().flat_map(|log| locked(log).events().to_vec());
+        all.extend(events.map(|e| (k, e)));
+    }
+    if breaks.iter().all(Option::is_none) {
+        return Ok(());
+    }
+    all.sort_by(|a, b| a.1.time.total_cmp(&b.1.time));
+    let mut text = "time [s],model,x [m],y [m],z [m],mode,released [J],in an overlap [-]\n".to_owned();
+    for (k, e) in &all {
+        let model = run.subdomains()[*k].model().name();
+        let (p, mode) = (&e.place, e.mode.name());
+        let overlap = u8::from(e.overlap);
+        let _ = writeln!(
+            text,
+            "{:e},{model},{:e},{:e},{:e},{mode},{:e},{overlap}",
+            e.time, p.x, p.y, p.z, e.released
+        );
+    }
+    put(&folder.join("breaks.csv"), &[text.as_bytes()])
 }
 
 /// One table of broken bonds per model whose bonds can break.

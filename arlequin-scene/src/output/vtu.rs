@@ -134,7 +134,10 @@ pub(super) fn write_index(path: &Path, entries: &[Entry]) -> Result<()> {
         );
     }
     text.push_str("  </Collection>\n</VTKFile>\n");
-    put(path, &[text.as_bytes()])
+    // Whole at any moment: viewers read it while the run goes on.
+    let aside = path.with_extension("pvd.tmp");
+    put(&aside, &[text.as_bytes()])?;
+    std::fs::rename(&aside, path).map_err(crate::error::write(path))
 }
 
 fn escape(text: &str) -> String {

@@ -6,7 +6,7 @@ use super::{End, Observer, Recorded, Results};
 use crate::checkpoint::{self, Checkpoint, Origin};
 use crate::error::{Error, Result, core};
 use crate::output::summary::{self, Summary, WakeReport};
-use crate::output::{Folder, Place, json, put, tables};
+use crate::output::{Folder, Place, curves, json, put, tables};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -66,7 +66,10 @@ impl Keep {
 impl Session<'_> {
     /// Makes the steps that are left and ends the run.
     pub(crate) fn complete(mut self, observer: &mut dyn Observer) -> Result<Results> {
-        let end = self.advance(observer, &mut |_, _| false);
+        let end = match self.load_steps.take() {
+            Some(steps) => self.settle(&steps, observer),
+            None => self.advance(observer, &mut |_, _| false),
+        };
         self.conclude(end, None, observer)
     }
 
@@ -133,7 +136,7 @@ impl Session<'_> {
             folder = Some(place);
         }
         Ok(Results {
-            recorded: self.recorder.into_recorded(summary),
+            recorded: self.recorder.into_recorded(self.scene.spec(), summary),
             asleep: None,
             run: self.run,
             breaks: self.breaks,
@@ -160,7 +163,7 @@ impl Session<'_> {
                 Err(e) => return Err(keep.folder.keep(e)),
             }
         }
-        Ok((self.recorder.into_recorded(summary), self.keep))
+        Ok((self.recorder.into_recorded(self.scene.spec(), summary), self.keep))
     }
 
     /// Keeps what a run computed before it failed: every file that can still be written. A run that made no step has
@@ -215,6 +218,7 @@ impl Session<'_> {
         let mut tries = vec![
             tables::write(path, &self.recorder),
             tables::breaks(path, &self.run, &self.breaks),
+            tables::all_breaks(path, &self.run, &self.breaks),
         ];
         tries.extend(
             self.recorder
@@ -223,11 +227,17 @@ impl Session<'_> {
                 .map(|f| f.finish(&path.join("results.pvd"))),
         );
         let spec = self.scene.spec();
+        let curves = curves::of(spec, &self.recorder);
+        tries.push(curves::write(path, &curves));
         if spec.output.plots {
             let plots = folder.subfolder("plots");
             let title = spec.title.as_deref().unwrap_or_default();
             let r = &self.recorder;
-            tries.push(plots.and_then(|p| observer.plot(&p, title, &r.probes, &r.energy)));
+            let drawn = plots.and_then(|p| {
+                observer.plot(&p, title, [&r.probes, &r.energy, &r.effects])?;
+                curves.iter().try_for_each(|c| observer.plot_curve(&p, title, c))
+            });
+            tries.push(drawn);
         }
         tries
     }

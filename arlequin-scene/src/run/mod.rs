@@ -2,15 +2,18 @@
 
 mod folder;
 mod session;
+mod statics;
 mod summary;
 
 pub(crate) use folder::Keep;
 pub use folder::RunFolder;
 pub(crate) use session::Session;
+pub use statics::LoadStep;
 
 use crate::checkpoint::{self, Checkpoint};
 use crate::error::{Error, Result, key};
-use crate::output::{Folder, summary::Summary};
+use crate::output::curves::CurveLine;
+use crate::output::{Folder, fragments::Piece, summary::Summary};
 use crate::recorder::Table;
 use crate::scene::Scene;
 use crate::setup::{self, Built};
@@ -31,11 +34,18 @@ pub trait Observer {
     }
     /// No more steps follow, or none before a sleeping model wakes; results are put together.
     fn stepped(&mut self) {}
-    /// The scene asks for plots of the tables, in a folder that is not finished before they are there.
+    /// The scene asks for plots of the tables (probes, energy, effects), in a folder that is not finished before they are there.
     ///
     /// # Errors
     /// What cannot be drawn or written.
-    fn plot(&mut self, _folder: &Path, _title: &str, _probes: &Table, _energy: &Table) -> Result<()> {
+    fn plot(&mut self, _folder: &Path, _title: &str, _tables: [&Table; 3]) -> Result<()> {
+        Ok(())
+    }
+    /// The same for one probe over another; called after [`Self::plot`].
+    ///
+    /// # Errors
+    /// What cannot be drawn or written.
+    fn plot_curve(&mut self, _folder: &Path, _title: &str, _curve: &CurveLine) -> Result<()> {
         Ok(())
     }
 }
@@ -77,6 +87,10 @@ pub struct Recorded {
     pub energy: Table,
     /// Figures of the effects over time.
     pub effects: Table,
+    /// One probe over another.
+    pub curves: Vec<CurveLine>,
+    /// Pieces into which bodies fell, at the instants of the frames.
+    pub fragments: Vec<Piece>,
 }
 
 /// What a run leaves.

@@ -4,11 +4,14 @@ use super::folder::Keep;
 use super::{End, Observer};
 use crate::crossing::Crossing;
 use crate::error::Result;
-use crate::output::Frames;
+use crate::output::fragments::Fragments;
+use crate::output::live::Live;
 use crate::output::packing::PackingLine;
+use crate::output::tables;
+use crate::output::{Frames, Pictures};
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::scene::Scene;
-use crate::setup::{Bounds, Built, ParticlesWithoutContact, PhaseTime};
+use crate::setup::{Bounds, Built, LoadSteps, ParticlesWithoutContact, PhaseTime};
 use crate::wake::Stage;
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::SharedLog;
@@ -19,7 +22,10 @@ pub(crate) struct Session<'a> {
     pub(super) scene: &'a Scene,
     pub(super) run: Coupled<f64>,
     pub(super) steps: usize,
+    /// Load steps of a scene at rest.
+    pub(super) load_steps: Option<LoadSteps>,
     pub(super) recorder: Recorder,
+    live: Live,
     pub(super) clock: PhaseClock,
     pub(super) keep: Option<Keep>,
     pub(super) setup: f64,
@@ -35,36 +41,38 @@ pub(crate) struct Session<'a> {
 
 impl<'a> Session<'a> {
     /// Records the state before the first step of a run that took so many seconds to set up.
-    pub(crate) fn new(scene: &'a Scene, built: Built, keep: Option<Keep>, setup: f64) -> Result<Self> {
+    pub(crate) fn new(scene: &'a Scene, mut built: Built, keep: Option<Keep>, setup: f64) -> Result<Self> {
         let settings = &scene.spec().output;
-        let breaks = built.models.iter().map(|d| d.breaks.clone()).collect();
+        let breaks: Vec<_> = built.models.iter().map(|d| d.breaks.clone()).collect();
+        let fragments = Fragments::new(&built.run, &breaks)?;
         let packings = built.models.iter().map(|d| d.packing.clone()).collect();
         let frames = match &keep {
             None => None,
             Some(keep) => {
                 let folder = keep.folder.subfolder("vtu")?;
-                let (models, mediators) = (built.models, built.mediators);
-                Some(Frames::new(
-                    folder,
-                    &settings.fields,
-                    &built.run,
-                    models,
-                    mediators,
-                ))
+                let pictures = Pictures {
+                    models: built.models,
+                    mediators: built.mediators,
+                    rigid: built.rigid,
+                };
+                Some(Frames::new(folder, &settings.fields, &built.run, pictures))
             }
         };
         Ok(Self {
             recorder: Recorder::new(
-                &built.run,
+                &mut built.run,
                 built.probes,
                 frames,
-                settings.probe_every,
-                built.frame_every,
+                fragments,
+                [settings.probe_every, built.frame_every],
                 built.warnings,
+                built.load_steps.is_some(),
             )?,
+            live: Live::new(),
             scene,
             run: built.run,
             steps: built.steps,
+            load_steps: built.load_steps,
             clock: PhaseClock::new(),
             keep,
             setup,
@@ -95,6 +103,21 @@ impl<'a> Session<'a> {
         }
     }
 
+    /// Adds what was recorded to the files of the run, so that they can be read while it goes on.
+    pub(super) fn flush(&mut self) -> Result<()> {
+        let Some(keep) = &self.keep else { return Ok(()) };
+        let framed = self.recorder.framed(&self.run);
+        let path = keep.folder.path();
+        self.live.flush(path, &self.recorder, framed)?;
+        if framed {
+            tables::all_breaks(path, &self.run, &self.breaks)?;
+            if let Some(frames) = &self.recorder.frames {
+                frames.finish(&path.join("results.pvd"))?;
+            }
+        }
+        Ok(())
+    }
+
     /// Makes the steps until the observer or `woken`, which may change the stage, ends them before the last.
     pub(crate) fn advance(
         &mut self,
@@ -111,6 +134,7 @@ impl<'a> Session<'a> {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             let sampled = energy.is_some();
             self.recorder.observe(&mut self.run, energy)?;
+            self.flush()?;
             if sampled && !strange {
                 let odd = self.bounds.watch(&self.run);
                 strange = !odd.is_empty();

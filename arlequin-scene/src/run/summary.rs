@@ -34,6 +34,7 @@ impl Session<'_> {
         Summary {
             scene: self.scene.source().path.display().to_string(),
             title: self.scene.spec().title.clone(),
+            load_steps: r.load_steps.clone(),
             status: status.name(),
             error: match status {
                 Status::Failed(words) => Some(words),

@@ -4,8 +4,8 @@ use super::kinds::Body;
 use super::select;
 use crate::error::{Result, core, key, unknown, value};
 use crate::spec::{
-    Axis, Bearer, Effect, EffectKind, Field, Initial, Load, ModelKind, ModelTable, Motion, SceneSpec, Spin,
-    Support, TimeShape, Wave,
+    Axis, Bearer, Effect, EffectKind, Field, Initial, Load, ModelKind, ModelTable, Motion, Obstacle,
+    SceneSpec, Spin, Support, TimeShape, Wave,
 };
 use arlequin::core::effect::{
     self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping, SurfaceFacet,
@@ -27,6 +27,16 @@ pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
     found.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
 }
 
+/// Name of load `k` in the ledger.
+pub(super) fn load_name(k: usize, l: &Load) -> String {
+    l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1))
+}
+
+/// Name of the rigid body of effect `k` in the ledger.
+pub(super) fn obstacle_name(k: usize, o: &Obstacle) -> String {
+    o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1))
+}
+
 pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &SceneSpec) -> Result<Vec<usize>> {
     let Some(names) = names else {
         return Ok((0..scene.model.len()).collect());
@@ -41,6 +51,8 @@ pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunctio
         TimeShape::Ramp { duration } => TimeFunction::Ramp { duration: *duration },
         TimeShape::Pulse { duration } => TimeFunction::SmoothPulse { duration: *duration },
         TimeShape::Table(rows) => TimeFunction::Table(rows.clone()),
+        TimeShape::Expression(text) => TimeFunction::Formula(super::formula::formula(path, text)?),
+        TimeShape::File(name) => return Err(value(format!("{path}.file"), name, "was not read")),
     };
     function.validate().map_err(core(path))?;
     Ok(function)
@@ -68,7 +80,7 @@ impl Attachments {
         for (k, l) in scene.load.iter().enumerate() {
             let path = format!("load[{k}]");
             let m = model_index(&format!("{path}.model"), &l.model, scene)?;
-            let name = l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1));
+            let name = load_name(k, l);
             out.add(m, Box::new(load(&path, &name, l, &bodies[m])?));
         }
         for (k, e) in scene.effect.iter().enumerate() {
@@ -132,12 +144,25 @@ fn support(path: &str, s: &Support, body: &Body) -> Result<PrescribedMotion<f64>
     }
     Ok(match &s.motion {
         None => PrescribedMotion::fixed(dofs),
-        Some(Motion { amplitude, time }) => PrescribedMotion {
-            dofs,
-            amplitude: *amplitude,
-            time: time_function(&format!("{path}.motion.time"), time)?,
-        },
+        Some(m) => {
+            let (amplitude, time) = motion(&format!("{path}.motion"), m)?;
+            PrescribedMotion {
+                dofs,
+                amplitude,
+                time,
+            }
+        }
     })
+}
+
+/// Amplitude and time function of a prescribed motion.
+pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)> {
+    let time = time_function(&format!("{path}.time"), &m.time)?;
+    match (m.amplitude, m.speed) {
+        (Some(amplitude), None) => Ok((amplitude, time)),
+        (None, Some(speed)) => Ok((speed, TimeFunction::Integral(Box::new(time)))),
+        _ => Err(key(path, "needs exactly one of amplitude [m], speed [m/s]")),
+    }
 }
 
 /// Refuses a load that says not one thing.
@@ -257,6 +282,8 @@ pub(super) fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
     Ok(Some(match &e.kind {
         EffectKind::BodyForce(b) => {
             let made = BodyForce::new(Vector3::from(b.acceleration));
+            let time = time_function(&format!("effect[{k}].body_force.time"), &b.time)?;
+            let made = made.and_then(|b| b.over_time(time));
             Box::new(made.map_err(core(format!("effect[{k}]")))?)
         }
         EffectKind::MassDamping(d) => Box::new(MassDamping::new(d.rate).map_err(at("rate"))?),

@@ -2,20 +2,23 @@
 
 pub use crate::error::dem;
 
+use super::mesh::is;
 use crate::error::{Error, Result, fem, key, value};
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
-use arlequin::core::nalgebra::Vector3;
+use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::size::sphere_count;
 use arlequin::dem_beam::packing::{Container, Loose, Packing, PackingSpec, read_csv, read_vtu};
 use arlequin::dem_beam::{BeamMaterial, Surface};
-use arlequin::fem_ref::gmsh;
+use arlequin::fem_ref::gmsh::{self, Triangles};
+use arlequin::fem_ref::{ElementKind, Mesh, generate};
 use std::collections::BTreeMap;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per particle:
 /// beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
+/// Lengths of the facets of a ball in its radius.
+const SIDES: f64 = 12.0;
 /// Most spheres of a packing.
 const MOST: f64 = 1.3e8;
 
@@ -28,17 +31,20 @@ pub struct Filling {
     pub shift: Vector3<f64>,
     /// Triangles of the named faces of a mesh file \[m\].
     pub faces: BTreeMap<String, Vec<[Vector3<f64>; 3]>>,
+    /// The mesh it is the surface of, if there is one.
+    pub mesh: Option<Mesh<f64>>,
 }
 
 impl Filling {
-    /// The body of a shape; files are relative to `folder`.
-    pub fn of(key: &str, shape: &Shape, folder: &Path) -> Result<Self> {
+    /// The body of a table's shape; files are relative to `folder`.
+    pub fn of(key: &str, table: &ModelTable, folder: &Path) -> Result<Self> {
         let plain = |container, shift| Self {
             container,
             shift,
             faces: BTreeMap::new(),
+            mesh: None,
         };
-        match shape {
+        match &table.shape {
             Shape::Box { hole: Some(_), .. } => {
                 let rule = "spheres fill a whole box; remove the hole, or give the outer surface in a file";
                 Err(crate::error::key(format!("{key}.shape.box.hole"), rule))
@@ -54,21 +60,24 @@ impl Filling {
                 Ok(plain(made, Vector3::from(*from)))
             }
             Shape::Bar { .. } => {
-                let rule = "spheres fill a box, a cylinder or the surface in a file; choose one, or another kind of model";
-                Err(value(format!("{key}.shape"), shape.name(), rule))
+                let rule = "spheres fill a box, a cylinder, a ball or the surface in a file; choose one, or another kind of model";
+                Err(value(format!("{key}.shape"), table.shape.name(), rule))
             }
-            Shape::File(path) => surface(&format!("{key}.shape.file"), &folder.join(path)),
+            Shape::Ball { centre, radius } => {
+                let made = generate::ball(ElementKind::Hex8, Point3::from(*centre), *radius, radius / SIDES);
+                let mesh = made.map_err(fem(format!("{key}.shape.ball")))?;
+                Self::within(key, gmsh::triangles_of(&mesh), None)
+            }
+            Shape::Piece(piece) => {
+                let (triangles, mesh) = piece.surface(folder)?;
+                Self::within(key, triangles, Some(mesh))
+            }
+            Shape::File(path) => file(key, table, &folder.join(path)),
         }
     }
 }
 
-fn is(path: &Path, extension: &str) -> bool {
-    path.extension()
-        .and_then(OsStr::to_str)
-        .is_some_and(|e| e.eq_ignore_ascii_case(extension))
-}
-
-fn bytes(path: &Path) -> Result<Vec<u8>> {
+pub(super) fn bytes(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|source| Error::Read {
         path: path.to_owned(),
         source,
@@ -76,31 +85,50 @@ fn bytes(path: &Path) -> Result<Vec<u8>> {
 }
 
 /// The inside of a closed surface in a file.
-fn surface(key: &str, path: &Path) -> Result<Filling> {
+fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
+    let at = format!("{key}.shape.file");
+    if table.scale <= 0.0 {
+        let rule = "must be positive [m]: 1e-3 for a file in millimetres";
+        return Err(value(format!("{key}.scale"), table.scale, rule));
+    }
     if is(path, "stl") {
-        let surface = Surface::from_stl(&bytes(path)?).map_err(dem(key))?;
+        let surface = Surface::from_stl(&bytes(path)?).map_err(dem(&at))?;
         return Ok(Filling {
-            container: Container::Surface(surface),
+            container: Container::Surface(surface.scaled(table.scale).map_err(dem(&at))?),
             shift: Vector3::zeros(),
             faces: BTreeMap::new(),
+            mesh: None,
         });
     }
     if !is(path, "msh") {
         let rule = "spheres fill the surface of a Gmsh mesh (.msh) or of STL (.stl)";
-        return Err(value(key, path.display(), rule));
+        return Err(value(at, path.display(), rule));
     }
-    let found = gmsh::load_surface(path).map_err(fem(key))?;
-    let points: Vec<Vector3<f64>> = found.points.iter().map(|p| p.coords).collect();
-    let corners = |t: &[u32; 3]| t.map(|i| points[i as usize]);
-    let faces = found.groups.iter();
-    let faces = faces.map(|(n, t)| (n.clone(), t.iter().map(corners).collect()));
-    let faces = faces.collect();
-    let surface = Surface::oriented(points, found.triangles).map_err(dem(key))?;
-    Ok(Filling {
-        container: Container::Surface(surface),
-        shift: Vector3::zeros(),
-        faces,
-    })
+    if table.volume.is_some() || !table.materials.is_empty() {
+        let mesh = super::mesh::volume_of(key, table, path)?;
+        return Filling::within(&at, gmsh::triangles_of(&mesh), Some(mesh));
+    }
+    let mut found = gmsh::load_surface(path).map_err(fem(&at))?;
+    found.points.iter_mut().for_each(|x| *x *= table.scale);
+    Filling::within(&at, found, None)
+}
+
+impl Filling {
+    /// The inside of triangles, the surface of a mesh perhaps.
+    fn within(key: &str, found: Triangles, mesh: Option<Mesh<f64>>) -> Result<Self> {
+        let points: Vec<Vector3<f64>> = found.points.iter().map(|p| p.coords).collect();
+        let corners = |t: &[u32; 3]| t.map(|i| points[i as usize]);
+        let faces = found.groups.iter();
+        let faces = faces.map(|(n, t)| (n.clone(), t.iter().map(corners).collect()));
+        let faces = faces.collect();
+        let surface = Surface::oriented(points, found.triangles).map_err(dem(key))?;
+        Ok(Self {
+            container: Container::Surface(surface),
+            shift: Vector3::zeros(),
+            faces,
+            mesh,
+        })
+    }
 }
 
 /// Where the spheres of a table come from.
@@ -194,7 +222,7 @@ fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize>
                 let e = high - low;
                 let rule = format!(
                     "{n:.1e} spheres of that diameter fill the shape of {:.3e} by {:.3e} by {:.3e} m, {MOST:e} at most are \
-                     packed; lengths are in m: a file in millimetres (STL and Gmsh files say no unit) has to be scaled by 1e-3",
+                     packed; lengths are in m: a file in millimetres (STL and Gmsh files say no unit) needs scale = 1e-3",
                     e.x, e.y, e.z
                 );
                 return Err(value(format!("{path}.spacing"), h, &rule));

@@ -196,7 +196,7 @@ pub(super) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape
 fn obstacle(k: usize, o: &spec::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
     let path = format!("effect[{k}].obstacle");
     let (shape, motion) = obstacle_parts(k, o)?;
-    let called = o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1));
+    let called = super::drive::obstacle_name(k, o);
     Obstacle::new(
         &called,
         model,

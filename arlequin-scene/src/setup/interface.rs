@@ -57,7 +57,7 @@ pub(super) fn interface(
     folder: &Path,
 ) -> Result<BuiltInterface> {
     let path = format!("interface.{name}");
-    let overlap = overlap(&format!("{path}.overlap"), &table.overlap)?;
+    let overlap = overlap(&format!("{path}.overlap"), &table.overlap, folder)?;
     let names = [&table.coarse, &table.fine];
     let points = sides.map(|s| s.1.model.nodes());
     check_place(&path, &table.overlap, &*overlap, names, points)?;
@@ -166,6 +166,8 @@ pub(super) fn check_place(
                 format!("between the planes through {fine:?} and {coarse:?} m"),
             )
         }
+        // Both models are pieces of one body, cut to each other.
+        OverlapShape::Zone(_) => return Ok(()),
         OverlapShape::Shell { domain, .. } => {
             let [low, high] = region_box(domain);
             let alone = |x: Point3<f64>| overlap.place(&x) == Place::Fine;
@@ -267,7 +269,7 @@ fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
     }
 }
 
-pub(super) fn overlap(path: &str, shape: &OverlapShape) -> Result<Arc<dyn Overlap<f64>>> {
+pub(super) fn overlap(path: &str, shape: &OverlapShape, folder: &Path) -> Result<Arc<dyn Overlap<f64>>> {
     Ok(match shape {
         OverlapShape::Slab { fine, coarse } => Arc::new(
             Slab::between(Point3::from(*fine), Point3::from(*coarse))
@@ -277,6 +279,7 @@ pub(super) fn overlap(path: &str, shape: &OverlapShape) -> Result<Arc<dyn Overla
             fine_core: region(&format!("{path}.shell.core"), core)?,
             fine_domain: region(&format!("{path}.shell.domain"), domain)?,
         }),
+        OverlapShape::Zone(piece) => piece.overlap(folder)?,
     })
 }
 

@@ -5,6 +5,7 @@
 
 use super::clock::SetupClock;
 use super::grains::Grains;
+use super::materials;
 use super::mesh::{self, Grid};
 use crate::error::{Result, core, fem, value};
 use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
@@ -71,24 +72,33 @@ pub(super) fn body(
 
 /// What a table's material is, Poisson's ratio zero where it says none.
 pub(super) fn elastic(key: &str, m: &Material) -> Result<Elastic<f64>> {
+    elastic_at(&format!("{key}.material"), m)
+}
+
+/// The same of any material, whose key is given.
+pub(super) fn elastic_at(key: &str, m: &Material) -> Result<Elastic<f64>> {
     for (name, x, unit) in [("young", m.young, "Pa"), ("density", m.density, "kg/m³")] {
         if x <= 0.0 {
             let rule = format!("must be positive [{unit}]");
-            return Err(value(format!("{key}.material.{name}"), x, &rule));
+            return Err(value(format!("{key}.{name}"), x, &rule));
         }
     }
     match m.poisson {
         Some(nu) if !(nu > -1.0 && nu < 0.5) => Err(value(
-            format!("{key}.material.poisson"),
+            format!("{key}.poisson"),
             nu,
             "must lie above -1 and below 0.5; take 0.49 for a nearly incompressible material",
         )),
-        nu => Elastic::new(m.young, nu.unwrap_or(0.0), m.density).map_err(core(&format!("{key}.material"))),
+        nu => Elastic::new(m.young, nu.unwrap_or(0.0), m.density).map_err(core(key)),
     }
 }
 
 /// The mesh a table of finite elements asks for.
-fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<mesh::Request<'a>> {
+pub(super) fn request<'a>(
+    key: &'a str,
+    table: &'a ModelTable,
+    folder: &'a Path,
+) -> Result<mesh::Request<'a>> {
     if !matches!(table.shape, Shape::Bar { .. }) {
         solid_poisson(key, table)?;
     }
@@ -99,6 +109,9 @@ fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<
         divisions: table.divisions.as_deref(),
         element: table.fem.element,
         rim: Rim::EqualArea,
+        scale: table.scale,
+        volume: table.volume.as_deref(),
+        cloud: false,
         folder,
     })
 }
@@ -112,7 +125,26 @@ pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()>
         ModelKind::Cnem => super::natural::request(&key, table, folder)?.check_body(),
         ModelKind::Dem => super::particles::check(&key, table, folder),
         ModelKind::Chain => line(&key, table).map(|_| ()),
-    }
+    }?;
+    volumes(&key, table)
+}
+
+/// Refuses materials of volumes where nothing tells volumes apart.
+fn volumes(key: &str, table: &ModelTable) -> Result<()> {
+    let filed = match &table.shape {
+        Shape::File(_) => true,
+        Shape::Piece(piece) => piece.is_of_file(),
+        _ => false,
+    };
+    let rule = match (table.materials.is_empty(), table.kind, filed) {
+        (true, ..) | (_, ModelKind::Fem | ModelKind::Dem, true) => return Ok(()),
+        (_, ModelKind::Cnem, _) => {
+            "the cell of a natural element lies on both sides of a border between two materials; take kind = \"fem\", or a \
+             model of each part with volume"
+        }
+        _ => "only a mesh file tells volumes apart; give one material",
+    };
+    Err(crate::error::key(format!("{key}.materials"), rule))
 }
 
 fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
@@ -127,10 +159,11 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         }
     }
     let boundary = mesh.surface_where(|_| true);
-    let warnings = mesh::one_material(&mesh);
+    let warnings = materials::warnings(table, &mesh);
+    let materials = materials::of(key, table, &mesh)?;
     let grid = Grid::of_mesh(&mesh);
     let spacing = mesh.spacing();
-    let model = FemModel::new(name, mesh, material).map_err(fem(key))?;
+    let model = FemModel::new(name, mesh, materials).map_err(fem(key))?;
     Ok(Body {
         field: model.coarse_field(),
         model: Box::new(model),

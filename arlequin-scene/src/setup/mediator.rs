@@ -10,9 +10,10 @@ use std::path::Path;
 
 /// The mediator's body: as given, or what overlap and models leave.
 pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2]) -> Result<Shape> {
-    match &table.mediator.shape {
-        Some(s) => Ok(s.clone()),
-        None => derived_shape(path, &table.overlap, models),
+    match (&table.mediator.shape, &table.overlap) {
+        (Some(s), _) => Ok(s.clone()),
+        (None, OverlapShape::Zone(piece)) => Ok(Shape::Piece(piece.clone())),
+        _ => derived_shape(path, &table.overlap, models),
     }
 }
 
@@ -25,7 +26,7 @@ pub(super) fn mediator<'a>(
     folder: &'a Path,
 ) -> Request<'a> {
     let t = &table.mediator;
-    let free = t.divisions.is_none() && !matches!(shape, Shape::File(_));
+    let free = t.divisions.is_none() && !matches!(shape, Shape::File(_) | Shape::Piece(_));
     Request {
         key,
         shape,
@@ -34,6 +35,9 @@ pub(super) fn mediator<'a>(
         element: t.element,
         // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
         rim: Rim::Inscribed,
+        scale: t.scale.unwrap_or(1.0),
+        volume: None,
+        cloud: false,
         folder,
     }
 }
@@ -121,6 +125,7 @@ fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Res
     let derived = match overlap {
         OverlapShape::Slab { fine, coarse } => layer(fine, coarse, shapes),
         OverlapShape::Shell { core, domain } => frame(core, domain, shapes),
+        OverlapShape::Zone(_) => None,
     };
     derived.ok_or_else(|| {
         key(

@@ -1,10 +1,12 @@
 //! Shapes become meshes; meshes become pictures.
 
-use crate::error::{Result, fem, value};
-use crate::spec::{Element, Hole, Shape};
+use super::cloud;
+use crate::error::{Result, fem, unknown, value};
+use crate::spec::{Element, Hole, ModelTable, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
+use std::ffi::OsStr;
 use std::path::Path;
 
 /// What output draws of a mesh.
@@ -70,6 +72,12 @@ pub(super) struct Request<'a> {
     pub element: Element,
     /// Where the side nodes of cylinders lie.
     pub rim: Rim,
+    /// Length of a unit of a file \[m\].
+    pub scale: f64,
+    /// Physical volume of a file that is wanted; all of them by default.
+    pub volume: Option<&'a str>,
+    /// Whether nodes within an STL surface will do.
+    pub cloud: bool,
     /// Folder of the scene.
     pub folder: &'a Path,
 }
@@ -78,6 +86,15 @@ impl Request<'_> {
     /// Refuses what can be seen to be wrong before anything is meshed.
     pub(super) fn check(&self) -> Result<()> {
         let key = self.key;
+        if self.scale <= 0.0 {
+            let rule = "must be positive [m]: 1e-3 for a file in millimetres";
+            return Err(value(format!("{key}.scale"), self.scale, rule));
+        }
+        let own = (self.scale - 1.0).abs() > 0.0 || self.volume.is_some();
+        if own && !matches!(self.shape, Shape::File(_)) {
+            let rule = "scale and volume belong to shape.file; remove them";
+            return Err(crate::error::key(key, rule));
+        }
         match self.shape {
             Shape::Box { low, high, hole } => {
                 for c in 0..3 {
@@ -111,9 +128,36 @@ impl Request<'_> {
                 }
                 positive_spacing(key, self.spacing).map(|_| ())
             }
+            Shape::Ball { radius, .. } => {
+                if *radius <= 0.0 {
+                    let path = format!("{key}.shape.ball.radius");
+                    return Err(value(path, *radius, "must be positive [m]"));
+                }
+                if self.divisions.is_some() {
+                    let rule = "a ball is meshed by spacing; give spacing in place of divisions";
+                    return Err(crate::error::key(format!("{key}.divisions"), rule));
+                }
+                positive_spacing(key, self.spacing).map(|_| ())
+            }
+            Shape::Piece(piece) => piece.check(self),
             Shape::Bar { from, to, section } => {
                 check_bar(key, *from, *to, *section)?;
                 divisions_of(key, &[to - from], self.spacing, self.divisions).map(|_| ())
+            }
+            Shape::File(path) if is(path, "stl") => {
+                let at = format!("{key}.shape.file");
+                if !self.cloud {
+                    let rule = "STL holds a surface, and finite elements need a mesh of the volume; give a Gmsh mesh of the \
+                                body, or take kind = \"cnem\", whose nodes are placed within the surface";
+                    return Err(value(at, path.display(), rule));
+                }
+                if self.divisions.is_some() {
+                    let rule =
+                        "an STL body is filled with nodes by spacing; give spacing in place of divisions";
+                    return Err(crate::error::key(format!("{key}.divisions"), rule));
+                }
+                positive_spacing(key, self.spacing)?;
+                there(&at, &self.folder.join(path))
             }
             Shape::File(path) => {
                 if self.spacing.is_some() || self.divisions.is_some() {
@@ -164,6 +208,11 @@ impl Request<'_> {
                 let n = divisions_of(key, &[to - from], self.spacing, self.divisions)?;
                 generate::bar(*from, *to, n[0], *section).map_err(fem(key))
             }
+            Shape::Ball { centre, radius } => {
+                let size = positive_spacing(key, self.spacing)?;
+                generate::ball(kind, Point3::from(*centre), *radius, size).map_err(fem(key))
+            }
+            Shape::Piece(piece) => piece.mesh(self),
             Shape::File(path) => self.file(&self.folder.join(path)),
         }
     }
@@ -182,22 +231,47 @@ impl Request<'_> {
     }
 
     fn file(&self, path: &Path) -> Result<Mesh<f64>> {
-        gmsh::load(path).map_err(fem(format!("{}.shape.file", self.key)))
+        if is(path, "stl") {
+            let size = positive_spacing(self.key, self.spacing)?;
+            return cloud::fill(self.key, path, self.scale, size);
+        }
+        volume(self.key, path, self.scale, self.volume)
     }
 }
 
-/// Says that volumes which a file tells apart are one to the model.
-pub(super) fn one_material(mesh: &Mesh<f64>) -> Vec<String> {
-    let parts = mesh.volumes();
-    if parts.len() < 2 {
-        return Vec::new();
+/// The mesh in a file, or a volume of it.
+fn volume(key: &str, path: &Path, scale: f64, name: Option<&str>) -> Result<Mesh<f64>> {
+    let at = format!("{key}.shape.file");
+    let mesh = gmsh::load(path).map_err(fem(&at))?;
+    let mesh = scaled(mesh, scale).map_err(fem(&at))?;
+    let Some(name) = name else {
+        return Ok(mesh);
+    };
+    let volumes = mesh.volumes();
+    let number = volumes.iter().position(|v| v == name);
+    let number = number.ok_or_else(|| unknown(format!("{key}.volume"), name, "volume", volumes.iter()))?;
+    mesh.part(|e| mesh.regions()[e] as usize == number)
+        .map_err(fem(&at))
+}
+
+/// The mesh in the file of a table, whatever its kind.
+pub(super) fn volume_of(key: &str, table: &ModelTable, path: &Path) -> Result<Mesh<f64>> {
+    volume(key, path, table.scale, table.volume.as_deref())
+}
+
+/// Whether a path ends so.
+pub(super) fn is(path: &Path, extension: &str) -> bool {
+    path.extension()
+        .and_then(OsStr::to_str)
+        .is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+/// A mesh in metres from one in units of so many of them.
+pub(super) fn scaled(mesh: Mesh<f64>, scale: f64) -> arlequin::fem_ref::Result<Mesh<f64>> {
+    if (scale - 1.0).abs() <= 0.0 {
+        return Ok(mesh);
     }
-    vec![format!(
-        "its mesh file has {} volumes ({}), and all get the one material of the model; make a model of each part, or check \
-         that they are alike",
-        parts.len(),
-        parts.join(", ")
-    )]
+    mesh.mapped(|x| x * scale)
 }
 
 /// Refuses a file that cannot be opened.
@@ -224,7 +298,7 @@ pub(super) fn check_bar(key: &str, from: f64, to: f64, section: f64) -> Result<(
     Ok(())
 }
 
-fn positive_spacing(key: &str, spacing: Option<f64>) -> Result<f64> {
+pub(super) fn positive_spacing(key: &str, spacing: Option<f64>) -> Result<f64> {
     match spacing {
         Some(h) if h > 0.0 => Ok(h),
         Some(h) => Err(value(format!("{key}.spacing"), h, "must be positive [m]")),

@@ -2,11 +2,15 @@
 
 mod between;
 mod clock;
+mod cloud;
 mod drive;
+mod exerted;
 pub mod filling;
+mod formula;
 mod grains;
 mod interface;
 mod kinds;
+mod materials;
 mod mediator;
 mod mesh;
 mod natural;
@@ -14,17 +18,25 @@ mod particles;
 mod plausible;
 mod precheck;
 mod probe;
+mod rigid;
 mod select;
+mod statics;
+mod tensor;
 mod time;
+pub mod zone;
 
 pub use between::ParticlesWithoutContact;
 pub use clock::PhaseTime;
 pub use drive::{effect_models, model_index};
+pub use exerted::Readings;
+pub(crate) use exerted::acts;
 pub use grains::cut;
 pub use kinds::Body;
 pub use mesh::Grid;
 pub use plausible::Bounds;
 pub use probe::ProbeReader;
+pub use rigid::RigidPicture;
+pub use statics::LoadSteps;
 
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
@@ -102,10 +114,14 @@ pub struct Built {
     pub models: Vec<ModelInfo>,
     /// Pictures of the mediators.
     pub mediators: Vec<Grid>,
+    /// Pictures of rigid bodies.
+    pub rigid: Vec<RigidPicture>,
     /// Probes.
     pub probes: Vec<ProbeReader>,
     /// Steps to make.
     pub steps: usize,
+    /// Load steps of a scene at rest.
+    pub load_steps: Option<LoadSteps>,
     /// Steps between two frames.
     pub frame_every: usize,
     /// Models of particles between which no contact is on.
@@ -114,6 +130,8 @@ pub struct Built {
     pub warnings: Vec<String>,
     /// What the motion is held against.
     pub bounds: Bounds,
+    /// How wide the overlaps around zones came out.
+    pub zones: Vec<zone::ZoneLine>,
     /// Where the time of the set-up went, in order.
     pub phases: Vec<PhaseTime>,
 }
@@ -131,6 +149,8 @@ pub fn build_from(
     tell: &mut dyn FnMut(&str),
 ) -> Result<Built> {
     let mut clock = SetupClock::new(tell);
+    let scene = &formula::with_tables(scene, folder)?;
+    let load_steps = statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
     check_names(scene)?;
     precheck::scene(scene, folder)?;
@@ -144,7 +164,9 @@ pub fn build_from(
     let pairs = between::pairs(scene, &bodies)?;
     let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
+    let zones = zone::lines(scene, &bodies);
     let models = bodies.iter().map(ModelInfo::of).collect();
+    let rigid = rigid::pictures(scene, &bodies)?;
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
@@ -164,16 +186,22 @@ pub fn build_from(
     for i in run.interfaces().iter().map(|i| i.report()) {
         warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
     }
-    let steps = time::steps(scene, begin, run.dt())?;
+    let steps = match &load_steps {
+        Some(s) => s.times.len(),
+        None => time::steps(scene, begin, run.dt())?,
+    };
     let mut built = Built {
+        load_steps,
         models,
         mediators,
+        rigid,
         probes,
         steps,
         frame_every: time::frames(scene, steps, run.dt()),
         without_contact,
         warnings,
         bounds,
+        zones,
         run,
         phases: Vec::new(),
     };
@@ -315,6 +343,7 @@ fn check_names(scene: &SceneSpec) -> Result<()> {
         ("model", scene.model.keys().collect::<Vec<_>>()),
         ("interface", scene.interface.keys().collect()),
         ("probe", scene.probe.keys().collect()),
+        ("curve", scene.curve.keys().collect()),
     ];
     for (table, names) in tables {
         for name in names {

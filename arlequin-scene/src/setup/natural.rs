@@ -2,7 +2,8 @@
 
 use super::clock::SetupClock;
 use super::kinds::{Body, solid_poisson};
-use super::mesh::{Grid, Request, one_material};
+use super::materials;
+use super::mesh::{Grid, Request};
 use crate::error::{Result, cnem as natural, fem, value};
 use crate::spec::{CnemTable, Element, Functions, Masses, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
@@ -30,6 +31,9 @@ pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path)
         divisions: table.divisions.as_deref(),
         element: Element::Tet4,
         rim: Rim::EqualArea,
+        scale: table.scale,
+        volume: table.volume.as_deref(),
+        cloud: true,
         folder,
     })
 }
@@ -53,7 +57,7 @@ pub(super) fn body(
     clock.begin(format!("cells and natural neighbours of '{name}'"));
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
     let mut warnings = model.warnings();
-    warnings.extend(one_material(&mesh));
+    warnings.extend(materials::warnings(table, &mesh));
     let groups = groups(&mesh, &model);
     let surfaces = surfaces(&mesh, &model, &groups);
     let boundary = model.surface(|_| true).map_err(natural(key))?;

@@ -4,6 +4,7 @@ use super::clock::SetupClock;
 use super::filling::{Filling, Recipe, beam, dem};
 use super::grains::{self, Grains};
 use super::kinds::Body;
+use super::materials;
 use super::mesh::Grid;
 use crate::error::{Result, cnem};
 use crate::output::packing::PackingLine;
@@ -14,6 +15,7 @@ use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Error as Core, Interpolation, Model, ParticleField, ShapeRow};
 use arlequin::dem_beam::DemModel;
+use arlequin::fem_ref::FemField;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -66,7 +68,7 @@ impl Interpolation<f64> for ParticlePoints {
 
 /// Refuses what can be seen to be wrong before anything is packed.
 pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> {
-    let filling = Filling::of(key, &table.shape, folder)?;
+    let filling = Filling::of(key, table, folder)?;
     Recipe::check(key, table, folder, &filling)?;
     grains::check_boxes(key, &table.dem.notch)?;
     beam(key, table).map(|_| ())
@@ -82,7 +84,7 @@ pub(super) fn body(
 ) -> Result<Body> {
     clock.begin(format!("packing of '{name}'"));
     grains::check_loose(key, table, effects)?;
-    let filling = Filling::of(key, &table.shape, folder)?;
+    let filling = Filling::of(key, table, folder)?;
     let mut packing = Recipe::of(key, table, folder, &filling)?.packing(key)?;
     clock.begin(format!("model of '{name}'"));
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
@@ -92,6 +94,7 @@ pub(super) fn body(
     let warnings = line.warnings();
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
     drop(packing);
+    let model = graded(key, table, &filling, model)?;
     let model = if table.dem.finite_rotations {
         model.with_finite_rotations()
     } else {
@@ -133,6 +136,22 @@ pub(super) fn body(
     })
 }
 
+/// The model with the materials of the volumes that its particles lie in, where the table tells them apart.
+fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> Result<DemModel> {
+    let Some(mesh) = filling.mesh.as_ref().filter(|_| !table.materials.is_empty()) else {
+        return Ok(model);
+    };
+    let materials = materials::of(key, table, mesh)?;
+    let field = FemField::new(mesh.clone());
+    let own = table.material;
+    let at = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
+        // A centre that packing has pushed through a facet.
+        None => [1.0; 2],
+        Some(m) => [m.young() / own.young, m.density() / own.density],
+    };
+    model.with_grades(at).map_err(dem(format!("{key}.materials")))
+}
+
 /// The layers of particles that touch the plane faces, or the named ones of a mesh file.
 fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
     let mut out = BTreeMap::new();
@@ -151,8 +170,8 @@ fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String
             layer("x-min", Point3::from(from), -Vector3::x());
             layer("x-max", Point3::from(from) + Vector3::x() * length, Vector3::x());
         }
-        Shape::Bar { .. } => {}
-        Shape::File(_) => {
+        Shape::Bar { .. } | Shape::Ball { .. } => {}
+        Shape::File(_) | Shape::Piece(_) => {
             let faces = filling.faces.iter();
             out.extend(faces.map(|(name, face)| (name.clone(), model.touching(face))));
         }

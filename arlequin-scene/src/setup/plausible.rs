@@ -104,6 +104,10 @@ fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
 }
 
 fn millimetres(built: &Built) -> Option<String> {
+    // No wave runs in a scene at rest.
+    if built.load_steps.is_some() {
+        return None;
+    }
     let end = built.steps as f64 * built.run.dt();
     let all = built.run.subdomains().iter().zip(&built.bounds.0);
     let odd = |(_, b): &(&Subdomain<f64>, &Bound)| {
@@ -178,23 +182,28 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
         let (Some(m), Some(motion)) = (names.iter().position(|n| **n == s.model), &s.motion) else {
             continue;
         };
-        let (bound, amplitude) = (&built.bounds.0[m], motion.amplitude.abs());
+        let bound = &built.bounds.0[m];
+        let amplitude = motion.amplitude.unwrap_or_default().abs();
         if bound.small && amplitude > bound.extent {
             out.push(format!(
                 "support[{k}]: a motion of {amplitude:.3e} m is beyond model '{}', which is {:.3e} m large; check the unit",
                 s.model, bound.extent
             ));
         }
-        let rise = match &motion.time {
-            TimeShape::Ramp { duration } => *duration,
-            TimeShape::Pulse { duration } => duration / std::f64::consts::PI,
+        if scene.statics.is_some() {
+            continue;
+        }
+        let speed = match (motion.speed, &motion.time) {
+            (Some(speed), TimeShape::Step | TimeShape::Ramp { .. } | TimeShape::Pulse { .. }) => speed.abs(),
+            (None, TimeShape::Ramp { duration }) => amplitude / duration,
+            (None, TimeShape::Pulse { duration }) => amplitude * std::f64::consts::PI / duration,
             _ => continue,
         };
-        if amplitude / rise > bound.wave {
+        if speed > bound.wave {
             out.push(format!(
                 "support[{k}]: a motion at {:.3e} m/s is faster than the waves of model '{}', {:.3e} m/s; check amplitude and \
                  duration",
-                amplitude / rise,
+                speed,
                 s.model,
                 bound.wave
             ));
@@ -225,12 +234,17 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             ));
         }
         let Some(width) = width(&i.overlap) else { continue };
-        let across = width / coarse.spacing;
+        // Meshes are finer in one place than in another.
+        let spacing = match &i.overlap {
+            OverlapShape::Zone(piece) => piece.width().map_or(coarse.spacing, |w| w.spacing),
+            _ => coarse.spacing,
+        };
+        let across = width / spacing;
         if across < ACROSS * (1.0 - 1e-6) {
             out.push(format!(
                 "interface '{name}': its overlap of {width:.3e} m is {across:.1} elements of '{}' ({:.3e} m) across; take {ACROSS} \
                  or more, or waves are reflected",
-                i.coarse, coarse.spacing
+                i.coarse, spacing
             ));
         }
     }
@@ -252,6 +266,7 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
                 .reduce(f64::min),
             _ => None,
         },
+        OverlapShape::Zone(piece) => piece.width().map(|w| w.mean),
     }
 }
 

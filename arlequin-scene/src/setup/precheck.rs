@@ -2,7 +2,7 @@
 
 use super::drive::{self, model_index};
 use super::kinds;
-use super::{between, effects_by_model, grains, interface, mediator, probe, select, sides_of};
+use super::{between, effects_by_model, exerted, grains, interface, mediator, probe, select, sides_of};
 use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{
     Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
@@ -11,8 +11,9 @@ use arlequin::core::invalid;
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 
-/// Groups of boxes and of cylinders.
+/// Groups of boxes, balls and cylinders.
 const BOX: [&str; 6] = ["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"];
+const BALL: [&str; 1] = ["surface"];
 const CYLINDER: [&str; 3] = ["x-min", "x-max", "side"];
 
 /// Checks all tables of a scene.
@@ -67,7 +68,7 @@ fn acting(scene: &SceneSpec) -> Result<()> {
             along(&format!("{path}.components[{n}]"), *c, &s.model, table, "[\"x\"]")?;
         }
         if let Some(m) = &s.motion {
-            drive::time_function(&format!("{path}.motion.time"), &m.time)?;
+            drive::motion(&format!("{path}.motion"), m)?;
         }
     }
     for (k, l) in scene.load.iter().enumerate() {
@@ -85,24 +86,34 @@ fn acting(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-/// Probes.
+/// Probes and curves.
 fn watched(scene: &SceneSpec) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
-        let table = model(&path, &p.model, scene)?;
-        along(
-            &format!("{path}.component"),
-            p.component,
-            &p.model,
-            table,
-            "\"x\"",
-        )?;
+        if let Some(of) = &p.of {
+            exerted::check(&path, of, p, scene)?;
+            continue;
+        }
+        let called = probe::model(&path, p)?;
+        let table = model(&path, called, scene)?;
         probe::check(&path, p)?;
+        if !p.quantity.is_recovered() {
+            let axis = probe::axis(&path, p)?;
+            along(&format!("{path}.component"), axis, called, table, "\"x\"")?;
+        }
         if let Some(s) = &p.over {
             selection(&format!("{path}.where"), s, table)?;
         }
         if let (Some(x), Some(ends)) = (&p.at, ends(&table.shape)) {
-            probe::inside(&path, &p.model, &Point3::from(*x), ends)?;
+            probe::inside(&path, called, &Point3::from(*x), ends)?;
+        }
+    }
+    for (name, c) in &scene.curve {
+        for (axis, probe) in [("x", &c.x), ("y", &c.y)] {
+            if !scene.probe.contains_key(probe) {
+                let path = format!("curve.{name}.{axis}");
+                return Err(unknown(path, probe, "probe", scene.probe.keys()));
+            }
         }
     }
     Ok(())
@@ -131,7 +142,9 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
         Selection::Group(name) => name,
     };
     let known: &[&str] = match (&table.shape, table.kind) {
-        (Shape::File(_), _) => return Ok(()),
+        (Shape::File(_) | Shape::Piece(_), _) => return Ok(()),
+        (Shape::Ball { .. }, ModelKind::Dem) => &BALL[..0],
+        (Shape::Ball { .. }, _) => &BALL,
         (Shape::Box { .. }, _) => &BOX,
         (Shape::Cylinder { .. }, ModelKind::Dem) | (Shape::Bar { .. }, _) => &CYLINDER[..2],
         (Shape::Cylinder { .. }, _) => &CYLINDER,
@@ -153,7 +166,8 @@ fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
             [[x, y - radius, z - radius], [x + length, y + radius, z + radius]]
         }
         Shape::Bar { from, to, .. } => [[from, 0.0, 0.0], [to, 0.0, 0.0]],
-        Shape::File(_) => return None,
+        Shape::Ball { centre, radius } => [centre.map(|c| c - radius), centre.map(|c| c + radius)],
+        Shape::File(_) | Shape::Piece(_) => return None,
     })
 }
 
@@ -166,7 +180,7 @@ fn corners(shape: &Shape) -> Option<Vec<Point3<f64>>> {
 
 fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &Path) -> Result<()> {
     let path = format!("interface.{name}");
-    let overlap = interface::overlap(&format!("{path}.overlap"), &table.overlap)?;
+    let overlap = interface::overlap(&format!("{path}.overlap"), &table.overlap, folder)?;
     if let (Some(coarse), Some(fine)) = (corners(&models[0].shape), corners(&models[1].shape)) {
         let names = [&table.coarse, &table.fine];
         interface::check_place(&path, &table.overlap, &*overlap, names, [&coarse, &fine])?;

@@ -1,13 +1,15 @@
 //! Probes: a row of unknowns and factors, read each time.
 
 use super::drive::model_index;
+use super::exerted::{Exerted, Readings};
 use super::kinds::Body;
 use super::plausible::corners;
 use super::select;
+use super::tensor::{self, TensorRow};
 use crate::error::{Error, Result, core, key, value};
-use crate::spec::{Probe, Quantity, SceneSpec};
+use crate::spec::{Axis, Probe, Quantity, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Arms, ShapeRow, Subdomain};
+use arlequin::core::{Arms, Coupled, ShapeRow, Subdomain};
 
 /// A probe, ready to be read.
 #[derive(Debug, Clone)]
@@ -16,6 +18,23 @@ pub struct ProbeReader {
     pub name: String,
     /// What it reads.
     pub quantity: Quantity,
+    source: Source,
+}
+
+/// Where a value comes from.
+#[derive(Debug, Clone)]
+enum Source {
+    /// Unknowns of a model.
+    Motion(Row),
+    /// A component of what acts on the models.
+    Exerted(Exerted, usize),
+    /// Stress or strain.
+    Tensor(TensorRow),
+}
+
+/// Unknowns and factors.
+#[derive(Debug, Clone)]
+struct Row {
     model: usize,
     row: Vec<(usize, f64)>,
     /// For rotations of a model that may turn far: displacements along the arms, as the row has them across.
@@ -26,56 +45,80 @@ impl ProbeReader {
     /// Prepares `[probe.NAME]`.
     pub fn new(name: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
         let path = format!("probe.{name}");
-        let model = model_index(&format!("{path}.model"), &probe.model, scene)?;
+        let source = match &probe.of {
+            Some(of) => {
+                let what = Exerted::new(&path, of, probe, scene, bodies)?;
+                Source::Exerted(what, axis(&path, probe)?.index())
+            }
+            None if probe.quantity.is_recovered() => Source::Tensor(tensor_row(&path, probe, scene, bodies)?),
+            None => Source::Motion(Row::new(&path, probe, scene, bodies)?),
+        };
+        Ok(Self {
+            name: name.to_owned(),
+            quantity: probe.quantity,
+            source,
+        })
+    }
+
+    /// Current value.
+    ///
+    /// # Errors
+    /// Those of the forces of a model.
+    pub fn read<'a>(&'a self, run: &mut Coupled<f64>, readings: &mut Readings<'a>) -> Result<f64> {
+        match &self.source {
+            Source::Motion(row) => Ok(row.read(self.quantity, run.subdomains())),
+            Source::Tensor(row) => row.read(self.quantity, run.subdomains()),
+            Source::Exerted(what, c) => {
+                let found = readings.of(what, run)?;
+                Ok(match self.quantity {
+                    Quantity::Moment => found.moment[*c],
+                    _ => found.force[*c],
+                })
+            }
+        }
+    }
+}
+
+impl Row {
+    fn new(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
+        let called = model(path, probe)?;
+        let model = model_index(&format!("{path}.model"), called, scene)?;
         let body = &bodies[model];
         let count = body.model.layout().components;
-        let c = probe.component.index();
+        let c = axis(path, probe)?.index();
         if c >= count {
-            let rule = format!("model '{}' moves along x only; use \"x\"", probe.model);
+            let rule = format!("model '{called}' moves along x only; use \"x\"");
             return Err(key(format!("{path}.component"), rule));
         }
-        check(&path, probe)?;
+        check(path, probe)?;
         let mut along = None;
         let row = match (&probe.at, &probe.over) {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
                 let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
-                let [row, stretch] = rotation(&path, body, &nodes, c)?;
+                let [row, stretch] = rotation(path, body, &nodes, c)?;
                 along = (body.model.arms() == Arms::Current).then_some(stretch);
                 row
             }
             (Some(at), None) => {
-                let mut row = ShapeRow::default();
-                let x = Point3::from(*at);
-                let placed = body.field.shape_at(&x, false, &mut row);
-                placed.map_err(|e| outside(&path, &probe.model, &x, body, e))?;
-                row.nodes
-                    .iter()
-                    .zip(&row.values)
-                    .map(|(n, v)| (n * count + c, *v))
-                    .collect()
+                let (nodes, values) = placed(path, called, at, body)?;
+                let row = nodes.iter().zip(values);
+                row.map(|(n, v)| (n * count + c, v)).collect()
             }
             (None, Some(selection)) => {
                 let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
                 let share = 1.0 / nodes.len() as f64;
                 nodes.iter().map(|n| (n * count + c, share)).collect()
             }
-            _ => return Err(key(path, "needs exactly one of at, where")),
+            _ => return Err(key(path, ONE_PLACE)),
         };
-        Ok(Self {
-            name: name.to_owned(),
-            quantity: probe.quantity,
-            model,
-            row,
-            along,
-        })
+        Ok(Self { model, row, along })
     }
 
-    /// Current value.
-    pub fn read(&self, subdomains: &[Subdomain<f64>]) -> f64 {
+    fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> f64 {
         let state = subdomains[self.model].state();
-        let values = match self.quantity {
-            Quantity::Displacement | Quantity::Rotation => &state.q,
+        let values = match quantity {
             Quantity::Velocity => &state.v,
+            _ => &state.q,
         };
         let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d]).sum::<f64>();
         match &self.along {
@@ -85,15 +128,65 @@ impl ProbeReader {
     }
 }
 
+/// Nodes and shape functions of a point.
+fn placed(path: &str, called: &str, at: &[f64; 3], body: &Body) -> Result<(Vec<usize>, Vec<f64>)> {
+    let mut row = ShapeRow::default();
+    let x = Point3::from(*at);
+    let found = body.field.shape_at(&x, false, &mut row);
+    found.map_err(|e| outside(path, called, &x, body, e))?;
+    Ok((row.nodes, row.values))
+}
+
+fn tensor_row(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<TensorRow> {
+    let called = model(path, probe)?;
+    let number = model_index(&format!("{path}.model"), called, scene)?;
+    check(path, probe)?;
+    let body = &bodies[number];
+    let place = probe.at.as_ref().map(|at| placed(path, called, at, body));
+    TensorRow::new(path, probe, (number, body), place.transpose()?)
+}
+
+/// The direction that a probe of a vector must name.
+pub(super) fn axis(path: &str, probe: &Probe) -> Result<Axis> {
+    let rule = "one of \"x\", \"y\", \"z\"";
+    let at = format!("{path}.component");
+    match probe.component {
+        None => Err(key(at, format!("is needed: {rule}"))),
+        Some(c) => c
+            .axis()
+            .ok_or_else(|| value(at, c.name(), &format!("is no direction; take {rule}"))),
+    }
+}
+
+const ONE_PLACE: &str = "needs exactly one of at, where, of";
+
+/// The model that a probe of motion must name.
+pub(super) fn model<'a>(path: &str, probe: &'a Probe) -> Result<&'a str> {
+    let missing = || {
+        let rule = "is needed: the name of the model that is looked at";
+        key(format!("{path}.model"), rule)
+    };
+    probe.model.as_deref().ok_or_else(missing)
+}
+
 /// Refuses a probe that says not one place.
 pub(super) fn check(path: &str, probe: &Probe) -> Result<()> {
+    if matches!(probe.quantity, Quantity::Force | Quantity::Moment) {
+        let rule = "is what something exerts on the models; name it with of = \"…\" in place of at and where";
+        return Err(key(format!("{path}.quantity"), rule));
+    }
+    tensor::check(path, probe.quantity, probe.component)?;
+    if probe.about.is_some() {
+        let rule = "is the point of a moment; remove it";
+        return Err(key(format!("{path}.about"), rule));
+    }
     match (&probe.at, &probe.over) {
         (Some(_), None) if probe.quantity == Quantity::Rotation => Err(key(
             format!("{path}.at"),
             "a rotation is that of a group of nodes; give where",
         )),
         (Some(_), None) | (None, Some(_)) => Ok(()),
-        _ => Err(key(path, "needs exactly one of at, where")),
+        _ => Err(key(path, ONE_PLACE)),
     }
 }
 

@@ -80,6 +80,8 @@ pub(super) fn frames(scene: &SceneSpec, steps: usize, dt: f64) -> usize {
     let every = match (scene.output.every, scene.output.interval) {
         (Some(n), _) => n,
         (None, Some(seconds)) => (seconds / dt).round() as usize,
+        // Of a scene at rest every load step.
+        (None, None) if scene.statics.is_some() => 1,
         (None, None) => steps.div_ceil(20),
     };
     every.max(1)
@@ -88,10 +90,16 @@ pub(super) fn frames(scene: &SceneSpec, steps: usize, dt: f64) -> usize {
 /// Refuses ends and steps that make no sense.
 pub(super) fn check(scene: &SceneSpec) -> Result<()> {
     match (scene.time.end, scene.time.steps) {
+        (None, None) if scene.statics.is_some() => {}
         (Some(t), None) if t <= 0.0 => return Err(value("time.end", t, "must be positive [s]")),
         (None, Some(0)) => return Err(value("time.steps", 0, "must be at least 1")),
         (Some(_), None) | (None, Some(_)) => {}
-        _ => return Err(key("time", "needs exactly one of end [s], steps")),
+        _ => {
+            return Err(key(
+                "time",
+                "needs exactly one of end [s], steps; a scene at rest has [static] in its place",
+            ));
+        }
     }
     match scene.time.step {
         StepChoice::Fraction(f) if !(f > 0.0 && f < 1.0) => {

@@ -120,17 +120,32 @@ pub enum TimeShape {
     },
     /// Linear between `[time, value]` rows of rising times \[s\], constant outside.
     Table(Vec<(f64, f64)>),
+    /// The same from a file with comma-separated rows of time \[s\] and value; a first row of words is a headline.
+    File(String),
+    /// An expression of the time `t` \[s\], such as `"sin(2*pi*50*t)"`.
+    Expression(String),
+}
+
+impl Default for TimeShape {
+    /// From time zero on.
+    fn default() -> Self {
+        Self::Step
+    }
 }
 
 choice!(
     TimeShape,
-    "\"step\", { ramp = { duration = seconds } }, { pulse = { duration = seconds } }, { table = [[time, value], …] }"
+    "\"step\", { ramp = { duration = seconds } }, { pulse = { duration = seconds } }, { table = [[time, value], …] }, \
+     { file = \"name.csv\" }, { expression = \"sin(2*pi*50*t)\" }"
 );
 
 /// `[[support]]`.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Support {
+    /// Name by which probes ask for its force and moment; `support-1`, `support-2`, … by default. Supports of one name count
+    /// as one.
+    pub name: Option<String>,
     /// Model.
     pub model: String,
     /// Which nodes.
@@ -145,10 +160,14 @@ pub struct Support {
 /// A prescribed motion.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["amplitude", "speed"]))]
 pub struct Motion {
-    /// Amplitude \[m\].
-    pub amplitude: f64,
-    /// Time function.
+    /// Displacement `amplitude · time` \[m\]; exactly one of `amplitude` and `speed`.
+    pub amplitude: Option<f64>,
+    /// Speed `speed · time` \[m/s\]: the displacement is its integral.
+    pub speed: Option<f64>,
+    /// Time function; from time zero on by default, which for a speed is a constant one.
+    #[serde(default)]
     pub time: TimeShape,
 }
 
@@ -248,50 +267,6 @@ pub struct Wave {
     pub speed: Option<f64>,
 }
 
-/// `[probe.NAME]`.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one(&["at", "where"]))]
-pub struct Probe {
-    /// Model.
-    pub model: String,
-    /// Point of the model's field \[m\]; exactly one of `at` and `where`.
-    pub at: Option<[f64; 3]>,
-    /// Nodes whose mean is taken, as for supports.
-    #[serde(rename = "where")]
-    pub over: Option<Selection>,
-    /// What it reads.
-    #[serde(default)]
-    pub quantity: Quantity,
-    /// Which component.
-    pub component: Axis,
-}
-
-/// What a probe reads.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Quantity {
-    /// Displacement \[m\].
-    #[default]
-    Displacement,
-    /// Velocity \[m/s\].
-    Velocity,
-    /// Mean rotation of the nodes of `where` about the axis `component` through their centroid \[rad\]; with finite
-    /// rotations between −π and π.
-    Rotation,
-}
-
-impl Quantity {
-    /// Name and unit.
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::Displacement => "displacement [m]",
-            Self::Velocity => "velocity [m/s]",
-            Self::Rotation => "rotation [rad]",
-        }
-    }
-}
-
 /// Fields of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -306,4 +281,16 @@ pub enum OutputField {
     EnergyDensity,
     /// Multipliers on the mediators.
     Multipliers,
+    /// Stress at the nodes \[Pa\]: `xx, yy, zz, xy, yz, xz`, tension positive.
+    Stress,
+    /// Strain at the nodes \[–\], likewise; `xy` is half the change of the angle.
+    Strain,
+    /// Equivalent stress of von Mises at the nodes \[Pa\].
+    VonMises,
+    /// Principal stresses at the nodes \[Pa\], largest first.
+    PrincipalStress,
+    /// Sum of the contact forces on every particle \[N\].
+    ContactForces,
+    /// Axial and shear force \[N\] and utilisation (load over strength) of every bond.
+    BondForces,
 }

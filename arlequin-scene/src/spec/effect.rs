@@ -37,6 +37,7 @@ macro_rules! effects {
     ($($(#[$doc:meta])* $key:ident: $kind:ident, $bearer:ident;)*) => {
         /// The effects of scenes.
         #[derive(Debug, Clone)]
+        #[allow(clippy::large_enum_variant, reason = "a scene has few effects")]
         pub enum EffectKind {
             $($(#[$doc])* $kind($kind),)*
         }
@@ -121,11 +122,14 @@ pub(super) fn effects<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<
 }
 
 /// A constant acceleration field.
-#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyForce {
     /// Acceleration \[m/s²\].
     pub acceleration: [f64; 3],
+    /// Time function; from time zero on by default.
+    #[serde(default)]
+    pub time: TimeShape,
 }
 
 /// Mass-proportional damping.

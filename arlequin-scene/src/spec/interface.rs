@@ -3,6 +3,7 @@
 use super::choice::choice;
 use super::model::{Element, Shape};
 use super::schema;
+use crate::setup::zone::Piece;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -83,6 +84,9 @@ pub enum OverlapShape {
         /// Whole region of the fine model.
         domain: RegionShape,
     },
+    /// The layer of the body's elements around a zone.
+    #[serde(skip)]
+    Zone(Piece),
 }
 
 choice!(
@@ -173,6 +177,8 @@ pub struct MediatorTable {
     /// slab's part of the space both models share, or a shell's between its two boxes, if both are boxes, both the
     /// same cylinder or both bars.
     pub shape: Option<Shape>,
+    /// Length of a unit of the file of its shape \[m\]. Default: 1.
+    pub scale: Option<f64>,
     /// Length `h_B` of the multiplier mesh \[m\]. Default: the coarse model's.
     pub spacing: Option<f64>,
     /// Number of elements along x, y, z, in place of `spacing`.

@@ -1,26 +1,29 @@
 //! The scene: what the TOML file says, before any of it is built. `docs/scene.md` is its reference.
 
+mod body;
 mod choice;
 mod drive;
 mod effect;
 mod interface;
 mod model;
+mod probe;
 pub mod schema;
+mod statics;
 mod wake;
 
-pub use drive::{
-    Axis, Field, Initial, Load, Motion, OutputField, Probe, Quantity, Selection, Spin, Support, TimeShape,
-    Wave,
-};
+pub use body::{ZoneOverlap, ZoneShape, ZoneTable};
+pub use drive::{Axis, Field, Initial, Load, Motion, OutputField, Selection, Spin, Support, TimeShape, Wave};
 pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
 pub use interface::{
-    Absorber, Interface, JunctionKind, OverlapShape, ProfileKind, ProfileTable, RegionShape, SolverKind,
-    WeightTable,
+    Absorber, Interface, JunctionKind, JunctionTable, MediatorTable, OverlapShape, ProfileKind, ProfileTable,
+    RegionShape, SolverKind, WeightTable,
 };
 pub use model::{
-    CnemTable, DemTable, Element, Functions, Hole, LooseKind, Masses, Material, ModelKind, ModelTable,
-    NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
+    CnemTable, DemTable, Element, FemTable, Functions, Hole, LooseKind, Masses, Material, ModelKind,
+    ModelTable, NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
 };
+pub use probe::{Component, Curve, Probe, Quantity};
+pub use statics::Static;
 pub use wake::{Near, Wake};
 
 use choice::choice;
@@ -31,17 +34,27 @@ use std::collections::BTreeMap;
 /// A scene.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["time", "static"]))]
 pub struct SceneSpec {
     /// One line for reports and plots.
     pub title: Option<String>,
-    /// Models by name, at least one.
-    #[schemars(extend("minProperties" = 1))]
+    /// One body, whose coarse model is called `body`; it has the keys of a model but `role`.
+    pub body: Option<ModelTable>,
+    /// Where a fine model takes the place of the body's, by name.
+    #[serde(default)]
+    pub zone: BTreeMap<String, ZoneTable>,
+    /// Models by name; at least one, or a body.
+    #[serde(default)]
     pub model: BTreeMap<String, ModelTable>,
     /// Interfaces by name.
     #[serde(default)]
     pub interface: BTreeMap<String, Interface>,
     /// Length of the run and of its steps.
+    #[serde(default)]
     pub time: Time,
+    /// A scene at rest, in place of `[time]`.
+    #[serde(rename = "static")]
+    pub statics: Option<Static>,
     /// Supports and prescribed motions.
     #[serde(default)]
     pub support: Vec<Support>,
@@ -58,6 +71,9 @@ pub struct SceneSpec {
     /// Probes by name.
     #[serde(default)]
     pub probe: BTreeMap<String, Probe>,
+    /// One probe over another: a table and a picture.
+    #[serde(default)]
+    pub curve: BTreeMap<String, Curve>,
     /// What is written, and how often.
     #[serde(default)]
     pub output: Output,
@@ -66,7 +82,7 @@ pub struct SceneSpec {
 }
 
 /// Length of the run and of its steps.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one(&["end", "steps"]))]
 pub struct Time {
@@ -133,6 +149,12 @@ impl Default for Output {
                 OutputField::Weights,
                 OutputField::EnergyDensity,
                 OutputField::Multipliers,
+                OutputField::Stress,
+                OutputField::Strain,
+                OutputField::VonMises,
+                OutputField::PrincipalStress,
+                OutputField::BondForces,
+                OutputField::ContactForces,
             ],
             probe_every: 1,
             // A row costs two energy evaluations, a fifth of a step each.

@@ -1,8 +1,10 @@
 //! Model tables.
 
 use super::choice::choice;
+use crate::setup::zone::Piece;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Kinds of models, by their names in a scene.
@@ -40,8 +42,18 @@ pub struct ModelTable {
     pub spacing: Option<f64>,
     /// Number of elements along each direction (three for a box, one for a bar), in place of `spacing`.
     pub divisions: Option<Vec<usize>>,
+    /// Length of a unit of the file of its shape \[m\]: 1e-3 for one in millimetres. Default: 1.
+    #[serde(default = "metre")]
+    pub scale: f64,
+    /// Physical volume of its mesh file that it fills. Default: all of them.
+    pub volume: Option<String>,
     /// What it is made of.
     pub material: Material,
+    /// Physical volumes of its mesh file that are made of something else, by name (the first group that a volume belongs
+    /// to); `poisson` is that of `material` where it is left out. For `fem` and `dem`: beams of spheres are stiffer or softer in
+    /// the ratio of the moduli, a bond between two is half of each in a row; not with `fracture`.
+    #[serde(default)]
+    pub materials: BTreeMap<String, Material>,
     /// How it steps between two reflections. Default: chosen, see `time`.
     pub step: Option<OwnStepTable>,
     /// Choices of finite elements; read by `kind = "fem"` only.
@@ -60,6 +72,11 @@ impl ModelTable {
     pub fn has_volume(&self) -> bool {
         self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
     }
+}
+
+/// Files are in metres unless they say otherwise.
+fn metre() -> f64 {
+    1.0
 }
 
 /// How a model steps between two reflections: one of `ratio`, `fraction`, or the implicit scheme.
@@ -128,6 +145,13 @@ pub enum Shape {
         /// Radius \[m\].
         radius: f64,
     },
+    /// A ball. Group `surface`; none for particles.
+    Ball {
+        /// Centre \[m\].
+        centre: [f64; 3],
+        /// Radius \[m\].
+        radius: f64,
+    },
     /// A line on the x axis with a cross-section, which moves along x only. Groups `x-min`, `x-max`.
     Bar {
         /// First end \[m\].
@@ -137,13 +161,19 @@ pub enum Shape {
         /// Cross-section \[m²\].
         section: f64,
     },
-    /// A Gmsh mesh, or for particles also an STL surface; relative to the scene file.
+    /// A Gmsh mesh (4.1 or 2.2, text or binary), relative to the scene file; it brings its own spacing and named groups.
+    /// Elements of second order are read as linear ones, with a warning. Particles fill its outer surface (or the
+    /// closed surface mesh it holds), or that of an STL file (no groups); so do nodes of `cnem`, `spacing` apart.
     File(PathBuf),
+    /// What `[body]` and `[zone.NAME]` leave to one of their models.
+    #[serde(skip)]
+    Piece(Piece),
 }
 
 choice!(
     Shape,
-    "{ box = { low, high } }, { cylinder = { from, length, radius } }, { bar = { from, to, section } }, { file = path }"
+    "{ box = { low, high } }, { cylinder = { from, length, radius } }, { ball = { centre, radius } }, { bar = { from, to, section \
+     } }, { file = path }"
 );
 
 /// A box left out of a box.
@@ -162,8 +192,10 @@ impl Shape {
         match self {
             Self::Box { .. } => "box",
             Self::Cylinder { .. } => "cylinder",
+            Self::Ball { .. } => "ball",
             Self::Bar { .. } => "bar",
             Self::File(_) => "file",
+            Self::Piece(_) => "a part of the body",
         }
     }
 }
@@ -255,11 +287,11 @@ pub struct DemTable {
     /// Name of the array of radii in a `.vtu`. Default: first of `radius [m]`, `radius`, `Radius`, `radii`,
     /// `Radii`, `r`.
     pub radii: Option<String>,
-    /// Bonds per particle times two, over all particles \[–\]; about 17 GPa of silica's modulus per unit. Default:
+    /// Bonds per particle times two, over all particles \[–\]; about 1.7e10 Pa of silica's modulus per unit. Default:
     /// 6.2.
     pub coordination: Option<f64>,
     /// Young's modulus of the beams \[Pa\]. Default: 3.56 `material.young`, which gives a packing about that
-    /// modulus (265 GPa for 74.4 GPa).
+    /// modulus (2.65e11 Pa for 7.44e10 Pa).
     pub young: Option<f64>,
     /// Poisson's ratio of the beams \[–\]; that of the packing follows from the beams (0.17 with the defaults),
     /// `material.poisson` does not enter. Default: 0.3.

@@ -107,15 +107,19 @@ pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -
     let place = |p: &crate::spec::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),
         (_, Some(Selection::Box(low, high))) => Some(0.5 * (low[axis] + high[axis])),
-        (_, Some(Selection::Group(name))) => end(scene, &p.model, name, axis),
+        (_, Some(Selection::Group(name))) => end(scene, p.model.as_ref()?, name, axis),
         _ => None,
     };
-    let along = scene.probe.values().filter(|p| p.component.index() == axis);
+    let along = scene.probe.values().filter(|p| {
+        p.component
+            .and_then(|c| c.axis())
+            .is_some_and(|c| c.index() == axis)
+    });
     let known = along.filter_map(|p| {
         let kind = match p.quantity {
             Quantity::Displacement => 0,
             Quantity::Velocity => 1,
-            Quantity::Rotation => return None,
+            _ => return None,
         };
         Some((kind, (place(p)? - border) * inward))
     });

@@ -274,7 +274,7 @@ pub(super) fn spectrum(
                         None,
                     );
                 }
-                TimeShape::Step | TimeShape::Table(_) => {}
+                _ => {}
             }
         }
         for w in scene.initial.iter().filter_map(|i| i.wave.as_ref()) {

@@ -2,7 +2,6 @@
 
 use super::spec::{Axis, Design, Mark, Reference, SweepFile};
 use crate::error::{Result, key, unknown, value};
-use crate::spec::Shape;
 use crate::{Scene, Source};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -289,6 +288,7 @@ fn member(
     let named = |e: crate::error::Error| key(place, format!("run '{label}': {e}"));
     let source = Source::read(scene)?;
     let read = Scene::of(source).and_then(|s| s.assign(&set)).map_err(named)?;
+    let files = read.files();
     let (source, read) = (read.source(), read.spec());
     // Pictures and frames of a sweep would only cost time and space; a scene that says otherwise by --set keeps them.
     let quiet = |set: &mut Vec<String>, name: &str, text: String| {
@@ -304,11 +304,9 @@ fn member(
         quiet(&mut set, "output.every", "output.every=1000000000".into());
     }
     let mut text = source.text.clone();
-    for m in read.model.values() {
-        if let Shape::File(path) = &m.shape {
-            let bytes = std::fs::read(source.folder.join(path)).unwrap_or_default();
-            text += &String::from_utf8_lossy(&bytes);
-        }
+    for path in files {
+        let bytes = std::fs::read(source.folder.join(path)).unwrap_or_default();
+        text += &String::from_utf8_lossy(&bytes);
     }
     let roles = read
         .model

@@ -2,7 +2,7 @@
 
 use crate::error::{Result, key, unknown, value};
 use crate::scene::Scene;
-use crate::setup::effect_models;
+use crate::setup::{acts, effect_models};
 use crate::spec::{Bearer, Effect, EffectKind, Near, SceneSpec, Wake};
 
 /// Applies the assignments of `[wake]` and leaves out the sleeping model with everything that is its own.
@@ -28,7 +28,7 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
     scene
         .interface
         .retain(|_, i| i.coarse != *sleeper && i.fine != *sleeper);
-    scene.probe.retain(|_, p| p.model != *sleeper);
+    scene.probe.retain(|_, p| p.model.as_ref() != Some(sleeper));
     for i in &mut scene.initial {
         if let Some(names) = &mut i.models {
             names.retain(|n| n != sleeper);
@@ -40,6 +40,11 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
             scene.effect.push(e);
         }
     }
+    let probes = std::mem::take(&mut scene.probe);
+    let there = |of: &Option<String>| of.as_ref().is_none_or(|n| acts(n, &scene));
+    scene.probe = probes.into_iter().filter(|(_, p)| there(&p.of)).collect();
+    let known = |name: &String| scene.probe.contains_key(name);
+    scene.curve.retain(|_, c| known(&c.x) && known(&c.y));
     scene.wake = None;
     Ok(awake.with_spec(scene))
 }

@@ -143,6 +143,11 @@ impl PairEffect<f64> for Contacts {
         self.touching.power(v)
     }
 
+    fn add_contact(&self, side: usize, f: &mut [f64]) -> bool {
+        self.touching.add_to(&[side], f);
+        true
+    }
+
     /// The same for both sides, that of the lighter particles: the stiffest mode of a contact is that of its two ends.
     fn step_demand(&self) -> [StepDemand<f64>; 2] {
         let [a, b] = &self.grains;

@@ -145,6 +145,15 @@ pub(crate) fn power(v: &[f64], i: usize, force: &Vector3<f64>, torque: &Vector3<
     force.dot(&three(v, 3 * i)) + torque.dot(&three(v, v.len() / 2 + 3 * i))
 }
 
+/// Adds a force and a torque on particle `i` of `n`.
+pub(crate) fn add(f: &mut [f64], i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
+    let half = f.len() / 2;
+    for c in 0..3 {
+        f[3 * i + c] += force[c];
+        f[half + 3 * i + c] += torque[c];
+    }
+}
+
 pub(crate) fn three(x: &[f64], k: usize) -> Vector3<f64> {
     Vector3::new(x[k], x[k + 1], x[k + 2])
 }

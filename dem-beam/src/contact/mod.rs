@@ -25,7 +25,7 @@ mod touching;
 
 pub use between::ContactBetween;
 pub use body::ContactBody;
-pub(crate) use grains::{Grains, power};
+pub(crate) use grains::{Grains, add, power};
 pub use law::ContactLaw;
 pub(crate) use law::{Pair, Spring};
 pub use touching::{DAMPED_CONTACTS, STIFF_CONTACTS};
@@ -144,6 +144,11 @@ impl Effect<f64> for Contacts {
 
     fn power(&self, v: &[f64]) -> f64 {
         self.touching.power([v, v])
+    }
+
+    fn add_contact(&self, f: &mut [f64]) -> bool {
+        self.touching.add_to(&[0, 1], f);
+        true
     }
 
     fn step_demand(&self) -> StepDemand<f64> {

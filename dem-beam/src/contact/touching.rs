@@ -166,6 +166,16 @@ impl Touching {
         });
     }
 
+    /// Adds the forces on the particles of one side, or of both where they are of one model.
+    pub(crate) fn add_to(&self, sides: &[usize], f: &mut [f64]) {
+        for a in &self.active {
+            for &side in sides {
+                let force = if side == 0 { -a.force } else { a.force };
+                grains::add(f, a.ends[side] as usize, &force, &a.torque[side]);
+            }
+        }
+    }
+
     pub(crate) fn power(&self, v: [&[f64]; 2]) -> f64 {
         self.active.iter().map(|a| a.power(v)).sum()
     }

@@ -19,6 +19,35 @@ pub enum Criterion {
     Energy,
 }
 
+/// What loads a bond most when it breaks, in terms of its criterion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BreakMode {
+    /// Tension along the bond.
+    Tension,
+    /// Compression along it.
+    Compression,
+    /// Bending.
+    Bending,
+    /// Shear by torsion.
+    Torsion,
+}
+
+impl BreakMode {
+    /// All, in the order of their numbers.
+    pub(crate) const ALL: [Self; 4] = [Self::Tension, Self::Compression, Self::Bending, Self::Torsion];
+
+    /// Name for tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tension => "tension",
+            Self::Compression => "compression",
+            Self::Bending => "bending",
+            Self::Torsion => "torsion",
+        }
+    }
+}
+
 /// Section constants of the beams.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Section {
@@ -110,6 +139,51 @@ impl Criterion {
         Ok(body.bonds().iter().zip(body.pairs()).map(load).collect())
     }
 
+    /// What has the largest part in [`Self::value`].
+    pub(crate) fn mode(self, s: &Section, e: &Strain) -> BreakMode {
+        let normal = s.young * e.axial;
+        let along = if normal < 0.0 {
+            BreakMode::Compression
+        } else {
+            BreakMode::Tension
+        };
+        let parts = match self {
+            Self::Axial => return BreakMode::Tension,
+            Self::Energy => {
+                let k = &s.rigidity;
+                let bend = e.a.dot(&e.a) + e.a.dot(&e.b) + e.b.dot(&e.b);
+                [
+                    0.5 * e.length * k.axial * e.axial * e.axial,
+                    2.0 * k.bending / e.length * bend,
+                    0.5 * e.length * k.torsion * e.twist * e.twist,
+                ]
+            }
+            Self::Rankine | Self::Mises => {
+                let [bending, shear] = [Self::bending(s, e), (s.shear * s.radius * e.twist).abs()];
+                match self {
+                    Self::Mises => [normal.abs(), bending, 3.0_f64.sqrt() * shear],
+                    _ => [normal, bending, shear],
+                }
+            }
+        };
+        let [axial, bending, torsion] = parts;
+        if axial >= bending && axial >= torsion {
+            along
+        } else if bending >= torsion {
+            BreakMode::Bending
+        } else {
+            BreakMode::Torsion
+        }
+    }
+
+    /// Largest stress of bending at an end \[Pa\].
+    #[inline]
+    fn bending(s: &Section, e: &Strain) -> f64 {
+        let (m, n) = (e.a * 4.0 + e.b * 2.0, e.b * 4.0 + e.a * 2.0);
+        let moment = m.norm_squared().max(n.norm_squared()).sqrt();
+        s.young * s.radius / e.length * moment
+    }
+
     /// Value to be compared with the strength.
     #[inline]
     pub(crate) fn value(self, s: &Section, e: &Strain) -> f64 {
@@ -125,9 +199,7 @@ impl Criterion {
                 + 2.0 * k.bending / e.length * bend;
             return energy / s.area;
         }
-        let (m, n) = (e.a * 4.0 + e.b * 2.0, e.b * 4.0 + e.a * 2.0);
-        let moment = m.norm_squared().max(n.norm_squared()).sqrt();
-        let bending = s.young * s.radius / e.length * moment;
+        let bending = Self::bending(s, e);
         let shear = s.shear * s.radius * twist;
         if self == Self::Mises {
             let tension = normal.abs() + bending;

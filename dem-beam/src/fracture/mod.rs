@@ -27,7 +27,7 @@ pub(crate) mod criterion;
 mod scatter;
 pub(crate) mod state;
 
-pub use criterion::Criterion;
+pub use criterion::{BreakMode, Criterion};
 pub use scatter::Scatter;
 
 use crate::error::{Error, Result, positive};
@@ -104,6 +104,8 @@ pub struct Break {
     pub place: Vector3<f64>,
     /// Whether it lay in an overlap, wholly or in part.
     pub overlap: bool,
+    /// What loaded it most.
+    pub mode: BreakMode,
 }
 
 /// What broke so far. Shared between a model, contact and output.
@@ -151,12 +153,13 @@ impl BreakLog {
         self.broken = vec![false; bonds];
     }
 
-    /// What a resumed run must know: three numbers and three integers per break, and the number of checks.
+    /// What a resumed run must know: three numbers and four integers per break, and the number of checks.
     pub(crate) fn save(&self, out: &mut Record<f64>) {
         out.integers.push(self.checks as u64);
         for e in &self.events {
             out.numbers.extend([e.time, e.released, e.distance]);
-            out.integers.extend([e.bond, e.pair[0], e.pair[1]].map(u64::from));
+            out.integers
+                .extend([e.bond, e.pair[0], e.pair[1], e.mode as u32].map(u64::from));
         }
     }
 
@@ -172,17 +175,18 @@ impl BreakLog {
             return false;
         };
         let (numbers, _) = from.numbers.as_chunks::<3>();
-        let (bonds, _) = integers.as_chunks::<3>();
+        let (bonds, _) = integers.as_chunks::<4>();
         self.begin(pairs.len());
         self.events.clear();
         self.into_overlap = None;
         self.released = 0.0;
         self.checks = *checks as usize;
-        for (&[time, released, distance], &[bond, i, j]) in numbers.iter().zip(bonds) {
+        for (&[time, released, distance], &[bond, i, j, mode]) in numbers.iter().zip(bonds) {
             let known = pairs.get(bond as usize).map(|p| p.map(u64::from)) == Some([i, j]);
-            if !known || self.broken[bond as usize] {
+            let mode = BreakMode::ALL.get(mode as usize).filter(|_| known);
+            let Some(&mode) = mode.filter(|_| !self.broken[bond as usize]) else {
                 return false;
-            }
+            };
             let pair = pairs[bond as usize];
             let (place, overlap) = at(bond as usize);
             self.push(Break {
@@ -193,10 +197,11 @@ impl BreakLog {
                 distance,
                 place,
                 overlap,
+                mode,
             });
         }
         numbers.len() * 3 == from.numbers.len()
-            && bonds.len() * 3 == integers.len()
+            && bonds.len() * 4 == integers.len()
             && numbers.len() == bonds.len()
     }
 

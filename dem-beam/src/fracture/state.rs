@@ -176,14 +176,19 @@ impl FractureState {
         true
     }
 
-    /// Load of a bond over its strength.
-    fn ratio(&self, body: &BondedParticles, reader: &Reader<'_>, b: usize) -> f64 {
+    fn strain(body: &BondedParticles, reader: &Reader<'_>, b: usize) -> Strain {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = &body.bonds()[b];
-        let strain = match reader.poses([i, j]) {
+        match reader.poses([i, j]) {
             Some([a, b]) => Strain::finite(bond, &a, &b),
             None => Strain::linear(bond, &reader.twist(i), &reader.twist(j)),
-        };
+        }
+    }
+
+    /// Load of a bond over its strength.
+    #[inline]
+    pub(crate) fn ratio(&self, body: &BondedParticles, reader: &Reader<'_>, b: usize) -> f64 {
+        let strain = Self::strain(body, reader, b);
         self.spec.criterion.value(&self.section, &strain) / self.strength[b]
     }
 
@@ -296,6 +301,10 @@ impl FractureState {
                 distance: (now(ends[1]) - now(ends[0])).norm(),
                 place: middle(body, bond),
                 overlap: inside(bond),
+                mode: self
+                    .spec
+                    .criterion
+                    .mode(&self.section, &Self::strain(body, readers[1], bond)),
             });
             self.strength[bond] = f64::INFINITY;
         }

@@ -20,9 +20,10 @@ impl DemModel {
     /// The same body with bonds that break.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense.
+    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense; [`crate::Error::Graded`].
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
+        self.alike("a strength of bonds")?;
         self.fracture = Some(FractureState::new(spec, &self.body, self.log.clone()));
         Ok(self)
     }
@@ -33,9 +34,18 @@ impl DemModel {
     /// As [`Self::with_fracture`].
     pub fn with_watched_strength(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
+        self.alike("a strength of bonds")?;
         let log = SharedLog::default();
         self.watched = Some(FractureState::new(spec, &self.body, log));
         Ok(self)
+    }
+
+    /// Refuses what bonds of several materials cannot have.
+    fn alike(&self, what: &'static str) -> Result<()> {
+        match self.body.is_graded() {
+            true => Err(Error::Graded { what }),
+            false => Ok(()),
+        }
     }
 
     /// Largest criterion over strength among the bonds in the state `q`; zero without fracture.

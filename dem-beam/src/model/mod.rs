@@ -21,6 +21,7 @@
 mod breaking;
 pub(crate) mod forces;
 pub(crate) mod poses;
+mod recovery;
 mod report;
 mod select;
 mod stiffness;
@@ -40,18 +41,20 @@ use crate::kernel::law::{Finite, Linear};
 use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
+use arlequin_core::adjacency::Adjacency;
 use arlequin_core::effect::Finding;
 use arlequin_core::geometry::Sample;
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
-    ParticleField, State, Stepping, Stride, Watching, Weight, check_size, parallel, spectrum,
+    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
+    Model, ParticleField, Recovery, State, Stepping, Stride, Watching, Weight, check_size, parallel,
+    spectrum,
 };
 use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Spheres joined by cohesive beams, ready to be coupled.
 #[derive(Debug)]
@@ -73,6 +76,8 @@ pub struct DemModel {
     /// Strengths that are compared at the end only, in a run without fracture.
     watched: Option<FractureState>,
     log: SharedLog,
+    /// Bonds of every particle, once stresses are asked for.
+    around: OnceLock<Adjacency<[u32; 2]>>,
 }
 
 impl DemModel {
@@ -177,8 +182,29 @@ impl DemModel {
             fracture: None,
             watched: None,
             log: SharedLog::default(),
+            around: OnceLock::new(),
             body,
         })
+    }
+
+    /// The same body of several materials: what a particle's place gives are the Young's modulus of its beams and its
+    /// density, over those of the packing. The bond between two of different moduli is half of each in a row. Goes
+    /// before finite rotations; bonds of several materials have no common strength, so fracture is refused.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] unless all are positive; [`Error::Graded`] after finite rotations or fracture.
+    pub fn with_grades(mut self, at: impl Fn(&Point3<f64>) -> [f64; 2]) -> Result<Self> {
+        if self.has_finite_rotations() || self.fracture.is_some() || self.watched.is_some() {
+            return Err(Error::Graded {
+                what: "materials after finite rotations or fracture",
+            });
+        }
+        let (stiffness, density): (Vec<f64>, Vec<f64>) = self.nodes.iter().map(|x| at(x).into()).unzip();
+        self.body.grade(&stiffness, &density)?;
+        self.mass = self.body.mass().to_vec();
+        self.inertia = self.body.inertia().to_vec();
+        self.kernel = Box::new(Gather::<Linear>::new(&self.body));
+        Ok(self)
     }
 
     /// The same body under the finite-rotation law; see the module text.
@@ -381,6 +407,14 @@ impl Model<f64> for DemModel {
 
     fn facts(&self) -> Vec<(String, f64)> {
         self.fracture_facts()
+    }
+
+    fn recovery(&self) -> Option<&dyn Recovery<f64>> {
+        Some(self)
+    }
+
+    fn links(&self) -> Option<&dyn Links<f64>> {
+        Some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {

@@ -20,7 +20,7 @@ use crate::contact::{self, ContactBody, ContactLaw, Grains, Pair, Spring};
 use crate::error::{Result, positive};
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
-use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
+use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
 use arlequin_core::snapshot::Record;
 use nalgebra::{Point3, Vector3};
 use near::Near;
@@ -430,6 +430,14 @@ impl AnyEffect<f64> for Body {
         Ok(())
     }
 
+    fn rigid(&self) -> Option<RigidMotion<f64>> {
+        Some(RigidMotion {
+            displacement: self.moved,
+            velocity: self.velocity,
+            spin: self.spin,
+        })
+    }
+
     fn facts(&self) -> Vec<(String, f64)> {
         let mut out = Vec::new();
         for (c, axis) in ["x", "y", "z"].iter().enumerate() {
@@ -460,6 +468,12 @@ impl Effect<f64> for Body {
     fn power(&self, v: &[f64]) -> f64 {
         let of = |a: &Active| contact::power(v, a.particle as usize, &a.force, &a.torque);
         self.active.iter().map(of).sum()
+    }
+
+    fn add_contact(&self, f: &mut [f64]) -> bool {
+        let active = self.active.iter();
+        active.for_each(|a| contact::add(f, a.particle as usize, &a.force, &a.torque));
+        true
     }
 
     fn step_demand(&self) -> StepDemand<f64> {

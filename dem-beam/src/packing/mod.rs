@@ -28,6 +28,8 @@ pub use lattice::{Lattice, lattice};
 pub use parts::{Cut, Loose, Part};
 pub use protocol::{Compaction, PackingSpec};
 pub use report::PackingReport;
+#[cfg(feature = "stl")]
+pub use stl::read_facets;
 pub use surface::Surface;
 #[cfg(feature = "vtu")]
 pub use vtu::read_vtu;

@@ -1,13 +1,48 @@
 //! Closed surfaces from STL files.
 
 use super::surface::Surface;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, finite};
 use nalgebra::Vector3;
 
 /// Bytes before the triangles of a binary file: a comment and their number.
 const HEAD: usize = 84;
 /// Bytes per triangle of a binary file.
 const TRIANGLE: usize = 50;
+
+/// The triangles of an STL file \[m\], text or binary, which need not be closed.
+///
+/// # Errors
+/// [`Error::BadFile`] if it is not STL or has no triangle; [`Error::NotFinite`] coordinates.
+pub fn read_facets(bytes: &[u8]) -> Result<Vec<[Vector3<f64>; 3]>> {
+    let mesh = read(bytes)?;
+    for (i, v) in mesh.vertices.iter().enumerate() {
+        for k in 0..3 {
+            finite("coordinate", "vertex", i, f64::from(v[k]))?;
+        }
+    }
+    let at = |i: usize| Vector3::from([0, 1, 2].map(|k| f64::from(mesh.vertices[i][k])));
+    Ok(mesh.faces.iter().map(|f| f.vertices.map(at)).collect())
+}
+
+fn read(bytes: &[u8]) -> Result<stl_io::IndexedMesh> {
+    let bad = |reason: String| Error::BadFile {
+        format: "STL",
+        reason,
+    };
+    let mut bytes = bytes.to_vec();
+    // Some programs begin the comment of a binary file with the word that marks a text.
+    if let Some(number) = bytes.get(HEAD - 4..HEAD) {
+        let count = u32::from_le_bytes([number[0], number[1], number[2], number[3]]);
+        if bytes.len() as u64 == HEAD as u64 + TRIANGLE as u64 * u64::from(count) {
+            bytes[0] = b' ';
+        }
+    }
+    let mesh = stl_io::read_stl(&mut std::io::Cursor::new(bytes)).map_err(|e| bad(e.to_string()))?;
+    if mesh.faces.is_empty() {
+        return Err(bad("it has no triangle".into()));
+    }
+    Ok(mesh)
+}
 
 impl Surface {
     /// Reads STL, text or binary. The format has no unit: coordinates are taken in m. Corners
@@ -17,22 +52,7 @@ impl Surface {
     /// # Errors
     /// [`Error::BadFile`] if it is not STL or has no triangle; as [`Self::oriented`].
     pub fn from_stl(bytes: &[u8]) -> Result<Self> {
-        let bad = |reason: String| Error::BadFile {
-            format: "STL",
-            reason,
-        };
-        let mut bytes = bytes.to_vec();
-        // Some programs begin the comment of a binary file with the word that marks a text.
-        if let Some(number) = bytes.get(HEAD - 4..HEAD) {
-            let count = u32::from_le_bytes([number[0], number[1], number[2], number[3]]);
-            if bytes.len() as u64 == HEAD as u64 + TRIANGLE as u64 * u64::from(count) {
-                bytes[0] = b' ';
-            }
-        }
-        let mesh = stl_io::read_stl(&mut std::io::Cursor::new(bytes)).map_err(|e| bad(e.to_string()))?;
-        if mesh.faces.is_empty() {
-            return Err(bad("it has no triangle".into()));
-        }
+        let mesh = read(bytes)?;
         // Zero has two signs but is one place; the reader keeps them apart.
         let mut places = std::collections::BTreeMap::new();
         let mut vertices = Vec::new();

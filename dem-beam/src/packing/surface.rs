@@ -1,7 +1,7 @@
 //! A closed triangle surface: volume, inside test, nearest point through a uniform grid.
 
 use super::nesting::{Place, place};
-use crate::error::{Error, Result, finite};
+use crate::error::{Error, Result, finite, positive};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
@@ -80,6 +80,31 @@ impl Surface {
         };
         out.prepare((high - low).min() / 20.0);
         Ok(out)
+    }
+
+    /// Corners \[m\].
+    #[must_use]
+    pub fn vertices(&self) -> &[Vector3<f64>] {
+        &self.vertices
+    }
+
+    /// Triangles by their corners, counter-clockwise from outside.
+    #[must_use]
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// The same surface, so many times as large: 1e-3 for one that was read from a file in millimetres.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] unless the factor is positive; as [`Self::new`].
+    pub fn scaled(self, factor: f64) -> Result<Self> {
+        positive("scale of a surface", factor)?;
+        if (factor - 1.0).abs() <= 0.0 {
+            return Ok(self);
+        }
+        let vertices = self.vertices.iter().map(|x| x * factor).collect();
+        Self::new(vertices, self.triangles)
     }
 
     /// Enclosed volume \[m³\].

@@ -1,6 +1,8 @@
 //! The surface of what a Gmsh file holds, as triangles: for bodies that are filled rather than meshed.
 
-use super::{Block, File, collect_groups, fault, load, lookup, node_index, physical_names, prepared};
+use super::assemble::{self, collect_groups};
+use super::contents::Contents;
+use super::{contents, fault};
 use crate::error::{Error, Result};
 use crate::mesh::{Facet, Mesh};
 use mshio::mshfile::ElementType;
@@ -29,19 +31,12 @@ pub fn load_surface(path: impl AsRef<Path>) -> Result<Triangles> {
         path: path.display().to_string(),
         message: e.to_string(),
     })?;
-    let bytes = prepared(&bytes)?;
-    let file = mshio::parse_msh_bytes(&bytes)
-        .map_err(|_| fault("a section is broken; save the mesh again in format 4.1"))?;
-    let blocks = blocks(&file);
+    let file = contents(&bytes)?;
     let solid = [ElementType::Tet4, ElementType::Hex8];
-    if blocks.iter().any(|b| solid.contains(&b.element_type)) {
-        return Ok(of_mesh(&load::<f64>(path)?));
+    if file.blocks.iter().any(|b| solid.contains(&b.element_type)) {
+        return Ok(triangles_of(&assemble::mesh::<f64>(&file)?));
     }
-    of_faces(&file, &physical_names(&bytes)?)
-}
-
-fn blocks(file: &File) -> &[Block] {
-    file.data.elements.as_ref().map_or(&[], |e| &e.element_blocks)
+    of_faces(file)
 }
 
 fn cut(corners: &[u32]) -> Vec<[u32; 3]> {
@@ -50,9 +45,14 @@ fn cut(corners: &[u32]) -> Vec<[u32; 3]> {
         .collect()
 }
 
-/// Outer faces of a solid mesh.
-fn of_mesh(mesh: &Mesh<f64>) -> Triangles {
-    let triangles = |facets: &[Facet]| facets.iter().flat_map(|f| cut(&mesh.facet_nodes(*f))).collect();
+/// Facets of a solid mesh as triangles, outwards; quadrilaterals are cut in two.
+pub fn facets_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[u32; 3]> {
+    facets.iter().flat_map(|f| cut(&mesh.facet_nodes(*f))).collect()
+}
+
+/// Outer faces of a solid mesh, and those of its groups.
+pub fn triangles_of(mesh: &Mesh<f64>) -> Triangles {
+    let triangles = |facets: &[Facet]| facets_of(mesh, facets);
     let groups = mesh.groups().iter().filter(|(_, g)| !g.facets.is_empty());
     Triangles {
         points: mesh.nodes().to_vec(),
@@ -62,17 +62,12 @@ fn of_mesh(mesh: &Mesh<f64>) -> Triangles {
 }
 
 /// Faces of a surface mesh.
-fn of_faces(file: &File, names: &BTreeMap<(i32, i32), String>) -> Result<Triangles> {
-    let (points, index) = node_index::<f64>(file)?;
+fn of_faces(file: Contents) -> Result<Triangles> {
     let mut triangles = Vec::new();
     let faces = [ElementType::Tri3, ElementType::Qua4];
-    for block in blocks(file).iter().filter(|b| faces.contains(&b.element_type)) {
+    for block in file.blocks.iter().filter(|b| faces.contains(&b.element_type)) {
         for element in &block.elements {
-            let nodes = element
-                .nodes
-                .iter()
-                .map(|n| lookup(&index, *n, element.element_tag));
-            triangles.extend(cut(&nodes.collect::<Result<Vec<u32>>>()?));
+            triangles.extend(cut(&file.corners(element)?));
         }
     }
     if triangles.is_empty() {
@@ -81,17 +76,15 @@ fn of_faces(file: &File, names: &BTreeMap<(i32, i32), String>) -> Result<Triangl
         ));
     }
     let mut groups = BTreeMap::new();
-    if let Some(entities) = &file.data.entities {
-        for (name, group) in collect_groups(blocks(file), entities, names, &index)? {
-            let faces = group.iter().filter(|(dimension, _)| *dimension == 2);
-            let faces: Vec<[u32; 3]> = faces.flat_map(|(_, corners)| cut(corners)).collect();
-            if !faces.is_empty() {
-                groups.insert(name, faces);
-            }
+    for (name, group) in collect_groups(&file)? {
+        let faces = group.iter().filter(|(dimension, _)| *dimension == 2);
+        let faces: Vec<[u32; 3]> = faces.flat_map(|(_, corners)| cut(corners)).collect();
+        if !faces.is_empty() {
+            groups.insert(name, faces);
         }
     }
     Ok(Triangles {
-        points,
+        points: file.nodes,
         triangles,
         groups,
     })

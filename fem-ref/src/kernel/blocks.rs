@@ -4,7 +4,7 @@ use super::element_stiffness;
 use crate::mesh::Mesh;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::{Elastic, Real};
+use arlequin_core::{Materials, Real};
 use rayon::prelude::*;
 
 /// Elements whose matrices are in flight at once.
@@ -12,7 +12,7 @@ const BATCH: usize = 512;
 
 /// Weighted stiffness `Σ_e α_e K_e` \[N/m\] of a mesh, with the weight `α_e` \[–\] of every element: blocks of 3 × 3 for
 /// solids, 1 × 1 for bars. Both triangles are stored and are bitwise transposes of each other.
-pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, material: &Elastic<T>, weights: &[T]) -> BlockMatrix<T> {
+pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, materials: &Materials<T>, weights: &[T]) -> BlockMatrix<T> {
     let nodes = mesh.nodes().len();
     let incidence = Adjacency::of_slots(nodes, mesh.connectivity());
     let n = mesh.kind().corners();
@@ -29,7 +29,7 @@ pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, material: &Elastic<T>, weights:
         starts.push(columns.len());
     }
     let mut matrix = BlockMatrix::zeros(mesh.kind().components(), starts, columns);
-    assemble(&mut matrix, mesh, material, weights);
+    assemble(&mut matrix, mesh, materials, weights);
     matrix
 }
 
@@ -37,7 +37,7 @@ pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, material: &Elastic<T>, weights:
 pub(crate) fn assemble<T: Real>(
     matrix: &mut BlockMatrix<T>,
     mesh: &Mesh<T>,
-    material: &Elastic<T>,
+    materials: &Materials<T>,
     weights: &[T],
 ) {
     matrix.clear();
@@ -47,7 +47,7 @@ pub(crate) fn assemble<T: Real>(
         range
             .clone()
             .into_par_iter()
-            .map(|e| element_stiffness(mesh, material, e))
+            .map(|e| element_stiffness(mesh, materials, e))
             .collect_into_vec(&mut batch);
         for (e, k) in range.zip(&batch) {
             let nodes = mesh.element(e);

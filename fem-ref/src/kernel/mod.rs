@@ -10,18 +10,19 @@ pub(crate) use blocks::{assemble, stiffness};
 
 use crate::element::{ElementKind, MAX_CORNERS};
 use crate::mesh::Mesh;
-use arlequin_core::{Elastic, Real};
+use arlequin_core::{Materials, Real};
 use nalgebra::Matrix3;
 
 /// Stiffness blocks of one element, `K_ij = ∫ λ g_i g_jᵀ + μ g_j g_iᵀ + μ (g_i · g_j) I dV` \[N/m\];
 /// for bars `E ∫ g_i g_j dV` in the first entry.
 pub(crate) fn element_stiffness<T: Real>(
     mesh: &Mesh<T>,
-    material: &Elastic<T>,
+    materials: &Materials<T>,
     e: usize,
 ) -> [[Matrix3<T>; MAX_CORNERS]; MAX_CORNERS] {
     let n = mesh.kind().corners();
     let mut k = [[Matrix3::zeros(); MAX_CORNERS]; MAX_CORNERS];
+    let material = materials.at(e);
     let [lambda, mu] = material.lame();
     mesh.for_each_gauss_point(e, |p| {
         let g = &p.gradients;

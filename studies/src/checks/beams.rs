@@ -4,7 +4,7 @@ use super::check::{Accept, Check};
 use crate::solid::momentum_scale;
 use arlequin::core::Silent;
 use arlequin_scene::error::{Error, Result, core, write};
-use arlequin_scene::setup::{self, Built};
+use arlequin_scene::setup::{self, Built, Readings};
 use arlequin_scene::spectrum;
 use arlequin_scene::{Scene, Source};
 use serde::{Deserialize, Serialize};
@@ -119,21 +119,23 @@ impl RunSpec {
             step: every as f64 * run.dt(),
             ..Record::default()
         };
-        let read = |out: &mut Record, run: &arlequin::core::Coupled<f64>| {
+        let read = |out: &mut Record, run: &mut arlequin::core::Coupled<f64>| {
             out.times.push(run.time());
+            let mut readings = Readings::default();
             for p in &probes {
-                let value = p.read(run.subdomains());
+                let value = p.read(run, &mut readings)?;
                 out.probes.entry(p.name.clone()).or_default().push(value);
             }
+            Ok::<_, Error>(())
         };
         let energy = run.energy();
         let before = run.momentum();
-        read(&mut out, &run);
+        read(&mut out, &mut run)?;
         let mut scale = momentum_scale(&run);
         for made in 1..=steps {
             run.advance(&mut Silent).map_err(core("time"))?;
             if made.is_multiple_of(every) {
-                read(&mut out, &run);
+                read(&mut out, &mut run)?;
                 let now = momentum_scale(&run);
                 (0..2).for_each(|k| scale[k] = scale[k].max(now[k]));
             }

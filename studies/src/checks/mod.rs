@@ -7,6 +7,7 @@ mod check;
 mod choices;
 mod claims;
 mod solids;
+mod strength;
 mod theory;
 
 use arlequin_scene::Progress;
@@ -99,7 +100,7 @@ const fn cheap(name: &'static str, about: &'static str, evaluate: fn(&Runs) -> R
 }
 
 /// All cases, in the order of the table.
-pub static CASES: [Case; 17] = [
+pub static CASES: [Case; 18] = [
     cheap(
         "bauman",
         "static bar and springs, table of Bauman et al. 2008",
@@ -162,6 +163,11 @@ pub static CASES: [Case; 17] = [
         "cantilever",
         "energy of the Norma cantilever, published Schwarz drifts",
         solids::cantilever,
+    ),
+    cheap(
+        "strength",
+        "peak loads of direct tension, Brazilian disc and bending, from reactions",
+        strength::strength,
     ),
     Case {
         name: "beam-a",

@@ -1,0 +1,295 @@
+//! Stress and strain at the nodes of a model, recovered from where its law knows them.
+//!
+//! A model offers what it can through [`Recovery`]; [`Patches`] is the tool with which models of elements and of cells do so.
+//! Stresses are those of the material, without the weight of the energy: in an overlap both models tell the same.
+
+use crate::error::invalid;
+use crate::{Real, Result};
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use rayon::prelude::*;
+
+/// A symmetric tensor by its components `xx, yy, zz, xy, yz, xz`; those of a strain are tensor components, not twice them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SymmetricTensor<T>(pub [T; 6]);
+
+impl<T: Real> SymmetricTensor<T> {
+    /// No stress.
+    pub fn zero() -> Self {
+        Self([T::zero(); 6])
+    }
+
+    /// The symmetric part of a matrix.
+    pub fn of(m: &Matrix3<T>) -> Self {
+        let half = |a: usize, b: usize| (m[(a, b)] + m[(b, a)]) * T::of(0.5);
+        Self([
+            m[(0, 0)],
+            m[(1, 1)],
+            m[(2, 2)],
+            half(0, 1),
+            half(1, 2),
+            half(0, 2),
+        ])
+    }
+
+    /// The matrix.
+    pub fn matrix(&self) -> Matrix3<T> {
+        let [xx, yy, zz, xy, yz, xz] = self.0;
+        Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+    }
+
+    /// Equivalent stress of von Mises, `√(3/2 s:s)` with the deviator `s`.
+    pub fn von_mises(&self) -> T {
+        let [xx, yy, zz, xy, yz, xz] = self.0;
+        let normal = (xx - yy) * (xx - yy) + (yy - zz) * (yy - zz) + (zz - xx) * (zz - xx);
+        let shear = xy * xy + yz * yz + xz * xz;
+        (T::of(0.5) * normal + T::of(3.0) * shear).sqrt()
+    }
+
+    /// Principal values, largest first.
+    pub fn principal(&self) -> [T; 3] {
+        let mut values: [T; 3] = self.matrix().symmetric_eigenvalues().into();
+        values.sort_by(|a, b| b.partial_cmp(a).unwrap_or(std::cmp::Ordering::Equal));
+        values
+    }
+}
+
+/// What is recovered at a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Recovered<T> {
+    /// Strain \[–\]; none for a model that knows forces only.
+    pub strain: Option<SymmetricTensor<T>>,
+    /// Stress \[Pa\], tension positive, without weights.
+    pub stress: SymmetricTensor<T>,
+}
+
+/// A model that knows stresses.
+pub trait Recovery<T: Real> {
+    /// How values come to the nodes, for reports.
+    fn method(&self) -> &'static str;
+
+    /// Whether strains are recovered as well.
+    fn has_strain(&self) -> bool;
+
+    /// Stress and strain at the given nodes for displacements `q`, appended to `out`.
+    ///
+    /// # Errors
+    /// Displacements of another length, nodes that are not there.
+    fn recover(&self, q: &[T], nodes: &[usize], out: &mut Vec<Recovered<T>>) -> Result<()>;
+}
+
+/// What a bond between two nodes carries.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinkForce<T> {
+    /// Force along it, tension positive \[N\].
+    pub axial: T,
+    /// Force across it \[N\], never negative.
+    pub shear: T,
+    /// Load over strength, at one of which it breaks \[–\]; none where no strength is known.
+    pub utilisation: Option<T>,
+}
+
+/// A model whose nodes are joined by bonds.
+pub trait Links<T: Real> {
+    /// Nodes of every bond.
+    fn pairs(&self) -> &[[u32; 2]];
+
+    /// What the bonds carry at displacements `q`, without weights, appended to `out` in the order of [`Links::pairs`]; nothing
+    /// in those that are broken.
+    ///
+    /// # Errors
+    /// Displacements of another length.
+    fn forces(&self, q: &[T], out: &mut Vec<LinkForce<T>>) -> Result<()>;
+}
+
+/// How far outside of its samples a node may lie along one of their principal directions, over their root of squared
+/// distances there: beyond, the values are constant along it. A corner of a cube of hexahedra has 0.7.
+const REACH: f64 = 2.0;
+
+/// Values at nodes from values at samples by least squares: to the samples of a patch a linear polynomial is fitted and
+/// evaluated at the node, so that linear fields are exact wherever a patch spans the body (patch recovery, Zienkiewicz and Zhu
+/// 1992). Along directions in which a patch has no extent the value is constant.
+#[derive(Debug, Clone)]
+pub struct Patches<T> {
+    starts: Vec<usize>,
+    samples: Vec<u32>,
+    factors: Vec<T>,
+}
+
+impl<T: Real> Patches<T> {
+    /// Fits at every node; `patches` writes the samples of the patches of a node, whose fits are averaged.
+    pub fn new(
+        nodes: &[Point3<T>],
+        samples: &[Point3<T>],
+        patches: impl Fn(usize, &mut Vec<Vec<u32>>) + Sync,
+    ) -> Self {
+        let row = |k: usize| {
+            let mut all = Vec::new();
+            patches(k, &mut all);
+            let share = T::one() / T::of(all.len().max(1) as f64);
+            let mut row: Vec<(u32, T)> = Vec::new();
+            for patch in &all {
+                fit(&nodes[k], samples, patch, share, &mut row);
+            }
+            row.sort_by_key(|e| e.0);
+            row.dedup_by(|b, a| {
+                a.0 == b.0 && {
+                    a.1 += b.1;
+                    true
+                }
+            });
+            row
+        };
+        let rows: Vec<Vec<(u32, T)>> = (0..nodes.len()).into_par_iter().map(row).collect();
+        let mut out = Self {
+            starts: vec![0],
+            samples: Vec::new(),
+            factors: Vec::new(),
+        };
+        for row in rows {
+            out.samples.extend(row.iter().map(|e| e.0));
+            out.factors.extend(row.iter().map(|e| e.1));
+            out.starts.push(out.samples.len());
+        }
+        out
+    }
+
+    /// Samples of a node and their factors, which sum to one.
+    pub fn row(&self, node: usize) -> impl Iterator<Item = (usize, T)> + '_ {
+        let range = self.starts[node]..self.starts[node + 1];
+        let samples = self.samples[range.clone()].iter().map(|s| *s as usize);
+        samples.zip(self.factors[range].iter().copied())
+    }
+
+    /// Appends strain and stress at `nodes` of `model` to `out`, from those `of` every one of `count` samples.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] for a node that is not there.
+    pub fn recover(
+        &self,
+        model: &str,
+        nodes: &[usize],
+        count: usize,
+        of: impl Fn(usize) -> [SymmetricTensor<T>; 2] + Sync,
+        out: &mut Vec<Recovered<T>>,
+    ) -> Result<()> {
+        if let Some(k) = nodes.iter().find(|k| **k >= self.len()) {
+            let rule = format!("'{model}' has {} nodes", self.len());
+            return Err(invalid("number of a node", k, &rule));
+        }
+        // Samples are shared by many patches where most nodes are asked for.
+        let known: Vec<_> = if nodes.len() * 4 > self.len() {
+            (0..count).into_par_iter().map(&of).collect()
+        } else {
+            Vec::new()
+        };
+        let at = |node: &usize| {
+            let mut sums = [SymmetricTensor::zero(); 2];
+            for (s, factor) in self.row(*node) {
+                let values = known.get(s).copied().unwrap_or_else(|| of(s));
+                for (sum, value) in sums.iter_mut().zip(values) {
+                    sum.0.iter_mut().zip(value.0).for_each(|(s, v)| *s += factor * v);
+                }
+            }
+            let [strain, stress] = sums;
+            let strain = Some(strain);
+            Recovered { strain, stress }
+        };
+        out.par_extend(nodes.par_iter().map(at));
+        Ok(())
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Whether there is no node.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// `1/n + (x − x̄)ᵀ M⁺ (x_s − x̄)` for every sample of a patch, `M = Σ (x_s − x̄)(x_s − x̄)ᵀ`.
+fn fit<T: Real>(x: &Point3<T>, samples: &[Point3<T>], patch: &[u32], share: T, row: &mut Vec<(u32, T)>) {
+    let each = share / T::of(patch.len() as f64);
+    let at = |s: &u32| samples[*s as usize].coords;
+    let mean = patch.iter().fold(Vector3::zeros(), |m, s| m + at(s)) / T::of(patch.len() as f64);
+    let spread = patch.iter().fold(Matrix3::zeros(), |m, s| {
+        let d = at(s) - mean;
+        m + d * d.transpose()
+    });
+    let own = x.coords - mean;
+    let flat = spread.trace() * T::epsilon() * T::of(64.0);
+    let mut slope = Vector3::zeros();
+    if spread.trace() > T::zero() {
+        let eigen = SymmetricEigen::new(spread);
+        for k in 0..3 {
+            let (axis, size) = (eigen.eigenvectors.column(k), eigen.eigenvalues[k]);
+            let out = axis.dot(&own);
+            if size > flat && out * out <= size * T::of(REACH * REACH) {
+                slope += axis * (out / size);
+            }
+        }
+    }
+    row.extend(
+        patch
+            .iter()
+            .map(|s| (*s, each + share * slope.dot(&(at(s) - mean)))),
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn invariants_of_stresses_are_those_of_the_textbook() {
+        let pull = SymmetricTensor([3.0_f64, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert!((pull.von_mises() - 3.0_f64).abs() < 1e-15);
+        let shear = SymmetricTensor([0.0_f64, 0.0, 0.0, 2.0, 0.0, 0.0]);
+        assert!((shear.von_mises() - 2.0 * 3.0_f64.sqrt()).abs() < 1e-15);
+        let [a, b, c] = shear.principal();
+        assert!((a - 2.0_f64).abs() < 1e-15 && b.abs() < 1e-15 && (c + 2.0).abs() < 1e-15);
+        let pressure = SymmetricTensor([-5.0_f64, -5.0, -5.0, 0.0, 0.0, 0.0]);
+        assert!(pressure.von_mises().abs() < 1e-15_f64);
+    }
+
+    /// Nodes of a cube, of a plate one sample thick, and of a line: linear fields come out exactly, however the body lies.
+    #[test]
+    fn linear_fields_are_exact_where_patches_span_the_body() {
+        let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.8, 1.9);
+        for counts in [[3, 3, 3], [4, 4, 1], [5, 1, 1]] {
+            let all = (0..counts[0] * counts[1] * counts[2]).map(|k| {
+                let [i, j, l] = [
+                    k % counts[0],
+                    k / counts[0] % counts[1],
+                    k / (counts[0] * counts[1]),
+                ];
+                turn * Point3::new(i as f64, 1.3 * j as f64, 0.7 * l as f64)
+            });
+            let samples: Vec<Point3<f64>> = all.collect();
+            let n = samples.len() as u32;
+            let first = samples[0].coords;
+            let along: Vec<Vector3<f64>> = (0..3)
+                .filter(|c| counts[*c] > 1)
+                .map(|c| turn * Vector3::ith(c, 1.0))
+                .collect();
+            let nodes: Vec<Point3<f64>> = (0..7)
+                .map(|k| {
+                    let out = along
+                        .iter()
+                        .fold(first, |x, a| x + a * (0.5 * f64::from(k) - 0.5));
+                    Point3::from(out)
+                })
+                .collect();
+            let patches = Patches::new(&nodes, &samples, |_, out| out.push((0..n).collect()));
+            let field = |x: &Point3<f64>| 2.0 + along.iter().map(|a| a.dot(&x.coords)).sum::<f64>();
+            for (k, x) in nodes.iter().enumerate() {
+                let found: f64 = patches.row(k).map(|(s, c)| c * field(&samples[s])).sum();
+                assert!((found - field(x)).abs() < 1e-12, "{counts:?}, {k}: {found}");
+                let unity: f64 = patches.row(k).map(|(_, c)| c).sum();
+                assert!((unity - 1.0).abs() < 1e-13);
+            }
+        }
+    }
+}

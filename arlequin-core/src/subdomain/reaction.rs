@@ -1,0 +1,156 @@
+//! What holds a subdomain: the balance of its prescribed unknowns, and resultants of forces on it.
+
+use super::{Stepper, Subdomain, average};
+use crate::model::Arms;
+use crate::{Error, Real, Result};
+use nalgebra::{Point3, Vector3};
+
+/// Force and moment of forces on a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resultant<T: Real> {
+    /// Force on the model \[N\].
+    pub force: Vector3<T>,
+    /// Moment on the model about the point asked for, torques on rotations included \[N m\]. Arms are those of the effect
+    /// where it says them ([`AnyEffect::arms`]), else those of the model: present positions where its forces turn with it
+    /// ([`Arms::Current`]), those at rest otherwise.
+    ///
+    /// [`AnyEffect::arms`]: crate::effect::AnyEffect::arms
+    pub moment: Vector3<T>,
+}
+
+impl<T: Real> Resultant<T> {
+    /// No force.
+    pub fn zero() -> Self {
+        Self {
+            force: Vector3::zeros(),
+            moment: Vector3::zeros(),
+        }
+    }
+}
+
+impl<T: Real> std::ops::AddAssign for Resultant<T> {
+    fn add_assign(&mut self, other: Self) {
+        self.force += other.force;
+        self.moment += other.moment;
+    }
+}
+
+impl<T: Real> Subdomain<T> {
+    /// Brings the forces of all effects to the present instant.
+    ///
+    /// # Errors
+    /// Those of the effects; [`Error::Unsupported`] between a restored state and its first step.
+    pub(crate) fn refresh(&mut self, time: T) -> Result<()> {
+        if !self.forces.known() {
+            return Err(Error::Unsupported {
+                model: self.model.name().to_owned(),
+                what: "tell its reactions: forces of a restored state are known after the next step".into(),
+            });
+        }
+        // The implicit scheme has its loads from the middle of the step.
+        if let Stepper::Average(average) = &mut self.stepper {
+            let at = average::instant(time, self.pace.dt, &self.state, self.forces.internal());
+            average.load(&mut self.effects, &at)?;
+        }
+        Ok(())
+    }
+
+    /// Writes internal and external forces, weighted, at the present instant.
+    ///
+    /// # Errors
+    /// Those of the model and of [`Self::refresh`].
+    pub(crate) fn pull(&mut self, time: T, out: &mut [T]) -> Result<()> {
+        self.refresh(time)?;
+        match &self.stepper {
+            Stepper::Guest(_) => out.fill(T::zero()),
+            Stepper::Average(average) => {
+                let all = self.forces.internal().iter().zip(average.loads());
+                out.iter_mut().zip(all).for_each(|(o, (f, g))| *o = *f + *g);
+            }
+            // The model makes its steps itself; nothing else acts on it then.
+            Stepper::Verlet if self.forces.internal().is_empty() => {
+                out.fill(T::zero());
+                self.model.add_internal_forces(&self.state.q, out)?;
+            }
+            Stepper::Verlet => out.copy_from_slice(self.forces.total()),
+        }
+        Ok(())
+    }
+
+    /// `R = M q̈ − F` of the prescribed unknowns, zero elsewhere, from all forces `F` but those of the supports.
+    pub(crate) fn react(&self, forces: &mut [T]) {
+        let mut kept = vec![T::zero(); forces.len()];
+        for &d in self.supports.iter().flat_map(|m| &m.dofs) {
+            kept[d] = self.inertia[d] * self.state.a[d] - forces[d];
+        }
+        forces.copy_from_slice(&kept);
+    }
+
+    /// Force and moment about a point of the forces on some unknowns.
+    pub(crate) fn resultant(
+        &self,
+        forces: &[T],
+        unknowns: impl Iterator<Item = usize>,
+        about: &Point3<T>,
+    ) -> Resultant<T> {
+        let layout = self.model.layout();
+        let mut out = Resultant::zero();
+        for d in unknowns {
+            match d.checked_sub(layout.translations()) {
+                Some(behind) => out.moment[behind % 3] += forces[d],
+                None => {
+                    let mut force = Vector3::zeros();
+                    force[d % layout.components] = forces[d];
+                    out.force += force;
+                    let arm = self.arm(d / layout.components, about, self.model.arms());
+                    out.moment += arm.cross(&force);
+                }
+            }
+        }
+        out
+    }
+
+    /// Force and moment about a point of the last forces of an effect, by their power in unit motions.
+    ///
+    /// `power` is that of [`crate::effect::Effect::power`] or of one side of a pair effect, `arms` what the effect says.
+    pub(crate) fn resultant_by_power(
+        &self,
+        about: &Point3<T>,
+        arms: Option<Arms>,
+        power: impl Fn(&[T]) -> T,
+    ) -> Resultant<T> {
+        let layout = self.model.layout();
+        let arms = arms.unwrap_or_else(|| self.model.arms());
+        let mut motion = vec![T::zero(); layout.dofs()];
+        let mut out = Resultant::zero();
+        for c in 0..3 {
+            let axis = Vector3::ith(c, T::one());
+            if c < layout.components {
+                motion.fill(T::zero());
+                let translations = motion[..layout.translations()].chunks_exact_mut(layout.components);
+                translations.for_each(|v| v[c] = T::one());
+                out.force[c] = power(&motion);
+            }
+            motion.fill(T::zero());
+            for node in 0..layout.nodes {
+                let v = axis.cross(&self.arm(node, about, arms));
+                (0..layout.components).for_each(|k| motion[node * layout.components + k] = v[k]);
+                if layout.turns() {
+                    motion[layout.translations() + 3 * node + c] = T::one();
+                }
+            }
+            out.moment[c] = power(&motion);
+        }
+        out
+    }
+
+    /// From a point to a node, where its forces act.
+    fn arm(&self, node: usize, about: &Point3<T>, arms: Arms) -> Vector3<T> {
+        let layout = self.model.layout();
+        let mut arm = self.model.nodes()[node] - about;
+        if arms == Arms::Current {
+            (0..layout.components).for_each(|c| arm[c] += self.state.q[node * layout.components + c]);
+        }
+        arm
+    }
+}

@@ -1,0 +1,61 @@
+//! A subdomain that is put into a state at rest.
+
+use super::account::Energies;
+use super::{Stepper, Subdomain};
+use crate::effect::Instant;
+use crate::weight::Weighting;
+use crate::{Real, Result};
+
+impl<T: Real> Subdomain<T> {
+    /// Why its equilibrium is not the solution of one linear system, if so.
+    pub(crate) fn not_direct(&mut self) -> Option<String> {
+        if self.is_guest() {
+            return Some("it is a solver of its own".into());
+        }
+        if self.model.evolving().is_some() {
+            return Some("it changes itself as it moves".into());
+        }
+        if self.weights.weighting == Weighting::Nodal || self.model.as_linear().is_none() {
+            return Some("its forces are not linear, or weighted at its nodes".into());
+        }
+        // Dampings have no force at rest; what adds to the stiffness has.
+        let mut bound = self.effects.iter();
+        let bound = bound.find(|e| !e.effect.is_dead() && e.effect.step_demand().stiffness > T::zero());
+        bound.map(|e| format!("effect '{}' depends on positions", e.effect.name()))
+    }
+
+    /// Goes to displacements of a time, without velocities.
+    pub(crate) fn rest(&mut self, q: &[T], time: T) -> Result<()> {
+        self.state.q.copy_from_slice(q);
+        self.state.v.fill(T::zero());
+        self.state.a.fill(T::zero());
+        self.energies = Energies::unknown();
+        let mut forces = vec![T::zero(); q.len()];
+        self.model.advance(q, &mut forces)?;
+        self.forces.settle(forces);
+        let at = Instant {
+            time,
+            q: &self.state.q,
+            v_half: &self.state.v,
+            dt: self.pace.dt,
+            internal: self.forces.internal(),
+            internal_before: self.forces.internal(),
+        };
+        let mut loads = self.forces.internal().to_vec();
+        for e in &mut self.effects {
+            e.effect.add_forces(&at, &mut loads)?;
+        }
+        self.forces.settle_loads(&loads);
+        Ok(())
+    }
+
+    /// Writes internal forces alone, weighted, of the present state.
+    pub(crate) fn internal_forces_now(&mut self, out: &mut [T]) -> Result<()> {
+        if self.forces.internal().is_empty() && matches!(self.stepper, Stepper::Verlet) {
+            out.fill(T::zero());
+            return self.model.add_internal_forces(&self.state.q, out);
+        }
+        out.copy_from_slice(self.forces.internal());
+        Ok(())
+    }
+}

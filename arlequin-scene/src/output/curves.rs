@@ -1,0 +1,78 @@
+//! One probe over another, `[curve.NAME]`.
+
+use super::csv;
+use crate::error::Result;
+use crate::recorder::Recorder;
+use crate::spec::{Curve, SceneSpec};
+use std::path::Path;
+
+/// An axis of a curve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CurveAxis {
+    /// Probe, quantity and factor, if there is one.
+    pub label: String,
+    /// SI unit.
+    pub unit: String,
+    /// Values.
+    pub values: Vec<f64>,
+}
+
+impl CurveAxis {
+    fn of(probe: &str, factor: f64, r: &Recorder) -> Option<Self> {
+        let k = r.readers.iter().position(|p| p.name == probe)?;
+        let label = r.readers[k].quantity.label();
+        let (quantity, unit) = label.strip_suffix(']')?.split_once(" [")?;
+        let factor = (
+            factor,
+            if factor.to_bits() == 1.0_f64.to_bits() {
+                String::new()
+            } else {
+                format!("{factor} ")
+            },
+        );
+        Some(Self {
+            label: format!("{}{probe} {quantity}", factor.1),
+            unit: unit.to_owned(),
+            values: r.probes.columns[k].iter().map(|v| factor.0 * v).collect(),
+        })
+    }
+
+    fn title(&self) -> String {
+        format!("{} [{}]", self.label, self.unit)
+    }
+}
+
+/// A curve as it is written and drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CurveLine {
+    /// Name in the scene.
+    pub name: String,
+    /// Times \[s\].
+    pub times: Vec<f64>,
+    /// Horizontal axis.
+    pub x: CurveAxis,
+    /// Vertical axis.
+    pub y: CurveAxis,
+}
+
+/// Curves of what was recorded; probes are known by then.
+pub(crate) fn of(scene: &SceneSpec, r: &Recorder) -> Vec<CurveLine> {
+    let line = |(name, c): (&String, &Curve)| {
+        Some(CurveLine {
+            name: name.clone(),
+            times: r.probes.times.clone(),
+            x: CurveAxis::of(&c.x, c.x_factor, r)?,
+            y: CurveAxis::of(&c.y, c.y_factor, r)?,
+        })
+    };
+    scene.curve.iter().filter_map(line).collect()
+}
+
+/// Writes one table per curve.
+pub(crate) fn write(folder: &Path, curves: &[CurveLine]) -> Result<()> {
+    curves.iter().try_for_each(|c| {
+        let names = ["time [s]".to_owned(), c.x.title(), c.y.title()];
+        let path = folder.join(format!("curve-{}.csv", c.name));
+        csv(&path, &names, &[&c.times, &c.x.values, &c.y.values])
+    })
+}

@@ -1,0 +1,110 @@
+//! What models recover, as arrays of their frames.
+
+use super::vtu::Array;
+use crate::error::{Result, core};
+use crate::spec::OutputField;
+use arlequin::core::{Coupled, Recovered, Subdomain, SymmetricTensor};
+
+/// Components of a symmetric tensor as viewers of VTU files name them: xx, yy, zz, xy, yz, xz.
+const TENSOR: usize = 6;
+
+/// Fields that need stresses or strains, with the numbers they have at a node.
+fn width(field: OutputField) -> usize {
+    match field {
+        OutputField::Stress | OutputField::Strain => TENSOR,
+        OutputField::VonMises => 1,
+        OutputField::PrincipalStress => 3,
+        _ => 0,
+    }
+}
+
+/// Bytes that recovered fields take in a frame of a model, bonds included.
+pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
+    let nodes = s.model().recovery().map_or(0, |r| {
+        let told = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
+        s.model().nodes().len() * fields.iter().filter(told).map(|f| width(*f)).sum::<usize>()
+    });
+    let bonds = s.model().links().map_or(0, |l| l.pairs().len());
+    8 * (nodes
+        + if fields.contains(&OutputField::BondForces) {
+            3 * bonds
+        } else {
+            0
+        })
+}
+
+/// Stresses and strains at the nodes, as far as they are wanted and the model knows them.
+pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Vec<Array>> {
+    let wanted = fields.iter().any(|f| width(*f) > 0);
+    let Some(recovery) = s.model().recovery().filter(|_| wanted) else {
+        return Ok(Vec::new());
+    };
+    let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
+    let mut found = Vec::with_capacity(nodes.len());
+    let name = s.model().name();
+    let told = recovery.recover(&s.state().q, &nodes, &mut found);
+    told.map_err(core(format!("output.fields of model '{name}'")))?;
+    let array = |name: &str, components: usize, values: &dyn Fn(&Recovered<f64>, &mut Vec<f64>)| {
+        let mut all = Vec::with_capacity(components * found.len());
+        found.iter().for_each(|r| values(r, &mut all));
+        Array {
+            name: name.into(),
+            components,
+            values: all,
+        }
+    };
+    let strain = |r: &Recovered<f64>| r.strain.unwrap_or_else(SymmetricTensor::zero);
+    let mut out = Vec::new();
+    for field in fields {
+        out.push(match field {
+            OutputField::Stress => array("stress [Pa]", TENSOR, &|r, v| v.extend(r.stress.0)),
+            OutputField::Strain if recovery.has_strain() => {
+                array("strain [-]", TENSOR, &|r, v| v.extend(strain(r).0))
+            }
+            OutputField::VonMises => array("von Mises stress [Pa]", 1, &|r, v| v.push(r.stress.von_mises())),
+            OutputField::PrincipalStress => array("principal stresses [Pa]", 3, &|r, v| {
+                v.extend(r.stress.principal());
+            }),
+            _ => continue,
+        });
+    }
+    Ok(out)
+}
+
+/// Sum of the contact forces on every node of a model that has contact.
+pub(super) fn contacts(fields: &[OutputField], run: &Coupled<f64>, model: usize) -> Option<Array> {
+    let layout = run.subdomains()[model].model().layout();
+    if !fields.contains(&OutputField::ContactForces) || layout.components != 3 {
+        return None;
+    }
+    let mut forces = vec![0.0; layout.dofs()];
+    let any = run.add_contact_forces(model, &mut forces);
+    forces.truncate(layout.translations());
+    any.then(|| Array {
+        name: "contact force [N]".into(),
+        components: 3,
+        values: forces,
+    })
+}
+
+/// What bonds carry, as arrays of the `cells` of a picture that shows them.
+pub(super) fn bonds(fields: &[OutputField], s: &Subdomain<f64>, cells: usize) -> Result<Vec<Array>> {
+    let wanted = fields.contains(&OutputField::BondForces);
+    let links = s.model().links().filter(|l| wanted && l.pairs().len() == cells);
+    let Some(links) = links else { return Ok(Vec::new()) };
+    let mut found = Vec::with_capacity(cells);
+    let told = links.forces(&s.state().q, &mut found);
+    told.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
+    let array = |name: &str, values: Vec<f64>| Array {
+        name: name.into(),
+        components: 1,
+        values,
+    };
+    let mut out = vec![
+        array("axial force [N]", found.iter().map(|b| b.axial).collect()),
+        array("shear force [N]", found.iter().map(|b| b.shear).collect()),
+    ];
+    let used: Option<Vec<f64>> = found.iter().map(|b| b.utilisation).collect();
+    out.extend(used.map(|u| array("utilisation [-]", u)));
+    Ok(out)
+}

@@ -1,0 +1,203 @@
+//! Pieces into which bodies of bonds have fallen, over time.
+
+use super::put;
+use crate::error::{Result, core};
+use arlequin::core::{Coupled, Uniform};
+use arlequin::dem_beam::fracture::{SharedLog, locked};
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Most pieces of one model that are listed at one instant, the heaviest.
+const MOST: usize = 1_000;
+
+/// A piece at one instant; number 0 stands for all particles without a bond.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Piece {
+    /// Time \[s\].
+    pub time: f64,
+    /// Name of the model.
+    pub model: String,
+    /// Number, from 1 for the heaviest.
+    pub number: usize,
+    /// Its particles.
+    pub particles: usize,
+    /// Unweighted mass \[kg\].
+    pub mass: f64,
+    /// Present centre of mass \[m\].
+    pub centre: [f64; 3],
+    /// Velocity of the centre of mass \[m/s\].
+    pub velocity: [f64; 3],
+}
+
+/// A model that can fall to pieces.
+#[derive(Debug)]
+struct Body {
+    number: usize,
+    breaks: SharedLog,
+    masses: Vec<f64>,
+}
+
+/// The pieces of all models whose bonds can break.
+#[derive(Debug, Default)]
+pub struct Fragments {
+    bodies: Vec<Body>,
+    /// What was found so far.
+    pub rows: Vec<Piece>,
+}
+
+/// Sums over the particles of a piece.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    particles: usize,
+    mass: f64,
+    place: [f64; 3],
+    momentum: [f64; 3],
+}
+
+impl Sums {
+    fn add(&mut self, other: &Self) {
+        self.particles += other.particles;
+        self.mass += other.mass;
+        for c in 0..3 {
+            self.place[c] += other.place[c];
+            self.momentum[c] += other.momentum[c];
+        }
+    }
+
+    fn piece(&self, time: f64, model: &str, number: usize) -> Piece {
+        Piece {
+            time,
+            model: model.to_owned(),
+            number,
+            particles: self.particles,
+            mass: self.mass,
+            centre: self.place.map(|x| x / self.mass),
+            velocity: self.momentum.map(|p| p / self.mass),
+        }
+    }
+}
+
+/// The lowest particle of the piece that every particle belongs to.
+fn lowest(count: usize, bonds: impl Iterator<Item = [u32; 2]>) -> Vec<u32> {
+    fn find(parent: &mut [u32], mut i: u32) -> u32 {
+        while parent[i as usize] != i {
+            parent[i as usize] = parent[parent[i as usize] as usize];
+            i = parent[i as usize];
+        }
+        i
+    }
+    let mut parent: Vec<u32> = (0..count as u32).collect();
+    for [i, j] in bonds {
+        let (i, j) = (find(&mut parent, i), find(&mut parent, j));
+        parent[i.max(j) as usize] = i.min(j);
+    }
+    (0..count as u32).map(|i| find(&mut parent, i)).collect()
+}
+
+impl Fragments {
+    /// Of the models whose bonds can break.
+    pub(crate) fn new(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<Self> {
+        let mut bodies = Vec::new();
+        for (number, log) in breaks.iter().enumerate() {
+            let model = run.subdomains()[number].model();
+            let Some(breaks) = log.clone().filter(|_| model.links().is_some()) else {
+                continue;
+            };
+            let mut inertia = vec![0.0; model.layout().dofs()];
+            let weighed = model.lumped_inertia(&Uniform(1.0), &mut inertia);
+            weighed.map_err(core(format!("model.{}", model.name())))?;
+            let d = model.layout().components;
+            let masses = inertia[..model.layout().translations()]
+                .iter()
+                .step_by(d)
+                .copied();
+            bodies.push(Body {
+                number,
+                breaks,
+                masses: masses.collect(),
+            });
+        }
+        Ok(Self {
+            bodies,
+            rows: Vec::new(),
+        })
+    }
+
+    /// Finds the pieces of this instant.
+    pub(crate) fn look(&mut self, run: &Coupled<f64>) {
+        for b in &self.bodies {
+            let s = &run.subdomains()[b.number];
+            let Some(links) = s.model().links() else { continue };
+            let log = locked(&b.breaks);
+            let whole = links
+                .pairs()
+                .iter()
+                .enumerate()
+                .filter(|(k, _)| !log.is_broken(*k));
+            let piece = lowest(b.masses.len(), whole.map(|(_, p)| *p));
+            let mut sums = vec![Sums::default(); b.masses.len()];
+            for (i, x) in s.model().nodes().iter().enumerate() {
+                let (m, q, v) = (b.masses[i], &s.state().q, &s.state().v);
+                sums[piece[i] as usize].add(&Sums {
+                    particles: 1,
+                    mass: m,
+                    place: [0, 1, 2].map(|c| m * (x[c] + q[3 * i + c])),
+                    momentum: [0, 1, 2].map(|c| m * v[3 * i + c]),
+                });
+            }
+            let (mut pieces, mut dust) = (Vec::new(), Sums::default());
+            for s in sums.iter().filter(|s| s.particles > 0) {
+                if s.particles == 1 {
+                    dust.add(s);
+                } else {
+                    pieces.push(*s);
+                }
+            }
+            pieces.sort_by(|a, b| b.mass.total_cmp(&a.mass));
+            let (time, name) = (run.time(), s.model().name());
+            let listed = pieces.iter().take(MOST).enumerate();
+            self.rows.extend(listed.map(|(k, s)| s.piece(time, name, k + 1)));
+            if dust.particles > 0 {
+                self.rows.push(dust.piece(time, name, 0));
+            }
+        }
+    }
+
+    /// Whether there is any model that can fall to pieces.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.bodies.is_empty()
+    }
+}
+
+/// Writes the table.
+pub(crate) fn write(path: &Path, rows: &[Piece]) -> Result<()> {
+    let mut text = "time [s],model,fragment [-],particles [-],mass [kg],x [m],y [m],z [m],velocity x [m/s],velocity y [m/s],\
+                    velocity z [m/s]\n"
+        .to_owned();
+    for p in rows {
+        let _ = write!(
+            text,
+            "{:e},{},{},{},{:e}",
+            p.time, p.model, p.number, p.particles, p.mass
+        );
+        for x in p.centre.iter().chain(&p.velocity) {
+            let _ = write!(text, ",{x:e}");
+        }
+        text.push('\n');
+    }
+    put(path, &[text.as_bytes()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::lowest;
+
+    #[test]
+    fn pieces_are_what_bonds_connect_whatever_their_order() {
+        let bonds = [[4, 2], [5, 6], [2, 0], [6, 4]];
+        assert_eq!(lowest(8, bonds.into_iter()), [0, 1, 0, 3, 0, 0, 0, 7]);
+        assert_eq!(lowest(8, bonds.into_iter().rev()), [0, 1, 0, 3, 0, 0, 0, 7]);
+        assert_eq!(lowest(3, std::iter::empty()), [0, 1, 2]);
+    }
+}

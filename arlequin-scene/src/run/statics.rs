@@ -1,0 +1,67 @@
+//! Scenes at rest: from one load step to the next.
+
+use super::session::Session;
+use super::{End, Observer};
+use crate::error::{Result, core};
+use crate::setup::LoadSteps;
+use arlequin::core::Settled;
+use serde::{Deserialize, Serialize};
+
+/// A load step that is in equilibrium.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LoadStep {
+    /// Time of its loads \[s\].
+    pub time: f64,
+    /// `direct` or `relaxed`.
+    pub method: String,
+    /// Relative residual: of the linear system, or largest unbalanced force over the largest internal force.
+    pub residual: f64,
+    /// Steps of relaxation.
+    pub iterations: usize,
+    /// Internal energy \[J\].
+    pub energy: f64,
+}
+
+impl LoadStep {
+    fn of(time: f64, s: &Settled<f64>) -> Self {
+        Self {
+            time,
+            method: s.method.to_owned(),
+            residual: s.residual,
+            iterations: s.iterations,
+            energy: s.energy,
+        }
+    }
+}
+
+impl Session<'_> {
+    /// Goes through the load steps that are left, until the observer ends it.
+    pub(super) fn settle(&mut self, steps: &LoadSteps, observer: &mut dyn Observer) -> Result<End> {
+        self.recorder.warnings.iter().for_each(|w| observer.warning(w));
+        let every = self.scene.spec().output.checkpoint_every;
+        let mut end = End::Complete;
+        for made in self.run.steps()..steps.times.len() {
+            let from = made.checked_sub(1).map_or(0.0, |k| steps.times[k]);
+            let time = steps.times[made];
+            let settled = self.run.settle(from, time, &steps.relaxation);
+            let settled = settled.map_err(core("static"))?;
+            self.recorder.load_steps.push(LoadStep::of(time, &settled));
+            self.recorder.observe(&mut self.run, None)?;
+            self.flush()?;
+            let asked = observer.step(&self.run, self.steps);
+            if made + 1 == steps.times.len() {
+                break;
+            }
+            if every.is_some_and(|n| (made + 1).is_multiple_of(n)) {
+                self.save()?;
+            }
+            if asked.is_break() {
+                end = End::Interrupted;
+                break;
+            }
+        }
+        observer.stepped();
+        self.clock.enter(None);
+        Ok(end)
+    }
+}

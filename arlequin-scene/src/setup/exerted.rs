@@ -1,0 +1,239 @@
+//! What supports, loads, rigid bodies and other effects exert on the models: the forces and moments that probes read.
+
+use super::kinds::Body;
+use super::{drive, effect_models, select};
+use crate::error::{Result, core, key, unknown, value};
+use crate::spec::{Effect, EffectKind, ObstacleShape, Probe, Quantity, SceneSpec, Selection};
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::{Coupled, Resultant};
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+
+/// Everything of one name.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Exerted {
+    name: String,
+    about: Point3<f64>,
+    /// Model and number among its supports.
+    supports: Vec<(usize, usize)>,
+    /// Models that effects of this name act on.
+    models: Vec<usize>,
+}
+
+/// Forces at one instant, each found once however many probes read it.
+#[derive(Debug, Default)]
+pub struct Readings<'a> {
+    reactions: BTreeMap<usize, Vec<f64>>,
+    found: Vec<(&'a Exerted, Resultant<f64>)>,
+}
+
+impl<'a> Readings<'a> {
+    /// Force and moment on the models.
+    pub(super) fn of(&mut self, what: &'a Exerted, run: &mut Coupled<f64>) -> Result<Resultant<f64>> {
+        if let Some((_, known)) = self.found.iter().find(|(w, _)| *w == what) {
+            return Ok(*known);
+        }
+        let at = || format!("the force of '{}'", what.name);
+        let mut sum = Resultant::zero();
+        for &(m, support) in &what.supports {
+            let known = match self.reactions.entry(m) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(empty) => empty.insert(run.reactions(m).map_err(core(at()))?),
+            };
+            let part = run.support_resultant(m, support, known, &what.about);
+            sum += part.map_err(core(at()))?;
+        }
+        for &m in &what.models {
+            let part = run.effect_resultant(m, &what.name, &what.about);
+            sum += part.map_err(core(at()))?;
+        }
+        self.found.push((what, sum));
+        Ok(sum)
+    }
+}
+
+/// What bears a name, before anything is built.
+#[derive(Default)]
+struct Bearers<'a> {
+    supports: Vec<(usize, usize)>,
+    models: Vec<usize>,
+    /// Models and their parts that are held or loaded.
+    parts: Vec<(usize, &'a Selection)>,
+    /// A place of its own \[m\].
+    centre: Option<[f64; 3]>,
+    /// Whether it acts on whole models.
+    everywhere: bool,
+    /// Whether there is an effect of the name, were it switched off.
+    effect: bool,
+}
+
+/// Name of support `k`.
+fn support_name(k: usize, scene: &SceneSpec) -> String {
+    let own = scene.support[k].name.clone();
+    own.unwrap_or_else(|| format!("support-{}", k + 1))
+}
+
+/// Name of an effect in the ledger; none for bonds that break, which exert nothing.
+fn effect_name(k: usize, e: &Effect) -> Option<String> {
+    match (&e.kind, &e.between) {
+        (EffectKind::Fracture(_), _) => None,
+        (EffectKind::Obstacle(o), _) => Some(drive::obstacle_name(k, o)),
+        (_, Some(between)) => Some(format!("contact {}", between.join("-"))),
+        _ => Some(e.kind.key().replace('_', "-")),
+    }
+}
+
+/// Everything that has a name of its own.
+fn names(scene: &SceneSpec) -> Vec<String> {
+    let supports = (0..scene.support.len()).map(|k| support_name(k, scene));
+    let loads = scene.load.iter().enumerate().map(|(k, l)| drive::load_name(k, l));
+    let effects = scene.effect.iter().enumerate();
+    let effects = effects.filter_map(|(k, e)| effect_name(k, e));
+    let mut all: Vec<String> = supports.chain(loads).chain(effects).collect();
+    all.sort();
+    all.dedup();
+    all
+}
+
+/// Whether something acts on the models that a probe could name.
+pub(crate) fn acts(of: &str, scene: &SceneSpec) -> bool {
+    names(scene).iter().any(|n| n == of)
+}
+
+/// What a name stands for.
+fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>> {
+    let mut out = Bearers::default();
+    let mut counts = BTreeMap::<usize, usize>::new();
+    for (k, s) in scene.support.iter().enumerate() {
+        let m = drive::model_index(&format!("support[{k}].model"), &s.model, scene)?;
+        let number = counts.entry(m).or_default();
+        if support_name(k, scene) == of {
+            out.supports.push((m, *number));
+            out.parts.push((m, &s.at));
+        }
+        *number += 1;
+    }
+    for (k, l) in scene.load.iter().enumerate() {
+        if drive::load_name(k, l) == of {
+            let m = drive::model_index(&format!("load[{k}].model"), &l.model, scene)?;
+            out.models.push(m);
+            out.parts.push((m, &l.at));
+        }
+    }
+    for (k, e) in scene.effect.iter().enumerate() {
+        if effect_name(k, e).as_deref() != Some(of) {
+            continue;
+        }
+        out.effect = true;
+        if let EffectKind::Obstacle(o) = &e.kind {
+            out.centre = Some(match o.shape {
+                ObstacleShape::Plane { point, .. } | ObstacleShape::Cylinder { point, .. } => point,
+                ObstacleShape::Sphere { centre, .. } => centre,
+            });
+        } else {
+            out.everywhere = true;
+        }
+        if e.enabled {
+            match super::between::sides(k, e, scene)? {
+                Some(sides) => out.models.extend(sides),
+                None => out.models.extend(effect_models(k, e, scene)?),
+            }
+        }
+    }
+    out.models.sort_unstable();
+    out.models.dedup();
+    let all = names(scene);
+    if out.supports.is_empty() && out.models.is_empty() && !out.effect {
+        let what = "support, load, rigid body or effect";
+        return Err(unknown(format!("{path}.of"), of, what, all.iter()));
+    }
+    if !out.supports.is_empty() && (out.effect || !out.models.is_empty()) {
+        let rule = "is the name of a support and of something else; give them different names";
+        return Err(value(format!("{path}.of"), of, rule));
+    }
+    Ok(out)
+}
+
+/// Refuses what can be seen to be wrong with a probe of forces before anything is built.
+pub(super) fn check(path: &str, of: &str, probe: &Probe, scene: &SceneSpec) -> Result<()> {
+    if probe.at.is_some() || probe.over.is_some() {
+        return Err(key(path, "of is a place by itself; remove at and where"));
+    }
+    if !matches!(probe.quantity, Quantity::Force | Quantity::Moment) {
+        let rule = "is read with quantity = \"force\" or \"moment\"; choose one";
+        return Err(value(format!("{path}.of"), of, rule));
+    }
+    super::probe::axis(path, probe)?;
+    let mut found = bearers(path, of, scene)?;
+    restrict(path, probe, scene, &mut found)?;
+    let mut pairs = scene
+        .effect
+        .iter()
+        .enumerate()
+        .filter(|(_, e)| e.between.is_some());
+    if probe.model.is_none() && pairs.any(|(k, e)| effect_name(k, e).as_deref() == Some(of)) {
+        let rule = "adds up to nothing over both models; name the one on which the force is meant";
+        return Err(key(format!("{path}.model"), rule));
+    }
+    if probe.quantity == Quantity::Moment && probe.about.is_none() && found.everywhere {
+        let rule = format!("is needed: '{of}' has no centre of its own to take the moment about [m]");
+        return Err(key(format!("{path}.about"), rule));
+    }
+    Ok(())
+}
+
+/// Keeps what acts on the model of the probe, if it names one.
+fn restrict(path: &str, probe: &Probe, scene: &SceneSpec, found: &mut Bearers<'_>) -> Result<()> {
+    let Some(name) = &probe.model else { return Ok(()) };
+    let m = drive::model_index(&format!("{path}.model"), name, scene)?;
+    if found.supports.is_empty() && found.models.is_empty() {
+        return Ok(());
+    }
+    found.supports.retain(|s| s.0 == m);
+    found.models.retain(|s| *s == m);
+    found.parts.retain(|p| p.0 == m);
+    if found.supports.is_empty() && found.models.is_empty() {
+        let of = probe.of.as_deref().unwrap_or_default();
+        let rule = format!("'{of}' does not act on this model; remove it for all that it acts on");
+        return Err(value(format!("{path}.model"), name, &rule));
+    }
+    Ok(())
+}
+
+impl Exerted {
+    /// Prepares what a probe reads.
+    pub(super) fn new(
+        path: &str,
+        of: &str,
+        probe: &Probe,
+        scene: &SceneSpec,
+        bodies: &[Body],
+    ) -> Result<Self> {
+        check(path, of, probe, scene)?;
+        let mut found = bearers(path, of, scene)?;
+        restrict(path, probe, scene, &mut found)?;
+        let about = match probe.about.or(found.centre) {
+            Some(point) => Point3::from(point),
+            None => centroid(path, &found.parts, bodies)?,
+        };
+        Ok(Self {
+            name: of.to_owned(),
+            about,
+            supports: found.supports,
+            models: found.models,
+        })
+    }
+}
+
+/// Mean of the places of the nodes that are held or loaded; the origin if there are none.
+fn centroid(path: &str, parts: &[(usize, &Selection)], bodies: &[Body]) -> Result<Point3<f64>> {
+    let (mut sum, mut count) = (Point3::origin().coords, 0);
+    for (m, selection) in parts {
+        let body = &bodies[*m];
+        for n in select::nodes(&format!("{path}.of"), body, selection)? {
+            sum += body.model.nodes()[n].coords;
+            count += 1;
+        }
+    }
+    Ok(Point3::from(sum / f64::from(count.max(1))))
+}

@@ -1,0 +1,387 @@
+//! Functions of time from expressions and from tables in files.
+
+use crate::error::{Error, Result, key, value};
+use crate::spec::{EffectKind, SceneSpec, TimeShape};
+use arlequin::core::Formula;
+use std::path::Path;
+
+/// Deepest nesting of an expression.
+const DEEP: usize = 100;
+
+/// A part of an expression.
+enum Node {
+    Number(f64),
+    Time,
+    One(fn(f64) -> f64, Box<Self>),
+    Two(fn(f64, f64) -> f64, Box<[Self; 2]>),
+}
+
+impl Node {
+    fn at(&self, t: f64) -> f64 {
+        match self {
+            Self::Number(x) => *x,
+            Self::Time => t,
+            Self::One(f, x) => f(x.at(t)),
+            Self::Two(f, x) => f(x[0].at(t), x[1].at(t)),
+        }
+    }
+
+    fn two(f: fn(f64, f64) -> f64, a: Self, b: Self) -> Self {
+        Self::Two(f, Box::new([a, b]))
+    }
+}
+
+/// A function of one argument by its name.
+type One = (&'static str, fn(f64) -> f64);
+/// A function of two.
+type Two = (&'static str, fn(f64, f64) -> f64);
+
+/// Functions of one argument.
+const ONE: [One; 18] = [
+    ("sin", f64::sin),
+    ("cos", f64::cos),
+    ("tan", f64::tan),
+    ("asin", f64::asin),
+    ("acos", f64::acos),
+    ("atan", f64::atan),
+    ("sinh", f64::sinh),
+    ("cosh", f64::cosh),
+    ("tanh", f64::tanh),
+    ("exp", f64::exp),
+    ("ln", f64::ln),
+    ("log10", f64::log10),
+    ("sqrt", f64::sqrt),
+    ("abs", f64::abs),
+    ("floor", f64::floor),
+    ("ceil", f64::ceil),
+    ("round", f64::round),
+    ("step", |x| f64::from(u8::from(x >= 0.0))),
+];
+
+/// Functions of two.
+const TWO: [Two; 3] = [("min", f64::min), ("max", f64::max), ("atan2", f64::atan2)];
+
+/// Reads expressions as mathematicians write them: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
+struct Parser<'a> {
+    rest: &'a str,
+    depth: usize,
+}
+
+impl Parser<'_> {
+    /// Takes a sign, if it comes next.
+    fn sign(&mut self, wanted: char) -> bool {
+        self.rest = self.rest.trim_start();
+        let Some(rest) = self.rest.strip_prefix(wanted) else {
+            return false;
+        };
+        self.rest = rest;
+        true
+    }
+
+    /// Takes what `fits`, from the front.
+    fn take(&mut self, fits: impl Fn(usize, char) -> bool) -> String {
+        let end = self.rest.char_indices().find(|(k, c)| !fits(*k, *c));
+        let (word, rest) = self.rest.split_at(end.map_or(self.rest.len(), |e| e.0));
+        self.rest = rest;
+        word.to_owned()
+    }
+
+    fn sum(&mut self) -> Result<Node, String> {
+        self.depth += 1;
+        if self.depth > DEEP {
+            return Err(format!("is nested more than {DEEP} deep"));
+        }
+        let mut out = self.product()?;
+        loop {
+            if self.sign('+') {
+                out = Node::two(|a, b| a + b, out, self.product()?);
+            } else if self.sign('-') {
+                out = Node::two(|a, b| a - b, out, self.product()?);
+            } else {
+                self.depth -= 1;
+                return Ok(out);
+            }
+        }
+    }
+
+    fn product(&mut self) -> Result<Node, String> {
+        let mut out = self.signed()?;
+        loop {
+            if self.sign('*') {
+                out = Node::two(|a, b| a * b, out, self.signed()?);
+            } else if self.sign('/') {
+                out = Node::two(|a, b| a / b, out, self.signed()?);
+            } else {
+                return Ok(out);
+            }
+        }
+    }
+
+    fn signed(&mut self) -> Result<Node, String> {
+        let mut negative = false;
+        while self.sign('-') || self.rest.trim_start().starts_with('+') {
+            if !self.sign('+') {
+                negative = !negative;
+            }
+        }
+        let base = self.atom()?;
+        let value = if self.sign('^') {
+            self.depth += 1;
+            if self.depth > DEEP {
+                return Err(format!("is nested more than {DEEP} deep"));
+            }
+            let power = self.signed()?;
+            self.depth -= 1;
+            Node::two(f64::powf, base, power)
+        } else {
+            base
+        };
+        Ok(if negative {
+            Node::One(|x| -x, Box::new(value))
+        } else {
+            value
+        })
+    }
+
+    fn atom(&mut self) -> Result<Node, String> {
+        if self.sign('(') {
+            let inner = self.sum()?;
+            return self.close(inner);
+        }
+        let first = self.rest.chars().next();
+        match first {
+            Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
+            Some(c) if c.is_ascii_alphabetic() => self.word(),
+            Some(c) => Err(format!(
+                "has '{c}' where a number, t, a function or a bracket should be"
+            )),
+            None => Err("ends where a number, t, a function or a bracket should be".to_owned()),
+        }
+    }
+
+    fn number(&mut self) -> Result<Node, String> {
+        let text = self.rest.as_bytes();
+        let exponent = |k: usize| k > 0 && matches!(text[k - 1], b'e' | b'E');
+        let digits = self.take(|k, c| {
+            c.is_ascii_digit() || c == '.' || matches!(c, 'e' | 'E') || ("+-".contains(c) && exponent(k))
+        });
+        digits
+            .parse()
+            .map(Node::Number)
+            .map_err(|_| format!("has '{digits}', which is no number"))
+    }
+
+    fn word(&mut self) -> Result<Node, String> {
+        let name = self.take(|_, c| c.is_ascii_alphanumeric() || c == '_');
+        let known = |list: &str| format!("knows no '{name}'; it knows t, the time in s, pi, {list}");
+        if !self.sign('(') {
+            return match name.as_str() {
+                "t" => Ok(Node::Time),
+                "pi" | "PI" => Ok(Node::Number(std::f64::consts::PI)),
+                _ => Err(known("numbers and functions with brackets behind them")),
+            };
+        }
+        let first = self.sum()?;
+        if let Some((_, f)) = ONE.iter().find(|f| f.0 == name) {
+            return self.close(Node::One(*f, Box::new(first)));
+        }
+        let Some((_, f)) = TWO.iter().find(|f| f.0 == name) else {
+            let names = ONE.iter().map(|f| f.0).chain(TWO.iter().map(|f| f.0));
+            return Err(known(&names.collect::<Vec<_>>().join(", ")));
+        };
+        if !self.sign(',') {
+            return Err(format!(
+                "gives {name} one argument; it takes two, with a comma between them"
+            ));
+        }
+        let second = self.sum()?;
+        self.close(Node::two(*f, first, second))
+    }
+
+    fn close(&mut self, inner: Node) -> Result<Node, String> {
+        if self.sign(')') {
+            return Ok(inner);
+        }
+        match self.rest.chars().next() {
+            None => Err("lacks a closing bracket".to_owned()),
+            Some(c) => Err(format!("has '{c}' where a bracket should close")),
+        }
+    }
+}
+
+/// A function of the time `t` \[s\] from its expression.
+pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
+    let mut parser = Parser { rest: text, depth: 0 };
+    let read = parser
+        .sum()
+        .and_then(|node| match parser.rest.trim_start().chars().next() {
+            None => Ok(node),
+            Some(c) => Err(format!("has '{c}' where it should go on with + - * / ^ or end")),
+        });
+    let wrong = |rule: String| value(format!("{path}.expression"), format_args!("\"{text}\""), &rule);
+    let node = read.map_err(wrong)?;
+    Ok(Formula::new(text, move |t| node.at(t)))
+}
+
+/// Numbers of a file with comma-separated values, row by row; a first row of words is a headline.
+fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>)>> {
+    let file = folder.join(name);
+    let text = std::fs::read_to_string(&file).map_err(|source| Error::Read { path: file, source })?;
+    let mut out = Vec::new();
+    for (k, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let row: Option<Vec<f64>> = line.split([',', ';']).map(|c| c.trim().parse().ok()).collect();
+        match row {
+            Some(row) if row.iter().all(|x| x.is_finite()) => out.push((k + 1, row)),
+            None if out.is_empty() && !line.starts_with(|c: char| c.is_ascii_digit()) => {}
+            _ => {
+                let rule = format!(
+                    "'{name}' line {}: is no row of finite numbers with commas between them",
+                    k + 1
+                );
+                return Err(key(format!("{path}.file"), rule));
+            }
+        }
+    }
+    if out.is_empty() {
+        let rule = format!("'{name}' has no row of numbers, such as 0.0,1.5");
+        return Err(key(format!("{path}.file"), rule));
+    }
+    Ok(out)
+}
+
+/// Rising times \[s\], the first column of a file.
+pub(super) fn times(path: &str, folder: &Path, name: &str) -> Result<Vec<f64>> {
+    let rows = numbers(path, folder, name)?;
+    let times: Vec<f64> = rows.iter().map(|(_, row)| row[0]).collect();
+    match times.windows(2).position(|w| w[0] >= w[1]) {
+        None => Ok(times),
+        Some(k) => Err(falling(path, name, rows[k + 1].0)),
+    }
+}
+
+fn falling(path: &str, name: &str, line: usize) -> Error {
+    key(
+        format!("{path}.file"),
+        format!("'{name}' line {line}: times must rise from row to row"),
+    )
+}
+
+/// Rows of rising time \[s\] and value.
+fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
+    let mut out: Vec<(f64, f64)> = Vec::new();
+    for (line, row) in numbers(path, folder, name)? {
+        let &[t, v] = row.as_slice() else {
+            let rule = format!("'{name}' line {line}: needs two numbers, time [s] and value");
+            return Err(key(format!("{path}.file"), rule));
+        };
+        if out.last().is_some_and(|l| l.0 >= t) {
+            return Err(falling(path, name, line));
+        }
+        out.push((t, v));
+    }
+    Ok(out)
+}
+
+/// The same scene with the tables of files in place of their names.
+pub(super) fn with_tables(scene: &SceneSpec, folder: &Path) -> Result<SceneSpec> {
+    let mut out = scene.clone();
+    let read = |path: String, shape: &mut TimeShape| {
+        if let TimeShape::File(name) = shape {
+            *shape = TimeShape::Table(rows(&path, folder, name)?);
+        }
+        Ok(())
+    };
+    for (k, s) in out.support.iter_mut().enumerate() {
+        if let Some(m) = &mut s.motion {
+            read(format!("support[{k}].motion.time"), &mut m.time)?;
+        }
+    }
+    for (k, l) in out.load.iter_mut().enumerate() {
+        read(format!("load[{k}].time"), &mut l.time)?;
+    }
+    for (k, e) in out.effect.iter_mut().enumerate() {
+        match &mut e.kind {
+            EffectKind::Obstacle(o) => {
+                if let Some(m) = &mut o.displacement {
+                    read(format!("effect[{k}].obstacle.displacement.time"), &mut m.time)?;
+                }
+            }
+            EffectKind::BodyForce(b) => read(format!("effect[{k}].body_force.time"), &mut b.time)?,
+            _ => {}
+        }
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(text: &str, t: f64) -> f64 {
+        formula("load[0].time", text).expect("an expression").at(t)
+    }
+
+    #[test]
+    fn expressions_have_the_values_of_mathematics() {
+        for (text, t, wanted) in [
+            ("1.5e-3 * sin(2*pi*50*t)", 1.0 / 600.0, 1.5e-3 * 0.5),
+            ("exp(-t/2e-3)", 4e-3, (-2.0_f64).exp()),
+            ("-t^2", 3.0, -9.0),
+            ("1-t^2/4", 1.0, 0.75),
+            ("(-t)^2", 3.0, 9.0),
+            ("2^-t", 3.0, 0.125),
+            ("2^3^2", 0.0, 512.0),
+            ("-2^2*3", 0.0, -12.0),
+            ("2*-t", 3.0, -6.0),
+            ("--t - +t", 3.0, 0.0),
+            ("min(1, t/0.1)", 0.05, 0.5),
+            ("max(0, t - 1)", 0.5, 0.0),
+            ("step(t-1)*t", 2.0, 2.0),
+            ("3", 7.0, 3.0),
+            ("8/2*t", 3.0, 12.0),
+            ("8/2/t", 2.0, 2.0),
+            ("1 - 2 + t - 3", 10.0, 6.0),
+            ("sin(t)^2 + cos(t)^2", 0.7, 1.0),
+            ("1E2 + .5 + 1.5e+1", 0.0, 115.5),
+            (" ( ( t ) ) ", 4.0, 4.0),
+            ("atan2(t, PI)", 0.0, 0.0),
+        ] {
+            assert!((at(text, t) - wanted).abs() < 1e-14, "{text}: {}", at(text, t));
+        }
+    }
+
+    #[test]
+    fn what_is_no_expression_is_refused_with_what_is_wrong() {
+        let deep = "(".repeat(200) + "t" + &")".repeat(200);
+        let high = "2^".repeat(200) + "t";
+        for (text, words) in [
+            ("x + 1", "knows no 'x'"),
+            ("foo(t)", "it knows t, the time in s, pi, sin, cos"),
+            ("sin t", "functions with brackets behind them"),
+            ("sin(", "ends where a number"),
+            ("sin(t", "lacks a closing bracket"),
+            ("(t + 1]", "has ']' where a bracket should close"),
+            ("", "ends where a number"),
+            ("2t", "has 't' where it should go on"),
+            ("2 3", "has '3' where it should go on"),
+            ("1.2.3", "has '1.2.3', which is no number"),
+            ("1e", "has '1e', which is no number"),
+            ("t +", "ends where a number"),
+            ("t * / 2", "has '/' where a number"),
+            ("min(t)", "takes two"),
+            ("é", "has 'é' where a number"),
+            (&deep, "nested more than 100 deep"),
+            (&high, "nested more than 100 deep"),
+        ] {
+            let told = formula("load[0].time", text).expect_err(text).to_string();
+            assert!(
+                told.contains(words) && told.contains("load[0].time.expression"),
+                "{told}"
+            );
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! What the volumes of a mesh file are made of.
+
+use super::kinds::elastic;
+use crate::error::{Result, core, unknown};
+use crate::spec::{Material, ModelTable};
+use arlequin::core::{Elastic, Materials};
+use arlequin::fem_ref::Mesh;
+
+/// The material of every element: that of its volume where the table gives one, else that of the table.
+pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
+    let own = elastic(key, &table.material)?;
+    if table.materials.is_empty() {
+        return Ok(own.into());
+    }
+    let (mut all, mut number) = (vec![own], vec![0; mesh.volumes().len()]);
+    for (name, material) in &table.materials {
+        let at = format!("{key}.materials.{name}");
+        let found = mesh.volumes().iter().position(|v| v == name);
+        let found = found.ok_or_else(|| {
+            unknown(
+                format!("{key}.materials"),
+                name,
+                "volume of the mesh file",
+                mesh.volumes().iter(),
+            )
+        })?;
+        number[found] = all.len() as u32;
+        all.push(of_volume(&at, table, material)?);
+    }
+    let each = mesh.regions().iter().map(|r| number[*r as usize]);
+    Materials::of_elements(all, each.collect()).map_err(core(format!("{key}.materials")))
+}
+
+/// The material of a volume, with the ratio of the table's own material where it gives none.
+fn of_volume(at: &str, table: &ModelTable, material: &Material) -> Result<Elastic<f64>> {
+    let whole = Material {
+        poisson: material.poisson.or(table.material.poisson),
+        ..*material
+    };
+    super::kinds::elastic_at(at, &whole)
+}
+
+/// What was read otherwise than the file has it, and volumes that it tells apart and the model does not.
+pub(super) fn warnings(table: &ModelTable, mesh: &Mesh<f64>) -> Vec<String> {
+    let mut out: Vec<String> = mesh
+        .notices()
+        .iter()
+        .map(|n| format!("its mesh file: {n}"))
+        .collect();
+    out.extend(one_material(table, mesh));
+    out
+}
+
+fn one_material(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
+    let mut there: Vec<&str> = mesh
+        .regions()
+        .iter()
+        .map(|r| mesh.volumes()[*r as usize].as_str())
+        .collect();
+    there.sort_unstable();
+    there.dedup();
+    if there.len() < 2 || !table.materials.is_empty() {
+        return None;
+    }
+    Some(format!(
+        "its mesh file has {} volumes ({}), and all get the one material of the model; say what they are made of in \
+         materials.NAME, or check that they are alike",
+        there.len(),
+        there.join(", ")
+    ))
+}

@@ -1,0 +1,118 @@
+//! Pictures of rigid bodies.
+
+use super::drive;
+use super::kinds::Body;
+use super::mesh::Grid;
+use super::plausible::corners;
+use crate::error::Result;
+use crate::spec::{EffectKind, Obstacle, ObstacleShape, SceneSpec};
+use arlequin::core::nalgebra::{Point3, Unit, Vector3};
+use std::f64::consts::PI;
+
+/// Cells along a quarter of the round bodies.
+const QUARTER: usize = 6;
+
+/// A rigid body as frames show it.
+#[derive(Debug, Clone)]
+pub struct RigidPicture {
+    /// Its name in the ledger.
+    pub name: String,
+    /// Number of the model it acts on.
+    pub model: usize,
+    /// Its surface at rest; endless ones as far as the model reaches.
+    pub grid: Grid,
+    /// Point about which it turns \[m\].
+    pub centre: Point3<f64>,
+}
+
+/// Rigid bodies of a scene, one for each model they act on.
+pub(super) fn pictures(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<RigidPicture>> {
+    let mut out = Vec::new();
+    for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
+        let EffectKind::Obstacle(o) = &e.kind else {
+            continue;
+        };
+        for m in drive::effect_models(k, e, scene)? {
+            let [low, high] = corners(bodies[m].model.nodes());
+            let (grid, centre) = surface(o, &Point3::from((low + high) * 0.5), (high - low).norm());
+            out.push(RigidPicture {
+                name: drive::obstacle_name(k, o),
+                model: m,
+                grid,
+                centre,
+            });
+        }
+    }
+    Ok(out)
+}
+
+/// Surface of an obstacle near a body around `middle` that is `size` large.
+fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>) {
+    match o.shape {
+        ObstacleShape::Plane { point, normal } => {
+            let (point, normal) = (Point3::from(point), Vector3::from(normal).normalize());
+            let centre = middle - normal * normal.dot(&(middle - point));
+            let [a, b] = across(&normal).map(|v| v * (0.75 * size));
+            let points = vec![centre - a - b, centre + a - b, centre + a + b, centre - a + b];
+            (grid(points, vec![0, 1, 2, 3]), centre)
+        }
+        ObstacleShape::Cylinder { point, axis, radius } => {
+            let (point, axis) = (Point3::from(point), Vector3::from(axis).normalize());
+            let centre = point + axis * axis.dot(&(middle - point));
+            let [a, b] = across(&axis);
+            let ring = |k: usize, along: f64| {
+                let angle = 0.5 * PI * k as f64 / QUARTER as f64;
+                centre + (a * angle.cos() + b * angle.sin()) * radius + axis * along
+            };
+            let count = 4 * QUARTER;
+            let ends = [-0.75 * size, 0.75 * size];
+            let points = ends.iter().flat_map(|s| (0..count).map(move |k| (k, *s)));
+            let points = points.map(|(k, s)| ring(k, s)).collect();
+            (grid(points, bands(1, count)), centre)
+        }
+        ObstacleShape::Sphere { centre, radius } => {
+            let centre = Point3::from(centre);
+            let rows = 2 * QUARTER;
+            let at = |row: usize, k: usize| {
+                let (polar, angle) = (
+                    PI * row as f64 / rows as f64,
+                    0.5 * PI * k as f64 / QUARTER as f64,
+                );
+                let flat = Vector3::new(angle.cos(), angle.sin(), 0.0) * polar.sin();
+                centre + (flat + Vector3::z() * polar.cos()) * radius
+            };
+            let points = (0..=rows).flat_map(|row| (0..4 * QUARTER).map(move |k| (row, k)));
+            let points = points.map(|(row, k)| at(row, k)).collect();
+            (grid(points, bands(rows, 4 * QUARTER)), centre)
+        }
+    }
+}
+
+/// Quadrilaterals between rings of points.
+fn bands(rows: usize, count: usize) -> Vec<u32> {
+    let cell = |(row, k): (usize, usize)| {
+        let (a, b) = (row * count, (row + 1) * count);
+        let next = (k + 1) % count;
+        [a + k, a + next, b + next, b + k].map(|i| i as u32)
+    };
+    let all = (0..rows).flat_map(|row| (0..count).map(move |k| (row, k)));
+    all.flat_map(cell).collect()
+}
+
+fn grid(points: Vec<Point3<f64>>, connectivity: Vec<u32>) -> Grid {
+    Grid {
+        points,
+        connectivity,
+        corners: 4,
+        // A quadrilateral of VTK.
+        cell_type: 9,
+        radii: Vec::new(),
+    }
+}
+
+/// Two unit vectors across a unit vector.
+fn across(v: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let a = v.cross(&Vector3::ith(v.iamin(), 1.0));
+    let a = Unit::new_normalize(a).into_inner();
+    [a, v.cross(&a)]
+}

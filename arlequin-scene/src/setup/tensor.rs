@@ -1,0 +1,110 @@
+//! Probes of stress and strain, at a point or as the mean over nodes.
+
+use super::kinds::Body;
+use super::select;
+use crate::error::{Result, core, key, value};
+use crate::spec::{Component, Probe, Quantity};
+use arlequin::core::{Recovered, Subdomain, SymmetricTensor};
+
+/// A value of a tensor that is recovered at nodes.
+#[derive(Debug, Clone)]
+pub(super) struct TensorRow {
+    model: usize,
+    /// Nodes and their factors.
+    nodes: Vec<usize>,
+    factors: Vec<f64>,
+    component: Option<Component>,
+}
+
+/// Refuses a component that a quantity does not have.
+pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>) -> Result<()> {
+    let at = || format!("{path}.component");
+    let (fits, wanted): (fn(Component) -> bool, _) = match quantity {
+        Quantity::Stress | Quantity::Strain => (
+            |c| c.tensor().is_some(),
+            "a stress or strain has \"xx\", \"yy\", \"zz\", \"xy\", \"yz\", \"xz\"",
+        ),
+        Quantity::PrincipalStress => (
+            |c| c.rank().is_some(),
+            "principal stresses are \"1\", the largest, \"2\" and \"3\"",
+        ),
+        Quantity::VonMises => {
+            return match component {
+                None => Ok(()),
+                Some(c) => Err(value(
+                    at(),
+                    c.name(),
+                    "is none of the stress of von Mises; remove it",
+                )),
+            };
+        }
+        _ => return Ok(()),
+    };
+    match component {
+        Some(c) if fits(c) => Ok(()),
+        Some(c) => Err(value(at(), c.name(), wanted)),
+        None => Err(key(at(), format!("is needed: {wanted}"))),
+    }
+}
+
+impl TensorRow {
+    /// Prepares a probe of model number `model`; `placed` are the nodes and shape functions of its point.
+    pub(super) fn new(
+        path: &str,
+        probe: &Probe,
+        (model, body): (usize, &Body),
+        placed: Option<(Vec<usize>, Vec<f64>)>,
+    ) -> Result<Self> {
+        let name = body.model.name();
+        let Some(recovery) = body.model.recovery() else {
+            let rule = format!("model '{name}' of kind '{}' knows no stresses", body.model.kind());
+            return Err(key(format!("{path}.quantity"), rule));
+        };
+        if probe.quantity == Quantity::Strain && !recovery.has_strain() {
+            let rule = format!("model '{name}' knows stresses only; take \"stress\"");
+            return Err(key(format!("{path}.quantity"), rule));
+        }
+        let (nodes, factors) = match (placed, &probe.over) {
+            (Some(placed), _) => placed,
+            (None, Some(selection)) => {
+                let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
+                let share = 1.0 / nodes.len() as f64;
+                let factors = vec![share; nodes.len()];
+                (nodes, factors)
+            }
+            (None, None) => (Vec::new(), Vec::new()),
+        };
+        Ok(Self {
+            model,
+            nodes,
+            factors,
+            component: probe.component,
+        })
+    }
+
+    /// The value: of the tensor interpolated to a point, or averaged over nodes.
+    pub(super) fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> Result<f64> {
+        let s = &subdomains[self.model];
+        let Some(recovery) = s.model().recovery() else {
+            return Ok(f64::NAN);
+        };
+        let mut found: Vec<Recovered<f64>> = Vec::with_capacity(self.nodes.len());
+        let told = recovery.recover(&s.state().q, &self.nodes, &mut found);
+        told.map_err(core(format!("model.{}", s.model().name())))?;
+        let mut sum = SymmetricTensor::zero();
+        for (r, factor) in found.iter().zip(&self.factors) {
+            let tensor = match quantity {
+                Quantity::Strain => r.strain.unwrap_or_else(SymmetricTensor::zero),
+                _ => r.stress,
+            };
+            sum.0.iter_mut().zip(tensor.0).for_each(|(s, t)| *s += factor * t);
+        }
+        let part = self.component.and_then(|c| c.tensor().or_else(|| c.rank()));
+        Ok(match (quantity, part) {
+            (Quantity::VonMises, _) => sum.von_mises(),
+            (Quantity::PrincipalStress, Some(k)) => sum.principal()[k],
+            (_, Some(k)) => sum.0[k],
+            (_, None) => f64::NAN,
+        })
+    }
+}

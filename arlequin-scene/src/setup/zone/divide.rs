@@ -1,0 +1,318 @@
+//! Which elements of the body belong to whom, and how far they are across the overlaps.
+//!
+//! Of a zone are the elements with a corner or the centroid in its region, of the overlap the further ones with a corner or
+//! the centroid less than its width away. The position across the overlap is `s = a/(a + b)` at the nodes, with the
+//! distances `a` from the faces of the zone's own elements and `b` from those of the elements beyond; between nodes it is
+//! interpolated by the element. So it is zero and one on the borders exactly, whatever these look like.
+
+use super::faces::Faces;
+use super::region::Place;
+use super::{Cut, Whole, Width};
+use crate::error::{Result, fem, key, value};
+use crate::spec::ModelKind;
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::fem_ref::gmsh::facets_of;
+use arlequin::fem_ref::{Facet, FemField, Mesh};
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Part of an element's length up to which a node on a border is on its outer side.
+const ON_BORDER: f64 = 1e-6;
+
+/// Whose an element is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Owner {
+    /// The body's model alone.
+    Body,
+    /// The model of a zone alone.
+    Zone(usize),
+    /// Both, in the overlap of a zone.
+    Both(usize),
+}
+
+/// What is known of one zone.
+#[derive(Debug)]
+pub(super) struct Across {
+    /// Positions at the nodes of the body \[–\], zero beyond the overlap.
+    pub positions: Arc<Vec<f64>>,
+    pub width: Width,
+}
+
+/// The body, its elements dealt out.
+#[derive(Debug)]
+pub(super) struct Division {
+    pub field: Whole,
+    pub of: Arc<Vec<Owner>>,
+    pub zones: Vec<Across>,
+}
+
+impl Division {
+    pub(super) fn of(mesh: Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Self> {
+        let mut of = vec![Owner::Body; mesh.element_count()];
+        let mut zones = Vec::new();
+        for zone in 0..cut.zones.len() {
+            let region = Place::of(cut, zone, &mesh, folder)?;
+            let deal = Deal::of(&mesh, &region, cut, zone)?;
+            let across = deal.across()?;
+            for (e, side) in deal.sides.iter().enumerate() {
+                let mine = match side {
+                    Side::Beyond => continue,
+                    Side::Core => Owner::Zone(zone),
+                    Side::Layer => Owner::Both(zone),
+                };
+                if let Owner::Zone(other) | Owner::Both(other) = of[e] {
+                    let rule = format!(
+                        "it and its overlap reach into those of zone '{}'; move them apart, make them smaller, or make one zone \
+                         of the two",
+                        cut.zones[other].0
+                    );
+                    return Err(key(deal.path("shape"), rule));
+                }
+                of[e] = mine;
+            }
+            zones.push(across);
+        }
+        Ok(Self {
+            field: Arc::new(FemField::new(mesh)),
+            of: Arc::new(of),
+            zones,
+        })
+    }
+}
+
+/// Where an element lies with respect to one zone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Core,
+    Layer,
+    Beyond,
+}
+
+/// The elements of a body, dealt out for one zone.
+struct Deal<'a> {
+    mesh: &'a Mesh<f64>,
+    name: &'a str,
+    asked: f64,
+    sides: Vec<Side>,
+}
+
+impl<'a> Deal<'a> {
+    fn of(mesh: &'a Mesh<f64>, region: &Place, cut: &'a Cut, zone: usize) -> Result<Self> {
+        let (name, table) = &cut.zones[zone];
+        let asked = table.overlap.width;
+        let slack = ON_BORDER * mesh.spacing();
+        let at_nodes: Vec<f64> = mesh.nodes().iter().map(|x| region.distance(x)).collect();
+        let least = |e: usize| {
+            let corners = mesh.element(e).iter().map(|&k| at_nodes[k as usize]);
+            corners.fold(region.distance(&centroid(mesh, e)), f64::min)
+        };
+        let side = |e: usize| match least(e) {
+            d if d < -slack => Side::Core,
+            d if d < asked - slack => Side::Layer,
+            _ => Side::Beyond,
+        };
+        let mut deal = Self {
+            mesh,
+            name,
+            asked,
+            sides: (0..mesh.element_count()).map(side).collect(),
+        };
+        if !deal.sides.contains(&Side::Core) {
+            let rule = "no element of the body has a node or its middle there; make it larger or move it, or refine the body";
+            return Err(key(deal.path("shape"), rule));
+        }
+        deal.fill(Side::Layer, Side::Core);
+        deal.round(table.kind == ModelKind::Dem)?;
+        Ok(deal)
+    }
+
+    fn path(&self, key: &str) -> String {
+        format!("zone.{}.{key}", self.name)
+    }
+
+    /// Nodes of the elements on a side.
+    fn nodes_of(&self, side: Side) -> Vec<bool> {
+        let mut out = vec![false; self.mesh.nodes().len()];
+        for (e, _) in self.sides.iter().enumerate().filter(|(_, s)| **s == side) {
+            for &k in self.mesh.element(e) {
+                out[k as usize] = true;
+            }
+        }
+        out
+    }
+
+    /// Gives elements all of whose corners are those of another side to it: the position would not change across them.
+    /// Returns whether there were any.
+    fn fill(&mut self, from: Side, to: Side) -> bool {
+        let nodes = self.nodes_of(to);
+        let mesh = self.mesh;
+        let mut any = false;
+        for (e, side) in self.sides.iter_mut().enumerate().filter(|(_, s)| **s == from) {
+            if mesh.element(e).iter().all(|&k| nodes[k as usize]) {
+                *side = to;
+                any = true;
+            }
+        }
+        any
+    }
+
+    /// Takes elements off the layer until none hangs at the border alone and, where spheres fill it, the surface of what is
+    /// left has two faces at every edge.
+    fn round(&mut self, filled: bool) -> Result<()> {
+        loop {
+            let mut changed = self.fill(Side::Layer, Side::Beyond);
+            if filled {
+                changed |= self.part_at_edges();
+            }
+            self.check_layer()?;
+            if !changed {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Takes off the layer what touches an edge at which more than two faces of the zone's surface meet.
+    fn part_at_edges(&mut self) -> bool {
+        let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
+        for (facet, key) in faces_of(self.mesh, |e| self.sides[e] != Side::Beyond) {
+            if open.remove(&key).is_none() {
+                open.insert(key, facet);
+            }
+        }
+        let mut uses: HashMap<[u32; 2], u32> = HashMap::new();
+        for facet in open.into_values() {
+            let corners = self.mesh.facet_nodes(facet);
+            for (k, a) in corners.iter().enumerate() {
+                let b = corners[(k + 1) % corners.len()];
+                *uses.entry([*a.min(&b), *a.max(&b)]).or_default() += 1;
+            }
+        }
+        uses.retain(|_, n| *n > 2);
+        let mesh = self.mesh;
+        let mut any = false;
+        for (e, side) in self
+            .sides
+            .iter_mut()
+            .enumerate()
+            .filter(|(_, s)| **s == Side::Layer)
+        {
+            let corners = mesh.element(e);
+            if uses.keys().any(|edge| edge.iter().all(|k| corners.contains(k))) {
+                *side = Side::Beyond;
+                any = true;
+            }
+        }
+        any
+    }
+
+    /// Refuses a layer that is somewhere thinner than an element.
+    fn check_layer(&self) -> Result<()> {
+        let beyond = self.nodes_of(Side::Beyond);
+        if !beyond.contains(&true) {
+            let rule = "the zone and its overlap take the whole body; make them smaller, or give the body that model alone";
+            return Err(key(self.path("shape"), rule));
+        }
+        let core = self.nodes_of(Side::Core);
+        match (0..core.len()).find(|&k| core[k] && beyond[k]) {
+            None => Ok(()),
+            Some(k) => {
+                let x = &self.mesh.nodes()[k];
+                let h = self.mesh.spacing();
+                let rule = format!(
+                    "is less than an element of the body at ({:.4e}, {:.4e}, {:.4e}) m; take three elements ({:.3e} m) or more, \
+                     or refine the body's mesh",
+                    x.x,
+                    x.y,
+                    x.z,
+                    3.0 * h
+                );
+                Err(value(self.path("overlap.width"), self.asked, &rule))
+            }
+        }
+    }
+
+    /// Positions at the nodes.
+    fn across(&self) -> Result<Across> {
+        let mesh = self.mesh;
+        let of_layer = self.nodes_of(Side::Layer);
+        let [inner, outer] = [Side::Core, Side::Beyond].map(|s| self.between(s));
+        if inner.is_empty() || outer.is_empty() {
+            let rule = "the overlap does not part the body's elements; take a wider one, or another zone";
+            return Err(value(self.path("overlap.width"), self.asked, rule));
+        }
+        let (of_core, of_beyond) = (self.nodes_of(Side::Core), self.nodes_of(Side::Beyond));
+        let mut positions = vec![0.0; mesh.nodes().len()];
+        let (mut sum, mut count, mut least) = (0.0, 0.0, f64::INFINITY);
+        for (k, x) in mesh.nodes().iter().enumerate().filter(|(k, _)| of_layer[*k]) {
+            positions[k] = if of_core[k] {
+                let gap = outer.distance(x);
+                (sum, count, least) = (sum + gap, count + 1.0, gap.min(least));
+                0.0
+            } else if of_beyond[k] {
+                1.0
+            } else {
+                let (a, b) = (inner.distance(x), outer.distance(x));
+                a / (a + b)
+            };
+        }
+        let layer = mesh.part(|e| self.sides[e] == Side::Layer).map_err(fem("body"))?;
+        Ok(Across {
+            positions: Arc::new(positions),
+            width: Width {
+                mean: sum / count,
+                least,
+                spacing: layer.spacing(),
+            },
+        })
+    }
+
+    /// Faces that elements of the layer share with those of a side.
+    fn between(&self, side: Side) -> Faces {
+        let mut open: HashMap<[u32; 4], usize> = HashMap::new();
+        let mut out = Vec::new();
+        for (facet, key) in faces_of(self.mesh, |_| true) {
+            let e = facet.element as usize;
+            let Some(other) = open.insert(key, e) else {
+                continue;
+            };
+            let pair = [self.sides[e], self.sides[other]];
+            if pair.contains(&side) && pair.contains(&Side::Layer) {
+                let at = |k: &u32| self.mesh.nodes()[*k as usize];
+                out.extend(
+                    facets_of(self.mesh, &[facet])
+                        .iter()
+                        .map(|t| t.each_ref().map(at)),
+                );
+            }
+        }
+        Faces::new(out)
+    }
+}
+
+/// Faces of some elements and their corners, ascending, which two neighbours have in common.
+fn faces_of(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> impl Iterator<Item = (Facet, [u32; 4])> {
+    let kept = (0..mesh.element_count()).filter(move |&e| keep(e));
+    kept.flat_map(move |e| {
+        (0..mesh.kind().faces().len()).map(move |face| {
+            let facet = Facet {
+                element: e as u32,
+                face: face as u8,
+            };
+            let mut key = [u32::MAX; 4];
+            for (slot, k) in key.iter_mut().zip(mesh.kind().faces()[face]) {
+                *slot = mesh.element(e)[*k];
+            }
+            key.sort_unstable();
+            (facet, key)
+        })
+    })
+}
+
+fn centroid(mesh: &Mesh<f64>, e: usize) -> Point3<f64> {
+    let corners = mesh.element(e);
+    let sum = corners
+        .iter()
+        .fold(Vector3::zeros(), |s, &k| s + mesh.nodes()[k as usize].coords);
+    Point3::from(sum / corners.len() as f64)
+}

@@ -1,0 +1,120 @@
+//! Distances from triangles.
+
+use arlequin::core::geometry::{BoxTree, bounds_of};
+use arlequin::core::nalgebra::{Point3, Vector3};
+
+/// Triangles, some of which may be lines or points, to find the nearest of them.
+#[derive(Debug, Clone)]
+pub(in crate::setup) struct Faces {
+    triangles: Vec<[Point3<f64>; 3]>,
+    tree: BoxTree<f64>,
+    bounds: [Point3<f64>; 2],
+}
+
+impl Faces {
+    pub(in crate::setup) fn new(triangles: Vec<[Point3<f64>; 3]>) -> Self {
+        let boxes: Vec<_> = triangles.iter().map(|t| bounds_of(t.iter())).collect();
+        Self {
+            bounds: bounds_of(boxes.iter().flatten()),
+            tree: BoxTree::new(boxes),
+            triangles,
+        }
+    }
+
+    pub(in crate::setup) fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// Number of the nearest triangle and its distance \[m\]; of several the first. There must be one.
+    pub(in crate::setup) fn nearest(&self, x: &Point3<f64>) -> (usize, f64) {
+        let [low, high] = &self.bounds;
+        // The boxes of some triangles are at least this far away; with a part of their size, one is met soon.
+        let beyond = (low - x).sup(&(x - high)).sup(&Vector3::zeros()).norm();
+        let mut reach = beyond + 0.02 * (high - low).norm() + f64::MIN_POSITIVE;
+        let mut best = (usize::MAX, f64::INFINITY);
+        loop {
+            let around = Vector3::repeat(reach);
+            self.tree.any(&[x - around, x + around], &mut |k| {
+                let d = (closest(x, &self.triangles[k]) - x).norm();
+                if d < best.1 || (d <= best.1 && k < best.0) {
+                    best = (k, d);
+                }
+                false
+            });
+            if best.1 <= reach || !reach.is_finite() {
+                return best;
+            }
+            // What was found is not farther than this; nothing found: look twice as far.
+            reach = if best.1.is_finite() { best.1 } else { 2.0 * reach };
+        }
+    }
+
+    pub(in crate::setup) fn distance(&self, x: &Point3<f64>) -> f64 {
+        self.nearest(x).1
+    }
+}
+
+/// The point of a triangle that is closest to `x` (Ericson, Real-Time Collision Detection, 5.1.5).
+fn closest(x: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Point3<f64> {
+    let (ab, ac) = (b - a, c - a);
+    let along = |p: &Point3<f64>| (ab.dot(&(x - p)), ac.dot(&(x - p)));
+    let (d1, d2) = along(a);
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return *a;
+    }
+    let (d3, d4) = along(b);
+    if d3 >= 0.0 && d4 <= d3 {
+        return *b;
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return a + ab * (d1 / (d1 - d3));
+    }
+    let (d5, d6) = along(c);
+    if d6 >= 0.0 && d5 <= d6 {
+        return *c;
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return a + ac * (d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    }
+    let sum = va + vb + vc;
+    a + ab * (vb / sum) + ac * (vc / sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_triangle_is_found_from_anywhere() {
+        let p = Point3::new;
+        let strip: Vec<[Point3<f64>; 3]> = (0..40)
+            .map(|k| {
+                let x = f64::from(k);
+                [p(x, 0.0, 0.0), p(x + 1.0, 0.0, 0.0), p(x, 1.0, 0.0)]
+            })
+            .collect();
+        let faces = Faces::new(strip.clone());
+        for k in 0..200 {
+            let t = f64::from(k);
+            let x = p(
+                60.0 * (0.37 * t).sin(),
+                9.0 * (0.91 * t).cos(),
+                5.0 * (1.7 * t).sin(),
+            );
+            let all = strip.iter().map(|t| (closest(&x, t) - x).norm());
+            let least = all.fold(f64::INFINITY, f64::min);
+            assert!((faces.distance(&x) - least).abs() <= 1e-12 * least);
+        }
+        // Points and lines are triangles too.
+        let point = Faces::new(vec![[p(1.0, 2.0, 3.0); 3]]);
+        assert!((point.distance(&p(1.0, 2.0, 7.0)) - 4.0).abs() < 1e-14);
+        let line = Faces::new(vec![[p(0.0, 0.0, 0.0), p(2.0, 0.0, 0.0), p(2.0, 0.0, 0.0)]]);
+        assert!((line.distance(&p(1.0, 3.0, 0.0)) - 3.0).abs() < 1e-14);
+    }
+}

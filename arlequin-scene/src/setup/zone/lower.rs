@@ -1,0 +1,172 @@
+//! `[body]` and `[zone.NAME]` become models and interfaces.
+
+use super::region::Place;
+use super::{Cut, Piece, Use};
+use crate::error::{Error, Result, key, value};
+use crate::spec::{
+    Interface, MediatorTable, ModelKind, ModelTable, OverlapShape, RoleKind, SceneSpec, Shape, ZoneTable,
+};
+use std::collections::BTreeMap;
+use std::sync::{Arc, OnceLock};
+
+/// Name of the body's model.
+const BODY: &str = "body";
+
+/// The same scene in models and interfaces alone; `body` and `zone` stay as they are, to tell where these come from.
+pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
+    let Some(body) = scene.body.clone() else {
+        return match scene.zone.keys().next() {
+            None => Ok(scene),
+            Some(name) => Err(key(
+                format!("zone.{name}"),
+                "a zone is a part of [body], which is not there; add it, or write [model.NAME] and [interface.NAME]",
+            )),
+        };
+    };
+    check_body(&body, !scene.zone.is_empty())?;
+    let names = std::iter::once(BODY).chain(scene.zone.keys().map(String::as_str));
+    for name in names {
+        for (table, taken) in [
+            ("model", scene.model.contains_key(name)),
+            ("interface", scene.interface.contains_key(name)),
+        ] {
+            if taken {
+                let rule = "has the name of the body or of a zone, which are models and interfaces too; choose another";
+                return Err(key(format!("{table}.{name}"), rule));
+            }
+        }
+    }
+    if scene.zone.is_empty() {
+        scene.model.insert(BODY.to_owned(), body);
+        return Ok(scene);
+    }
+    let zones: Vec<(String, ZoneTable)> = scene.zone.clone().into_iter().collect();
+    for (name, zone) in &zones {
+        check_zone(name, zone)?;
+    }
+    let cut = Arc::new(Cut {
+        body: body.clone(),
+        zones,
+        made: OnceLock::new(),
+    });
+    let piece = |of: Use| Piece { cut: cut.clone(), of };
+    for (k, (name, zone)) in cut.zones.iter().enumerate() {
+        let model = model(zone, &body, piece(Use::Zone(k)));
+        scene.model.insert(name.clone(), model);
+        let interface = interface(name, zone, piece(Use::Between(k)));
+        scene.interface.insert(name.clone(), interface);
+    }
+    let rest = ModelTable {
+        role: Some(RoleKind::Coarse),
+        shape: Shape::Piece(piece(Use::Body)),
+        spacing: None,
+        divisions: None,
+        scale: 1.0,
+        volume: None,
+        ..body
+    };
+    scene.model.insert(BODY.to_owned(), rest);
+    Ok(scene)
+}
+
+/// Where a key of the models and interfaces that were made stands in the scene.
+pub(crate) fn written(scene: &SceneSpec, error: Error) -> Error {
+    if scene.body.is_none() {
+        return error;
+    }
+    error.at_key(|key| {
+        let mut parts = key.splitn(3, '.');
+        let (table, name) = (parts.next()?, parts.next()?);
+        let rest = parts.next();
+        let place = match table {
+            "model" if name == BODY => BODY.to_owned(),
+            "model" | "interface" if scene.zone.contains_key(name) => format!("zone.{name}"),
+            _ => return None,
+        };
+        Some(rest.map_or(place.clone(), |rest| format!("{place}.{rest}")))
+    })
+}
+
+fn check_body(body: &ModelTable, zones: bool) -> Result<()> {
+    if body.role.is_some() {
+        let rule = "a body has none: it is the coarse side of its zones; remove it";
+        return Err(key("body.role", rule));
+    }
+    if !zones {
+        return Ok(());
+    }
+    if !body.kind.is_continuum() {
+        let rule = "zones are cut out of a continuum; take \"fem\" or \"cnem\" for the body";
+        return Err(value("body.kind", kind_name(body.kind), rule));
+    }
+    if let Shape::Bar { .. } = body.shape {
+        let rule = "zones are cut out of solids; couple two bars by [model.NAME] and [interface.NAME]";
+        return Err(value("body.shape", "bar", rule));
+    }
+    Ok(())
+}
+
+fn check_zone(name: &str, zone: &ZoneTable) -> Result<()> {
+    let path = format!("zone.{name}");
+    if zone.kind == ModelKind::Chain {
+        let rule = "a chain is a line and fills no zone; take \"fem\", \"cnem\" or \"dem\"";
+        return Err(value(format!("{path}.kind"), "chain", rule));
+    }
+    for (key, x) in [("overlap.width", Some(zone.overlap.width)), ("scale", zone.scale)] {
+        if let Some(x) = x.filter(|x| *x <= 0.0) {
+            return Err(value(format!("{path}.{key}"), x, "must be positive [m]"));
+        }
+    }
+    if zone.absorber.as_ref().is_some_and(|a| a.spacing.is_some()) {
+        let rule = "the space between a zone and the body is made of the body's elements; remove spacing";
+        return Err(key(format!("{path}.absorber.spacing"), rule));
+    }
+    Place::check(&format!("{path}.shape"), &zone.shape)
+}
+
+fn kind_name(kind: ModelKind) -> &'static str {
+    match kind {
+        ModelKind::Fem => "fem",
+        ModelKind::Cnem => "cnem",
+        ModelKind::Dem => "dem",
+        ModelKind::Chain => "chain",
+    }
+}
+
+fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {
+    ModelTable {
+        kind: zone.kind,
+        role: Some(RoleKind::Fine),
+        shape: Shape::Piece(piece),
+        spacing: zone.spacing,
+        divisions: None,
+        scale: 1.0,
+        volume: None,
+        material: zone.material.unwrap_or(body.material),
+        materials: match zone.material {
+            None => body.materials.clone(),
+            Some(_) => BTreeMap::new(),
+        },
+        step: zone.step,
+        fem: zone.fem,
+        cnem: zone.cnem,
+        dem: zone.dem.clone(),
+    }
+}
+
+fn interface(name: &str, zone: &ZoneTable, piece: Piece) -> Interface {
+    Interface {
+        coarse: BODY.to_owned(),
+        fine: name.to_owned(),
+        overlap: OverlapShape::Zone(piece),
+        weight: zone.weight.clone(),
+        mediator: MediatorTable::default(),
+        junction: zone.junction,
+        sampling: zone.sampling,
+        solver: zone.solver,
+        lumped: false,
+        partition: zone.partition,
+        pin: None,
+        absorber: zone.absorber.clone(),
+    }
+}

@@ -1,0 +1,221 @@
+//! One body, and zones of it in which another model takes its place.
+//!
+//! `[body]` and `[zone.NAME]` become the models and interfaces that a user could have written: the model `body` of the
+//! elements outside of the zones, a model per zone of the elements in and around it, and an interface between the two
+//! whose mediator is made of the elements that both have. Decision 0037.
+
+mod divide;
+mod faces;
+mod lower;
+mod place;
+mod region;
+
+pub(super) use faces::Faces;
+pub(crate) use lower::{lowered, written};
+
+use super::kinds::{self, Body};
+use super::mesh::{self, Request};
+use super::natural;
+use crate::error::{Result, fem, key, value};
+use crate::spec::{Interface, ModelKind, ModelTable, OverlapShape, SceneSpec, Shape, ZoneTable};
+use arlequin::core::Overlap;
+use arlequin::fem_ref::gmsh::{Triangles, triangles_of};
+use arlequin::fem_ref::{FemField, Mesh};
+use divide::Division;
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+/// Most halvings of the body's elements in a zone.
+const HALVINGS: f64 = 6.0;
+
+/// How far the two borders of an overlap are apart.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Width {
+    /// Mean over the border to the zone's own region \[m\].
+    pub mean: f64,
+    /// Smallest \[m\].
+    pub least: f64,
+    /// Mean length of the body's elements in it \[m\].
+    pub spacing: f64,
+}
+
+/// How wide the overlap around a zone came out.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct ZoneLine {
+    /// Name of the zone.
+    pub name: String,
+    /// Distance of its borders.
+    pub width: Width,
+    /// The mean of it in elements of the body.
+    pub elements: f64,
+    /// The mean of it in distances of the zone's nodes, or particles.
+    pub fine: f64,
+}
+
+/// How wide the overlaps of a scene came out.
+pub(super) fn lines(scene: &SceneSpec, bodies: &[Body]) -> Vec<ZoneLine> {
+    let of = |(name, table): (&String, &Interface)| {
+        let OverlapShape::Zone(piece) = &table.overlap else {
+            return None;
+        };
+        let width = piece.width()?;
+        let fine = bodies.iter().find(|b| b.model.name() == name)?;
+        Some(ZoneLine {
+            name: name.clone(),
+            width,
+            elements: width.mean / width.spacing,
+            fine: width.mean / fine.spacing,
+        })
+    };
+    scene.interface.iter().filter_map(of).collect()
+}
+
+/// What a piece of the body is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Use {
+    /// The body's own model.
+    Body,
+    /// The model of a zone.
+    Zone(usize),
+    /// Mediator and overlap of a zone.
+    Between(usize),
+}
+
+/// A piece of the body: some of its elements.
+#[derive(Debug, Clone)]
+pub struct Piece {
+    cut: Arc<Cut>,
+    of: Use,
+}
+
+/// A body and the zones in it; divided when the first piece is asked for.
+#[derive(Debug)]
+struct Cut {
+    body: ModelTable,
+    zones: Vec<(String, ZoneTable)>,
+    made: OnceLock<Division>,
+}
+
+impl Cut {
+    fn division(&self, folder: &Path) -> Result<&Division> {
+        if let Some(made) = self.made.get() {
+            return Ok(made);
+        }
+        let made = Division::of(self.mesh(folder)?, self, folder)?;
+        Ok(self.made.get_or_init(|| made))
+    }
+
+    /// What the body asks for as a model that is alone.
+    fn request<'a>(&'a self, folder: &'a Path) -> Result<Request<'a>> {
+        match self.body.kind {
+            ModelKind::Cnem => natural::request("body", &self.body, folder),
+            _ => kinds::request("body", &self.body, folder),
+        }
+    }
+
+    fn mesh(&self, folder: &Path) -> Result<Mesh<f64>> {
+        let whole = self.request(folder)?.mesh()?;
+        match self.body.kind {
+            ModelKind::Cnem => whole.into_tetrahedra().map_err(fem("body")),
+            _ => Ok(whole),
+        }
+    }
+}
+
+impl Piece {
+    /// Refuses what can be seen to be wrong before anything is meshed.
+    pub(super) fn check(&self, request: &Request<'_>) -> Result<()> {
+        match self.of {
+            Use::Body => {
+                let whole = self.cut.request(request.folder)?;
+                whole.check_body()
+            }
+            Use::Zone(_) => {
+                if request.divisions.is_some() {
+                    let rule = "a zone halves the body's elements; give spacing";
+                    return Err(key(format!("{}.divisions", request.key), rule));
+                }
+                mesh::positive_spacing(request.key, request.spacing).map(|_| ())
+            }
+            Use::Between(_) if request.spacing.is_some() || request.divisions.is_some() => Err(key(
+                request.key,
+                "the space between a zone and the body is made of the body's elements; remove spacing",
+            )),
+            Use::Between(_) => Ok(()),
+        }
+    }
+
+    /// Whether the body comes from a file.
+    pub(super) fn is_of_file(&self) -> bool {
+        matches!(self.cut.body.shape, Shape::File(_))
+    }
+
+    /// Its mesh; that of a zone's model is halved until its elements are no longer than asked for.
+    pub(super) fn mesh(&self, request: &Request<'_>) -> Result<Mesh<f64>> {
+        let division = self.cut.division(request.folder)?;
+        match (self.of, request.spacing) {
+            (Use::Zone(z), Some(wanted)) => {
+                let coarse = self.elements(division)?;
+                let ratio = coarse.spacing() / wanted;
+                let times = (ratio.log2() - 1e-6).ceil().max(1.0);
+                if times > HALVINGS {
+                    let rule = format!(
+                        "is {ratio:.0} times finer than the body's elements there ({:.3e} m), {:.0} at most; refine the body's mesh",
+                        coarse.spacing(),
+                        HALVINGS.exp2()
+                    );
+                    return Err(value(
+                        format!("zone.{}.spacing", self.cut.zones[z].0),
+                        wanted,
+                        &rule,
+                    ));
+                }
+                let halved = (0..times as usize).try_fold(coarse, |mesh, _| mesh.refined());
+                halved.map_err(fem(request.key))
+            }
+            _ => self.elements(division),
+        }
+    }
+
+    /// Its elements as they are in the body.
+    fn elements(&self, division: &Division) -> Result<Mesh<f64>> {
+        let mesh = division.field.mesh();
+        let kept = |e: usize| match self.of {
+            Use::Body => !matches!(division.of[e], divide::Owner::Zone(_)),
+            Use::Zone(z) => {
+                matches!(division.of[e], divide::Owner::Zone(k) | divide::Owner::Both(k) if k == z)
+            }
+            Use::Between(z) => division.of[e] == divide::Owner::Both(z),
+        };
+        mesh.part(kept).map_err(fem("body"))
+    }
+
+    /// Its surface, to be filled.
+    pub(super) fn surface(&self, folder: &Path) -> Result<(Triangles, Mesh<f64>)> {
+        let mesh = self.elements(self.cut.division(folder)?)?;
+        Ok((triangles_of(&mesh), mesh))
+    }
+
+    /// Where points lie with respect to the overlap.
+    pub(super) fn overlap(&self, folder: &Path) -> Result<Arc<dyn Overlap<f64>>> {
+        let division = self.cut.division(folder)?;
+        let zone = self.number();
+        Ok(Arc::new(place::Layer::new(division, zone)))
+    }
+
+    /// Width of the overlap, once the body is divided.
+    pub(crate) fn width(&self) -> Option<Width> {
+        let division = self.cut.made.get()?;
+        Some(division.zones[self.number()].width)
+    }
+
+    fn number(&self) -> usize {
+        match self.of {
+            Use::Zone(z) | Use::Between(z) => z,
+            Use::Body => 0,
+        }
+    }
+}
+
+/// The body's elements as a field, which finds the element of a point.
+type Whole = Arc<FemField<f64>>;

@@ -1,0 +1,138 @@
+//! The overlap of a zone: places of points by the body's elements.
+
+use super::Whole;
+use super::divide::{Division, Owner};
+use super::faces::Faces;
+use arlequin::core::geometry::{Cell, bounds_of};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{CellPlace, Overlap, Place};
+use arlequin::fem_ref::ElementKind;
+use arlequin::fem_ref::gmsh::facets_of;
+use std::sync::Arc;
+
+/// Positions closer to a border than this are on it, and beyond.
+const ON_BORDER: f64 = 1e-9;
+/// Share of the way to the middle of a cell at which its corners are looked at: on a face, either element may be found.
+const INWARDS: f64 = 1e-4;
+
+/// The elements around a zone, with the position across them at the nodes.
+pub(super) struct Layer {
+    field: Whole,
+    of: Arc<Vec<Owner>>,
+    positions: Arc<Vec<f64>>,
+    zone: usize,
+    /// Box around what is not the body's alone.
+    bounds: [Point3<f64>; 2],
+    /// The body's surface near it and the elements there, for points a little outside of the body.
+    skin: Faces,
+    below: Vec<u32>,
+}
+
+impl std::fmt::Debug for Layer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Layer around zone {} of {} elements", self.zone, self.of.len())
+    }
+}
+
+impl Layer {
+    pub(super) fn new(division: &Division, zone: usize) -> Self {
+        let mesh = division.field.mesh();
+        let mine = |e: usize| matches!(division.of[e], Owner::Zone(z) | Owner::Both(z) if z == zone);
+        let inside = (0..mesh.element_count()).filter(|&e| mine(e));
+        let corners = inside
+            .flat_map(|e| mesh.element(e))
+            .map(|&k| &mesh.nodes()[k as usize]);
+        let [low, high] = bounds_of(corners);
+        let margin = Vector3::repeat(1e-6 * (high - low).norm());
+        let bounds = [low - margin, high + margin];
+        let mut below = Vec::new();
+        let mut skin = Vec::new();
+        for facet in mesh.boundary() {
+            for t in facets_of(mesh, &[facet]) {
+                let t = t.map(|k| mesh.nodes()[k as usize]);
+                let [a, b] = bounds_of(t.iter());
+                if (0..3).all(|c| a[c] <= bounds[1][c] && bounds[0][c] <= b[c]) {
+                    skin.push(t);
+                    below.push(facet.element);
+                }
+            }
+        }
+        Self {
+            field: division.field.clone(),
+            of: division.of.clone(),
+            positions: division.zones[zone].positions.clone(),
+            zone,
+            bounds,
+            skin: Faces::new(skin),
+            below,
+        }
+    }
+
+    /// Whether a point is farther away than the zone.
+    fn is_beyond(&self, x: &Point3<f64>) -> bool {
+        (0..3).any(|c| x[c] < self.bounds[0][c] || x[c] > self.bounds[1][c])
+    }
+
+    /// Number and position of the element at a point; for a point of a bond or a cell that leaves the body those of the
+    /// element below the surface there.
+    fn locate(&self, x: &Point3<f64>) -> Option<(usize, f64)> {
+        if let found @ Some(_) = self.field.value_at(x, &self.positions) {
+            return found;
+        }
+        if self.skin.is_empty() {
+            return None;
+        }
+        let e = self.below[self.skin.nearest(x).0] as usize;
+        let corners = self.field.mesh().element(e);
+        let sum: f64 = corners.iter().map(|&k| self.positions[k as usize]).sum();
+        Some((e, sum / corners.len() as f64))
+    }
+}
+
+impl Overlap<f64> for Layer {
+    fn place(&self, x: &Point3<f64>) -> Place<f64> {
+        let found = if self.is_beyond(x) { None } else { self.locate(x) };
+        let Some((e, s)) = found else {
+            return Place::Coarse;
+        };
+        match self.of[e] {
+            Owner::Zone(z) if z == self.zone => Place::Fine,
+            Owner::Both(z) if z == self.zone => match s {
+                s if s <= ON_BORDER => Place::Fine,
+                s if s >= 1.0 - ON_BORDER => Place::Coarse,
+                s => Place::Overlap(s),
+            },
+            _ => Place::Coarse,
+        }
+    }
+
+    /// Positions are smooth within an element. A cell in one tetrahedron needs no halving, one in several or in a hexahedron,
+    /// where they are no linear function, a single one, and one that a border cuts, as those of natural elements may be, two.
+    fn place_of_cell(&self, cell: &Cell<f64>) -> Option<CellPlace> {
+        let corners = cell.corners();
+        if corners.iter().all(|x| self.is_beyond(x)) {
+            return Some(CellPlace::Coarse);
+        }
+        let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
+        let middle = Point3::from(sum / corners.len() as f64);
+        let own = |e: usize| match self.of[e] {
+            Owner::Zone(z) | Owner::Both(z) if z != self.zone => Owner::Body,
+            owner => owner,
+        };
+        let (first, _) = self.locate(&middle)?;
+        let linear = self.field.mesh().kind() == ElementKind::Tet4;
+        let (mut alike, mut same) = (true, linear);
+        for x in &corners {
+            let inwards = x + (middle - x) * INWARDS;
+            let (e, _) = self.locate(&inwards)?;
+            same &= e == first;
+            alike &= own(e) == own(first);
+        }
+        Some(match (alike, own(first)) {
+            (false, _) => CellPlace::Halved(2),
+            (_, Owner::Body) => CellPlace::Coarse,
+            (_, Owner::Zone(_)) => CellPlace::Fine,
+            (_, Owner::Both(_)) => CellPlace::Halved(usize::from(!same)),
+        })
+    }
+}

@@ -1,0 +1,135 @@
+//! Where a zone is: signed distances from what the scene names.
+
+use super::Cut;
+use super::faces::Faces;
+use crate::error::{Result, dem, key, unknown, value};
+use crate::setup::cloud;
+use crate::setup::filling::bytes;
+use crate::spec::ZoneShape;
+use arlequin::core::nalgebra::{Point3, Unit, Vector3};
+use arlequin::core::{Primitive, Region};
+use arlequin::dem_beam::Surface;
+use arlequin::dem_beam::packing::read_facets;
+use arlequin::fem_ref::Mesh;
+use arlequin::fem_ref::gmsh::facets_of;
+use std::path::Path;
+
+/// A region by its signed distance.
+#[derive(Debug)]
+pub(super) enum Place {
+    Simple(Primitive<f64>),
+    /// Within a distance of triangles \[m\].
+    Near(Faces, f64),
+    /// Inside a closed surface.
+    Inside(Faces, Box<Surface>),
+}
+
+impl Place {
+    /// The region of a zone.
+    pub(super) fn of(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
+        let (name, table) = &cut.zones[zone];
+        let path = format!("zone.{name}.shape");
+        let scale = table.scale.unwrap_or(cut.body.scale);
+        Ok(match &table.shape {
+            ZoneShape::Near {
+                group,
+                file,
+                distance,
+            } => {
+                let at = format!("{path}.near");
+                let faces = match (group, file) {
+                    (Some(g), None) => of_group(&format!("{at}.group"), g, mesh)?,
+                    (None, Some(f)) => of_file(&format!("{at}.file"), &folder.join(f), scale)?,
+                    _ => return Err(key(at, "needs exactly one of group, file")),
+                };
+                Self::Near(faces, *distance)
+            }
+            ZoneShape::File(file) => {
+                let at = format!("{path}.file");
+                let surface = Surface::from_stl(&bytes(&folder.join(file))?).map_err(dem(&at))?;
+                let surface = surface.scaled(scale).map_err(dem(&at))?;
+                Self::Inside(Faces::new(cloud::corners(&surface)), Box::new(surface))
+            }
+            simple => Self::Simple(primitive(&path, simple)?),
+        })
+    }
+
+    /// Refuses numbers that make no region.
+    pub(super) fn check(path: &str, shape: &ZoneShape) -> Result<()> {
+        match shape {
+            ZoneShape::Near { distance, .. } if *distance <= 0.0 => Err(value(
+                format!("{path}.near.distance"),
+                *distance,
+                "must be positive [m]",
+            )),
+            ZoneShape::Near { group, file, .. } if group.is_some() == file.is_some() => {
+                Err(key(format!("{path}.near"), "needs exactly one of group, file"))
+            }
+            ZoneShape::Near { .. } | ZoneShape::File(_) => Ok(()),
+            simple => primitive(path, simple).map(|_| ()),
+        }
+    }
+
+    /// Signed distance \[m\], negative inside.
+    pub(super) fn distance(&self, x: &Point3<f64>) -> f64 {
+        match self {
+            Self::Simple(p) => p.distance(x),
+            Self::Near(faces, reach) => faces.distance(x) - reach,
+            Self::Inside(faces, surface) => {
+                let d = faces.distance(x);
+                if surface.contains(&x.coords) { -d } else { d }
+            }
+        }
+    }
+}
+
+fn primitive(path: &str, shape: &ZoneShape) -> Result<Primitive<f64>> {
+    let positive = |name: &str, r: f64| match r > 0.0 {
+        true => Ok(r),
+        false => Err(value(format!("{path}.{name}.radius"), r, "must be positive [m]")),
+    };
+    Ok(match shape {
+        ZoneShape::Ball { centre, radius } => Primitive::Ball {
+            centre: Point3::from(*centre),
+            radius: positive("ball", *radius)?,
+        },
+        ZoneShape::Box { low, high } => {
+            if let Some(c) = (0..3).find(|&c| high[c] <= low[c]) {
+                let rule = format!("must be above low[{c}] = {} m", low[c]);
+                return Err(value(format!("{path}.box.high[{c}]"), high[c], &rule));
+            }
+            Primitive::Block {
+                low: Point3::from(*low),
+                high: Point3::from(*high),
+            }
+        }
+        ZoneShape::Cylinder { point, axis, radius } => Primitive::Cylinder {
+            point: Point3::from(*point),
+            axis: Unit::try_new(Vector3::from(*axis), 0.0)
+                .ok_or_else(|| key(format!("{path}.cylinder.axis"), "has no length; take [1, 0, 0]"))?,
+            radius: positive("cylinder", *radius)?,
+        },
+        ZoneShape::Near { .. } | ZoneShape::File(_) => return Err(key(path, "is no simple region")),
+    })
+}
+
+/// The facets of a group, or its nodes where it has none.
+fn of_group(path: &str, name: &str, mesh: &Mesh<f64>) -> Result<Faces> {
+    let Some(group) = mesh.groups().get(name) else {
+        return Err(unknown(path, name, "group of the body", mesh.groups().keys()));
+    };
+    let triangles = facets_of(mesh, &group.facets);
+    let at = |k: &u32| mesh.nodes()[*k as usize];
+    Ok(Faces::new(if triangles.is_empty() {
+        group.nodes.iter().map(|k| [at(k); 3]).collect()
+    } else {
+        triangles.iter().map(|t| t.each_ref().map(at)).collect()
+    }))
+}
+
+/// The triangles of an STL file.
+fn of_file(path: &str, file: &Path, scale: f64) -> Result<Faces> {
+    let facets = read_facets(&bytes(file)?).map_err(dem(path))?;
+    let facets = facets.iter().map(|t| t.map(|x| Point3::from(x * scale)));
+    Ok(Faces::new(facets.collect()))
+}

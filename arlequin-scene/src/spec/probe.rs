@@ -1,0 +1,164 @@
+//! `[probe.NAME]` and `[curve.NAME]`: values over time, and one over another.
+
+use super::drive::{Axis, Selection};
+use super::schema;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[probe.NAME]`: a value over time.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one(&["at", "where", "of"]))]
+pub struct Probe {
+    /// Model that is looked at. With `of`: only what acts on this model counts; all by default.
+    pub model: Option<String>,
+    /// Point of the model's field \[m\]; exactly one of `at`, `where` and `of`.
+    pub at: Option<[f64; 3]>,
+    /// Group or box of nodes whose mean is taken.
+    #[serde(rename = "where")]
+    pub over: Option<Selection>,
+    /// Name of a support, load, rigid body or effect of which the `force` or `moment` on the models is read. Several of one
+    /// name are added up: the two halves of a support in an overlap.
+    pub of: Option<String>,
+    /// Point about which a moment is taken \[m\]; by default the centroid of the nodes that are held or loaded, or the
+    /// centre of the rigid body at rest.
+    pub about: Option<[f64; 3]>,
+    /// What is read.
+    #[serde(default)]
+    pub quantity: Quantity,
+    /// Which component: `"x"`, `"y"`, `"z"`; `"xx"`, `"yy"`, `"zz"`, `"xy"`, `"yz"`, `"xz"` of a stress or strain; `"1"`, `"2"`, `"3"`
+    /// of the principal stresses, largest first. The stress of von Mises has none.
+    pub component: Option<Component>,
+}
+
+/// Components of vectors, of symmetric tensors and of their principal values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Component {
+    /// First of a vector.
+    X,
+    /// Second.
+    Y,
+    /// Third.
+    Z,
+    /// Normal component along x.
+    Xx,
+    /// Normal component along y.
+    Yy,
+    /// Normal component along z.
+    Zz,
+    /// Shear in the plane of x and y.
+    Xy,
+    /// Shear in the plane of y and z.
+    Yz,
+    /// Shear in the plane of x and z.
+    Xz,
+    /// Largest principal value.
+    #[serde(rename = "1")]
+    First,
+    /// Middle principal value.
+    #[serde(rename = "2")]
+    Second,
+    /// Smallest principal value.
+    #[serde(rename = "3")]
+    Third,
+}
+
+impl Component {
+    const NAMES: [&str; 12] = ["x", "y", "z", "xx", "yy", "zz", "xy", "yz", "xz", "1", "2", "3"];
+
+    /// Its name in a scene.
+    pub fn name(self) -> &'static str {
+        Self::NAMES[self as usize]
+    }
+
+    /// The direction, of a vector's.
+    pub fn axis(self) -> Option<Axis> {
+        match self {
+            Self::X => Some(Axis::X),
+            Self::Y => Some(Axis::Y),
+            Self::Z => Some(Axis::Z),
+            _ => None,
+        }
+    }
+
+    /// Place in `xx, yy, zz, xy, yz, xz`, of a tensor's.
+    pub fn tensor(self) -> Option<usize> {
+        (self as usize).checked_sub(3).filter(|k| *k < 6)
+    }
+
+    /// Place among the principal values, largest first.
+    pub fn rank(self) -> Option<usize> {
+        (self as usize).checked_sub(9)
+    }
+}
+
+/// What a probe reads.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Quantity {
+    /// Displacement \[m\].
+    #[default]
+    Displacement,
+    /// Velocity \[m/s\].
+    Velocity,
+    /// Mean rotation of a group of nodes about an axis through their centroid \[rad\].
+    Rotation,
+    /// Force on the models \[N\] of a support, load, rigid body or effect.
+    Force,
+    /// Moment on the models \[N m\] of the same, about a point.
+    Moment,
+    /// Stress \[Pa\], recovered at the nodes; tension positive. Of particles that of their bonds.
+    Stress,
+    /// Strain \[–\], recovered likewise; `xy` is half the change of the angle. Not known by particles.
+    Strain,
+    /// Equivalent stress of von Mises \[Pa\].
+    VonMises,
+    /// A principal stress \[Pa\].
+    PrincipalStress,
+}
+
+impl Quantity {
+    /// Whether it is of a tensor that is recovered at nodes.
+    pub fn is_recovered(self) -> bool {
+        matches!(
+            self,
+            Self::Stress | Self::Strain | Self::VonMises | Self::PrincipalStress
+        )
+    }
+
+    /// Name and unit.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Displacement => "displacement [m]",
+            Self::Velocity => "velocity [m/s]",
+            Self::Rotation => "rotation [rad]",
+            Self::Force => "force [N]",
+            Self::Moment => "moment [N m]",
+            Self::Stress => "stress [Pa]",
+            Self::Strain => "strain [-]",
+            Self::VonMises => "von Mises stress [Pa]",
+            Self::PrincipalStress => "principal stress [Pa]",
+        }
+    }
+}
+
+/// `[curve.NAME]`: one probe over another, such as force over displacement.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Curve {
+    /// Probe on the horizontal axis.
+    pub x: String,
+    /// Probe on the vertical axis.
+    pub y: String,
+    /// Factor on the values of `x`; -1 turns the sign.
+    #[serde(default = "one")]
+    pub x_factor: f64,
+    /// Factor on the values of `y`; -1 turns the sign, as that of a reaction into a load.
+    #[serde(default = "one")]
+    pub y_factor: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}

@@ -1,0 +1,150 @@
+//! What broke and what is left: modes, energies, pieces with their masses and velocities.
+#![allow(clippy::float_cmp, reason = "instants in a table are the same bits")]
+
+use arlequin_scene::{RunFolder, Scene, Silent};
+use std::path::PathBuf;
+
+/// A notched bar that is drawn out until it parts.
+const BAR: &str = r#"
+[model.bar]
+kind = "dem"
+shape.box = { low = [0.0, 0.0, 0.0], high = [8e-3, 2e-3, 2e-3] }
+spacing = 0.4e-3
+dem.protocol = "quench"
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+dem.notch = [{ low = [4e-3, -1e-3, -1e-3], high = [4e-3, 3e-3, 1.2e-3] }]
+[[effect]]
+fracture = { criterion = "rankine", strength = 100e6, weibull = 10.0 }
+[[initial]]
+velocity.polynomial = { component = "x", along = "x", coefficients = [-8.0, 2000.0] }
+[time]
+end = 8e-6
+[output]
+interval = 2e-6
+energy_every = 5
+"#;
+
+fn table(text: &str) -> Vec<Vec<String>> {
+    let rows = text.lines().skip(1);
+    rows.map(|l| l.split(',').map(str::to_owned).collect()).collect()
+}
+
+fn number(row: &[String], column: usize) -> f64 {
+    row[column].parse().expect("a number")
+}
+
+#[test]
+fn breaks_tell_their_mode_and_pieces_keep_mass_and_momentum() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("fragments");
+    let _ = std::fs::remove_dir_all(&folder);
+    let scene = Scene::from_text(BAR).expect("a scene");
+    let into = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
+    let results = scene
+        .prepare()
+        .expect("built")
+        .run_into(into, &mut Silent)
+        .expect("runs");
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).expect("a table");
+
+    let text = read("breaks.csv");
+    assert!(text.starts_with("time [s],model,x [m],y [m],z [m],mode,released [J],in an overlap [-]\n"));
+    let breaks = table(&text);
+    assert!(breaks.len() >= 5, "{} bonds broke", breaks.len());
+    let modes: Vec<&str> = breaks.iter().map(|b| b[5].as_str()).collect();
+    assert!(
+        modes
+            .iter()
+            .all(|m| ["tension", "bending", "torsion"].contains(m)),
+        "rankine breaks in tension"
+    );
+    assert!(
+        breaks.windows(2).all(|w| number(&w[0], 0) <= number(&w[1], 0)),
+        "in the order of time"
+    );
+    let released: f64 = breaks.iter().map(|b| number(b, 6)).sum();
+    let facts = &results.summary().effect_ledger[0].facts;
+    assert!((released / facts["released energy [J]"] - 1.0).abs() < 1e-10);
+
+    let text = read("fragments.csv");
+    let pieces = table(&text);
+    let line = results.summary();
+    let mass = line.models[0].packing.as_ref().expect("a packing").mass;
+    let mut times: Vec<f64> = pieces.iter().map(|p| number(p, 0)).collect();
+    times.dedup();
+    assert_eq!(times.len(), line.frames, "at the instants of the frames");
+    for t in &times {
+        let now = || pieces.iter().filter(|p| number(p, 0) == *t);
+        let sum = |column: usize| now().map(|p| number(p, 4) * number(p, column)).sum::<f64>();
+        let all: f64 = now().map(|p| number(p, 4)).sum();
+        assert!((all / mass - 1.0).abs() < 1e-10, "{all:e} of {mass:e} kg");
+        let particles: f64 = now().map(|p| number(p, 3)).sum();
+        assert_eq!(
+            particles as usize,
+            results.run.subdomains()[0].model().nodes().len()
+        );
+        // Nothing acts from outside.
+        let first = pieces[0..1]
+            .iter()
+            .map(|p| number(p, 4) * number(p, 8))
+            .sum::<f64>();
+        let size: f64 = 8.0 * mass;
+        assert!(
+            (sum(8) - first).abs() < 1e-10 * size && (sum(9)).abs() < 1e-10 * size,
+            "{t:e}"
+        );
+    }
+    let last = *times.last().expect("instants");
+    let left: Vec<&Vec<String>> = pieces.iter().filter(|p| number(p, 0) == last).collect();
+    let first: Vec<&Vec<String>> = pieces.iter().filter(|p| number(p, 0) == 0.0).collect();
+    assert_eq!(first.len(), 1, "one body at the start");
+    let heavy: Vec<_> = left.iter().filter(|p| number(p, 2) > 0.0).collect();
+    assert!(heavy.len() >= 2, "{left:?}");
+    assert!(
+        heavy.windows(2).all(|w| number(w[0], 4) >= number(w[1], 4)),
+        "heaviest first"
+    );
+    assert_eq!(results.recorded.fragments.len(), pieces.len());
+}
+
+/// A run that is stopped and goes on has the same tables as one that was not.
+#[test]
+fn modes_and_pieces_survive_a_checkpoint() {
+    struct Half;
+    impl arlequin_scene::Observer for Half {
+        fn step(&mut self, run: &arlequin::core::Coupled<f64>, planned: usize) -> std::ops::ControlFlow<()> {
+            if run.steps() == planned / 2 {
+                return std::ops::ControlFlow::Break(());
+            }
+            std::ops::ControlFlow::Continue(())
+        }
+    }
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("fragments-resumed");
+    let _ = std::fs::remove_dir_all(&folder);
+    let tables = |place: &std::path::Path| {
+        [
+            "breaks.csv",
+            "fragments.csv",
+            "probes.csv",
+            "energy.csv",
+            "results.pvd",
+        ]
+        .map(|n| std::fs::read_to_string(place.join(n)).expect("a table"))
+    };
+    let begin = |name: &str, observer: &mut dyn arlequin_scene::Observer| {
+        let scene = Scene::from_text(BAR).expect("a scene");
+        let into = RunFolder::new(&scene, Some(&folder.join(name)), true).expect("a folder");
+        scene
+            .prepare()
+            .expect("built")
+            .run_into(into, observer)
+            .expect("runs");
+    };
+    begin("whole", &mut Silent);
+    begin("halves", &mut Half);
+    let resumed = arlequin_scene::resume(&folder.join("halves")).expect("a checkpoint");
+    resumed.run(&mut Silent).expect("goes on");
+    assert!(
+        tables(&folder.join("whole")) == tables(&folder.join("halves")),
+        "the same tables"
+    );
+}

@@ -1,0 +1,270 @@
+//! Scenes at rest: direct and relaxed equilibria, their reactions, load steps from a file.
+#![allow(
+    clippy::print_stdout,
+    clippy::float_cmp,
+    reason = "a test shows what it measured and compares times that are the same bits"
+)]
+
+use arlequin_scene::{Results, Scene, Silent};
+use std::path::PathBuf;
+
+const SOLID: &str = "material = { young = 3.0, poisson = 0.2, density = 1.5 }";
+
+fn coupled(right: &str) -> String {
+    format!(
+        "[model.left]\nkind = \"fem\"\nspacing = 1.0\nrole = \"coarse\"\n{SOLID}\n\
+         shape.box = {{ low = [0.0, 0.0, 0.0], high = [5.0, 3.0, 3.0] }}\n\
+         [model.right]\n{right}\nrole = \"fine\"\n{SOLID}\n\
+         shape.box = {{ low = [3.0, 0.0, 0.0], high = [8.0, 3.0, 3.0] }}\n\
+         [interface.joint]\ncoarse = \"left\"\nfine = \"right\"\n\
+         overlap.slab = {{ coarse = [3.0, 0.0, 0.0], fine = [5.0, 0.0, 0.0] }}\nmediator.spacing = 1.0\n"
+    )
+}
+
+/// Held along z-min in both models, pulled and twisted at x-max, with gravity.
+const ACTS: &str = r#"
+[[support]]
+name = "bed"
+model = "left"
+where = "z-min"
+[[support]]
+name = "bed"
+model = "right"
+where = "z-min"
+[[load]]
+name = "pull"
+model = "right"
+where = "x-max"
+force = [0.02, 0.01, 0.03]
+time.ramp = { duration = 1.0 }
+[[effect]]
+body_force = { acceleration = [0.0, 0.0, -0.01], time = { expression = "min(1, 2*t)" } }
+"#;
+
+fn probes(names: &[&str]) -> String {
+    let mut out = String::new();
+    for name in names {
+        for axis in ["x", "y", "z"] {
+            for (q, quantity) in [("f", "force"), ("m", "moment")] {
+                out += &format!(
+                    "[probe.{name}-{q}-{axis}]\nof = \"{name}\"\nquantity = \"{quantity}\"\ncomponent = \"{axis}\"\n\
+                     about = [0.0, 0.0, 0.0]\n"
+                );
+            }
+        }
+    }
+    out
+}
+
+fn run(text: &str) -> Results {
+    let scene = Scene::from_text(text).expect("a scene");
+    scene.prepare().expect("built").run(&mut Silent).expect("runs")
+}
+
+/// Largest sum of forces (or moments) over the largest of them, at any load step.
+fn imbalance(results: &Results, names: &[&str], kind: &str) -> f64 {
+    let count = results.recorded.probes.times.len();
+    let (mut off, mut size) = (0.0_f64, 0.0_f64);
+    for k in 0..count {
+        for axis in ["x", "y", "z"] {
+            let values = names
+                .iter()
+                .map(|n| results.probe(&format!("{n}-{kind}-{axis}")).expect("probe").1[k]);
+            let values: Vec<f64> = values.collect();
+            off = off.max(values.iter().sum::<f64>().abs());
+            size = values.iter().fold(size, |s, v| s.max(v.abs()));
+        }
+    }
+    off / size
+}
+
+#[test]
+fn reactions_balance_loads_at_rest_for_every_pair_of_models() {
+    let names = ["bed", "pull", "body-force"];
+    for right in [
+        "kind = \"fem\"\nspacing = 0.5",
+        "kind = \"cnem\"\nspacing = 0.75",
+        "kind = \"dem\"\nspacing = 0.6\ndem.protocol = \"quench\"",
+    ] {
+        let text = coupled(right) + ACTS + &probes(&names) + "[static]\nsteps = 2\n";
+        let results = run(&text);
+        let off = ["f", "m"].map(|k| imbalance(&results, &names, k));
+        println!("{right:?}: force {:e}, moment {:e}", off[0], off[1]);
+        assert!(off[0] < 1e-10 && off[1] < 1e-10, "{right}: {off:?}");
+        let steps = &results.summary().load_steps;
+        assert_eq!(steps.len(), 2);
+        assert!(
+            steps
+                .iter()
+                .all(|s| s.method == "direct" && s.iterations == 0 && s.residual < 1e-10)
+        );
+        // Loads are those of their load step: the energy of a linear body under twice the pull, gravity being there at half.
+        assert_eq!(results.recorded.probes.times, [0.5, 1.0]);
+    }
+}
+
+/// A clamped bar under its own weight and a pull at its end: `u = F L/(E A) + ρ g L²/(2 E)`.
+#[test]
+fn a_bar_at_rest_has_the_displacement_of_the_textbook() {
+    let bar = "[model.bar]\nkind = \"fem\"\nshape.bar = { from = 0.0, to = 2.0, section = 1e-4 }\nspacing = 0.1\n\
+               material = { young = 200e9, density = 7800.0 }\n\
+               [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n\
+               [[load]]\nmodel = \"bar\"\nwhere = \"x-max\"\nforce = [1e3, 0.0, 0.0]\ntime = \"step\"\n\
+               [[effect]]\nbody_force.acceleration = [9.81, 0.0, 0.0]\n\
+               [probe.tip]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponent = \"x\"\n[static]\nsteps = 1\n";
+    let results = run(bar);
+    let tip = results.probe("tip").expect("probe").1[0];
+    let exact = 1e3 * 2.0 / (200e9 * 1e-4) + 7800.0 * 9.81 * 4.0 / (2.0 * 200e9);
+    assert!((tip / exact - 1.0).abs() < 1e-10, "{tip:e}, {exact:e}");
+}
+
+/// Large rotations are no linear system: relaxed, a body that turns little has the equilibrium of the small ones.
+#[test]
+fn relaxed_equilibria_are_those_of_the_direct_solution() {
+    let body = |finite: bool| {
+        format!(
+            "[model.body]\nkind = \"dem\"\n{SOLID}\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [5.0, 3.0, 3.0] }}\n\
+             spacing = 0.7\ndem.protocol = \"quench\"\ndem.finite_rotations = {finite}\n\
+             [[support]]\nname = \"bed\"\nmodel = \"body\"\nwhere = \"x-min\"\n\
+             [[load]]\nname = \"pull\"\nmodel = \"body\"\nwhere = \"x-max\"\nforce = [1e-4, 1e-5, 0.0]\ntime = \"step\"\n\
+             [probe.tip]\nmodel = \"body\"\nwhere = \"x-max\"\ncomponent = \"x\"\n\
+             [probe.side]\nmodel = \"body\"\nwhere = \"x-max\"\ncomponent = \"y\"\n{}\
+             [static]\nsteps = 1\ntolerance = 1e-7\n",
+            probes(&["bed", "pull"])
+        )
+    };
+    let [small, large] = [false, true].map(|f| run(&body(f)));
+    let step = &large.summary().load_steps[0];
+    println!("{} steps of relaxation to {:e}", step.iterations, step.residual);
+    assert!(step.method == "relaxed" && step.residual <= 1e-7 && step.iterations > 500);
+    for p in ["tip", "side"] {
+        let [a, b] = [&small, &large].map(|r| r.probe(p).expect("probe").1[0]);
+        assert!((a / b - 1.0).abs() < 2e-4, "{p}: {a:e}, {b:e}");
+    }
+    let off = imbalance(&large, &["bed", "pull"], "f");
+    assert!(off < 1e-5, "{off:e}");
+}
+
+#[test]
+fn load_steps_come_from_a_file_and_the_motion_of_a_support_too() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("statics-file");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::write(folder.join("steps.csv"), "time [s]\n0.1\n0.25\n1.0\n").expect("written");
+    std::fs::write(
+        folder.join("pull.csv"),
+        "# time, displacement\n0.0, 0.0\n1.0, 2e-3\n",
+    )
+    .expect("written");
+    let text = "[model.bar]\nkind = \"fem\"\nshape.bar = { from = 0.0, to = 2.0, section = 1e-4 }\nspacing = 0.5\n\
+                material = { young = 200e9, density = 7800.0 }\n\
+                [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n\
+                [[support]]\nname = \"grip\"\nmodel = \"bar\"\nwhere = \"x-max\"\n\
+                motion = { amplitude = 1.0, time = { file = \"pull.csv\" } }\n\
+                [probe.grip]\nof = \"grip\"\nquantity = \"force\"\ncomponent = \"x\"\n\
+                [probe.tip]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponent = \"x\"\n\
+                [curve.pull]\nx = \"tip\"\ny = \"grip\"\nx_factor = 1e3\n\
+                [static]\nfile = \"steps.csv\"\n";
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, text).expect("written");
+    let scene = Scene::read(&path).expect("a scene");
+    assert_eq!(scene.files().len(), 2);
+    let into = arlequin_scene::RunFolder::new(&scene, Some(&folder.join("out")), true).expect("a folder");
+    let results = scene
+        .prepare()
+        .expect("built")
+        .run_into(into, &mut Silent)
+        .expect("runs");
+    assert_eq!(results.recorded.probes.times, [0.1, 0.25, 1.0]);
+    let force = results.probe("grip").expect("probe").1;
+    for (t, f) in results.recorded.probes.times.iter().zip(force) {
+        let exact = 200e9 * 1e-4 * 2e-3 * t / 2.0;
+        assert!((f - exact).abs() < 1e-10 * 2e4, "{t}: {f:e}, {exact:e}");
+    }
+    let curve = std::fs::read_to_string(folder.join("out/curve-pull.csv")).expect("a curve");
+    let mut lines = curve.lines();
+    assert_eq!(
+        lines.next(),
+        Some("time [s],1000 tip displacement [m],grip force [N]")
+    );
+    let last: Vec<f64> = lines
+        .last()
+        .expect("rows")
+        .split(',')
+        .map(|c| c.parse().expect("number"))
+        .collect();
+    assert!(
+        (last[1] - 2.0).abs() < 1e-12 && (last[2] - 2e4).abs() < 1e-5,
+        "{last:?}"
+    );
+    let table = std::fs::read_to_string(folder.join("out/static.csv")).expect("a table");
+    assert_eq!(table.lines().count(), 4);
+    assert!(table.starts_with("time [s],method,residual [-],iterations [-],internal [J]\n1e-1,direct,"));
+}
+
+#[test]
+fn static_scenes_refuse_what_needs_time() {
+    let base = coupled("kind = \"fem\"\nspacing = 0.5") + ACTS;
+    let refused = |more: &str, key: &str, words: &str| {
+        let error = match Scene::from_text(format!("{base}{more}")).and_then(|s| s.prepare()) {
+            Ok(_) => panic!("taken: {more}"),
+            Err(e) => e,
+        };
+        assert_eq!(error.place().0, Some(key), "{error}");
+        assert!(error.to_string().contains(words), "{error}");
+    };
+    refused("[static]\n", "static", "exactly one of times [s], file, steps");
+    refused("[static]\nsteps = 2\ntimes = [1.0]\n", "static", "exactly one of");
+    refused("[static]\nsteps = 0\n", "static.steps", "at least 1");
+    refused(
+        "[static]\ntimes = [1.0, 0.5]\n",
+        "static.times",
+        "above the one before",
+    );
+    refused("[static]\ntimes = []\n", "static.times", "at least one");
+    refused("[static]\nsteps = 1\nend = -1.0\n", "static.end", "positive");
+    refused(
+        "[static]\nsteps = 1\ntolerance = 2.0\n",
+        "static.tolerance",
+        "below 1",
+    );
+    refused(
+        "[static]\nsteps = 1\niterations = 3\n",
+        "static.iterations",
+        "static.ramp",
+    );
+    refused(
+        "[static]\nsteps = 1\n[time]\nend = 1.0\n",
+        "time",
+        "is replaced by [static]",
+    );
+    refused("", "time", "[static] in its place");
+    refused(
+        "[static]\nsteps = 1\n[[initial]]\nvelocity.uniform = [1.0, 0.0, 0.0]\n",
+        "initial[0]",
+        "moves a scene that is at rest",
+    );
+    refused(
+        "[static]\nsteps = 1\n[[effect]]\nprestress = {}\n",
+        "effect[1].prestress",
+        "remove it or [static]",
+    );
+    // What can move freely has no equilibrium.
+    let free = base.replace(
+        "[[support]]\nname = \"bed\"\nmodel = \"left\"\nwhere = \"z-min\"",
+        "",
+    );
+    let free = free.replace(
+        "[[support]]\nname = \"bed\"\nmodel = \"right\"\nwhere = \"z-min\"",
+        "",
+    );
+    let scene = Scene::from_text(free + "[static]\nsteps = 1\n").expect("a scene");
+    let error = scene
+        .prepare()
+        .expect("built")
+        .run(&mut Silent)
+        .expect_err("no equilibrium");
+    assert!(
+        error.to_string().contains("singular") || error.to_string().contains("rigid"),
+        "{error}"
+    );
+}

@@ -1,0 +1,267 @@
+//! Stress and strain in probes and frames: what a scene asks for and what it gets.
+
+use arlequin_scene::{Results, RunFolder, Scene, Silent};
+use std::path::PathBuf;
+
+const SOLID: &str = "material = { young = 200e9, poisson = 0.25, density = 7800.0 }";
+
+/// A body strained by `u_x = 1e-4 x` and `u_y = 2e-4 x` from the start.
+const STRAIN: &str = "[[initial]]\ndisplacement.polynomial = { component = \"x\", along = \"x\", coefficients = [0.0, 1e-4] }\n\
+                      [[initial]]\ndisplacement.polynomial = { component = \"y\", along = \"x\", coefficients = [0.0, 2e-4] }\n\
+                      [time]\nsteps = 1\n";
+
+fn halves(right: &str) -> String {
+    format!(
+        "[model.left]\nkind = \"fem\"\nrole = \"coarse\"\nspacing = 1.0\n{SOLID}\n\
+         shape.box = {{ low = [0.0, 0.0, 0.0], high = [6.0, 3.0, 3.0] }}\n\
+         [model.right]\n{right}\nrole = \"fine\"\n{SOLID}\n\
+         shape.box = {{ low = [3.0, 0.0, 0.0], high = [9.0, 3.0, 3.0] }}\n\
+         [interface.joint]\ncoarse = \"left\"\nfine = \"right\"\n\
+         overlap.slab = {{ coarse = [3.0, 0.0, 0.0], fine = [6.0, 0.0, 0.0] }}\n"
+    )
+}
+
+fn probe(name: &str, model: &str, place: &str, quantity: &str, component: &str) -> String {
+    let component = if component.is_empty() {
+        String::new()
+    } else {
+        format!("component = \"{component}\"\n")
+    };
+    format!("[probe.{name}]\nmodel = \"{model}\"\n{place}\nquantity = \"{quantity}\"\n{component}")
+}
+
+fn run(text: &str) -> Results {
+    let scene = Scene::from_text(text).expect("a scene");
+    scene.prepare().expect("built").run(&mut Silent).expect("runs")
+}
+
+#[test]
+fn both_models_tell_the_stress_of_the_material_in_their_overlap_whatever_their_weights() {
+    let (mu, lambda) = (80e9, 80e9);
+    let wanted = [
+        ("stress", "xx", (lambda + 2.0 * mu) * 1e-4),
+        ("stress", "yy", lambda * 1e-4),
+        ("stress", "xy", mu * 2e-4),
+        ("stress", "yz", 0.0),
+        ("strain", "xx", 1e-4),
+        ("strain", "xy", 1e-4),
+        // 1e-4 (λ + 2μ ± …): deviator 2μ (2/3, −1/3, −1/3, xy = 1) 1e-4.
+        ("von-mises", "", 2.0 * mu * 1e-4 * (1.0_f64 + 3.0).sqrt()),
+        ("principal-stress", "2", lambda * 1e-4),
+    ];
+    for right in [
+        "kind = \"fem\"\nspacing = 0.5\nfem.element = \"tet4\"",
+        "kind = \"cnem\"\nspacing = 0.75",
+    ] {
+        let mut text = halves(right) + STRAIN;
+        let places = [
+            "at = [4.6, 1.3, 1.1]",
+            "at = [3.0, 0.0, 0.0]",
+            "where = \"y-max\"",
+        ];
+        for (k, (quantity, component, _)) in wanted.iter().enumerate() {
+            for model in ["left", "right"] {
+                for (p, place) in places.iter().enumerate() {
+                    text += &probe(&format!("{model}-{k}-{p}"), model, place, quantity, component);
+                }
+            }
+        }
+        let results = run(&text);
+        for (k, (quantity, component, value)) in wanted.iter().enumerate() {
+            for (name, p) in [
+                ("left", 0),
+                ("left", 1),
+                ("left", 2),
+                ("right", 0),
+                ("right", 1),
+                ("right", 2),
+            ] {
+                let found = results.probe(&format!("{name}-{k}-{p}")).expect("probe").1[0];
+                let scale = if *quantity == "strain" { 1e-4 } else { 1e-4 * mu };
+                let off = (found - value).abs() / scale;
+                assert!(
+                    off < 1e-9,
+                    "{name}, {quantity} {component}, place {p}: {found:e} for {value:e}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn frames_carry_what_models_recover_and_only_what_is_asked_for() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("stresses-frames");
+    let _ = std::fs::remove_dir_all(&folder);
+    let grains = "kind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"";
+    let fracture = "[[effect]]\nfracture = { criterion = \"rankine\", strength = 1e12 }\n";
+    let text = halves(grains) + fracture + STRAIN;
+    let head = |scene: &Scene, name: &str, model: &str| {
+        let place = folder.join(name);
+        let into = RunFolder::new(scene, Some(&place), true).expect("a folder");
+        scene
+            .prepare()
+            .expect("built")
+            .run_into(into, &mut Silent)
+            .expect("runs");
+        let bytes = std::fs::read(place.join(format!("vtu/{model}_00000000.vtu"))).expect("a frame");
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        text[..text.find("AppendedData").expect("a head")].to_owned()
+    };
+    let scene = Scene::from_text(text).expect("a scene");
+    let block = head(&scene, "all", "left");
+    for array in [
+        "stress [Pa]\" NumberOfComponents=\"6\"",
+        "strain [-]",
+        "von Mises stress [Pa]",
+        "principal stresses [Pa]\" NumberOfComponents=\"3\"",
+    ] {
+        assert!(block.contains(array), "{array} in {block}");
+    }
+    let spheres = head(&scene, "all", "right");
+    for array in [
+        "stress [Pa]",
+        "axial force [N]",
+        "shear force [N]",
+        "utilisation [-]",
+    ] {
+        assert!(spheres.contains(array), "{array} in {spheres}");
+    }
+    assert!(
+        !spheres.contains("strain [-]") && !block.contains("axial"),
+        "{spheres}"
+    );
+    assert!(
+        !spheres.contains("contact force"),
+        "there is no contact: {spheres}"
+    );
+    let few = scene.set("output.fields", "['displacement']").expect("fields");
+    let bare = head(&few, "few", "right");
+    assert!(!bare.contains("[Pa]") && !bare.contains("force"), "{bare}");
+}
+
+#[test]
+fn probes_of_stress_refuse_components_and_models_that_have_none() {
+    let refused = |more: &str, key: &str, words: &str| {
+        let grains = "kind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"";
+        let scene = Scene::from_text(halves(grains) + STRAIN + more);
+        let error = match scene.and_then(|s| s.prepare()) {
+            Ok(_) => panic!("taken: {more}"),
+            Err(e) => e,
+        };
+        assert_eq!(error.place().0, Some(key), "{error}");
+        assert!(error.to_string().contains(words), "{error}");
+    };
+    let at = "at = [1.0, 1.0, 1.0]";
+    refused(
+        &probe("p", "left", at, "stress", "x"),
+        "probe.p.component",
+        "\"xx\"",
+    );
+    refused(
+        &probe("p", "left", at, "stress", ""),
+        "probe.p.component",
+        "is needed",
+    );
+    refused(
+        &probe("p", "left", at, "von-mises", "x"),
+        "probe.p.component",
+        "remove it",
+    );
+    refused(
+        &probe("p", "left", at, "principal-stress", "xx"),
+        "probe.p.component",
+        "the largest",
+    );
+    refused(
+        &probe("p", "left", at, "displacement", "xx"),
+        "probe.p.component",
+        "is no direction",
+    );
+    refused(
+        &probe("p", "left", at, "velocity", ""),
+        "probe.p.component",
+        "is needed",
+    );
+    refused(
+        &probe("p", "right", "where = \"x-max\"", "strain", "xx"),
+        "probe.p.quantity",
+        "take \"stress\"",
+    );
+    let chain = "[model.line]\nkind = \"chain\"\nshape.bar = { from = 20.0, to = 30.0, section = 1.0 }\nspacing = 0.5\n\
+                 material = { young = 1.0, density = 1.0 }\n";
+    refused(
+        &(chain.to_owned() + &probe("p", "line", "where = \"x-max\"", "stress", "xx")),
+        "probe.p.quantity",
+        "of kind 'chain' knows no stresses",
+    );
+}
+
+/// A ball that falls on particles: its surface moves with it, and what it pushes is told.
+#[test]
+fn frames_show_rigid_bodies_and_the_forces_of_contact() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("stresses-rigid");
+    let _ = std::fs::remove_dir_all(&folder);
+    let text = format!(
+        "[model.grains]\nkind = \"dem\"\nspacing = 0.6\ndem.protocol = \"quench\"\n{SOLID}\n\
+         shape.box = {{ low = [0.0, 0.0, 0.0], high = [3.0, 3.0, 2.0] }}\n\
+         [[effect]]\nobstacle = {{ name = \"my ball\", shape.sphere = {{ centre = [1.5, 1.5, 3.0], radius = 1.0 }}, \
+         velocity = [0.0, 0.0, -10.0], mass = 1e8 }}\n\
+         [[effect]]\nobstacle = {{ name = \"bed\", shape.plane = {{ point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }} }}\n\
+         [[effect]]\nobstacle = {{ name = \"roll\", shape.cylinder = {{ point = [1.5, 0.0, -9.0], axis = [0.0, 1.0, 0.0], radius = 1.0 }} }}\n\
+         [time]\nsteps = 100\n[output]\nevery = 100\n"
+    );
+    let scene = Scene::from_text(text).expect("a scene");
+    let into = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
+    scene
+        .prepare()
+        .expect("built")
+        .run_into(into, &mut Silent)
+        .expect("runs");
+    let arrays = |file: &str, name: &str, skip: usize| -> Vec<f64> {
+        let bytes = std::fs::read(folder.join("vtu").join(file)).expect("a frame");
+        let head = String::from_utf8_lossy(&bytes).into_owned();
+        let at = head.find(&format!("Name=\"{name}\"")).expect("the array");
+        let offset: usize = head[at..]
+            .split("offset=\"")
+            .nth(1)
+            .and_then(|s| s.split('"').next())
+            .expect("offset")
+            .parse()
+            .expect("number");
+        let mark = b"encoding=\"raw\">\n_";
+        let start = bytes.windows(mark.len()).position(|w| w == mark).expect("data") + mark.len() + offset;
+        let size = u64::from_le_bytes(bytes[start..start + 8].try_into().expect("eight")) as usize;
+        let data = &bytes[start + 8..start + 8 + size];
+        data.chunks_exact(8)
+            .skip(skip)
+            .map(|b| f64::from_le_bytes(b.try_into().expect("eight")))
+            .collect()
+    };
+    let ball = "rigid-my-ball-grains-0_00000100.vtu";
+    let surface = arrays(ball, "position [m]", 0);
+    for x in surface.chunks_exact(3) {
+        let r = ((x[0] - 1.5).powi(2) + (x[1] - 1.5).powi(2) + (x[2] - 3.0).powi(2)).sqrt();
+        assert!((r - 1.0).abs() < 1e-12, "{x:?}");
+    }
+    let moved = arrays(ball, "displacement [m]", 0);
+    assert!(
+        moved
+            .chunks_exact(3)
+            .all(|u| u[2] < -1e-3 && (u[2] - moved[2]).abs() < 1e-15),
+        "{:?}",
+        &moved[..3]
+    );
+    let speed = arrays(ball, "velocity [m/s]", 0);
+    assert!(speed[2] < -5.0);
+    let pushes = arrays("grains_00000100.vtu", "contact force [N]", 0);
+    let sum: f64 = pushes.chunks_exact(3).map(|f| f[2]).sum();
+    assert!(sum.abs() > 0.0, "the ball pushes");
+    for other in [
+        "rigid-bed-grains-1_00000000.vtu",
+        "rigid-roll-grains-2_00000000.vtu",
+    ] {
+        assert!(folder.join("vtu").join(other).exists(), "{other}");
+    }
+    let index = std::fs::read_to_string(folder.join("results.pvd")).expect("an index");
+    assert_eq!(index.matches("rigid-my ball-grains").count(), 2, "{index}");
+}

@@ -1,0 +1,177 @@
+//! Files whose volumes differ: materials, choice of one, units.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use arlequin::core::Uniform;
+use arlequin_scene::setup::{Built, build};
+use arlequin_scene::{Error, Scene, Source};
+
+/// Two bricks of one metre in a row, `soft` and `stiff`.
+const BRICKS: &str = "[model.bar]\nkind = \"fem\"\nshape.file = \"bricks.msh\"\n\
+                      material = { young = 1.0, poisson = 0.0, density = 1.0 }\n\
+                      materials.stiff = { young = 4.0, density = 3.0 }\n[time]\nsteps = 1\n";
+
+fn scene(text: &str) -> Result<Scene, Error> {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/meshes/scene.toml");
+    Scene::of(Source::new(path, text))
+}
+
+fn built(text: &str) -> Built {
+    let scene = scene(text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    build(scene.spec(), scene.folder()).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+/// Mass of the nodes with x below and from one metre on \[kg\].
+fn masses(built: &Built) -> [f64; 2] {
+    let model = built.run.subdomains()[0].model();
+    let mut inertia = vec![0.0; model.layout().dofs()];
+    model.lumped_inertia(&Uniform(1.0), &mut inertia).unwrap();
+    let mut out = [0.0; 2];
+    for (x, m) in model.nodes().iter().zip(inertia.as_chunks::<3>().0) {
+        out[usize::from(x.x >= 1.0)] += m[0];
+    }
+    out
+}
+
+#[test]
+fn volumes_in_a_row_stretch_by_their_own_moduli() {
+    let pull = "[[support]]\nmodel = \"bar\"\nwhere = \"left\"\n\
+                [[load]]\nmodel = \"bar\"\nwhere = \"right\"\ntraction = [0.01, 0.0, 0.0]\ntime = \"step\"\n";
+    let mut bar = built(&format!("{BRICKS}{pull}"));
+    let solved = bar.run.equilibrium(1.0).unwrap();
+    let nodes = bar.run.subdomains()[0].model().nodes();
+    for (x, u) in nodes.iter().zip(solved.displacements[0].as_chunks::<3>().0) {
+        let wanted = 0.01 * (x.x.min(1.0) + (x.x - 1.0).max(0.0) / 4.0);
+        assert!(
+            (u[0] - wanted).abs() < 1e-12 && u[1].abs() < 1e-12 && u[2].abs() < 1e-12,
+            "{x}: {u:?}"
+        );
+    }
+    assert!((masses(&bar).iter().sum::<f64>() - 4.0).abs() < 1e-12);
+    assert!(bar.warnings.is_empty(), "{:?}", bar.warnings);
+    // Without them the scene says that it takes both for one.
+    let alike = built(&BRICKS.replace("materials.stiff = { young = 4.0, density = 3.0 }\n", ""));
+    assert!(
+        alike
+            .warnings
+            .iter()
+            .any(|w| w.contains("has 2 volumes (soft, stiff)")),
+        "{:?}",
+        alike.warnings
+    );
+}
+
+#[test]
+fn spheres_weigh_what_their_volume_weighs() {
+    let spheres = BRICKS.replace(
+        "kind = \"fem\"",
+        "kind = \"dem\"\nspacing = 0.14\ndem.protocol = \"quench\"",
+    );
+    let [soft, stiff] = masses(&built(&spheres));
+    // A layer of half spheres belongs to the neighbour.
+    assert!(
+        (soft - 1.0).abs() < 0.1 && (stiff - 3.0).abs() < 0.3,
+        "{soft} {stiff}"
+    );
+}
+
+#[test]
+fn one_volume_of_a_file_is_a_body_and_files_have_units() {
+    let one = BRICKS.replace(
+        "materials.stiff = { young = 4.0, density = 3.0 }",
+        "volume = \"stiff\"\nscale = 1e-3",
+    );
+    let built = built(&one);
+    let nodes = built.run.subdomains()[0].model().nodes();
+    let ends = nodes
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| {
+            [a.min(x.x), b.max(x.x)]
+        });
+    assert!(
+        (ends[0] - 1e-3).abs() < 1e-15 && (ends[1] - 2e-3).abs() < 1e-15,
+        "{ends:?}"
+    );
+    assert!((masses(&built).iter().sum::<f64>() - 1e-9).abs() < 1e-20);
+    let spheres = one.replace(
+        "kind = \"fem\"",
+        "kind = \"dem\"\nspacing = 0.16e-3\ndem.protocol = \"quench\"",
+    );
+    let built = self::built(&spheres);
+    let nodes = built.run.subdomains()[0].model().nodes();
+    assert!(
+        nodes
+            .iter()
+            .all(|x| (1e-3..2e-3).contains(&x.x) && (0.0..1e-3).contains(&x.y))
+    );
+}
+
+#[test]
+fn elements_of_second_order_are_told_of() {
+    let built = built(&BRICKS.replace("bricks.msh", "bricks-second-order.msh"));
+    assert!(
+        built
+            .warnings
+            .iter()
+            .any(|w| w.contains("elements of second order are read as linear ones")),
+        "{:?}",
+        built.warnings
+    );
+}
+
+#[test]
+fn volumes_and_materials_that_are_not_there_are_refused() {
+    let brittle = "[[effect]]\nfracture = { criterion = \"axial\", strength = 1.0 }\n";
+    for (from, to, key, words) in [
+        (
+            "materials.stiff",
+            "materials.steel",
+            "model.bar.materials",
+            "known: soft, stiff",
+        ),
+        (
+            "materials.stiff",
+            "volume = \"steel\"\nmaterials.stiff",
+            "model.bar.volume",
+            "known: soft, stiff",
+        ),
+        (
+            "young = 4.0",
+            "young = -4.0",
+            "model.bar.materials.stiff.young",
+            "must be positive",
+        ),
+        (
+            "young = 4.0,",
+            "young = 4.0, poisson = 0.7,",
+            "model.bar.materials.stiff.poisson",
+            "below 0.5",
+        ),
+        (
+            "kind = \"fem\"",
+            "kind = \"cnem\"",
+            "model.bar.materials",
+            "take kind = \"fem\"",
+        ),
+        (
+            "kind = \"fem\"",
+            "kind = \"fem\"\nscale = -1.0",
+            "model.bar.scale",
+            "must be positive",
+        ),
+        ("[time]", &format!("{brittle}[time]"), "", ""),
+    ] {
+        let mut text = BRICKS.replacen(from, to, 1);
+        let mut wanted = (key, words);
+        if key.is_empty() {
+            text = text.replace(
+                "kind = \"fem\"",
+                "kind = \"dem\"\nspacing = 0.2\ndem.protocol = \"quench\"",
+            );
+            wanted = ("effect[0].fracture", "give the model one material");
+        }
+        let found = scene(&text).and_then(|s| s.prepare());
+        let e = found.err().unwrap_or_else(|| panic!("taken: {text}"));
+        assert_eq!(e.place().0, Some(wanted.0), "{e}");
+        assert!(e.to_string().contains(wanted.1), "{e}");
+    }
+}

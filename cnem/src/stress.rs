@@ -1,0 +1,78 @@
+//! Stress and strain at the nodes: patch recovery from the smoothed gradients of the cells.
+
+use crate::model::CnemModel;
+use arlequin_core::adjacency::Adjacency;
+use arlequin_core::{Model, Patches, Recovered, Recovery, Result, SymmetricTensor, check_size};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+/// Centroid of a cell from the cones of its facets over the node, `Σ V_q (¾ x_q + ¼ x_I)/V`.
+fn centroid(model: &CnemModel, cell: usize) -> Point3<f64> {
+    let x = model.nodes()[cell].coords;
+    let (mut sum, mut volume) = (Vector3::zeros(), 0.0);
+    for f in model.cells().facets(cell) {
+        let v = f.area.dot(&(f.centroid.coords - x)) / 3.0;
+        sum += (f.centroid.coords * 0.75 + x * 0.25) * v;
+        volume += v;
+    }
+    if volume > 0.0 {
+        Point3::from(sum / volume)
+    } else {
+        Point3::from(x)
+    }
+}
+
+/// Patches of all nodes: a cell and those it has shape functions of.
+pub(crate) fn patches(model: &CnemModel) -> Patches<f64> {
+    let nodes = model.nodes();
+    let samples: Vec<Point3<f64>> = (0..nodes.len()).map(|i| centroid(model, i)).collect();
+    let mut edges: Vec<[u32; 2]> = model
+        .domain()
+        .elements()
+        .flat_map(|t| {
+            [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]].map(|[a, b]: [usize; 2]| {
+                let (i, j) = (t[a] as u32, t[b] as u32);
+                [i.min(j), i.max(j)]
+            })
+        })
+        .collect();
+    edges.sort_unstable();
+    edges.dedup();
+    let around = Adjacency::of_pairs(nodes.len(), &edges);
+    Patches::new(nodes, &samples, |node, out| {
+        let mut patch: Vec<u32> = around.row(node).iter().map(|e| e[0]).collect();
+        patch.push(node as u32);
+        patch.sort_unstable();
+        out.push(patch);
+    })
+}
+
+impl CnemModel {
+    /// Strain and stress of one cell.
+    fn of_cell(&self, cell: usize, q: &[f64]) -> [SymmetricTensor<f64>; 2] {
+        let (nodes, gradients) = self.smoothed_row(cell);
+        let mut h = Matrix3::zeros();
+        for (node, g) in nodes.iter().zip(gradients) {
+            let u = Vector3::from_column_slice(&q[3 * *node as usize..3 * *node as usize + 3]);
+            h += u * g.transpose();
+        }
+        let strain = SymmetricTensor::of(&h);
+        [strain, self.material().stress(&strain)]
+    }
+}
+
+impl Recovery<f64> for CnemModel {
+    fn method(&self) -> &'static str {
+        "patch recovery: a linear polynomial fitted to the smoothed values of the cells around the node"
+    }
+
+    fn has_strain(&self) -> bool {
+        true
+    }
+
+    fn recover(&self, q: &[f64], nodes: &[usize], out: &mut Vec<Recovered<f64>>) -> Result<()> {
+        check_size(self, "displacements", q.len())?;
+        let of = |k: usize| self.of_cell(k, q);
+        self.patches()
+            .recover(self.name(), nodes, self.cells().len(), of, out)
+    }
+}

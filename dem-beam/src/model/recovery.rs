@@ -1,0 +1,121 @@
+//! Stress of the particles and forces of the bonds.
+//!
+//! The stress of particle `i` is the average over its volume of what its bonds carry (Love 1927, Weber 1966; Bagi 1996):
+//!
+//! ```text
+//! σ_i = sym 1/V_i Σ_b (x_b − x_i) ⊗ f_b,     x_b − x_i = r_i/(r_i + r_j) (x_j − x_i)
+//! ```
+//!
+//! with the forces `f_b` of its bonds on it and the volume `V_i` it stands for. Summed over all particles with their volumes this
+//! is the mean stress of the body, `Σ_b l_b ⊗ f_b / V`, which in equilibrium is that of its boundary forces. Contacts are no bonds
+//! and not in it.
+
+use super::DemModel;
+use crate::finite;
+use crate::fracture::{BreakLog, locked};
+use arlequin_core::adjacency::Adjacency;
+use arlequin_core::{
+    Interpolation, LinkForce, Links, Recovered, Recovery, Result, SymmetricTensor, check_size, invalid,
+};
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+impl DemModel {
+    /// Vector between the centres of a bond where its law sees them, and its force on the first particle; without weight.
+    fn carried(&self, b: usize, q: &[f64]) -> [Vector3<f64>; 2] {
+        let reader = self.reader(q);
+        let [i, j] = self.body.pairs()[b].map(|i| i as usize);
+        let mut bond = self.body.bonds()[b];
+        bond.scale = 1.0 / bond.axis.norm();
+        let span = bond.span();
+        match reader.poses([i, j]) {
+            Some([first, second]) => {
+                let force = finite::wrenches(&bond, &reader.rigidity, &first, &second)
+                    .0
+                    .linear;
+                [span + second.displacement - first.displacement, force]
+            }
+            None => {
+                let ends = [reader.twist(i), reader.twist(j)];
+                [span, bond.wrenches(&reader.rigidity, &ends[0], &ends[1]).0.linear]
+            }
+        }
+    }
+
+    /// Bonds of every particle, broken ones included.
+    fn bonds_of_particles(&self) -> &Adjacency<[u32; 2]> {
+        self.around
+            .get_or_init(|| Adjacency::of_pairs(self.nodes.len(), self.body.pairs()))
+    }
+}
+
+impl Recovery<f64> for DemModel {
+    fn method(&self) -> &'static str {
+        "mean over the volume of a particle of what its bonds carry (Bagi 1996)"
+    }
+
+    fn has_strain(&self) -> bool {
+        false
+    }
+
+    fn recover(&self, q: &[f64], nodes: &[usize], out: &mut Vec<Recovered<f64>>) -> Result<()> {
+        check_size(self, "displacements", q.len())?;
+        if let Some(k) = nodes.iter().find(|k| **k >= self.nodes.len()) {
+            let rule = format!("'{}' has {} particles", self.name, self.nodes.len());
+            return Err(invalid("number of a particle", k, &rule));
+        }
+        let (around, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
+        let volumes = self.field.samples().unwrap_or_default();
+        let broken: &BreakLog = &log;
+        let at = |&i: &usize| {
+            let mut sum = Matrix3::zeros();
+            let whole = around.row(i).iter();
+            for &[j, b] in whole.filter(|e| !broken.is_broken(e[1] as usize)) {
+                let [span, force] = self.carried(b as usize, q);
+                // Seen from the second particle both change their sign.
+                sum += span * force.transpose() * (radii[i] / (radii[i] + radii[j as usize]));
+            }
+            let stress = SymmetricTensor::of(&(sum / volumes[i].measure));
+            Recovered { strain: None, stress }
+        };
+        out.par_extend(nodes.par_iter().map(at));
+        Ok(())
+    }
+}
+
+impl Links<f64> for DemModel {
+    fn pairs(&self) -> &[[u32; 2]] {
+        self.body.pairs()
+    }
+
+    fn forces(&self, q: &[f64], out: &mut Vec<LinkForce<f64>>) -> Result<()> {
+        check_size(self, "displacements", q.len())?;
+        let (log, reader) = (locked(&self.log), self.reader(q));
+        let strength = self.fracture.as_ref().or(self.watched.as_ref());
+        let broken: &BreakLog = &log;
+        let of = |b: usize| {
+            let gone = broken.is_broken(b);
+            let utilisation = strength.map(|f| {
+                if gone {
+                    0.0
+                } else {
+                    f.ratio(&self.body, &reader, b)
+                }
+            });
+            let [span, force] = if gone {
+                [Vector3::zeros(); 2]
+            } else {
+                self.carried(b, q)
+            };
+            let along = span.try_normalize(0.0).unwrap_or_default();
+            let axial = along.dot(&force);
+            LinkForce {
+                axial,
+                shear: (force - along * axial).norm(),
+                utilisation,
+            }
+        };
+        out.par_extend((0..self.body.pairs().len()).into_par_iter().map(of));
+        Ok(())
+    }
+}

@@ -1,0 +1,141 @@
+//! Stress of particles and forces of bonds.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use arlequin_core::{LinkForce, Model, Recovered, SymmetricTensor, Weight};
+use dem_beam::fracture::{Criterion, Fracture};
+use dem_beam::packing::{Lattice, lattice};
+use dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+fn model() -> DemModel {
+    let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3).unwrap(), 500, 3)
+        .build()
+        .unwrap();
+    DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap()
+}
+
+/// Deterministic noise in [-1, 1].
+fn noise(i: usize) -> f64 {
+    ((i as f64 * 12.9898).sin() * 43_758.545_3).fract()
+}
+
+fn stresses(model: &DemModel, q: &[f64]) -> Vec<Recovered<f64>> {
+    let nodes: Vec<usize> = (0..model.nodes().len()).collect();
+    let mut out = Vec::new();
+    model.recovery().unwrap().recover(q, &nodes, &mut out).unwrap();
+    out
+}
+
+#[derive(Debug)]
+struct Falling;
+impl Weight<f64> for Falling {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        1.0 - 0.95 * (x.x / 4e-3).clamp(0.0, 1.0)
+    }
+}
+
+/// The sum over particles with their volumes is `Σ_i x_i ⊗ F_i`, with the forces `F_i` that hold each particle against its bonds: in
+/// equilibrium those of the boundary. Any state, small and finite rotations, with weights in the model.
+#[test]
+fn mean_stress_is_that_of_the_forces_that_hold_the_body() {
+    for finite in [false, true] {
+        let mut model = model();
+        if finite {
+            model = model.with_finite_rotations();
+        }
+        let n = model.nodes().len();
+        let q: Vec<f64> = (0..6 * n)
+            .map(|i| noise(i) * if i < 3 * n { 1e-7 } else { 1e-3 })
+            .collect();
+        let mut f = vec![0.0; 6 * n];
+        model.advance(&q, &mut f).unwrap();
+        let mut held = Matrix3::zeros();
+        for (i, x) in model.nodes().iter().enumerate() {
+            let at = |v: &[f64]| Vector3::new(v[3 * i], v[3 * i + 1], v[3 * i + 2]);
+            let place = x.coords + if finite { at(&q) } else { Vector3::zeros() };
+            held -= place * at(&f).transpose();
+        }
+        let held = SymmetricTensor::of(&held);
+        let volumes = model.particles().unwrap().to_vec();
+        let check = |all: &[Recovered<f64>]| {
+            let mut sum = [0.0; 6];
+            for (r, v) in all.iter().zip(&volumes) {
+                assert!(r.strain.is_none());
+                sum.iter_mut()
+                    .zip(r.stress.0)
+                    .for_each(|(s, t)| *s += t * v.measure);
+            }
+            let size = held.von_mises();
+            for (s, h) in sum.iter().zip(held.0) {
+                // The kernel rounds the stiffness of bonds to 24 bits.
+                assert!((s - h).abs() < 3e-7 * size, "{finite}: {s:e}, {h:e}");
+            }
+        };
+        check(&stresses(&model, &q));
+        if !finite {
+            // The law has weights now, its stresses have none.
+            model.set_internal_weight(&Falling).unwrap();
+            check(&stresses(&model, &q));
+        }
+    }
+}
+
+#[test]
+fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_broken() {
+    let cube = lattice(Lattice::Cubic, [4, 4, 4], 0.5e-3).unwrap();
+    let strength = 265e9 * 2e-4;
+    let fracture = Fracture::new(Criterion::Axial, strength);
+    let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+    let mut model = model.with_fracture(fracture).unwrap();
+    let n = model.nodes().len();
+    let stretch = |e: f64| {
+        let mut q = vec![0.0; 6 * n];
+        for (i, x) in model.nodes().iter().enumerate() {
+            q[3 * i] = e * x.x;
+        }
+        q
+    };
+    let (half, twice) = (stretch(1e-4), stretch(4e-4));
+    let mut bonds: Vec<LinkForce<f64>> = Vec::new();
+    model.links().unwrap().forces(&half, &mut bonds).unwrap();
+    let section = std::f64::consts::PI * (0.71 * 0.5e-3_f64).powi(2);
+    let pull = 265e9 * section * 1e-4;
+    for (b, [i, j]) in bonds.iter().zip(model.links().unwrap().pairs()) {
+        let d = model.nodes()[*j as usize] - model.nodes()[*i as usize];
+        let along = f64::from(u8::from(d.x.abs() > 0.5e-3));
+        let found = (b.axial / pull, b.shear / pull);
+        assert!(
+            (found.0 - along).abs() < 1e-6 && found.1 < 1e-6,
+            "{found:?}, along x: {along}"
+        );
+        assert!((b.utilisation.unwrap() - 0.5 * along).abs() < 1e-7);
+    }
+    // One bond per section of a cell, on either side of an inner particle.
+    let inner = (0..n)
+        .find(|i| model.nodes()[*i].coords.iter().all(|c| (1e-3..3e-3).contains(c)))
+        .unwrap();
+    let volume = model.particles().unwrap()[inner].measure;
+    let found = stresses(&model, &half)[inner].stress;
+    assert!(
+        (found.0[0] / (pull * 1e-3 / volume) - 1.0).abs() < 1e-7,
+        "{found:?}"
+    );
+    assert!(found.0[1..].iter().all(|s| s.abs() < 1e-7 * found.0[0]));
+    let (mut f, mut before) = (vec![0.0; 6 * n], vec![0.0; 6 * n]);
+    model.advance(&twice, &mut f).unwrap();
+    let step = arlequin_core::Evolution {
+        time: 0.0,
+        q_before: &half,
+        q: &twice,
+        f_before: &mut before,
+        f: &mut f,
+    };
+    model.evolving().unwrap().evolve(step).unwrap();
+    bonds.clear();
+    model.links().unwrap().forces(&twice, &mut bonds).unwrap();
+    assert!(
+        bonds.iter().all(|b| b.axial.abs() < 1e-7 * pull),
+        "those along x are gone"
+    );
+    assert!(stresses(&model, &twice)[inner].stress.von_mises() < 1e-7 * found.0[0]);
+}

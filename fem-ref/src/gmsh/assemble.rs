@@ -1,0 +1,151 @@
+//! From the contents of a file to a mesh.
+
+use super::contents::{Block, Contents};
+use super::fault;
+use crate::element::ElementKind;
+use crate::error::Result;
+use crate::mesh::{Facet, Mesh};
+use arlequin_core::Real;
+use mshio::mshfile::ElementType;
+use std::collections::{BTreeMap, HashMap};
+
+/// The mesh of the elements that fill the domain.
+pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
+    let kind = element_kind(&file.blocks)?;
+    let mut connectivity = Vec::new();
+    for element in domain(file, kind).flat_map(|b| &b.elements) {
+        connectivity.extend(file.corners(element)?);
+    }
+    let nodes = file.nodes.iter().map(|x| x.map(T::of)).collect();
+    let mut mesh = Mesh::new(kind, nodes, connectivity)?;
+    for (name, group) in collect_groups(file)? {
+        add_group(&mut mesh, &name, group);
+    }
+    let (volumes, regions) = volumes(file, kind);
+    mesh.set_volumes(volumes, regions);
+    mesh.set_notices(file.notices.clone());
+    Ok(mesh.renumbered())
+}
+
+/// Blocks of the elements that fill the domain.
+fn domain(file: &Contents, kind: ElementKind) -> impl Iterator<Item = &Block> {
+    let wanted = gmsh_type(kind);
+    file.blocks.iter().filter(move |b| b.element_type == wanted)
+}
+
+fn gmsh_type(kind: ElementKind) -> ElementType {
+    match kind {
+        ElementKind::Bar2 => ElementType::Lin2,
+        ElementKind::Tet4 => ElementType::Tet4,
+        ElementKind::Hex8 => ElementType::Hex8,
+    }
+}
+
+/// The one kind that fills the domain.
+fn element_kind(blocks: &[Block]) -> Result<ElementKind> {
+    let count = |t: ElementType| -> usize {
+        let those = blocks.iter().filter(|b| b.element_type == t);
+        those.map(|b| b.elements.len()).sum()
+    };
+    use ElementType::{Hex8, Lin2, Pnt, Qua4, Tet4, Tri3};
+    let known = [Pnt, Lin2, Tri3, Qua4, Tet4, Hex8];
+    if let Some(block) = blocks.iter().find(|b| !known.contains(&b.element_type)) {
+        let t = block.element_type;
+        return Err(fault(format!(
+            "{} elements of type {t:?} are not supported; use Lin2, Tet4 or Hex8 of first order",
+            count(t)
+        )));
+    }
+    match (count(Tet4), count(Hex8)) {
+        (0, 0) => {}
+        (_, 0) => return Ok(ElementKind::Tet4),
+        (0, _) => return Ok(ElementKind::Hex8),
+        (tets, hexes) => {
+            return Err(fault(format!(
+                "{tets} Tet4 and {hexes} Hex8 elements are mixed; mesh all volumes with one kind"
+            )));
+        }
+    }
+    match (count(Tri3) + count(Qua4), count(Lin2)) {
+        (0, 0) => Err(fault(
+            "there is no Lin2, Tet4 or Hex8 element; mesh curves or volumes",
+        )),
+        (0, _) => Ok(ElementKind::Bar2),
+        (faces, _) => Err(fault(format!(
+            "{faces} Tri3 and Qua4 elements bound no volume; mesh in three dimensions"
+        ))),
+    }
+}
+
+/// Names of the parts that the elements of the domain belong to, physical groups or else entities, and the number of each
+/// element's part.
+fn volumes(file: &Contents, kind: ElementKind) -> (Vec<String>, Vec<u32>) {
+    let (mut out, mut regions): (Vec<String>, Vec<u32>) = Default::default();
+    if kind == ElementKind::Bar2 {
+        return (out, regions);
+    }
+    for block in domain(file, kind) {
+        let name = match block.physical.first().map(|t| t.saturating_abs()) {
+            Some(tag) => {
+                let given = file.names.get(&(3, tag)).cloned();
+                given.unwrap_or_else(|| format!("volume-{tag}"))
+            }
+            None => format!("entity {}", block.entity),
+        };
+        let number = out.iter().position(|n| *n == name).unwrap_or_else(|| {
+            out.push(name);
+            out.len() - 1
+        });
+        regions.extend(std::iter::repeat_n(number as u32, block.elements.len()));
+    }
+    (out, regions)
+}
+
+/// Elements of one physical group as node lists, with their dimension.
+type RawGroup = Vec<(i32, Vec<u32>)>;
+
+/// Elements of the physical groups, by name.
+pub(super) fn collect_groups(file: &Contents) -> Result<BTreeMap<String, RawGroup>> {
+    let mut groups: BTreeMap<String, RawGroup> = BTreeMap::new();
+    for block in &file.blocks {
+        let dimension = block.dimension;
+        for tag in &block.physical {
+            // A negative tag means that the entity is turned around in the group.
+            let tag = tag.saturating_abs();
+            let word = usize::try_from(dimension).ok();
+            let word = word.and_then(|d| ["point", "curve", "surface", "volume"].get(d));
+            let name = file.names.get(&(dimension, tag)).cloned();
+            let group = groups
+                .entry(name.unwrap_or_else(|| format!("{}-{tag}", word.unwrap_or(&"part"))))
+                .or_default();
+            for element in &block.elements {
+                group.push((dimension, file.corners(element)?));
+            }
+        }
+    }
+    Ok(groups)
+}
+
+fn add_group<T: Real>(mesh: &mut Mesh<T>, name: &str, group: RawGroup) {
+    let facet_dimension = match mesh.kind() {
+        ElementKind::Bar2 => 0,
+        ElementKind::Tet4 | ElementKind::Hex8 => 2,
+    };
+    let sorted = |mut nodes: Vec<u32>| {
+        nodes.sort_unstable();
+        nodes
+    };
+    let mut faces: HashMap<Vec<u32>, Facet> = HashMap::new();
+    if group.iter().any(|(d, _)| *d == facet_dimension) {
+        let boundary = mesh.boundary();
+        faces.extend(boundary.into_iter().map(|f| (sorted(mesh.facet_nodes(f)), f)));
+    }
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    for (dimension, corners) in group {
+        nodes.extend_from_slice(&corners);
+        if dimension == facet_dimension {
+            facets.extend(faces.get(&sorted(corners)));
+        }
+    }
+    mesh.set_group(name, nodes, facets);
+}

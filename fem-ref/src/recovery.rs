@@ -1,0 +1,125 @@
+//! Stress and strain at the nodes: patch recovery from the element means.
+
+use crate::element::ElementKind;
+use crate::mesh::Mesh;
+use crate::model::FemModel;
+use arlequin_core::adjacency::Adjacency;
+use arlequin_core::{Model, Patches, Real, Recovered, Recovery, Result, SymmetricTensor, check_size};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+/// Centroid and mean shape gradients of an element, where displacements of linear elements have their best gradients.
+struct Centre<T: Real> {
+    at: Point3<T>,
+    gradients: [Vector3<T>; 8],
+}
+
+fn centre<T: Real>(mesh: &Mesh<T>, e: usize) -> Centre<T> {
+    let corners = mesh.element(e);
+    let (mut at, mut gradients, mut volume) = (Vector3::zeros(), [Vector3::zeros(); 8], T::zero());
+    mesh.for_each_gauss_point(e, |g| {
+        volume += g.weight;
+        for (k, node) in corners.iter().enumerate() {
+            at += mesh.nodes()[*node as usize].coords * (g.values[k] * g.weight);
+            gradients[k] += g.gradients[k] * g.weight;
+        }
+    });
+    Centre {
+        at: Point3::from(at / volume),
+        gradients: gradients.map(|g| g / volume),
+    }
+}
+
+/// Patches of all nodes: the elements around an inner node; for a node of the surface those around the nearest inner nodes that
+/// share an element with it, or its own and their neighbours where there is none.
+pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
+    let corners = mesh.kind().corners();
+    let samples: Vec<Point3<T>> = (0..mesh.element_count()).map(|e| centre(mesh, e).at).collect();
+    let slots = mesh.connectivity().iter().enumerate();
+    let around = Adjacency::new(
+        mesh.nodes().len(),
+        slots.map(|(slot, node)| (*node, (slot / corners) as u32)),
+    );
+    let mut outer = vec![false; mesh.nodes().len()];
+    for f in mesh.boundary() {
+        mesh.facet_nodes(f).iter().for_each(|k| outer[*k as usize] = true);
+    }
+    Patches::new(mesh.nodes(), &samples, |node, out| {
+        if !outer[node] {
+            out.push(around.row(node).to_vec());
+            return;
+        }
+        let mut near: Vec<u32> = around
+            .row(node)
+            .iter()
+            .flat_map(|e| mesh.element(*e as usize))
+            .copied()
+            .collect();
+        near.sort_unstable();
+        near.dedup();
+        let x = mesh.nodes()[node];
+        let inner = || near.iter().filter(|k| !outer[**k as usize]);
+        let distance = |k: &u32| (mesh.nodes()[*k as usize] - x).norm();
+        let least = inner()
+            .map(distance)
+            .fold(None, |m: Option<T>, d| Some(m.map_or(d, |m| m.min(d))));
+        match least {
+            Some(least) => {
+                let reach = least * T::of(1.0 + 1e-6);
+                let close = inner().filter(|k| distance(k) <= reach);
+                out.extend(close.map(|k| around.row(*k as usize).to_vec()));
+            }
+            None => {
+                let mut grown: Vec<u32> = near
+                    .iter()
+                    .flat_map(|k| around.row(*k as usize))
+                    .copied()
+                    .collect();
+                grown.sort_unstable();
+                grown.dedup();
+                out.push(grown);
+            }
+        }
+    })
+}
+
+impl<T: Real> FemModel<T> {
+    /// Strain and stress of one element.
+    fn of_element(&self, e: usize, q: &[T]) -> [SymmetricTensor<T>; 2] {
+        let mesh = self.mesh();
+        let c = mesh.kind().components();
+        let centre = centre(mesh, e);
+        let mut h = Matrix3::zeros();
+        for (node, g) in mesh.element(e).iter().zip(&centre.gradients) {
+            for a in 0..c {
+                (0..3).for_each(|b| h[(a, b)] += q[*node as usize * c + a] * g[b]);
+            }
+        }
+        let strain = SymmetricTensor::of(&h);
+        let material = self.materials().at(e);
+        let stress = if mesh.kind() == ElementKind::Bar2 {
+            let mut pull = SymmetricTensor::zero();
+            pull.0[0] = material.young() * strain.0[0];
+            pull
+        } else {
+            material.stress(&strain)
+        };
+        [strain, stress]
+    }
+}
+
+impl<T: Real> Recovery<T> for FemModel<T> {
+    fn method(&self) -> &'static str {
+        "patch recovery: a linear polynomial fitted to the element means around the node"
+    }
+
+    fn has_strain(&self) -> bool {
+        true
+    }
+
+    fn recover(&self, q: &[T], nodes: &[usize], out: &mut Vec<Recovered<T>>) -> Result<()> {
+        check_size(self, "displacements", q.len())?;
+        let of = |k: usize| self.of_element(k, q);
+        self.patches()
+            .recover(self.name(), nodes, self.mesh().element_count(), of, out)
+    }
+}
