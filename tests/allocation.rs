@@ -13,6 +13,7 @@ use arlequin::core::nalgebra::Point3;
 use arlequin::core::{H1Gradient, H1Strain, Junction, OwnStep, Silent, Solver};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
+use support::chain::{Chain, ratios};
 use support::solid::solved;
 
 #[global_allocator]
@@ -77,5 +78,21 @@ fn steps() {
             region.change().allocations
         });
         assert_eq!(count, 0, "{name}: allocations in 50 steps");
+    }
+    for solver in solvers {
+        let chain = Chain {
+            fine: 2,
+            own: ratios([1, 1, 3]),
+            solver,
+            ..Chain::default()
+        };
+        let count = pool.install(|| {
+            let mut c = chain.run(&|| Box::new(H1Gradient::new(0.1).unwrap())).unwrap();
+            c.run(20, &mut Silent).unwrap();
+            let region = Region::new(ALLOCATOR);
+            c.run(50, &mut Silent).unwrap();
+            region.change().allocations
+        });
+        assert_eq!(count, 0, "interfaces that share nodes: allocations in 50 steps");
     }
 }

@@ -455,6 +455,11 @@ fn steps_are_chosen_from_the_critical_ones() {
     // A tenth is a tenth of the finer one's, though the step of the run is half of it.
     assert_eq!(own([same, same], TimeStep::Chosen(0.1)), (0.5, vec![1, 5]));
     assert_eq!(own([same, same], TimeStep::Fraction(0.9)), (0.9, vec![1, 1]));
+    // Named shares are kept, and leave the step of the run to reflections.
+    assert_eq!(
+        own([OwnStep::Fraction(0.25), same], TimeStep::Chosen(0.9)),
+        (4.5, vec![2, 5])
+    );
     assert_eq!(
         own([OwnStep::Ratio(1), same], TimeStep::Chosen(0.9)),
         (9.0, vec![1, 10])

@@ -329,15 +329,6 @@ fn fine_zone_in_the_middle_with_two_interfaces() {
 }
 
 #[test]
-fn interfaces_that_share_a_node_are_refused() {
-    let e = sandwich(0.0).unwrap_err();
-    assert!(
-        matches!(&e, Error::SharedNode { first, second, model, .. } if first == "west" && second == "east" && model == "middle"),
-        "{e}"
-    );
-}
-
-#[test]
 fn every_effect_is_one_line_of_a_closed_ledger() {
     let [left, right] = bodies(Profile::Cubic, 0.05);
     let model = FemModel::<f64>::new(

@@ -258,20 +258,6 @@ pub enum Error {
         /// Number of multiplier unknowns.
         size: usize,
     },
-    /// Two interfaces act on one node.
-    #[error(
-        "interfaces '{first}' and '{second}' share node {node} of model '{model}'; move them apart or join them into one mediator"
-    )]
-    SharedNode {
-        /// First interface.
-        first: String,
-        /// Second interface.
-        second: String,
-        /// Model that owns the node.
-        model: String,
-        /// Node index.
-        node: usize,
-    },
     /// Two models that are tied are moved in different ways at one place.
     #[error(
         "interface '{interface}': at ({:.6e}, {:.6e}, {:.6e}) m models {models} are moved along {component} by prescribed motions that differ by {gap:.3e} m at t = {time:.3e} s; give both the same motion, or move one of them by its own region only", point[0], point[1], point[2]

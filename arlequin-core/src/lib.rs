@@ -111,5 +111,5 @@ pub use recovery::{LinkForce, Links, Patches, Recovered, Recovery, SymmetricTens
 pub use scalar::{Real, check_finite};
 pub use subdomain::{OwnStep, PrescribedMotion, Resultant, Subdomain};
 pub use time::{Formula, TimeFunction};
-pub use weight::{Complement, Ramp, Uniform, Weight, Weighting, Weights};
+pub use weight::{Complement, Product, Ramp, Uniform, Weight, Weighting, Weights};
 pub use {nalgebra, sprs};

@@ -74,6 +74,46 @@ impl<T: Real> Weight<T> for Complement<T> {
     }
 }
 
+/// Product of weights: the share of a model in what a coarser one leaves, `(1 − f) g`. All shares of a chain, `f`, `(1 − f) g`,
+/// `(1 − f)(1 − g)`, … are positive and sum to one, also where more than two models are.
+#[derive(Clone)]
+pub struct Product<T: Real>(pub Vec<Arc<dyn Weight<T>>>);
+
+impl<T: Real> std::fmt::Debug for Product<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Product of {} weights", self.0.len())
+    }
+}
+
+impl<T: Real> Weight<T> for Product<T> {
+    fn at(&self, x: &Point3<T>) -> T {
+        self.0.iter().fold(T::one(), |p, w| p * w.at(x))
+    }
+    /// That of the only factor that varies over the cell times the others, exactly; numerically where several do.
+    fn mean(&self, cell: &Cell<T>) -> T {
+        let corners = cell.corners();
+        // Profiles are monotone: what is zero or one at all corners is so between them.
+        let fixed = |w: &Arc<dyn Weight<T>>| {
+            let all = |v: T| corners.iter().all(|x| w.at(x) == v);
+            [T::zero(), T::one()]
+                .into_iter()
+                .find(|v| all(*v) && w.mean(cell) == *v)
+        };
+        let (mut factor, mut varying) = (T::one(), Vec::new());
+        for w in &self.0 {
+            match fixed(w) {
+                Some(v) => factor *= v,
+                None => varying.push(w),
+            }
+        }
+        match varying.as_slice() {
+            [] => factor,
+            [one] => factor * one.mean(cell),
+            _ => geometry::mean(cell, 2, &|x| self.at(x)),
+        }
+    }
+}
+
 /// The weight of the coarse model across one overlap.
 #[derive(Clone)]
 pub struct Ramp<T: Real> {
@@ -270,6 +310,20 @@ impl<T: Real> Weights<T> {
             kinetic: pick(&|w| w.kinetic.clone()),
             external: pick(&|w| w.external.clone()),
             weighting: coarse.first().map_or(Weighting::Energy, |w| w.weighting),
+        }
+    }
+
+    /// The share of a model in what coarser ones leave: the product of both, applied as these are.
+    #[must_use]
+    pub fn within(self, left: &Self) -> Self {
+        let product = |own: Arc<dyn Weight<T>>, left: &Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
+            Arc::new(Product(vec![left.clone(), own]))
+        };
+        Self {
+            internal: product(self.internal, &left.internal),
+            kinetic: product(self.kinetic, &left.kinetic),
+            external: product(self.external, &left.external),
+            weighting: self.weighting,
         }
     }
 

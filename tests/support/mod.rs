@@ -1,3 +1,4 @@
 //! Settings shared by the test binaries.
 
+pub(crate) mod chain;
 pub(crate) mod solid;

@@ -294,7 +294,7 @@ fn interfaces(all: &[InterfaceLine]) {
     for i in all {
         println!(
             "interface  {:<16} {}, overlap {:.4e} m³ with {} coarse and {} fine nodes, {} multipliers of rank {}, \
-             condition {:.2e}, solved by {}",
+             condition {:.2e}, solved by {}{}",
             i.name,
             i.junction,
             i.measure,
@@ -303,7 +303,11 @@ fn interfaces(all: &[InterfaceLine]) {
             i.multipliers,
             i.rank,
             i.condition,
-            i.solver
+            i.solver,
+            match i.together.as_slice() {
+                [] => String::new(),
+                all => format!(" together with '{}'", all.join("', '")),
+            }
         );
         let [coarse, fine] = i.tied.map(|t| 100.0 * t);
         println!(

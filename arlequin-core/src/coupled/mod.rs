@@ -1,4 +1,4 @@
-//! The coupled run: several subdomains, several disjoint interfaces, and reflections between them.
+//! The coupled run: several subdomains, several interfaces, and reflections between them.
 //!
 //! ```text
 //! every subdomain m      own steps Δt_m = ΔT/m of velocity Verlet with its own forces, from v⁺ to v⁻
@@ -18,6 +18,7 @@ mod pace;
 mod pairs;
 mod partition;
 mod reaction;
+mod reflection;
 mod settle;
 mod setup;
 pub mod snapshot;
@@ -31,6 +32,7 @@ pub use settle::{Relaxation, Settled};
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
 use crate::interface::Interface;
+use crate::interface::joint::Joint;
 use crate::phase::Phase;
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result, parallel};
@@ -53,6 +55,8 @@ const ROUND_OFF: f64 = 16.0;
 pub struct Coupled<T: Real> {
     pub(crate) subdomains: Vec<Subdomain<T>>,
     pub(crate) interfaces: Vec<Interface<T>>,
+    /// Those that share nodes, solved for together.
+    joints: Vec<Joint<T>>,
     /// What their multipliers do to moving supports.
     held: Vec<Held<T>>,
     /// Subdomains that step together.
@@ -198,24 +202,11 @@ impl<T: Real> Coupled<T> {
         // Works are drawn up every step; the invariant costs two energy evaluations and is drawn every few.
         let draw = self.ledger.start.is_none() || (self.step + 1).is_multiple_of(self.guard.interval);
         observer.phase(Phase::Interface);
-        for i in &self.interfaces {
-            for (m, s) in i.sides.into_iter().enumerate() {
-                // A guest has had its share.
-                if !self.subdomains[s].is_guest() {
-                    i.kick_again(m, self.subdomains[s].velocities());
-                }
-            }
-        }
+        self.kick_again();
         self.own_steps_of_all(draw, &mut |phase| observer.phase(phase))?;
         let invariant: Option<T> = draw.then(|| self.subdomains.iter_mut().map(Subdomain::invariant).sum());
         observer.phase(Phase::Interface);
-        for i in &mut self.interfaces {
-            let [coarse, fine] = i.sides;
-            i.reflect(pair(&mut self.subdomains, coarse, fine).map(Subdomain::velocities));
-            for (m, s) in i.sides.into_iter().enumerate() {
-                self.subdomains[s].hand_over(i, m)?;
-            }
-        }
+        self.reflect()?;
         self.step += 1;
         self.time = self.instant(0);
         observer.phase(Phase::Ledger);
@@ -258,8 +249,13 @@ impl<T: Real> Coupled<T> {
         for (i, held) in self.interfaces.iter().zip(&self.held) {
             let [c, d] = i.sides;
             let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
-            self.ledger.constraint -= self.dt * i.power();
+            if i.is_alone() {
+                self.ledger.constraint -= self.dt * i.power();
+            }
             self.ledger.supports -= self.dt * held.power(i.multipliers(), [&a.v, &b.v]);
+        }
+        for j in &self.joints {
+            self.ledger.constraint -= self.dt * j.power();
         }
     }
 

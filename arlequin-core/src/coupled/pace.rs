@@ -205,7 +205,10 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
     let own = smallest * finest;
     // Who asks for less than that asks it of all.
     let coarse = T::of(COARSE).min(finest);
-    let top = free().fold(T::zero(), |a, w| a.max(w.critical));
+    let room_for = wishes
+        .iter()
+        .filter(|w| matches!(w.own, OwnStep::Same | OwnStep::Fraction(_)));
+    let top = room_for.fold(T::zero(), |a, w| a.max(w.critical));
     let room = if wishes.iter().any(Wish::is_implicit) {
         MOST as f64
     } else {

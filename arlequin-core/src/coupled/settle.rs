@@ -101,6 +101,9 @@ impl<T: Real> Coupled<T> {
         for (i, lambda) in self.interfaces.iter_mut().zip(&found.multipliers) {
             i.hold(lambda);
         }
+        for j in &mut self.joints {
+            j.restore(&self.interfaces);
+        }
         Ok(Settled {
             method: "direct",
             residual: found.residual,
@@ -112,7 +115,7 @@ impl<T: Real> Coupled<T> {
     fn relax(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         let mut peak = T::zero();
         let mut residual = T::of(f64::INFINITY);
-        self.stop();
+        self.stop()?;
         for k in 1..=how.most {
             let share = T::of((k as f64 / how.ramp.max(1) as f64).min(1.0));
             let now = if k >= how.ramp {
@@ -129,13 +132,13 @@ impl<T: Real> Coupled<T> {
             peak = kinetic;
             if passed || (k >= how.ramp && k.is_multiple_of(LOOK)) {
                 if passed {
-                    self.stop();
+                    self.stop()?;
                     peak = T::zero();
                 }
                 if k >= how.ramp {
                     residual = self.unbalanced(now)?;
                     if residual <= how.tolerance {
-                        self.stop();
+                        self.stop()?;
                         return Ok(Settled {
                             method: "relaxed",
                             residual,
@@ -156,11 +159,7 @@ impl<T: Real> Coupled<T> {
 
     /// One step of the run at a time that stands still.
     fn still_step(&mut self, time: T) -> Result<()> {
-        for i in &self.interfaces {
-            for (m, s) in i.sides.into_iter().enumerate() {
-                i.kick_again(m, self.subdomains[s].velocities());
-            }
-        }
+        self.kick_again();
         for g in 0..self.lockstep.len() {
             let first = &self.subdomains[self.lockstep[g].members[0]];
             let (steps, dt) = (first.own_steps(), first.own_dt());
@@ -174,23 +173,15 @@ impl<T: Real> Coupled<T> {
                 self.own_step(g, reached, false, &mut |_: Phase| {})?;
             }
         }
-        for i in &mut self.interfaces {
-            let [coarse, fine] = i.sides;
-            i.reflect(super::pair(&mut self.subdomains, coarse, fine).map(Subdomain::velocities));
-        }
-        Ok(())
+        self.reflect()
     }
 
     /// Takes all velocities away; multipliers are then those that accelerations at rest need.
-    fn stop(&mut self) {
+    fn stop(&mut self) -> Result<()> {
         for s in &mut self.subdomains {
             s.velocities().fill(T::zero());
         }
-        let half = self.dt * T::of(0.5);
-        for i in &mut self.interfaces {
-            let [c, d] = i.sides.map(|s| &self.subdomains[s].state().a[..]);
-            i.find([c, d], half);
-        }
+        self.reflect_start()
     }
 
     /// Largest unbalanced force on a free displacement over the largest internal force.

@@ -2,15 +2,16 @@
 
 use super::own_steps::{Held, Lockstep};
 use super::{Coupled, Ledger, motions, pace, pairs, partition, tie};
-#[cfg(doc)]
-use crate::OwnStep;
 use crate::effect::PairSpec;
 use crate::error::invalid;
-use crate::interface::{Interface, InterfaceReport, InterfaceSpec, Side, coupled_nodes};
+use crate::interface::joint::{self, Joint};
+use crate::interface::{Draft, Interface, InterfaceReport, InterfaceSpec, Side};
 use crate::phase::SetupPhase;
 use crate::subdomain::Subdomain;
 use crate::weight::Weighting;
-use crate::{Error, Real, Result};
+#[cfg(doc)]
+use crate::{Error, OwnStep};
+use crate::{Real, Result};
 
 /// How the step of a run is chosen: the time between two reflections, in which each participant makes its own steps
 /// ([`OwnStep`]).
@@ -88,7 +89,7 @@ impl<T: Real> Coupled<T> {
     /// initial displacements, velocities and accelerations consistent with the constraint.
     ///
     /// # Errors
-    /// Every set-up check of models, effects and interfaces; [`Error::UnstableStep`]; [`Error::SharedNode`].
+    /// Every set-up check of models, effects and interfaces; [`Error::UnstableStep`].
     pub fn new(
         subdomains: Vec<Subdomain<T>>,
         interfaces: Vec<InterfaceSpec<T>>,
@@ -151,10 +152,9 @@ impl<T: Real> Coupled<T> {
         }
         announce(SetupPhase::Partition);
         let (partition, outside) = partition::check(&subdomains, &interfaces)?;
-        let built = interfaces_of(&interfaces, outside, &subdomains, announce)?;
+        let (built, joints) = interfaces_of(&interfaces, outside, &subdomains, announce)?;
         announce(SetupPhase::Step);
         built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
-        check_disjoint(&built, &subdomains)?;
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
         for (k, s) in subdomains.iter_mut().enumerate() {
@@ -171,6 +171,7 @@ impl<T: Real> Coupled<T> {
         let mut run = Self {
             subdomains,
             interfaces: built,
+            joints,
             held,
             lockstep,
             pairs,
@@ -231,26 +232,44 @@ fn paired<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<
     Ok(paired)
 }
 
-/// The interfaces, each with what the check of the partition says of it.
+/// The interfaces, each with what the check of the partition says of it, and those that are solved for together.
 fn interfaces_of<T: Real>(
     specs: &[InterfaceSpec<T>],
     outside: Vec<Result<f64>>,
     subdomains: &[Subdomain<T>],
     announce: &mut dyn FnMut(SetupPhase),
-) -> Result<Vec<Interface<T>>> {
-    let mut built = Vec::with_capacity(specs.len());
+) -> Result<(Vec<Interface<T>>, Vec<Joint<T>>)> {
+    let mut drafts = Vec::with_capacity(specs.len());
     for (k, (spec, outside)) in specs.iter().zip(outside).enumerate() {
         let sides = [
             side(subdomains, spec, spec.coarse)?,
             side(subdomains, spec, spec.fine)?,
         ];
         announce(SetupPhase::Junction(k));
-        let mut interface = Interface::announced(spec, sides, &mut || announce(SetupPhase::Operator(k)))?;
-        interface.report.outside = outside?;
-        interface.report.tied = tie::tied(&interface, subdomains);
-        built.push(interface);
+        let mut draft = Draft::new(spec, sides)?;
+        draft.interface.report.outside = outside?;
+        draft.interface.report.tied = tie::tied(&draft.interface, subdomains);
+        drafts.push(draft);
     }
-    Ok(built)
+    let nodes: Vec<_> = subdomains.iter().map(|s| s.model().layout().nodes).collect();
+    let inverse: Vec<_> = subdomains.iter().map(Subdomain::inverse_inertia).collect();
+    let (mut joints, mut alone) = (Vec::new(), vec![true; specs.len()]);
+    for members in joint::groups(&drafts, &nodes).into_iter().filter(|m| m.len() > 1) {
+        announce(SetupPhase::Operator(members[0]));
+        members.iter().for_each(|k| alone[*k] = false);
+        joints.push(Joint::new(members, specs, &mut drafts, &inverse)?);
+    }
+    let mut built = Vec::with_capacity(specs.len());
+    for (k, (draft, spec)) in drafts.into_iter().zip(specs).enumerate() {
+        if alone[k] {
+            announce(SetupPhase::Operator(k));
+            let inverse = draft.interface.sides.map(|s| inverse[s]);
+            built.push(draft.alone(spec, inverse)?);
+        } else {
+            built.push(draft.interface);
+        }
+    }
+    Ok((built, joints))
 }
 
 fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize) -> Result<Side<'a, T>> {
@@ -290,28 +309,4 @@ fn checked_guard<T: Real>(given: Option<Guard<T>>, subdomains: &[Subdomain<T>]) 
         ));
     }
     Ok(guard)
-}
-
-/// Interfaces are solved one after the other, which is exact only if no node belongs to two of them.
-fn check_disjoint<T: Real>(interfaces: &[Interface<T>], subdomains: &[Subdomain<T>]) -> Result<()> {
-    let mut owner: Vec<Vec<usize>> = subdomains
-        .iter()
-        .map(|s| vec![usize::MAX; s.model().layout().nodes])
-        .collect();
-    for (k, i) in interfaces.iter().enumerate() {
-        for m in 0..2 {
-            for node in coupled_nodes(&i.coupling[m], i.components()) {
-                let first = std::mem::replace(&mut owner[i.sides[m]][node], k);
-                if first != usize::MAX {
-                    return Err(Error::SharedNode {
-                        first: interfaces[first].report().name.clone(),
-                        second: i.report().name.clone(),
-                        model: subdomains[i.sides[m]].model().name().to_owned(),
-                        node,
-                    });
-                }
-            }
-        }
-    }
-    Ok(())
 }

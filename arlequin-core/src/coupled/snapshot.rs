@@ -114,6 +114,7 @@ impl<T: Real> Coupled<T> {
             check_finite("impulses of the snapshot", f)?;
             i.restore(f);
         }
+        self.joints.iter_mut().for_each(|j| j.restore(&self.interfaces));
         self.ledger.restore(&from.ledger)?;
         self.step = from.step;
         self.time = self.start_time + T::of(from.step as f64) * self.dt;

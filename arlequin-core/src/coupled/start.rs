@@ -2,7 +2,6 @@
 
 use super::ledger::DisplacementJump;
 use super::{Coupled, pair};
-use crate::interface::Interface;
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
 
@@ -21,9 +20,9 @@ impl<T: Real> Coupled<T> {
             i.pace(self.dt);
             self.work
                 .resize(self.work.len().max(i.multipliers().len()), T::zero());
-            let [coarse, fine] = i.sides;
-            close(i, pair(&mut self.subdomains, coarse, fine), &mut self.work)?;
         }
+        self.joints.iter_mut().for_each(|j| j.pace(self.dt));
+        self.close()?;
         let time = self.time;
         for s in &mut self.subdomains {
             s.start(time)?;
@@ -32,18 +31,7 @@ impl<T: Real> Coupled<T> {
             self.add_pair_forces(g, |s| s.at_start(time), &mut |_| {})?;
         }
         let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
-        let half = self.dt * T::of(0.5);
-        for i in &mut self.interfaces {
-            let [coarse, fine] = i.sides;
-            let [c, d] = pair(&mut self.subdomains, coarse, fine);
-            i.reflect([&mut *c, &mut *d].map(Subdomain::velocities));
-            i.find([&c.state().a, &d.state().a], half);
-        }
-        for (k, s) in self.subdomains.iter_mut().enumerate() {
-            let mine = |i: &Interface<T>| i.sides.iter().position(|s| *s == k);
-            let touching = self.interfaces.iter().filter_map(|i| Some((i, mine(i)?)));
-            s.hand_over_start(&touching.collect::<Vec<_>>())?;
-        }
+        self.reflect_start()?;
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
         self.ledger.jumps = vec![DisplacementJump::default(); self.interfaces.len()];
@@ -65,44 +53,82 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// Removes the jump of the initial displacements and reports it.
-fn close<T: Real>(i: &mut Interface<T>, [c, d]: [&mut Subdomain<T>; 2], work: &mut Vec<T>) -> Result<()> {
-    let jump = i.jump([&c.state().q, &d.state().q], work);
-    let largest = [&*c, &*d].map(|s| {
-        let q = &s.state().q[..s.model().layout().translations()];
-        q.iter().fold(T::zero(), |m, x| m.max(x.abs()))
-    });
-    let largest = largest[0].max(largest[1]);
-    i.report.start_jump = jump.as_f64();
-    if jump <= T::zero() {
-        return Ok(());
+/// Displacements of some models.
+fn displacements<T: Real>(subdomains: &[Subdomain<T>], models: &[usize]) -> Vec<Vec<T>> {
+    models.iter().map(|s| subdomains[*s].state().q.clone()).collect()
+}
+
+impl<T: Real> Coupled<T> {
+    /// Removes the jumps of the initial displacements and reports them.
+    fn close(&mut self) -> Result<()> {
+        for k in 0..self.interfaces.len() {
+            let models = self.interfaces[k].sides;
+            if !self.interfaces[k].is_alone() || !self.is_open(&[k], &models)? {
+                continue;
+            }
+            let before = displacements(&self.subdomains, &models);
+            let both = pair(&mut self.subdomains, models[0], models[1]);
+            self.interfaces[k].reflect(both.map(Subdomain::displacements));
+            self.moved(&[k], &models, &before);
+        }
+        for k in 0..self.joints.len() {
+            let (members, models) = (self.joints[k].members.clone(), self.joints[k].models.clone());
+            if !self.is_open(&members, &models)? {
+                continue;
+            }
+            let before = displacements(&self.subdomains, &models);
+            let subdomains = &self.subdomains;
+            self.joints[k].find(|s| &subdomains[s].state().q, T::one());
+            for (s, change) in self.joints[k].kicks() {
+                change.kick(self.subdomains[s].displacements());
+            }
+            self.moved(&members, &models, &before);
+        }
+        Ok(())
     }
-    // What the core cannot move must agree from the start.
-    let movable = !(c.is_guest() || d.is_guest());
-    let limit = if movable {
-        i.start_jump
-    } else {
-        i.start_jump.min(T::of(GUEST_JUMP))
-    };
-    if jump > largest * limit {
-        return Err(Error::InitialJump {
-            interface: i.report.name.clone(),
-            jump: jump.as_f64(),
-            largest: largest.as_f64(),
-            limit: limit.as_f64(),
-        });
+
+    /// Whether interfaces that are solved for together have jumps that can be taken out; refuses those that are too large.
+    fn is_open(&mut self, members: &[usize], models: &[usize]) -> Result<bool> {
+        // What the core cannot move must agree from the start.
+        let movable = !models.iter().any(|s| self.subdomains[*s].is_guest());
+        let mut open = false;
+        for &k in members {
+            let i = &mut self.interfaces[k];
+            let both = i.sides.map(|s| &self.subdomains[s]);
+            let jump = i.jump(both.map(|s| &*s.state().q), &mut self.work);
+            let largest = both.map(|s| {
+                let q = &s.state().q[..s.model().layout().translations()];
+                q.iter().fold(T::zero(), |m, x| m.max(x.abs()))
+            });
+            let largest = largest[0].max(largest[1]);
+            i.report.start_jump = jump.as_f64();
+            let limit = if movable {
+                i.start_jump
+            } else {
+                i.start_jump.min(T::of(GUEST_JUMP))
+            };
+            if jump > largest * limit {
+                return Err(Error::InitialJump {
+                    interface: i.report.name.clone(),
+                    jump: jump.as_f64(),
+                    largest: largest.as_f64(),
+                    limit: limit.as_f64(),
+                });
+            }
+            open |= jump > T::zero();
+        }
+        Ok(open && movable)
     }
-    if !movable {
-        return Ok(());
+
+    /// Reports how far displacements were moved.
+    fn moved(&mut self, members: &[usize], models: &[usize], before: &[Vec<T>]) {
+        let of = |(s, before): (&usize, &Vec<T>)| {
+            let all = self.subdomains[*s].state().q.iter().zip(before);
+            all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))
+        };
+        let most = models.iter().zip(before).map(of).fold(T::zero(), |a, b| a.max(b));
+        for &k in members {
+            self.interfaces[k].report.start_moved = most.as_f64();
+        }
     }
-    let [c, d] = [c, d].map(Subdomain::displacements);
-    let before = [c.to_vec(), d.to_vec()];
-    i.reflect([&mut *c, &mut *d]);
-    let moved = |now: &[T], before: &[T]| {
-        let all = now.iter().zip(before);
-        all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))
-    };
-    let moved = moved(c, &before[0]).max(moved(d, &before[1]));
-    i.report.start_moved = moved.as_f64();
-    Ok(())
 }

@@ -6,12 +6,11 @@ use crate::Real;
 /// Warp of hexahedra, relative to their lengths, from which a user should know of it.
 const WARP: f64 = 1e-6;
 
-/// Warnings for what the set-up found.
-pub(super) fn advice<T: Real>(
+/// Warnings for mediator and models.
+pub(super) fn of_sides<T: Real>(
     report: &InterfaceReport,
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
-    ranked: bool,
 ) -> Vec<String> {
     let components = sides[0].layout.components;
     let mut out = Vec::new();
@@ -33,6 +32,23 @@ pub(super) fn advice<T: Real>(
                 * (nodes as f64 / coarse.min(fine) as f64).powf(1.0 / components as f64),
         ));
     }
+    let warp = (sides.iter().map(|s| s.field.warp())).fold(spec.mediator.warp(), |m, w| m.max(w));
+    if warp.as_f64() > WARP {
+        out.push(format!(
+            "faces of hexahedra leave their planes by up to {:.1} % of the element's length: uniform strain is \
+             not exact across the overlap, displacements are off by about {:.0e} of the largest, strains by {:.0e}; \
+             use tetrahedra or hexahedra with planar faces where that matters",
+            100.0 * warp.as_f64(),
+            0.01 * warp.as_f64(),
+            0.1 * warp.as_f64()
+        ));
+    }
+    out
+}
+
+/// Warnings for what the operator tells of the multipliers; `ranked`: whether it is known which are dependent.
+pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
+    let mut out = Vec::new();
     if !report.null_modes.is_empty() {
         out.push(format!(
             "{} of {} multiplier unknowns are dependent and were dropped (first at mediator node {})",
@@ -46,17 +62,6 @@ pub(super) fn advice<T: Real>(
             "{} multiplier unknowns are too many to tell whether some are dependent; that costs no energy, but a mediator \
              finer than one of the models reflects long waves",
             report.multipliers
-        ));
-    }
-    let warp = (sides.iter().map(|s| s.field.warp())).fold(spec.mediator.warp(), |m, w| m.max(w));
-    if warp.as_f64() > WARP {
-        out.push(format!(
-            "faces of hexahedra leave their planes by up to {:.1} % of the element's length: uniform strain is \
-             not exact across the overlap, displacements are off by about {:.0e} of the largest, strains by {:.0e}; \
-             use tetrahedra or hexahedra with planar faces where that matters",
-            100.0 * warp.as_f64(),
-            0.01 * warp.as_f64(),
-            0.1 * warp.as_f64()
         ));
     }
     out

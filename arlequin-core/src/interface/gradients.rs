@@ -20,7 +20,7 @@ pub(super) trait Precondition<T> {
 pub(super) enum Apply<T> {
     /// By its own rows, the same for all components.
     Rows(Rows<T>),
-    /// By `Bᵀ`, `M⁻¹` and `B` of both sides.
+    /// By `Bᵀ`, `M⁻¹` and `B` of all sides.
     Sides,
 }
 
@@ -69,7 +69,7 @@ impl<T: Real> Gradients<T> {
     pub(super) fn solve(
         &mut self,
         b: &mut [T],
-        sides: &mut [Transfer<T>; 2],
+        sides: &mut [Transfer<T>],
         by: &mut (impl Precondition<T> + ?Sized),
     ) {
         match self.shared {
@@ -82,7 +82,7 @@ impl<T: Real> Gradients<T> {
     fn solve_of<const N: usize>(
         &mut self,
         b: &mut [T],
-        sides: &mut [Transfer<T>; 2],
+        sides: &mut [Transfer<T>],
         by: &mut (impl Precondition<T> + ?Sized),
     ) {
         self.residual.copy_from_slice(b);

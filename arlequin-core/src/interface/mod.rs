@@ -15,28 +15,33 @@
 mod advice;
 mod assembly;
 mod gradients;
+pub(crate) mod joint;
 mod operator;
 mod rank;
+mod report;
 mod rows;
 mod sums;
+mod system;
 mod transfer;
 
 pub use assembly::Sampling;
 pub use operator::Solver;
 pub use rank::NullMode;
+pub use report::InterfaceReport;
 
 use crate::field::Interpolation;
 use crate::junction::{Components, Junction, Needs};
 use crate::mediator::Mediator;
 use crate::model::DofLayout;
-use crate::scalar::dot;
 use crate::weight::Weight;
-use crate::{Error, Real, Result, parallel};
+use crate::{Error, Real, Result};
 use nalgebra::Point3;
-use operator::Operator;
+use operator::{Operator, Wanted};
 use sprs::{CsMat, TriMat};
+use std::ops::Range;
 use std::sync::Arc;
-use transfer::Transfer;
+use system::System;
+pub(crate) use transfer::Transfer;
 pub(crate) use transfer::{Rows, add_at};
 
 /// What ties a coarse to a fine subdomain.
@@ -147,46 +152,6 @@ impl<T: Real> std::fmt::Debug for Side<'_, T> {
     }
 }
 
-/// What the set-up of an interface found.
-#[derive(Debug, Clone, PartialEq)]
-pub struct InterfaceReport {
-    /// Name.
-    pub name: String,
-    /// Junction.
-    pub junction: &'static str,
-    /// Multiplier unknowns.
-    pub multipliers: usize,
-    /// Independent ones; all of them where it is not known (a warning says so).
-    pub rank: usize,
-    /// How they are solved for: `factor`, `eigenvectors` (where multipliers are dependent), `conjugate gradients`, `lumped`.
-    pub solver: &'static str,
-    /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
-    pub condition: f64,
-    /// Measure of the overlap \[m³\].
-    pub measure: f64,
-    /// Nodes of the coarse and the fine model that the multipliers act on.
-    pub coupled_nodes: [usize; 2],
-    /// Relative difference of the mediator's zeroth and first moments as the two sides integrate them.
-    pub momentum_defect: f64,
-    /// Stored entries of coupling matrices and factor.
-    pub nonzeros: usize,
-    /// Modes that were dropped.
-    pub null_modes: Vec<NullMode>,
-    /// Degree up to which the junction integrals are exact on each piece; none where they are sums over particles.
-    pub degree: Option<usize>,
-    /// Share of the overlap that lies outside the mediator, at its surface.
-    pub outside: f64,
-    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act: by their volumes for
-    /// particles, by their number otherwise. What sticks out of the other model is not tied.
-    pub tied: [f64; 2],
-    /// Jump of the initial displacements that was projected away \[m\], as the multipliers see it.
-    pub start_jump: f64,
-    /// Largest change of an initial displacement by that \[m\].
-    pub start_moved: f64,
-    /// What a user should know.
-    pub warnings: Vec<String>,
-}
-
 /// Coupling matrix of one side, multiplier rows by model columns.
 #[derive(Debug, Clone)]
 pub(crate) struct Coupling<T> {
@@ -215,41 +180,33 @@ pub struct Interface<T: Real> {
     pub(crate) sides: [usize; 2],
     /// Coupling matrices: coarse, fine.
     pub(crate) coupling: [Transfer<T>; 2],
-    operator: Operator<T>,
-    pub(crate) lambda: Vec<T>,
+    /// None where its multipliers are solved for together with others: [`joint::Joint`].
+    system: Option<System<T>>,
+    iterations: usize,
+    lambda: Vec<T>,
     /// `μ` of half a reflection.
     impulse: Vec<T>,
-    /// `b = B_C v_C − B_D v_D` before the last kick.
-    jump: Vec<T>,
-    power: T,
     /// `λ = rate μ`.
     rate: T,
+    /// `Σ_j |B_C,ij|` per multiplier unknown: turns a constraint residual into a velocity.
+    row_measure: Vec<T>,
     pub(crate) report: InterfaceReport,
     pub(crate) start_jump: T,
     components: usize,
     nodes: Vec<Point3<T>>,
 }
 
-impl<T: Real> Interface<T> {
-    /// Whether each component of a multiplier acts on that component alone.
-    pub(crate) fn splits(&self) -> bool {
-        self.components == 1 || self.coupling[0].shared() == self.components
-    }
+/// An interface whose multipliers nobody solves for yet.
+#[derive(Debug)]
+pub(crate) struct Draft<T: Real> {
+    pub(crate) interface: Interface<T>,
+    /// Coupling matrices: coarse, fine.
+    coupling: Vec<Coupling<T>>,
+}
 
-    /// Builds the coupling matrices of a mediator between two sides (coarse first) and factors the operator.
-    ///
-    /// # Errors
-    /// Empty overlap, overhanging mediator, momentum leak, missing gradients, lumped H1, or no independent multiplier.
-    pub fn new(spec: &InterfaceSpec<T>, sides: [Side<'_, T>; 2]) -> Result<Self> {
-        Self::announced(spec, sides, &mut || ())
-    }
-
-    /// The same; `factoring` is called when the coupling matrices are there.
-    pub(crate) fn announced(
-        spec: &InterfaceSpec<T>,
-        sides: [Side<'_, T>; 2],
-        factoring: &mut dyn FnMut(),
-    ) -> Result<Self> {
+impl<T: Real> Draft<T> {
+    /// The coupling matrices of a mediator between two sides, coarse first.
+    pub(crate) fn new(spec: &InterfaceSpec<T>, sides: [Side<'_, T>; 2]) -> Result<Self> {
         let components = sides[0].layout.components;
         if sides[1].layout.components != components {
             return Err(Error::SizeMismatch {
@@ -271,49 +228,110 @@ impl<T: Real> Interface<T> {
         }
         spec.options.solver.check(&spec.name)?;
         let built = assembly::assemble(spec, &sides, components)?;
-        factoring();
-        let inverse = [sides[0].inverse_inertia, sides[1].inverse_inertia];
-        let operator = Operator::new(spec, &built.coupling, inverse, components)?;
-        let size = built.coupling[0].matrix.rows() * built.coupling[0].shared;
+        let shared = built.coupling[0].shared;
+        let size = built.coupling[0].matrix.rows() * shared;
         let signs = [-T::one(), T::one()];
-        let coupling = [0, 1].map(|m| Transfer::new(&built.coupling[m], signs[m], inverse[m]));
-        let coupled_nodes = [0, 1].map(|m| coupled_nodes(&coupling[m], components).len());
+        let coupling = [0, 1].map(|m| Transfer::new(&built.coupling[m], signs[m], sides[m].inverse_inertia));
         let mut report = InterfaceReport {
             name: spec.name.clone(),
             junction: spec.junction.name(),
             multipliers: size,
-            rank: size - operator.dropped(),
-            solver: operator.solver,
-            condition: operator.condition.as_f64(),
+            rank: size,
+            solver: "",
+            condition: 1.0,
             measure: built.measure.as_f64(),
-            coupled_nodes,
+            coupled_nodes: [0, 1].map(|m| coupled_nodes(&coupling[m], components).len()),
             momentum_defect: built.momentum_defect.as_f64(),
-            nonzeros: coupling.iter().map(Transfer::nonzeros).sum::<usize>() + operator.nonzeros(),
-            null_modes: operator.null_modes.clone(),
+            nonzeros: coupling.iter().map(Transfer::nonzeros).sum(),
+            null_modes: Vec::new(),
             degree: built.degree,
             outside: 0.0,
             tied: [1.0; 2],
             start_jump: 0.0,
             start_moved: 0.0,
+            together: Vec::new(),
             warnings: built.warnings,
         };
-        report
-            .warnings
-            .extend(advice::advice(&report, spec, &sides, operator.ranked));
-        Ok(Self {
+        report.warnings.extend(advice::of_sides(&report, spec, &sides));
+        let measure = |k: usize| {
+            let row = built.coupling[0].matrix.outer_view(k / shared);
+            row.map_or_else(T::zero, |r| r.iter().map(|e| e.1.abs()).sum())
+        };
+        let zeros = || vec![T::zero(); size];
+        let interface = Interface {
             sides: [spec.coarse, spec.fine],
             coupling,
-            operator,
-            lambda: vec![T::zero(); size],
-            impulse: vec![T::zero(); size],
-            jump: vec![T::zero(); size],
-            power: T::zero(),
+            system: None,
+            iterations: 0,
+            lambda: zeros(),
+            impulse: zeros(),
             rate: T::zero(),
+            row_measure: (0..size).map(measure).collect(),
             report,
             start_jump: spec.options.start_jump,
             components,
             nodes: spec.mediator.nodes().to_vec(),
+        };
+        Ok(Self {
+            interface,
+            coupling: built.coupling.into(),
         })
+    }
+
+    /// The interface, solved for on its own; `inverse`: inverse inertias of the two sides.
+    pub(crate) fn alone(self, spec: &InterfaceSpec<T>, inverse: [&[T]; 2]) -> Result<Interface<T>> {
+        let mut out = self.interface;
+        let wanted = Wanted {
+            name: &spec.name,
+            options: &spec.options,
+        };
+        let system = System::new(wanted, &self.coupling, &inverse, out.components)?;
+        out.found(&system.operator, 0..out.lambda.len(), Vec::new());
+        out.system = Some(system);
+        Ok(out)
+    }
+}
+
+impl<T: Real> Interface<T> {
+    /// Whether each component of a multiplier acts on that component alone.
+    pub(crate) fn splits(&self) -> bool {
+        self.components == 1 || self.coupling[0].shared() == self.components
+    }
+
+    /// Whether its multipliers are solved for without others.
+    pub(crate) fn is_alone(&self) -> bool {
+        self.system.is_some()
+    }
+
+    /// Builds the coupling matrices of a mediator between two sides (coarse first) and factors the operator.
+    ///
+    /// # Errors
+    /// Empty overlap, overhanging mediator, momentum leak, missing gradients, lumped H1, or no independent multiplier.
+    pub fn new(spec: &InterfaceSpec<T>, sides: [Side<'_, T>; 2]) -> Result<Self> {
+        Draft::new(spec, sides)?.alone(spec, sides.map(|s| s.inverse_inertia))
+    }
+
+    /// Reports what an operator tells, of whose multipliers `own` are those of this interface; `together`: names of the
+    /// interfaces that the others are of.
+    fn found(&mut self, operator: &Operator<T>, own: Range<usize>, together: Vec<String>) {
+        let nodes = own.start / self.components..own.end / self.components;
+        let mine = operator.null_modes.iter().filter(|n| nodes.contains(&n.node));
+        let report = &mut self.report;
+        report.null_modes = mine
+            .map(|n| NullMode {
+                node: n.node - nodes.start,
+                ..n.clone()
+            })
+            .collect();
+        report.rank = report.multipliers - report.null_modes.len();
+        report.solver = operator.solver;
+        report.condition = operator.condition.as_f64();
+        if own.start == 0 {
+            report.nonzeros += operator.nonzeros();
+        }
+        report.together = together;
+        let told = advice::of_rank(report, operator.ranked);
+        report.warnings.extend(told);
     }
 
     /// What the set-up found.
@@ -349,7 +367,7 @@ impl<T: Real> Interface<T> {
 
     /// Iterations that the last solve took; zero with a factor.
     pub fn iterations(&self) -> usize {
-        self.operator.iterations()
+        self.iterations
     }
 
     /// Mediator nodes \[m\].
@@ -363,40 +381,36 @@ impl<T: Real> Interface<T> {
     }
 
     /// Solves `S μ = B_C x_C − B_D x_D` and keeps `scale μ` with what it changes,
-    /// `δ_C = −scale M_C⁻¹ B_Cᵀ μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`.
+    /// `δ_C = −scale M_C⁻¹ B_Cᵀ μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`. Nothing where others are solved for together with it.
     pub(crate) fn find(&mut self, x: [&[T]; 2], scale: T) {
-        if parallel::pays(self.coupling.iter().map(Transfer::nonzeros).sum()) {
-            // One entry into the pool for all passes: each would cost a wake-up otherwise.
-            rayon::scope(|_| self.find_here(x, scale));
-        } else {
-            self.find_here(x, scale);
+        let Some(system) = &mut self.system else { return };
+        let load = |sides: &mut [Transfer<T>]| sides.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
+        system.find(&mut self.coupling, &load, scale, &mut self.impulse);
+        self.iterations = system.operator.iterations();
+        self.tell();
+    }
+
+    /// Takes the impulses that were found together with others.
+    fn take(&mut self, impulse: &[T], iterations: usize) {
+        self.impulse.copy_from_slice(impulse);
+        self.iterations = iterations;
+        self.tell();
+    }
+
+    /// `λ` from the impulses.
+    fn tell(&mut self) {
+        for (l, m) in self.lambda.iter_mut().zip(&self.impulse) {
+            *l = *m * self.rate;
         }
     }
 
-    fn find_here(&mut self, x: [&[T]; 2], scale: T) {
-        self.coupling.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
-        transfer::local_jump(self.coupling.each_ref(), &mut self.impulse);
-        self.jump.copy_from_slice(&self.impulse);
-        self.operator.solve(&mut self.impulse, &mut self.coupling);
-        self.impulse.iter_mut().for_each(|m| *m *= scale);
-        self.spread();
-        // μᵀ(b − S μ), as B v = b − S μ after the kick.
-        let spent: T = self.coupling.iter().map(Transfer::twice_kinetic).sum();
-        self.power = self.rate * (dot(&self.jump, &self.impulse) - spent);
-    }
-
-    /// `v += δ` on one side.
-    pub(crate) fn kick_again(&self, side: usize, v: &mut [T]) {
-        self.coupling[side].kick(v);
-    }
-
     /// First half of the reflection `v ← (I − 2P) v`: finds what takes the jump out of the velocities, takes it out and
-    /// keeps it for the second half, [`Self::kick_again`], with which the next step begins.
+    /// keeps it for the second half, with which the next step begins.
     pub(crate) fn reflect(&mut self, v: [&mut [T]; 2]) {
         let [coarse, fine] = v;
         self.find([coarse, fine], T::one());
-        self.kick_again(0, coarse);
-        self.kick_again(1, fine);
+        self.coupling[0].kick(coarse);
+        self.coupling[1].kick(fine);
     }
 
     /// Impulses `μ` of half a reflection; `λ = 2 μ/ΔT`.
@@ -406,8 +420,8 @@ impl<T: Real> Interface<T> {
 
     /// Goes back to the impulses of another instant, and to what they change.
     pub(crate) fn restore(&mut self, impulse: &[T]) {
-        self.impulse.copy_from_slice(impulse);
-        self.spread();
+        self.take(impulse, 0);
+        self.coupling.iter_mut().for_each(|c| c.spread(impulse));
     }
 
     /// Takes multipliers that are known, those of an equilibrium.
@@ -415,14 +429,7 @@ impl<T: Real> Interface<T> {
         for (m, l) in self.impulse.iter_mut().zip(lambda) {
             *m = *l / self.rate;
         }
-        self.spread();
-    }
-
-    /// `δ` of both sides and `λ` from the impulses.
-    fn spread(&mut self) {
-        for (l, m) in self.lambda.iter_mut().zip(&self.impulse) {
-            *l = *m * self.rate;
-        }
+        self.lambda.copy_from_slice(lambda);
         self.coupling.iter_mut().for_each(|c| c.spread(&self.impulse));
     }
 
@@ -434,15 +441,16 @@ impl<T: Real> Interface<T> {
     /// `λᵀ(B_C v_C − B_D v_D)` \[W\] with the velocities that the last [`Self::reflect`] left: zero but for round-off where
     /// the multipliers are solved for exactly or by Galerkin's condition.
     pub(crate) fn power(&self) -> T {
-        self.power
+        let left = self.system.as_ref().map_or_else(T::zero, System::left);
+        self.rate * left
     }
 
     /// Largest component of the jump `B_C x_C − B_D x_D` divided by the multiplier's own measure.
     pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> T {
         work.clear();
         work.resize(self.lambda.len(), T::zero());
-        transfer::jump(self.coupling.each_ref(), x, work);
-        let measured = work.iter().zip(&self.operator.row_measure);
+        transfer::jump(&self.coupling, x, work);
+        let measured = work.iter().zip(&self.row_measure);
         let measured = measured.filter(|(_, s)| **s > T::zero());
         measured.fold(T::zero(), |m, (r, s)| m.max((*r / *s).abs()))
     }

@@ -3,7 +3,7 @@
 use super::gradients::{Apply, Gradients, Precondition};
 use super::rank::{self, NullMode};
 use super::transfer::{Rows, Transfer};
-use super::{Coupling, InterfaceSpec};
+use super::{Coupling, InterfaceOptions};
 use crate::linalg::SpdFactor;
 use crate::scalar::dot;
 use crate::{Error, Real, Result};
@@ -112,8 +112,13 @@ pub(super) struct Operator<T: Real> {
     pub(super) null_modes: Vec<NullMode>,
     /// Whether it is known which multipliers are dependent.
     pub(super) ranked: bool,
-    /// `Σ_j |B_C,ij|` per multiplier unknown: turns a constraint residual into a velocity.
-    pub(super) row_measure: Vec<T>,
+}
+
+/// What an operator is made with: name and options of its interface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wanted<'a, T: Real> {
+    pub(super) name: &'a str,
+    pub(super) options: &'a InterfaceOptions<T>,
 }
 
 struct Outcome<T: Real> {
@@ -125,10 +130,11 @@ struct Outcome<T: Real> {
 }
 
 impl<T: Real> Operator<T> {
+    /// From the coupling matrix and the inverse inertia of every side.
     pub(super) fn new(
-        spec: &InterfaceSpec<T>,
-        coupling: &[Coupling<T>; 2],
-        inverse: [&[T]; 2],
+        wanted: Wanted<'_, T>,
+        coupling: &[Coupling<T>],
+        inverse: &[&[T]],
         components: usize,
     ) -> Result<Self> {
         let (shared, rows) = (coupling[0].shared, coupling[0].matrix.rows());
@@ -140,10 +146,10 @@ impl<T: Real> Operator<T> {
             ranked,
             condition,
             null_modes,
-        } = find_blocks(spec, coupling, inverse, components)?;
+        } = find_blocks(wanted, coupling, inverse, components)?;
         if null_modes.len() == rows * shared {
             return Err(Error::SingularInterface {
-                interface: spec.name.clone(),
+                interface: wanted.name.to_owned(),
                 size: rows * shared,
             });
         }
@@ -152,25 +158,18 @@ impl<T: Real> Operator<T> {
                 Some(s) => Apply::Rows(Rows::of(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
                 None => Apply::Sides,
             };
-            let (tolerance, most) = spec.options.solver.limits();
+            let (tolerance, most) = wanted.options.solver.limits();
             Gradients::new(apply, shared, rows * shared, tolerance, most)
         });
         let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
-        let measure = |i: usize| {
-            coupling[0]
-                .matrix
-                .outer_view(i)
-                .map_or_else(T::zero, |r| r.iter().map(|e| e.1.abs()).sum())
-        };
         Ok(Self {
             solver: match (&gradients, dependent) {
                 (Some(_), _) => "conjugate gradients",
-                (None, _) if spec.options.lumped => "lumped",
+                (None, _) if wanted.options.lumped => "lumped",
                 (None, true) => "eigenvectors",
                 (None, false) => "factor",
             },
             gradients,
-            row_measure: (0..rows * shared).map(|k| measure(k / shared)).collect(),
             blocks: Blocks {
                 all: blocks,
                 columns: vec![T::zero(); rows * shared],
@@ -180,10 +179,6 @@ impl<T: Real> Operator<T> {
             null_modes,
             ranked,
         })
-    }
-
-    pub(super) fn dropped(&self) -> usize {
-        self.null_modes.len()
     }
 
     pub(super) fn nonzeros(&self) -> usize {
@@ -202,7 +197,7 @@ impl<T: Real> Operator<T> {
     }
 
     /// `b ← S⁻¹ b`, components interleaved; overwrites what the sides hold.
-    pub(super) fn solve(&mut self, b: &mut [T], sides: &mut [Transfer<T>; 2]) {
+    pub(super) fn solve(&mut self, b: &mut [T], sides: &mut [Transfer<T>]) {
         match &mut self.gradients {
             None => self.blocks.apply(b),
             Some(g) => g.solve(b, sides, &mut self.blocks),
@@ -272,9 +267,9 @@ struct Found<T: Real> {
 }
 
 fn find_blocks<T: Real>(
-    spec: &InterfaceSpec<T>,
-    coupling: &[Coupling<T>; 2],
-    inverse: [&[T]; 2],
+    wanted: Wanted<'_, T>,
+    coupling: &[Coupling<T>],
+    inverse: &[&[T]],
     components: usize,
 ) -> Result<Found<T>> {
     let shared = coupling[0].shared;
@@ -288,12 +283,13 @@ fn find_blocks<T: Real>(
         null_modes: Vec::new(),
     };
     let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
-    let mut seen: Vec<[Vec<T>; 2]> = Vec::new();
+    let mut seen: Vec<Vec<Vec<T>>> = Vec::new();
     for c in 0..shared {
-        let weights = [0, 1].map(|m| {
-            let columns = 0..coupling[m].matrix.cols();
-            columns.map(|j| inverse[m][j * shared + c]).collect::<Vec<T>>()
-        });
+        let of = |(side, inverse): (&Coupling<T>, &&[T])| -> Vec<T> {
+            let columns = 0..side.matrix.cols();
+            columns.map(|j| inverse[j * shared + c]).collect()
+        };
+        let weights: Vec<_> = coupling.iter().zip(inverse).map(of).collect();
         let known = seen.iter().position(|w| same_on_coupled(coupling, w, &weights));
         if let Some(k) = known {
             found.blocks[k].1.push(c);
@@ -301,10 +297,10 @@ fn find_blocks<T: Real>(
             continue;
         }
         let s = operator(coupling, &weights);
-        let outcome = if spec.options.lumped {
-            lumped(spec, &s)?
+        let outcome = if wanted.options.lumped {
+            lumped(wanted.name, &s)?
         } else {
-            block(spec, &s, components / shared, passes)?
+            block(wanted.options, &s, components / shared, passes)?
         };
         found.condition = found.condition.max(outcome.condition);
         found.exact &= outcome.exact;
@@ -322,12 +318,12 @@ fn find_blocks<T: Real>(
 
 /// How one block is solved with, and what is known of it; `passes`: entries that are read to apply it by both sides.
 fn block<T: Real>(
-    spec: &InterfaceSpec<T>,
+    options: &InterfaceOptions<T>,
     s: &CsMat<T>,
     per_node: usize,
     passes: usize,
 ) -> Result<Outcome<T>> {
-    let tolerance = spec.options.rank_tolerance;
+    let tolerance = options.rank_tolerance;
     let (scaled, scale) = equilibrated(s);
     let entries = T::cholesky_entries(&scaled);
     let diagonal = Block::Diagonal {
@@ -340,7 +336,7 @@ fn block<T: Real>(
         let [low, high] = rank::extremes(&scaled, &mut |b| factor.solve(b));
         if low > high * tolerance {
             let iterations = ITERATIONS * (high / low).sqrt().as_f64();
-            let by_factor = match spec.options.solver {
+            let by_factor = match options.solver {
                 Solver::Auto => 2.0 * entries as f64 <= iterations * passes.min(s.nnz()) as f64,
                 Solver::Factor => true,
                 Solver::ConjugateGradients { .. } => false,
@@ -355,7 +351,7 @@ fn block<T: Real>(
             });
         }
     }
-    let chosen = matches!(spec.options.solver, Solver::ConjugateGradients { .. });
+    let chosen = matches!(options.solver, Solver::ConjugateGradients { .. });
     if scaled.rows() > rank::DENSE_LIMIT {
         return Ok(Outcome {
             block: diagonal,
@@ -380,11 +376,12 @@ fn block<T: Real>(
     })
 }
 
-fn same_on_coupled<T: Real>(coupling: &[Coupling<T>; 2], a: &[Vec<T>; 2], b: &[Vec<T>; 2]) -> bool {
-    (0..2).all(|m| coupling[m].matrix.iter().all(|(_, (_, j))| a[m][j] == b[m][j]))
+fn same_on_coupled<T: Real>(coupling: &[Coupling<T>], a: &[Vec<T>], b: &[Vec<T>]) -> bool {
+    let mut sides = coupling.iter().zip(a.iter().zip(b));
+    sides.all(|(side, (a, b))| side.matrix.iter().all(|(_, (_, j))| a[j] == b[j]))
 }
 
-pub(super) fn operator<T: Real>(coupling: &[Coupling<T>; 2], weights: &[Vec<T>; 2]) -> CsMat<T> {
+pub(super) fn operator<T: Real>(coupling: &[Coupling<T>], weights: &[Vec<T>]) -> CsMat<T> {
     let n = coupling[0].matrix.rows();
     let mut sum = TriMat::new((n, n));
     for (m, weights) in weights.iter().enumerate() {
@@ -431,7 +428,7 @@ fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
 }
 
 /// Row sums in place of the operator. Exists for the L2 junction, where they are positive.
-fn lumped<T: Real>(spec: &InterfaceSpec<T>, s: &CsMat<T>) -> Result<Outcome<T>> {
+fn lumped<T: Real>(interface: &str, s: &CsMat<T>) -> Result<Outcome<T>> {
     let n = s.rows();
     let mut sums = vec![T::zero(); n];
     s.iter().for_each(|(v, (_, i))| sums[i] += *v);
@@ -440,7 +437,7 @@ fn lumped<T: Real>(spec: &InterfaceSpec<T>, s: &CsMat<T>) -> Result<Outcome<T>> 
         .fold((sums[0], sums[0]), |(l, h), v| (l.min(*v), h.max(*v)));
     if low <= T::zero() || !high.is_finite() {
         return Err(Error::SingularInterface {
-            interface: spec.name.clone(),
+            interface: interface.to_owned(),
             size: n,
         });
     }

@@ -228,7 +228,7 @@ impl<T: Real> Transfer<T> {
     }
 
     /// `x += δ`.
-    pub(super) fn kick(&self, x: &mut [T]) {
+    pub(crate) fn kick(&self, x: &mut [T]) {
         self.add(&self.local, x);
     }
 
@@ -253,9 +253,13 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// `B x`.
+    /// `B x`; for checks.
     pub(crate) fn times(&self, x: &[T], out: &mut [T]) {
-        jump([self, self], [x, &[]], out);
+        let d = self.shared;
+        out.fill(T::zero());
+        for (i, j, v) in self.entries() {
+            (0..d).for_each(|c| out[i * d + c] += v * x[j * d + c]);
+        }
     }
 }
 
@@ -264,8 +268,8 @@ fn nodes<T, const N: usize>(x: &[T]) -> &[[T; N]] {
     x.as_chunks().0
 }
 
-/// `out = B_C x_C − B_D x_D`; a side without numbers is left out.
-pub(super) fn jump<T: Real>(sides: [&Transfer<T>; 2], x: [&[T]; 2], out: &mut [T]) {
+/// `out = B_C x_C − B_D x_D`.
+pub(super) fn jump<T: Real>(sides: &[Transfer<T>; 2], x: [&[T]; 2], out: &mut [T]) {
     match sides[0].shared {
         1 => jump_of::<T, 1>(sides, x, out),
         2 => jump_of::<T, 2>(sides, x, out),
@@ -273,53 +277,55 @@ pub(super) fn jump<T: Real>(sides: [&Transfer<T>; 2], x: [&[T]; 2], out: &mut [T
     }
 }
 
-fn jump_of<T: Real, const N: usize>(sides: [&Transfer<T>; 2], x: [&[T]; 2], out: &mut [T]) {
+fn jump_of<T: Real, const N: usize>(sides: &[Transfer<T>; 2], x: [&[T]; 2], out: &mut [T]) {
     let ([b, c], [x, y]) = (sides, x.map(nodes::<T, N>));
-    let at = |from: &Transfer<T>, x: &[[T; N]], j: usize| x[from.coupled[j] as usize];
-    rows_of(sides, out, &|k| {
-        let first = b.gather.times(k, |j| at(b, x, j));
-        if y.is_empty() {
-            return first;
-        }
-        minus(first, c.gather.times(k, |j| at(c, y, j)))
-    });
+    let of = |s: &Transfer<T>, x: &[[T; N]], k: usize| s.gather.times(k, |j| x[s.coupled[j] as usize]);
+    rows_of(sides, out, &|k| minus(of(b, x, k), of(c, y, k)));
 }
 
-/// [`jump`] of what the sides hold.
-pub(super) fn local_jump<T: Real>(sides: [&Transfer<T>; 2], out: &mut [T]) {
-    match sides[0].shared {
-        1 => local_jump_of::<T, 1>(sides, out),
-        2 => local_jump_of::<T, 2>(sides, out),
+/// [`jump`] of what the sides hold: the first less all others.
+pub(super) fn local_jump<T: Real>(sides: &[Transfer<T>], out: &mut [T]) {
+    match sides.first().map(Transfer::shared) {
+        Some(1) => local_jump_of::<T, 1>(sides, out),
+        Some(2) => local_jump_of::<T, 2>(sides, out),
         _ => local_jump_of::<T, 3>(sides, out),
     }
 }
 
-fn local_jump_of<T: Real, const N: usize>(sides: [&Transfer<T>; 2], out: &mut [T]) {
-    let [x, y] = sides.map(|s| nodes::<T, N>(&s.local));
-    let [b, c] = sides.map(|s| &s.gather);
-    rows_of(sides, out, &|k| minus(b.times(k, |j| x[j]), c.times(k, |j| y[j])));
+fn local_jump_of<T: Real, const N: usize>(sides: &[Transfer<T>], out: &mut [T]) {
+    let of = |s: &Transfer<T>, k: usize| {
+        let x = nodes::<T, N>(&s.local);
+        s.gather.times(k, |j| x[j])
+    };
+    let Some((first, others)) = sides.split_first() else {
+        return;
+    };
+    rows_of(sides, out, &|k| {
+        others.iter().fold(of(first, k), |sum, s| minus(sum, of(s, k)))
+    });
 }
 
 /// `out = S p`; overwrites what the sides hold.
-pub(super) fn operator<T: Real>(sides: &mut [Transfer<T>; 2], p: &[T], out: &mut [T]) {
+pub(super) fn operator<T: Real>(sides: &mut [Transfer<T>], p: &[T], out: &mut [T]) {
     sides.iter_mut().for_each(|s| s.spread(p));
-    let [b, c] = &*sides;
     // Kicks are opposed to the jump.
-    local_jump([b, c], out);
+    local_jump(sides, out);
     out.iter_mut().for_each(|x| *x = -*x);
 }
 
 /// One number of components per multiplier, on several threads where that pays.
 fn rows_of<T: Real, const N: usize>(
-    sides: [&Transfer<T>; 2],
+    sides: &[Transfer<T>],
     out: &mut [T],
     row: &(impl Fn(usize) -> [T; N] + Sync),
 ) {
     let out = out.as_chunks_mut::<N>().0;
-    // Cut by the side with more entries.
-    let [b, c] = sides.map(|s| &s.gather);
-    let longer = if c.values.len() > b.values.len() { c } else { b };
-    longer.each(0..out.len(), out, row);
+    // Cut by the side with most entries.
+    let longest = sides.iter().map(|s| &s.gather);
+    let longest = longest.reduce(|a, b| if b.values.len() > a.values.len() { b } else { a });
+    if let Some(rows) = longest {
+        rows.each(0..out.len(), out, row);
+    }
 }
 
 fn minus<T: Real, const N: usize>(mut a: [T; N], b: [T; N]) -> [T; N] {

@@ -2,7 +2,7 @@
 
 use super::step::Reached;
 use super::{Stepper, Subdomain};
-use crate::interface::Interface;
+use crate::interface::Transfer;
 use crate::model::{DofLayout, Model};
 use crate::participant::Participant;
 use crate::record::Record;
@@ -164,10 +164,10 @@ impl<T: Real> Subdomain<T> {
     }
 
     /// Hands the whole reflection over: half of it is in the velocities, of this instant.
-    pub(crate) fn hand_over(&mut self, interface: &Interface<T>, side: usize) -> Result<()> {
+    pub(crate) fn hand_over(&mut self, half: &Transfer<T>) -> Result<()> {
         if let Stepper::Guest(guest) = &mut self.stepper {
             guest.change.fill(T::zero());
-            interface.kick_again(side, &mut guest.change);
+            half.kick(&mut guest.change);
             for ((p, m), v) in guest.change.iter_mut().zip(&self.inertia).zip(&self.state.v) {
                 *p *= *m * T::of(2.0);
                 guest.received += *p * *v;
@@ -177,16 +177,14 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// The same at the start: what the projection of its velocities changed, and the half reflections of all
-    /// `interfaces` that are still to come.
-    pub(crate) fn hand_over_start(&mut self, interfaces: &[(&Interface<T>, usize)]) -> Result<()> {
+    /// The same at the start: what the projection of its velocities changed, and all `halves` of reflections that are still
+    /// to come.
+    pub(crate) fn hand_over_start(&mut self, halves: &[&Transfer<T>]) -> Result<()> {
         if let Stepper::Guest(guest) = &mut self.stepper {
             guest.solver.velocities(&mut guest.change);
             let half = T::of(0.5);
             let mut going = self.state.v.clone();
-            for (i, side) in interfaces {
-                i.kick_again(*side, &mut going);
-            }
+            halves.iter().for_each(|h| h.kick(&mut going));
             guest.received = T::zero();
             for ((p, m), v) in guest.change.iter_mut().zip(&self.inertia).zip(&going) {
                 guest.received += half * *m * *v * *v;

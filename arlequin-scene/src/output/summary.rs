@@ -218,6 +218,8 @@ pub struct InterfaceLine {
     pub rank: usize,
     /// How they are solved for.
     pub solver: &'static str,
+    /// Interfaces that act on the same nodes and are solved for together with it.
+    pub together: Vec<String>,
     /// Iterations of the last solve; zero with a factor.
     pub iterations: usize,
     /// Condition number of the operator.
@@ -408,6 +410,7 @@ pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
             multipliers: r.multipliers,
             rank: r.rank,
             solver: r.solver,
+            together: r.together.clone(),
             iterations: i.iterations(),
             condition: r.condition,
             measure: r.measure,

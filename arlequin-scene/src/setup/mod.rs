@@ -374,12 +374,61 @@ fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 
         return Err(key(format!("{path}.fine"), rule));
     }
     for (model, role) in wanted {
-        if scene.model[model].role != Some(role) {
-            let rule = format!("interface '{name}' needs role = \"{}\" here", role.name());
+        let table = &scene.model[model];
+        let between = table.role.is_none() && is_between(model, scene);
+        if between && role == RoleKind::Coarse && table.kind == ModelKind::Chain {
+            let rule = "is discrete and can only be fine; put a fem model between";
+            return Err(value(format!("{path}.coarse"), model, rule));
+        }
+        if !between && table.role != Some(role) {
+            let rule = if is_between(model, scene) {
+                format!(
+                    "interface '{name}' needs it to be {} and another the opposite; leave role out",
+                    role.name()
+                )
+            } else {
+                format!("interface '{name}' needs role = \"{}\" here", role.name())
+            };
             return Err(key(format!("model.{model}.role"), rule));
         }
     }
     Ok(out)
+}
+
+/// Whether a model is coarse in one interface and fine in another.
+fn is_between(model: &str, scene: &SceneSpec) -> bool {
+    let mut all = scene.interface.values();
+    all.clone().any(|i| i.coarse == model) && all.any(|i| i.fine == model)
+}
+
+/// What models that are coarse beside `m`, and those beside these, leave to it: `1 − Σ f`, of each times what is left to
+/// that model. None where there are none; `depth` bounds the way up.
+fn left_to(m: usize, joints: &[BuiltInterface], depth: usize) -> Result<Option<Weights<f64>>> {
+    let mine = || joints.iter().filter(|j| j.spec.fine == m);
+    let Some(first) = mine().next() else {
+        return Ok(None);
+    };
+    if depth > joints.len() {
+        let rule = "the models are finer than one another in a ring; let one of them be coarse only";
+        return Err(key(format!("interface.{}", first.spec.name), rule));
+    }
+    let (mut nested, mut shares) = (false, Vec::new());
+    for j in mine() {
+        let left = left_to(j.spec.coarse, joints, depth + 1)?;
+        nested |= left.is_some();
+        shares.push((j.weights.clone(), left));
+    }
+    if !nested {
+        let all: Vec<_> = shares.into_iter().map(|s| s.0).collect();
+        return Ok(Some(Weights::complement_of(&all)));
+    }
+    let taken = |(w, left): (Weights<f64>, Option<Weights<f64>>)| {
+        let rest = Weights::complement_of(&[w]);
+        let rest = left.iter().fold(rest, Weights::within);
+        Weights::complement_of(&[rest])
+    };
+    let all: Vec<_> = shares.into_iter().map(taken).collect();
+    Ok(Some(Weights::complement_of(&all)))
 }
 
 fn subdomain(
@@ -389,24 +438,25 @@ fn subdomain(
     joints: &[BuiltInterface],
     attachments: &mut Attachments,
 ) -> Result<Subdomain<f64>> {
-    let partners = |side: fn(&BuiltInterface) -> usize| -> Vec<Weights<f64>> {
-        let mine = joints.iter().filter(|j| side(j) == m);
-        mine.map(|j| j.weights.clone()).collect()
-    };
-    let fine = partners(|j| j.spec.fine);
-    let coarse = partners(|j| j.spec.coarse);
-    let weights = match (coarse.as_slice(), fine.as_slice()) {
-        ([], []) => Weights::uncoupled(),
-        ([one], []) => one.clone(),
-        ([], all) => Weights::complement_of(all),
+    let coarse = joints.iter().filter(|j| j.spec.coarse == m);
+    let coarse: Vec<_> = coarse.map(|j| j.weights.clone()).collect();
+    let own = match coarse.as_slice() {
+        [] => None,
+        [one] => Some(one.clone()),
         // Beside several fine partners: 1 − Σ (1 − f_i), one where none of them is.
-        (all, _) => {
+        all => {
             let shares: Vec<_> = all
                 .iter()
                 .map(|w| Weights::complement_of(std::slice::from_ref(w)))
                 .collect();
-            Weights::complement_of(&shares)
+            Some(Weights::complement_of(&shares))
         }
+    };
+    let weights = match (own, left_to(m, joints, 0)?) {
+        (None, None) => Weights::uncoupled(),
+        (Some(own), None) => own,
+        (None, Some(left)) => left,
+        (Some(own), Some(left)) => own.within(&left),
     };
     let free = |j: &&BuiltInterface| {
         j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m)
@@ -443,7 +493,6 @@ fn located(source: arlequin::core::Error) -> Error {
         }
         Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
         Core::SingularInterface { interface: i, .. } => interface(i, "mediator"),
-        Core::SharedNode { second, .. } => interface(second, "mediator"),
         Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
             format!("model.{model}")
         }

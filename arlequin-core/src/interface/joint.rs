@@ -1,0 +1,263 @@
+//! Interfaces that act on the same nodes: their multipliers are one system.
+//!
+//! With the rows of all of them in one `B_m` per model, of either sign as the model is coarse or fine in each, everything is
+//! as for one interface: `S = Σ_m B_m M_m⁻¹ B_mᵀ` has blocks off its diagonal where two interfaces act on one node, one solution
+//! meets all constraints, and the reflection keeps the kinetic energy of all models together.
+
+use super::operator::Wanted;
+use super::system::System;
+use super::transfer::Transfer;
+use super::{Coupling, Draft, Interface, InterfaceOptions, InterfaceSpec, Solver, coupled_nodes};
+use crate::{Real, Result};
+use sprs::TriMat;
+
+/// Interfaces that are solved for together.
+#[derive(Debug)]
+pub(crate) struct Joint<T: Real> {
+    /// Their numbers, ascending.
+    pub(crate) members: Vec<usize>,
+    /// First multiplier of each, and the number of all.
+    starts: Vec<usize>,
+    /// Models they act on.
+    pub(crate) models: Vec<usize>,
+    /// One side per model; the signs of all but the first are turned round, as those of a fine side are.
+    sides: Vec<Transfer<T>>,
+    system: System<T>,
+    /// Of half a reflection.
+    impulse: Vec<T>,
+    /// `λ = rate μ`.
+    rate: T,
+}
+
+/// Numbers of the interfaces that share nodes, directly or through others; each group ascending.
+pub(crate) fn groups<T: Real>(drafts: &[Draft<T>], nodes: &[usize]) -> Vec<Vec<usize>> {
+    let mut owner: Vec<Vec<Option<usize>>> = nodes.iter().map(|n| vec![None; *n]).collect();
+    let mut group: Vec<usize> = (0..drafts.len()).collect();
+    for (k, Draft { interface: i, .. }) in drafts.iter().enumerate() {
+        for m in 0..2 {
+            for node in coupled_nodes(&i.coupling[m], i.components) {
+                let Some(other) = owner[i.sides[m]][node].replace(k) else {
+                    continue;
+                };
+                let (low, high) = (group[k].min(group[other]), group[k].max(group[other]));
+                group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
+            }
+        }
+    }
+    let firsts = (0..group.len()).filter(|k| group[*k] == *k);
+    let all = |first: usize| (0..group.len()).filter(|k| group[*k] == first).collect();
+    firsts.map(all).collect()
+}
+
+impl<T: Real> Joint<T> {
+    /// Makes one system of the interfaces with these numbers; `inverse`: inverse inertia of every model.
+    ///
+    /// # Errors
+    /// Those of the operator; [`crate::Error::InvalidOption`] for a lumped one.
+    pub(crate) fn new(
+        members: Vec<usize>,
+        specs: &[InterfaceSpec<T>],
+        drafts: &mut [Draft<T>],
+        inverse: &[&[T]],
+    ) -> Result<Self> {
+        let options = agreed(&members, specs)?;
+        let names: Vec<&str> = members.iter().map(|k| &*specs[*k].name).collect();
+        let name = names.join("' and '");
+        let mut starts = vec![0];
+        for k in &members {
+            starts.push(starts[starts.len() - 1] + drafts[*k].interface.lambda.len());
+        }
+        let mut models: Vec<usize> = members.iter().flat_map(|k| drafts[*k].interface.sides).collect();
+        models.sort_unstable();
+        models.dedup();
+        let inverse: Vec<&[T]> = models.iter().map(|s| inverse[*s]).collect();
+        let stacked = stacked(&members, &models, drafts, &inverse);
+        let components = drafts[members[0]].interface.components;
+        let wanted = Wanted {
+            name: &name,
+            options: &options,
+        };
+        let system = System::new(wanted, &stacked, &inverse, components)?;
+        let sides = stacked
+            .iter()
+            .zip(&inverse)
+            .enumerate()
+            .map(|(k, (side, inverse))| {
+                let sign = if k == 0 { -T::one() } else { T::one() };
+                Transfer::new(side, sign, inverse)
+            });
+        let out = Self {
+            sides: sides.collect(),
+            impulse: vec![T::zero(); starts[members.len()]],
+            rate: T::zero(),
+            members,
+            starts,
+            models,
+            system,
+        };
+        for (place, k) in out.members.iter().enumerate() {
+            let own = out.starts[place]..out.starts[place + 1];
+            let others = names.iter().enumerate().filter(|n| n.0 != place);
+            let together = others.map(|n| (*n.1).to_owned()).collect();
+            let interface = &mut drafts[*k].interface;
+            interface.found(&out.system.operator, own, together);
+        }
+        Ok(out)
+    }
+
+    /// Finds what takes the jumps out of the numbers `x` of every model ([`Joint::models`]), `scale` times, and keeps it.
+    pub(crate) fn find<'a>(&mut self, x: impl Fn(usize) -> &'a [T], scale: T) {
+        let all = self.sides.iter_mut().zip(&self.models);
+        all.for_each(|(s, m)| s.load(x(*m)));
+        self.system
+            .find(&mut self.sides, &|_| (), scale, &mut self.impulse);
+    }
+
+    /// What the multipliers change of every model.
+    pub(crate) fn kicks(&self) -> impl Iterator<Item = (usize, &Transfer<T>)> {
+        self.models.iter().copied().zip(&self.sides)
+    }
+
+    /// Tells the interfaces their multipliers.
+    pub(crate) fn tell(&self, interfaces: &mut [Interface<T>]) {
+        for (place, k) in self.members.iter().enumerate() {
+            let own = &self.impulse[self.starts[place]..self.starts[place + 1]];
+            interfaces[*k].take(own, self.system.operator.iterations());
+        }
+    }
+
+    /// Goes back to the impulses that the interfaces have, and to what they change.
+    pub(crate) fn restore(&mut self, interfaces: &[Interface<T>]) {
+        for (place, k) in self.members.iter().enumerate() {
+            let own = &mut self.impulse[self.starts[place]..self.starts[place + 1]];
+            own.copy_from_slice(interfaces[*k].impulse());
+        }
+        self.sides.iter_mut().for_each(|s| s.spread(&self.impulse));
+    }
+
+    /// Sets the length of the steps between reflections \[s\].
+    pub(crate) fn pace(&mut self, step: T) {
+        self.rate = T::of(2.0) / step;
+    }
+
+    /// `λᵀB v` \[W\] with the velocities that the last reflection left.
+    pub(crate) fn power(&self) -> T {
+        self.rate * self.system.left()
+    }
+}
+
+/// Options of all members: the tightest of them.
+fn agreed<T: Real>(members: &[usize], specs: &[InterfaceSpec<T>]) -> Result<InterfaceOptions<T>> {
+    let mut out = specs[members[0]].options;
+    for spec in members.iter().map(|k| &specs[*k]) {
+        if spec.options.lumped {
+            let others = members
+                .iter()
+                .map(|k| &*specs[*k].name)
+                .filter(|n| *n != spec.name);
+            let rule = format!(
+                "it shares nodes with '{}' and is solved together with it: row sums would leave out what one does to the \
+                 other; take it out, or move the interfaces apart",
+                others.collect::<Vec<_>>().join("', '")
+            );
+            return Err(crate::error::invalid_option(&spec.name, "lumped", "true", &rule));
+        }
+        out.rank_tolerance = out.rank_tolerance.min(spec.options.rank_tolerance);
+        out.solver = match (out.solver, spec.options.solver) {
+            (
+                Solver::ConjugateGradients {
+                    tolerance: a,
+                    max_iterations: m,
+                },
+                Solver::ConjugateGradients {
+                    tolerance: b,
+                    max_iterations: n,
+                },
+            ) => Solver::ConjugateGradients {
+                tolerance: a.min(b),
+                max_iterations: m.max(n),
+            },
+            (chosen @ Solver::ConjugateGradients { .. }, _)
+            | (_, chosen @ Solver::ConjugateGradients { .. }) => chosen,
+            (Solver::Factor, _) | (_, Solver::Factor) => Solver::Factor,
+            _ => Solver::Auto,
+        };
+    }
+    Ok(out)
+}
+
+/// Rows of all interfaces over the unknowns of each model.
+fn stacked<T: Real>(
+    members: &[usize],
+    models: &[usize],
+    drafts: &mut [Draft<T>],
+    inverse: &[&[T]],
+) -> Vec<Coupling<T>> {
+    let components = drafts[members[0]].interface.components;
+    let mut parts: Vec<_> = members
+        .iter()
+        .map(|k| {
+            (
+                drafts[*k].interface.sides,
+                std::mem::take(&mut drafts[*k].coupling),
+            )
+        })
+        .collect();
+    // All components share one matrix if they do so everywhere, and if no support tells them apart.
+    let place = |model: usize| models.iter().position(|m| *m == model);
+    let alike = |(sides, coupling): &([usize; 2], Vec<Coupling<T>>)| {
+        sides.iter().zip(coupling).all(|(side, c)| {
+            let inverse = place(*side).map_or(&[][..], |k| inverse[k]);
+            let of = |j: usize| {
+                inverse
+                    .get(j * components..(j + 1) * components)
+                    .unwrap_or_default()
+            };
+            let same = |j: usize| of(j).iter().all(|w| *w == of(j)[0]);
+            c.shared == components && c.matrix.iter().all(|(_, (_, j))| same(j))
+        })
+    };
+    let shared = if parts.iter().all(alike) { components } else { 1 };
+    for c in parts
+        .iter_mut()
+        .flat_map(|p| &mut p.1)
+        .filter(|c| c.shared != shared)
+    {
+        *c = Coupling {
+            matrix: c.expanded(),
+            shared,
+        };
+    }
+    let rows = parts
+        .iter()
+        .map(|p| p.1.first().map_or(0, |c| c.matrix.rows()))
+        .sum();
+    let side = |(place, model): (usize, &usize)| {
+        let of_model = |sides: &[usize; 2]| sides.iter().position(|s| s == model);
+        let columns = parts
+            .iter()
+            .find_map(|(sides, c)| Some(c.get(of_model(sides)?)?.matrix.cols()));
+        let mut all = TriMat::new((rows, columns.unwrap_or(0)));
+        let mut first = 0;
+        for (sides, coupling) in &parts {
+            let own = of_model(sides).and_then(|m| Some((m, coupling.get(m)?)));
+            if let Some((m, c)) = own {
+                // Coarse is plus, and the first side as it is.
+                let sign = if (m == 0) == (place == 0) {
+                    T::one()
+                } else {
+                    -T::one()
+                };
+                c.matrix
+                    .iter()
+                    .for_each(|(v, (i, j))| all.add_triplet(first + i, j, sign * *v));
+            }
+            first += coupling.first().map_or(0, |c| c.matrix.rows());
+        }
+        Coupling {
+            matrix: all.to_csr(),
+            shared,
+        }
+    };
+    models.iter().enumerate().map(side).collect()
+}

@@ -1,0 +1,45 @@
+//! What is known of an interface before the first step.
+
+use super::NullMode;
+
+/// What the set-up of an interface found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InterfaceReport {
+    /// Name.
+    pub name: String,
+    /// Junction.
+    pub junction: &'static str,
+    /// Multiplier unknowns.
+    pub multipliers: usize,
+    /// Independent ones; all of them where it is not known (a warning says so).
+    pub rank: usize,
+    /// How they are solved for: `factor`, `eigenvectors` (where multipliers are dependent), `conjugate gradients`, `lumped`.
+    pub solver: &'static str,
+    /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
+    pub condition: f64,
+    /// Measure of the overlap \[m³\].
+    pub measure: f64,
+    /// Nodes of the coarse and the fine model that the multipliers act on.
+    pub coupled_nodes: [usize; 2],
+    /// Relative difference of the mediator's zeroth and first moments as the two sides integrate them.
+    pub momentum_defect: f64,
+    /// Stored entries of coupling matrices and factor.
+    pub nonzeros: usize,
+    /// Modes that were dropped.
+    pub null_modes: Vec<NullMode>,
+    /// Degree up to which the junction integrals are exact on each piece; none where they are sums over particles.
+    pub degree: Option<usize>,
+    /// Share of the overlap that lies outside the mediator, at its surface.
+    pub outside: f64,
+    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act: by their volumes for
+    /// particles, by their number otherwise. What sticks out of the other model is not tied.
+    pub tied: [f64; 2],
+    /// Jump of the initial displacements that was projected away \[m\], as the multipliers see it.
+    pub start_jump: f64,
+    /// Largest change of an initial displacement by that \[m\].
+    pub start_moved: f64,
+    /// Interfaces that act on nodes of this one and are solved for together with it.
+    pub together: Vec<String>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
