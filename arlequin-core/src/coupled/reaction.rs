@@ -32,7 +32,7 @@ impl<T: Real> Coupled<T> {
         for i in &self.interfaces {
             for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
                 if i.sides[m] == subdomain {
-                    i.coupling[m].add_force(sign, &i.lambda, &mut forces);
+                    i.coupling[m].add_force(sign, i.multipliers(), &mut forces);
                 }
             }
         }

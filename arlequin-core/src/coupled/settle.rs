@@ -197,7 +197,7 @@ impl<T: Real> Coupled<T> {
             for i in &self.interfaces {
                 for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
                     if i.sides[m] == k {
-                        i.coupling[m].add_force(sign, &i.lambda, &mut forces);
+                        i.coupling[m].add_force(sign, i.multipliers(), &mut forces);
                     }
                 }
             }
