@@ -102,7 +102,7 @@ fn three_models_at_one_place_share_it_and_are_tied() {
 #[test]
 fn interfaces_that_are_apart_are_solved_for_alone() {
     let chain = Chain {
-        third: 3.6,
+        third: 4.0,
         ..Chain::default()
     };
     let c = kept(&chain, &|| Box::new(L2), 100);
@@ -125,8 +125,10 @@ fn a_tie_too_many_is_counted_and_does_no_harm() {
         assert_eq!(dropped, multipliers, "those of one of three equal mediators");
         c.run(200, &mut Silent).unwrap();
         assert!(c.drift() < 1e-12, "drift {:e}", c.drift());
+        // Three interfaces have three sets of samples, so that the tie too many is one but for their round-off: modes below 1e-10 of
+        // the largest are dropped, and what is left of a jump is the root of that.
         assert!(
-            c.constraint_residual() < 1e-8,
+            c.constraint_residual() < 1e-5,
             "velocity jump {:e}",
             c.constraint_residual()
         );
@@ -262,15 +264,15 @@ fn what_cannot_be_solved_for_together_is_refused_by_name() {
 #[test]
 fn a_chain_of_three_critical_steps_steps_as_each_model_needs() {
     let chain = Chain {
-        fine: 3,
-        own: [OwnStep::Same; 3],
+        fine: 2,
+        own: [OwnStep::Fraction(0.5); 3],
         ..Chain::default()
     };
     let interfaces = chain.interfaces(&|| Box::new(L2));
-    let c = Coupled::new(chain.bodies(), interfaces, TimeStep::Chosen(0.9), None).unwrap();
+    let mut c = Coupled::new(chain.bodies(), interfaces, TimeStep::Chosen(0.9), None).unwrap();
     let steps: Vec<_> = c.subdomains().iter().map(Subdomain::own_steps).collect();
-    assert!(
-        steps[0] <= steps[1] && steps[1] <= steps[2] && steps[2] > 1,
-        "{steps:?}"
-    );
+    // The step of the run is that of the coarsest.
+    assert!(steps[0] == 1 && steps[1] > 1 && steps[2] > 1, "{steps:?}");
+    c.run(50, &mut Silent).unwrap();
+    assert!(c.drift() < 1e-12, "drift {:e}", c.drift());
 }

@@ -140,7 +140,7 @@ fn what_was_probably_meant_is_asked() {
                 "coarse = \"lfet\"",
                 &["did you mean 'left'?"],
             ),
-            ("shape.box", "shape.bocks", &["did you mean 'box'?"]),
+            ("shape.box", "shape.boks", &["did you mean 'box'?"]),
         ],
     );
     let bench = Bench::new("meant-set");
@@ -521,8 +521,8 @@ fn probes_and_output() {
             ),
             (
                 "[time]",
-                "[output]\nfields = [\"stress\"]\n[time]",
-                &["unknown variant `stress`"],
+                "[output]\nfields = [\"heat\"]\n[time]",
+                &["unknown variant `heat`"],
             ),
         ],
     );

@@ -274,27 +274,3 @@ fn the_advised_mediator_spacing_knows_the_dimension() {
     assert!((h / (0.5 * (405.0_f64 / 75.0).cbrt()) - 1.0).abs() < 1e-3, "{h}");
     assert_eq!(advised(&with(1.0)), None);
 }
-
-#[test]
-fn interfaces_that_share_nodes() {
-    let folder = scratch("bad-shared");
-    // A second fine model on the other side, whose overlap ends on the plane x = 4 where the first one begins.
-    let second = r#"
-[model.start]
-kind = "fem"
-role = "fine"
-shape.box = { low = [-4.0, 0.0, 0.0], high = [4.0, 1.0, 1.0] }
-spacing = 0.5
-material = { young = 1.0, poisson = 0.25, density = 1.0 }
-
-[interface.again]
-coarse = "left"
-fine = "start"
-overlap.slab = { fine = [0.0, 0.0, 0.0], coarse = [4.0, 0.0, 0.0] }
-"#;
-    let error = said(&folder, &format!("{SMALL}{second}"));
-    assert!(
-        error.contains("share node") && error.contains("join them into one mediator"),
-        "{error}"
-    );
-}

@@ -84,7 +84,10 @@ fn a_sweep_runs_reports_and_resumes() {
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     assert_well_formed(&page);
     assert!(!page.contains("http") && !page.contains("<script") && !page.contains("NaN"));
-    assert!(page.contains("Chain &lt;and&gt; bar") && page.matches("<svg").count() == 3);
+    assert!(
+        page.contains("Chain &lt;and&gt; bar") && page.matches("<svg").count() == 6,
+        "three pictures, each for broad and for narrow screens"
+    );
     // Again: nothing is left to do, and nothing changes.
     let said = succeed(&arguments);
     assert!(said.contains("0 made, 6 taken from before"), "{said}");
@@ -321,7 +324,7 @@ fn scalars_and_predictions_stand_beside_errors() {
     );
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     assert_well_formed(&page);
-    assert!(page.contains("<th>peak [mm]</th>"));
+    assert!(page.contains(">peak [mm]</th>"));
     let csv = std::fs::read_to_string(out.join("sweep.csv")).unwrap();
     let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
     assert!(columns.iter().all(|c| *c == columns[0]), "{columns:?}");

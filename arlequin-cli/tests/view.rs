@@ -71,7 +71,7 @@ fn a_small_page_leaves_out_frames_and_then_particles_and_says_so() {
         "--set",
         "time.end=2e-6",
         "--set",
-        "output={ every = 1 }",
+        "output={ every = 1, fields = [\"displacement\", \"velocity\", \"weights\", \"energy-density\"] }",
         "--out",
         text(&out),
     ]);

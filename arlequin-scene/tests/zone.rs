@@ -396,7 +396,7 @@ const REFUSED: &[[&str; 3]] = &[
         "known: x-max, x-min",
     ],
     [
-        "zone.tip.shape={ file = \"plate.msh\" }",
+        "zone.tip.shape={ file = \"ell.msh\" }",
         "zone.tip.shape.file",
         "STL",
     ],

@@ -80,7 +80,7 @@ fn cheapest<'a>(runs: impl Iterator<Item = &'a Run>, target: f64) -> Option<&'a 
 
 /// Plain-language conclusion, one sentence or two per target.
 pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
-    let mut out: Vec<String> = pays(runs).into_iter().collect();
+    let mut out = Vec::new();
     let failed = runs.iter().filter(|r| r.status == "failed").count();
     let missing = runs.iter().filter(|r| r.status == "missing").count();
     if failed > 0 {
@@ -92,6 +92,7 @@ pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
             runs.len()
         ));
     }
+    out.extend(pays(runs));
     if runs.iter().filter(coupled).count() == 0 {
         let why = if file.reference.is_none() {
             "No errors: the sweep file names no [reference]."
