@@ -5,7 +5,8 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::core::{Coupled, H1Gradient, OwnStep, Silent, Solver};
+use arlequin::core::{Coupled, H1Gradient, OwnStep, Silent, Solver, TimeStep};
+use arlequin_studies::line::Line;
 use support::solid::{busy, solved, stepping};
 
 fn pool(threads: usize) -> rayon::ThreadPool {
@@ -93,4 +94,30 @@ fn a_state_of_other_own_steps_is_refused() {
     );
     kept.dt = one.dt();
     one.restore(&kept).unwrap();
+}
+
+/// 18 000 particles in an overlap: what multipliers gather from and add to them is cut, also within a row of threads.
+#[test]
+fn an_overlap_large_enough_for_several_threads_gives_the_same_bits_on_each() {
+    let with = |threads: usize| {
+        pool(threads).install(|| {
+            let line = Line {
+                overlap: 18_000.0,
+                coarse_elements: 1_900,
+                fine_bonds: 19_000,
+                own: [OwnStep::Same, OwnStep::Ratio(3)],
+                step: TimeStep::Seconds(2.0),
+                ..Line::default()
+            };
+            let wavy = |x: f64| (0.0, (0.7 * x).sin() + (0.03 * x).cos());
+            let mut c = line.build(&wavy, &wavy).unwrap();
+            c.run(10, &mut Silent).unwrap();
+            assert!(c.drift() < 1e-13, "{threads} threads: {:e}", c.drift());
+            assert!(c.constraint_residual() < 1e-13, "{:e}", c.constraint_residual());
+            bits(&c)
+        })
+    };
+    let one = with(1);
+    assert_eq!(one, with(2), "one and two threads");
+    assert_eq!(one, with(3), "one and three threads");
 }

@@ -6,7 +6,8 @@
 mod support;
 
 use arlequin::core::{
-    Coupled, H1Gradient, InterfaceOptions, Junction, L2, OwnStep, Profile, Silent, Solver, TimeStep,
+    Coupled, H1Gradient, InterfaceOptions, Junction, L2, OwnStep, PrescribedMotion, Profile, Silent, Solver,
+    TimeFunction, TimeStep,
 };
 use arlequin::fem_ref::ElementKind;
 use arlequin_studies::line::Line;
@@ -162,4 +163,49 @@ fn more_dependent_multipliers_than_a_dense_solver_takes_are_harmless_and_counted
         "residual {:e}",
         c.constraint_residual()
     );
+}
+
+/// Nodes on the face `z` least are held in `z` alone, overlap included: the operator of that component is another one.
+#[test]
+fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
+    let run = |solver| {
+        let bodies = solid::bodies(Profile::Cubic, 0.05).map(|body| {
+            let nodes = body.model().nodes();
+            let least = nodes.iter().fold(f64::INFINITY, |m, x| m.min(x.z));
+            let held = (0..nodes.len()).filter(|k| nodes[*k].z < least + 1e-9);
+            let dofs: Vec<usize> = held.map(|k| 3 * k + 2).collect();
+            assert!(dofs.len() > 8);
+            body.with_support(PrescribedMotion {
+                dofs,
+                amplitude: 0.0,
+                time: TimeFunction::Step,
+            })
+        });
+        let space = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [3, 3, 3]);
+        let mut spec = solid::spec(space, Box::new(L2));
+        spec.options = options(solver);
+        let mut c = Coupled::new(
+            solid::shaken(bodies, 12),
+            vec![spec],
+            TimeStep::Fraction(0.8),
+            None,
+        )
+        .unwrap();
+        c.run(200, &mut Silent).unwrap();
+        c
+    };
+    let [exact, near] = [Solver::Factor, gradients(1e-13, 500)].map(run);
+    for c in [&exact, &near] {
+        let report = c.interfaces()[0].report();
+        assert!(c.drift() < 1e-12, "{}: drift {:e}", report.solver, c.drift());
+        let left = c.constraint_residual();
+        assert!(left < 1e-10, "{}: residual {left:e}", report.solver);
+        for s in c.subdomains() {
+            let held = s.supports().iter().flat_map(|m| &m.dofs);
+            held.for_each(|d| assert_eq!(s.state().q[*d], 0.0));
+        }
+    }
+    let [a, b] = [&exact, &near].map(velocities);
+    let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+    assert!(apart < 1e-9, "velocities differ by {apart:e}");
 }

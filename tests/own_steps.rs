@@ -364,6 +364,14 @@ fn what_cannot_step_implicitly_is_refused_by_name() {
     ] {
         assert!(text.contains(word), "{text}");
     }
+    let long = Line {
+        step: TimeStep::Seconds(1e160),
+        ..line.clone()
+    };
+    let text = long.build(&rest, &rest).map(|_| ()).unwrap_err().to_string();
+    for word in ["'bar' cannot step implicitly by 1e160 s", "take a shorter step"] {
+        assert!(text.contains(word), "{text}");
+    }
     let nodal = Line {
         weighting: Weighting::Nodal,
         epsilon: 0.05,
@@ -434,6 +442,18 @@ fn own_steps_that_cannot_be_are_refused_by_name() {
         ),
         "{e}"
     );
+    // A step of the run that would never end.
+    for (own, step) in [
+        ([same, OwnStep::Ratio(1 << 40)], chosen),
+        ([OwnStep::Fraction(1e-300), same], chosen),
+        (
+            [OwnStep::Implicit, OwnStep::Fraction(1e-6)],
+            TimeStep::Seconds(4.0),
+        ),
+    ] {
+        let words = ["own steps of model", "at most 100000", "shorter steps of the run"];
+        fails(own, step, &words);
+    }
     let all_implicit = [OwnStep::Implicit, OwnStep::Implicit];
     fails(
         all_implicit,

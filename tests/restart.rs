@@ -10,13 +10,13 @@ use arlequin::core::effect::{
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
-    Coupled, L2, Model, Observer, Partition, Parts, PrescribedMotion, Profile, Silent, StepReport, Subdomain,
-    TimeFunction, TimeStep, Weights,
+    Coupled, L2, Model, Observer, OwnStep, Partition, Parts, PrescribedMotion, Profile, Silent, StepReport,
+    Subdomain, TimeFunction, TimeStep, Weights,
 };
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
 use arlequin::fem_ref::ElementKind;
-use arlequin_studies::line::Line;
+use arlequin_studies::line::{COARSE, FINE, Line, rest};
 use std::ops::ControlFlow;
 use support::solid::{self, bodies, couple, mediator};
 
@@ -252,4 +252,60 @@ fn an_observer_ends_a_run_after_the_step_it_saw() {
     let mut run = Line::default().build(&|_| (0.0, 1.0), &|_| (0.0, 1.0)).unwrap();
     assert_eq!(run.run(10, &mut Third(0)).unwrap(), 3);
     assert_eq!(run.steps(), 3);
+}
+
+/// What the report says of the jump is what `B` and the displacements say, the largest of both sides, and goes on after a
+/// restart.
+#[test]
+fn the_reported_jump_is_that_of_the_displacements_and_survives_a_restart() {
+    let build = || {
+        let line = Line {
+            step: TimeStep::Seconds(4.0),
+            own: [OwnStep::Same, OwnStep::Ratio(5)],
+            coarse_elements: 20,
+            fine_bonds: 120,
+            overlap: 40.0,
+            ..Line::default()
+        };
+        // Short waves, which only the chain can have.
+        let short = |x: f64| (0.0, (2.0 * x).sin());
+        line.build(&rest, &short).unwrap()
+    };
+    let mut c = build();
+    let matrices = [COARSE, FINE].map(|k| c.interfaces()[0].coupling_matrix(k).unwrap());
+    let (mut largest, mut amplitude) = (0.0_f64, 0.0_f64);
+    let mut kept = None;
+    for step in 0..80 {
+        if step == 50 {
+            kept = Some(c.snapshot().unwrap());
+        }
+        if c.advance(&mut Silent).unwrap().energy.is_none() {
+            continue;
+        }
+        let rows = matrices[0].rows();
+        let (mut jump, mut measure) = (vec![0.0; rows], vec![0.0; rows]);
+        for (k, sign) in [(COARSE, 1.0), (FINE, -1.0)] {
+            let q = &c.subdomains()[k].state().q;
+            for (b, (i, j)) in matrices[k].iter() {
+                jump[i] += sign * b * q[j];
+                measure[i] += if k == COARSE { b.abs() } else { 0.0 };
+                amplitude = amplitude.max(q[j].abs());
+            }
+        }
+        let of = jump.iter().zip(&measure).map(|(j, m)| (j / m).abs());
+        largest = of.fold(largest, f64::max);
+    }
+    let found = c.displacement_jumps()[0];
+    assert!(largest > 1e-6 && (found.largest / largest - 1.0).abs() < 1e-12);
+    assert!(
+        (found.amplitude / amplitude - 1.0).abs() < 1e-12,
+        "{found:?}: {amplitude}"
+    );
+    // The same run a second time, of which the largest jump lies before the restart or after it.
+    let mut again = build();
+    again.restore(&kept.unwrap()).unwrap();
+    let before = again.displacement_jumps()[0];
+    assert!(before.largest > 0.0 && before.largest <= found.largest);
+    again.run(30, &mut Silent).unwrap();
+    assert_eq!(again.displacement_jumps()[0], found);
 }

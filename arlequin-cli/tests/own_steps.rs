@@ -109,6 +109,11 @@ fn own_steps_are_chosen_and_reported_and_change_little() {
             .contains("own steps in a step of the run")
     };
     assert!(warned(&implicit) && !warned(&chosen));
+    let said = implicit["warnings"].to_string();
+    assert!(
+        said.contains("give 'right' fewer, or take shorter steps"),
+        "{said}"
+    );
     let number =
         |s: &serde_json::Value, key: &str| s.pointer(key).and_then(|x| x.as_f64()).expect("a number");
     let top = number(&one, "/probes/tip/max");

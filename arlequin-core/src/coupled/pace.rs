@@ -15,6 +15,8 @@ use crate::{Error, Real, Result};
 const COARSE: f64 = 0.5;
 /// Most own steps that are chosen: the jump of displacements is then some 2 % of the amplitude.
 const MOST: usize = 5;
+/// Most own steps that may be asked for: a step of the run ends, and can be broken off, after all of them.
+const LIMIT: usize = 100_000;
 
 /// The step of the run \[s\] and the own steps of each participant in it.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,6 +94,7 @@ pub(super) fn choose<T: Real>(
         TimeStep::Chosen(f) => chosen(&wishes, share(f)?, lockstep)?,
     };
     together(&mut steps, lockstep);
+    refuse_endless(&steps, subdomains)?;
     if !matches!(step, TimeStep::Unchecked(_)) {
         refuse_unstable(dt, &steps, &wishes, subdomains)?;
     }
@@ -231,6 +234,16 @@ fn together(steps: &mut [usize], lockstep: &[Lockstep]) {
         let most = group.members.iter().map(|k| steps[*k]).max().unwrap_or(1);
         group.members.iter().for_each(|k| steps[*k] = most);
     }
+}
+
+fn refuse_endless<T: Real>(steps: &[usize], subdomains: &[Subdomain<T>]) -> Result<()> {
+    let Some((m, s)) = steps.iter().zip(subdomains).find(|(m, _)| **m > LIMIT) else {
+        return Ok(());
+    };
+    let what = format!("own steps of model '{}'", s.model().name());
+    let rule =
+        "must be at most 100000 in a step of the run; take shorter steps of the run, or longer own ones";
+    Err(invalid(&what, m, rule))
 }
 
 fn refuse_unstable<T: Real>(

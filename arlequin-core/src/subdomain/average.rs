@@ -87,9 +87,16 @@ impl<T: Real> Subdomain<T> {
         for (i, m) in self.inertia.iter().enumerate() {
             matrix.add_triplet(i, i, if free(i) { *m } else { T::one() });
         }
+        let factor = T::cholesky(&matrix.to_csc()).map_err(|e| Error::Unsupported {
+            model: self.model.name().to_owned(),
+            what: format!(
+                "step implicitly by {:e} s: of M + Δt²/4 K, {e}; take a shorter step of the run",
+                self.pace.dt.as_f64()
+            ),
+        })?;
         let zeros = || vec![T::zero(); n];
         self.stepper = Stepper::Average(Box::new(Average {
-            factor: T::cholesky(&matrix.to_csc())?,
+            factor,
             mean: zeros(),
             loads: zeros(),
             trial: zeros(),

@@ -322,9 +322,16 @@ fn jumped(run: &Coupled<f64>) -> impl Iterator<Item = String> {
     let far = all.filter(|(_, j)| j.share() > JUMP);
     far.map(|(i, j)| {
         let [c, f] = i.sides().map(|s| &run.subdomains()[s]);
+        let most = if c.own_steps() > f.own_steps() { c } else { f };
+        // With one own step each it is implicit ones that part them.
+        let fewer = match most.own_steps() {
+            1 => String::new(),
+            _ => format!("give '{}' fewer, or ", most.model().name()),
+        };
         format!(
             "interface '{}': displacements of '{}' and '{}' have differed by up to {:.2e} m, {:.1} % of the largest in the \
-             overlap (limit {:.0} %), with {} and {} own steps in a step of the run: give the finer one fewer",
+             overlap (limit {:.0} %), with {} and {} own steps in a step of the run: {fewer}take \
+             shorter steps of the run (time.step.seconds)",
             i.report().name,
             c.model().name(),
             f.model().name(),

@@ -27,6 +27,8 @@ const STIFFNESS: f64 = 1000.0;
 const ACROSS: f64 = 3.0;
 /// Extent of a body \[m\] and share of it that a wave crosses in the whole run: lengths in millimetres look so.
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
+/// Share of a run by which whole steps may make it longer.
+const OVERRUN: f64 = 0.1;
 /// Cells of one model that are looked for in another.
 const LOOKS: usize = 2000;
 
@@ -48,6 +50,7 @@ pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     overlaps(scene, built, &mut out);
     untied(scene, built, &mut out);
     out.extend(steps(built));
+    out.extend(beyond_the_end(scene, built));
     out.extend(built.bounds.watch(&built.run));
     out
 }
@@ -332,6 +335,19 @@ fn steps(built: &Built) -> Option<String> {
     (n > MANY_STEPS).then(|| {
         format!(
             "time: {n:.2e} steps of {dt:.2e} s are more than {MANY_STEPS:e}; choose an earlier end, or coarser models"
+        )
+    })
+}
+
+/// A run of few whole steps that goes on well after the end that was asked for.
+fn beyond_the_end(scene: &SceneSpec, built: &Built) -> Option<String> {
+    let (end, begin, dt) = (scene.time.end?, built.run.time(), built.run.dt());
+    let reached = begin + built.steps as f64 * dt;
+    let several = built.run.subdomains().iter().any(|s| s.own_steps() > 1);
+    (several && reached - end > OVERRUN * (end - begin)).then(|| {
+        format!(
+            "time.end = {end:.3e} s: the run goes on to {reached:.3e} s, since it is made of whole steps of {dt:.3e} s, in which \
+             models make their own; give models fewer own steps, or choose a shorter time.step.seconds"
         )
     })
 }
