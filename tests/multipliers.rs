@@ -202,7 +202,7 @@ fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
         assert!(left < 1e-10, "{}: residual {left:e}", report.solver);
         for s in c.subdomains() {
             let held = s.supports().iter().flat_map(|m| &m.dofs);
-            held.for_each(|d| assert_eq!(s.state().q[*d], 0.0));
+            held.for_each(|d| assert!(s.state().q[*d].abs() <= 0.0));
         }
     }
     let [a, b] = [&exact, &near].map(velocities);

@@ -232,13 +232,16 @@ fn paired<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<
     Ok(paired)
 }
 
+/// Interfaces, and those of them that are solved for together.
+type Tied<T> = (Vec<Interface<T>>, Vec<Joint<T>>);
+
 /// The interfaces, each with what the check of the partition says of it, and those that are solved for together.
 fn interfaces_of<T: Real>(
     specs: &[InterfaceSpec<T>],
     outside: Vec<Result<f64>>,
     subdomains: &[Subdomain<T>],
     announce: &mut dyn FnMut(SetupPhase),
-) -> Result<(Vec<Interface<T>>, Vec<Joint<T>>)> {
+) -> Result<Tied<T>> {
     let mut drafts = Vec::with_capacity(specs.len());
     for (k, (spec, outside)) in specs.iter().zip(outside).enumerate() {
         let sides = [

@@ -260,9 +260,9 @@ fn neighbours() -> Result<Outcome> {
     for (between, where_) in [(0, "a shared node"), (1, "one element apart")] {
         let mut c = two(between)?;
         run(&mut c, 4000)?;
-        out.add(&format!("drift, {where_}"), c.drift(), 0.0..=1e-11);
+        out.add(format!("drift, {where_}"), c.drift(), 0.0..=1e-11);
         out.add(
-            &format!("velocity jump, {where_}"),
+            format!("velocity jump, {where_}"),
             c.constraint_residual(),
             0.0..=1e-11,
         );
