@@ -96,25 +96,7 @@ impl Request<'_> {
             return Err(crate::error::key(key, rule));
         }
         match self.shape {
-            Shape::Box { low, high, hole } => {
-                for c in 0..3 {
-                    if high[c] <= low[c] {
-                        let rule = format!("must be above low[{c}] = {} m", low[c]);
-                        return Err(value(format!("{key}.shape.box.high[{c}]"), high[c], &rule));
-                    }
-                }
-                let extents = [0, 1, 2].map(|c| high[c] - low[c]);
-                divisions_of(key, &extents, self.spacing, self.divisions)?;
-                let thin = |h: &Hole| {
-                    (0..3)
-                        .find(|&c| h.high[c] <= h.low[c])
-                        .map(|c| (c, h.high[c], h.low[c]))
-                };
-                hole.as_ref().and_then(thin).map_or(Ok(()), |(c, high, low)| {
-                    let rule = format!("must be above low[{c}] = {low} m");
-                    Err(value(format!("{key}.shape.box.hole.high[{c}]"), high, &rule))
-                })
-            }
+            Shape::Box { low, high, hole } => self.check_box(*low, *high, hole.as_ref()),
             Shape::Cylinder { length, radius, .. } => {
                 for (name, x) in [("length", *length), ("radius", *radius)] {
                     if x <= 0.0 {
@@ -122,22 +104,14 @@ impl Request<'_> {
                         return Err(value(path, x, "must be positive [m]"));
                     }
                 }
-                if self.divisions.is_some() {
-                    let rule = "a cylinder is meshed by spacing; give spacing in place of divisions";
-                    return Err(crate::error::key(format!("{key}.divisions"), rule));
-                }
-                positive_spacing(key, self.spacing).map(|_| ())
+                self.by_spacing("a cylinder is meshed by spacing")
             }
             Shape::Ball { radius, .. } => {
                 if *radius <= 0.0 {
                     let path = format!("{key}.shape.ball.radius");
                     return Err(value(path, *radius, "must be positive [m]"));
                 }
-                if self.divisions.is_some() {
-                    let rule = "a ball is meshed by spacing; give spacing in place of divisions";
-                    return Err(crate::error::key(format!("{key}.divisions"), rule));
-                }
-                positive_spacing(key, self.spacing).map(|_| ())
+                self.by_spacing("a ball is meshed by spacing")
             }
             Shape::Piece(piece) => piece.check(self),
             Shape::Bar { from, to, section } => {
@@ -151,12 +125,7 @@ impl Request<'_> {
                                 body, or take kind = \"cnem\", whose nodes are placed within the surface";
                     return Err(value(at, path.display(), rule));
                 }
-                if self.divisions.is_some() {
-                    let rule =
-                        "an STL body is filled with nodes by spacing; give spacing in place of divisions";
-                    return Err(crate::error::key(format!("{key}.divisions"), rule));
-                }
-                positive_spacing(key, self.spacing)?;
+                self.by_spacing("an STL body is filled with nodes by spacing")?;
                 there(&at, &self.folder.join(path))
             }
             Shape::File(path) => {
@@ -167,6 +136,30 @@ impl Request<'_> {
                 there(&format!("{key}.shape.file"), &self.folder.join(path))
             }
         }
+    }
+
+    fn check_box(&self, low: [f64; 3], high: [f64; 3], hole: Option<&Hole>) -> Result<()> {
+        let key = self.key;
+        let above = |at: &str, low: [f64; 3], high: [f64; 3]| match (0..3).find(|&c| high[c] <= low[c]) {
+            None => Ok(()),
+            Some(c) => {
+                let rule = format!("must be above low[{c}] = {} m", low[c]);
+                Err(value(format!("{key}.shape.box.{at}[{c}]"), high[c], &rule))
+            }
+        };
+        above("high", low, high)?;
+        let extents = [0, 1, 2].map(|c| high[c] - low[c]);
+        divisions_of(key, &extents, self.spacing, self.divisions)?;
+        hole.map_or(Ok(()), |h| above("hole.high", h.low, h.high))
+    }
+
+    /// What has a spacing and no divisions, for the reason given.
+    fn by_spacing(&self, why: &str) -> Result<()> {
+        if self.divisions.is_some() {
+            let rule = format!("{why}; give spacing in place of divisions");
+            return Err(crate::error::key(format!("{}.divisions", self.key), rule));
+        }
+        positive_spacing(self.key, self.spacing).map(|_| ())
     }
 
     /// The same of the mesh of a body, whose size of elements is known: a hole takes whole elements.
