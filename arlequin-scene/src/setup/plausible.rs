@@ -28,7 +28,7 @@ const ACROSS: f64 = 3.0;
 /// Extent of a body \[m\] and share of it that a wave crosses in the whole run: lengths in millimetres look so.
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
 /// Share of a run by which whole steps may make it longer.
-const OVERRUN: f64 = 0.1;
+const OVERRUN: f64 = 0.25;
 /// Cells of one model that are looked for in another.
 const LOOKS: usize = 2000;
 
