@@ -42,7 +42,7 @@ impl<T: Real> Coupled<T> {
         Ok(forces)
     }
 
-    /// Force and moment about a point \[m\] of one support, by its number in [`Subdomain::supports`], from the reactions of
+    /// Force and moment about a point \[m\] of one support, by its number in [`supports`](crate::Subdomain::supports), from the reactions of
     /// its subdomain as [`Coupled::reactions`] returned them.
     ///
     /// # Errors
