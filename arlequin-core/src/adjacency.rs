@@ -99,3 +99,37 @@ impl Adjacency {
         Self::new(count, slots.iter().enumerate().map(|(at, &k)| (k, at as u32)))
     }
 }
+
+/// Smallest number among all that each of `count` things is connected with, directly or through others, by pairs of them;
+/// numbers of pairs must lie below `count`.
+pub fn lowest_connected(count: usize, pairs: impl Iterator<Item = [u32; 2]>) -> Vec<u32> {
+    fn root(parent: &mut [u32], mut i: u32) -> u32 {
+        while parent[i as usize] != i {
+            parent[i as usize] = parent[parent[i as usize] as usize];
+            i = parent[i as usize];
+        }
+        i
+    }
+    let mut parent: Vec<u32> = (0..count as u32).collect();
+    for [i, j] in pairs {
+        let (i, j) = (root(&mut parent, i), root(&mut parent, j));
+        parent[i.max(j) as usize] = i.min(j);
+    }
+    (0..count as u32).map(|i| root(&mut parent, i)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::lowest_connected;
+
+    #[test]
+    fn pieces_are_what_bonds_connect_whatever_their_order() {
+        let bonds = [[4, 2], [5, 6], [2, 0], [6, 4]];
+        assert_eq!(lowest_connected(8, bonds.into_iter()), [0, 1, 0, 3, 0, 0, 0, 7]);
+        assert_eq!(
+            lowest_connected(8, bonds.into_iter().rev()),
+            [0, 1, 0, 3, 0, 0, 0, 7]
+        );
+        assert_eq!(lowest_connected(3, std::iter::empty()), [0, 1, 2]);
+    }
+}

@@ -2,6 +2,7 @@
 
 use super::put;
 use crate::error::{Result, core};
+use arlequin::core::adjacency::lowest_connected;
 use arlequin::core::{Coupled, Uniform};
 use arlequin::dem_beam::fracture::{SharedLog, locked};
 use serde::{Deserialize, Serialize};
@@ -78,23 +79,6 @@ impl Sums {
     }
 }
 
-/// The lowest particle of the piece that every particle belongs to.
-fn lowest(count: usize, bonds: impl Iterator<Item = [u32; 2]>) -> Vec<u32> {
-    fn find(parent: &mut [u32], mut i: u32) -> u32 {
-        while parent[i as usize] != i {
-            parent[i as usize] = parent[parent[i as usize] as usize];
-            i = parent[i as usize];
-        }
-        i
-    }
-    let mut parent: Vec<u32> = (0..count as u32).collect();
-    for [i, j] in bonds {
-        let (i, j) = (find(&mut parent, i), find(&mut parent, j));
-        parent[i.max(j) as usize] = i.min(j);
-    }
-    (0..count as u32).map(|i| find(&mut parent, i)).collect()
-}
-
 impl Fragments {
     /// Of the models whose bonds can break.
     pub(crate) fn new(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<Self> {
@@ -135,7 +119,7 @@ impl Fragments {
                 .iter()
                 .enumerate()
                 .filter(|(k, _)| !log.is_broken(*k));
-            let piece = lowest(b.masses.len(), whole.map(|(_, p)| *p));
+            let piece = lowest_connected(b.masses.len(), whole.map(|(_, p)| *p));
             let mut sums = vec![Sums::default(); b.masses.len()];
             for (i, x) in s.model().nodes().iter().enumerate() {
                 let (m, q, v) = (b.masses[i], &s.state().q, &s.state().v);
@@ -187,17 +171,4 @@ pub(crate) fn write(path: &Path, rows: &[Piece]) -> Result<()> {
         text.push('\n');
     }
     put(path, &[text.as_bytes()])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::lowest;
-
-    #[test]
-    fn pieces_are_what_bonds_connect_whatever_their_order() {
-        let bonds = [[4, 2], [5, 6], [2, 0], [6, 4]];
-        assert_eq!(lowest(8, bonds.into_iter()), [0, 1, 0, 3, 0, 0, 0, 7]);
-        assert_eq!(lowest(8, bonds.into_iter().rev()), [0, 1, 0, 3, 0, 0, 0, 7]);
-        assert_eq!(lowest(3, std::iter::empty()), [0, 1, 2]);
-    }
 }

@@ -2,7 +2,7 @@
 
 use super::DemModel;
 use crate::error::{Error, Result, finite};
-use crate::packing::surface::closest_on_triangle;
+use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// By what a load is shared among particles.

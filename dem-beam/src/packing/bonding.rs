@@ -3,6 +3,7 @@
 use super::cells::{CHUNK, CellList, Sphere, image, verlet_list};
 use super::parts::Loose;
 use crate::error::{Error, Result};
+use arlequin_core::adjacency::lowest_connected;
 
 /// Widest relative gap searched for bonds.
 const REACH: f64 = 0.25;
@@ -146,19 +147,7 @@ pub(crate) struct Components {
 
 impl Components {
     pub(crate) fn new(count: usize, pairs: &[[u32; 2]]) -> Self {
-        let mut parent: Vec<u32> = (0..count as u32).collect();
-        fn root(parent: &mut [u32], mut i: u32) -> u32 {
-            while parent[i as usize] != i {
-                parent[i as usize] = parent[parent[i as usize] as usize];
-                i = parent[i as usize];
-            }
-            i
-        }
-        for &[i, j] in pairs {
-            let (a, b) = (root(&mut parent, i), root(&mut parent, j));
-            parent[a.max(b) as usize] = a.min(b);
-        }
-        let root: Vec<u32> = (0..count as u32).map(|i| root(&mut parent, i)).collect();
+        let root = lowest_connected(count, pairs.iter().copied());
         let mut size = vec![0_u32; count];
         root.iter().for_each(|&r| size[r as usize] += 1);
         let mut largest = 0;

@@ -1,6 +1,7 @@
 //! Which of two closed shells holds the other.
 
-use super::surface::{closest_on_triangle, winding};
+use super::surface::winding;
+use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::Vector3;
 
 /// Points of a shell that are looked at: where two shells do not cross, all points of one have the same side of the other.

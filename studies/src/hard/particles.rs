@@ -2,6 +2,7 @@
 
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::solid::{self, block};
+use arlequin::core::adjacency::lowest_connected;
 use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{
     Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Profile, Result, Sampling, Silent, Subdomain,
@@ -177,19 +178,8 @@ fn radii() -> Result<Outcome> {
 
 /// Number of particles reached from the first one.
 fn connected(count: usize, pairs: &[[u32; 2]]) -> usize {
-    let mut group: Vec<usize> = (0..count).collect();
-    fn root(group: &mut [usize], mut k: usize) -> usize {
-        while group[k] != k {
-            group[k] = group[group[k]];
-            k = group[k];
-        }
-        k
-    }
-    for pair in pairs {
-        let [a, b] = pair.map(|k| root(&mut group, k as usize));
-        group[a.max(b)] = a.min(b);
-    }
-    (0..count).filter(|k| root(&mut group, *k) == 0).count()
+    let lowest = lowest_connected(count, pairs.iter().copied());
+    lowest.into_iter().filter(|k| *k == 0).count()
 }
 
 fn anisotropic() -> Result<Outcome> {

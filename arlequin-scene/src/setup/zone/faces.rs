@@ -1,6 +1,6 @@
 //! Distances from triangles.
 
-use arlequin::core::geometry::{BoxTree, bounds_of};
+use arlequin::core::geometry::{BoxTree, bounds_of, closest_on_triangle};
 use arlequin::core::nalgebra::{Point3, Vector3};
 
 /// Triangles, some of which may be lines or points, to find the nearest of them.
@@ -35,7 +35,7 @@ impl Faces {
         loop {
             let around = Vector3::repeat(reach);
             self.tree.any(&[x - around, x + around], &mut |k| {
-                let d = (closest(x, &self.triangles[k]) - x).norm();
+                let d = distance(x, &self.triangles[k]);
                 if d < best.1 || (d <= best.1 && k < best.0) {
                     best = (k, d);
                 }
@@ -54,36 +54,9 @@ impl Faces {
     }
 }
 
-/// The point of a triangle that is closest to `x` (Ericson, Real-Time Collision Detection, 5.1.5).
-fn closest(x: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Point3<f64> {
-    let (ab, ac) = (b - a, c - a);
-    let along = |p: &Point3<f64>| (ab.dot(&(x - p)), ac.dot(&(x - p)));
-    let (d1, d2) = along(a);
-    if d1 <= 0.0 && d2 <= 0.0 {
-        return *a;
-    }
-    let (d3, d4) = along(b);
-    if d3 >= 0.0 && d4 <= d3 {
-        return *b;
-    }
-    let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return a + ab * (d1 / (d1 - d3));
-    }
-    let (d5, d6) = along(c);
-    if d6 >= 0.0 && d5 <= d6 {
-        return *c;
-    }
-    let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return a + ac * (d2 / (d2 - d6));
-    }
-    let va = d3 * d6 - d5 * d4;
-    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
-        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
-    }
-    let sum = va + vb + vc;
-    a + ab * (vb / sum) + ac * (vc / sum)
+/// From a point to a triangle \[m\].
+fn distance(x: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> f64 {
+    (closest_on_triangle(&x.coords, &triangle.map(|p| p.coords)) - x.coords).norm()
 }
 
 #[cfg(test)]
@@ -107,7 +80,7 @@ mod tests {
                 9.0 * (0.91 * t).cos(),
                 5.0 * (1.7 * t).sin(),
             );
-            let all = strip.iter().map(|t| (closest(&x, t) - x).norm());
+            let all = strip.iter().map(|t| distance(&x, t));
             let least = all.fold(f64::INFINITY, f64::min);
             assert!((faces.distance(&x) - least).abs() <= 1e-12 * least);
         }
