@@ -37,8 +37,9 @@ pub struct Pictures {
 #[derive(Debug)]
 struct Painter {
     grid: Grid,
-    material: Elastic<f64>,
-    /// Empty if the energy density is not wanted or the field has no gradient.
+    /// That of the density.
+    material: Option<Elastic<f64>>,
+    /// Empty if the material is not known, the energy density is not wanted or the field has no gradient.
     centres: Vec<Cell>,
     weights: Vec<Array>,
     /// What broke, where bonds can.
@@ -56,7 +57,7 @@ impl Frames {
             .into_iter()
             .zip(run.subdomains())
             .map(|(d, s)| Painter {
-                centres: if density {
+                centres: if density && d.material.is_some() {
                     cells::cells("output.fields", &d).unwrap_or_default()
                 } else {
                     Vec::new()
@@ -275,10 +276,13 @@ impl Painter {
     /// Unweighted strain energy density `½ σ:ε` at a cell centre.
     fn density(&self, cell: &Cell, q: &[f64], count: usize) -> f64 {
         let h = cell.gradient(q, count);
+        let Some(material) = &self.material else {
+            return 0.0;
+        };
         if count == 1 {
-            return 0.5 * self.material.young() * h[(0, 0)] * h[(0, 0)];
+            return 0.5 * material.young() * h[(0, 0)] * h[(0, 0)];
         }
-        let [lambda, mu] = self.material.lame();
+        let [lambda, mu] = material.lame();
         let strain = (h + h.transpose()) * 0.5;
         0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
     }

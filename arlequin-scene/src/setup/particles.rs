@@ -128,11 +128,12 @@ pub(super) fn body(
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material: super::kinds::elastic(key, &table.material)?,
+        material: Some(super::kinds::elastic(key, &table.material)?),
         shape: table.shape.clone(),
         grains: Some(grains),
         warnings,
         model: Box::new(model),
+        solver: None,
     })
 }
 
@@ -170,7 +171,7 @@ fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String
             layer("x-min", Point3::from(from), -Vector3::x());
             layer("x-max", Point3::from(from) + Vector3::x() * length, Vector3::x());
         }
-        Shape::Bar { .. } | Shape::Ball { .. } => {}
+        Shape::Bar { .. } | Shape::Ball { .. } | Shape::Linked => {}
         Shape::File(_) | Shape::Piece(_) => {
             let faces = filling.faces.iter();
             out.extend(faces.map(|(name, face)| (name.clone(), model.touching(face))));

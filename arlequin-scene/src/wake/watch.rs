@@ -43,7 +43,9 @@ impl Watch {
         let c = wake.criterion;
         Ok(Self {
             carrier,
-            material: info.material,
+            material: info
+                .material
+                .ok_or_else(|| key("wake.by", "is a link, of which no material is known"))?,
             stress: c.stress.is_some(),
             limit: c.stress.or(c.strain).unwrap_or(f64::INFINITY),
             every: wake.every,
