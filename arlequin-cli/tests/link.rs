@@ -93,7 +93,7 @@ fn a_chain_behind_a_link_gives_the_probes_and_the_energies_of_ours() {
     build_chain(&folder);
     let outs = [("link", LINK), ("chain", CHAIN)].map(|(name, fine)| {
         let scene = write(&folder, &format!("{name}.toml"), fine);
-        let out = folder.join(name);
+        let out = folder.join(format!("results-{name}"));
         succeed(&["run", text(&scene), "--out", text(&out)]);
         out
     });
@@ -111,7 +111,7 @@ fn a_chain_behind_a_link_gives_the_probes_and_the_energies_of_ours() {
         );
     }
     let [a, b] = outs.each_ref().map(|o| summary(o));
-    assert!(number(&a, "/energy/relative_drift").abs() < 1e-11);
+    assert!(number(&a, "/energy/h_drift_max").abs() < 1e-11);
     assert_eq!(number(&a, "/steps"), number(&b, "/steps"));
 }
 
@@ -322,7 +322,7 @@ fn what_a_link_cannot_have_is_refused_by_key() {
             "{fine}, {set}: {error}"
         );
         assert!(
-            error.contains("fine") || error.contains("bar"),
+            ["fine", "bar", "scene.toml:"].iter().any(|w| error.contains(w)),
             "{fine}, {set}: {error}"
         );
     }

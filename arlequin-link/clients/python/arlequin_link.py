@@ -134,9 +134,9 @@ def answer(s, link, kind, data):
     return (DONE,)
 
 
-def serve(solver, address=None):
+def serve(solver, address=None, link=None):
     """Does as the run says until it ends; an exception of the solver is told to the run and raised here."""
-    link = solver.link = Link(address or os.environ["ARLEQUIN_LINK"])
+    link = solver.link = link or Link(address or os.environ["ARLEQUIN_LINK"])
     kind, _ = link.receive(HELLO)
     try:
         describe(solver, link)

@@ -79,7 +79,7 @@ pub(crate) fn coupled_in(
     let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
     let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
     let n = bar.layout().dofs();
-    let running = (0..n).map(|k| (0.4 * k as f64).cos()).collect();
+    let running = (0..n).map(|k| 1e-2 * (0.4 * k as f64).cos()).collect();
     let bar = Subdomain::coarse(bar, left).with_initial(vec![0.0; n], running)?;
     let bodies = vec![bar, fine.with_step(own)];
     Coupled::new(bodies, vec![tie], TimeStep::Seconds(0.8 * own_steps(own)), None)
