@@ -41,7 +41,7 @@ pub struct ModelTable {
     pub kind: ModelKind,
     /// Its part in the coupling; needed by a model that takes part in an interface.
     pub role: Option<RoleKind>,
-    /// Its body; all kinds but `link` need one.
+    /// Its body. Default: needed by all kinds but `link`.
     #[serde(default = "unsaid_shape")]
     pub shape: Shape,
     /// Target distance of nodes, mean diameter of spheres \[m\]; needed unless `divisions` or a mesh file says it.
@@ -53,7 +53,7 @@ pub struct ModelTable {
     pub scale: f64,
     /// Physical volume of its mesh file that it fills. Default: all of them.
     pub volume: Option<String>,
-    /// What it is made of; all kinds but `link` need it.
+    /// What it is made of. Default: needed by all kinds but `link`.
     #[serde(default = "unsaid_material")]
     pub material: Material,
     /// Physical volumes of its mesh file that are made of something else, by name (the first group that a volume belongs
