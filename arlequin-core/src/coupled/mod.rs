@@ -9,6 +9,7 @@
 //! on their own is kept for any own steps ([`crate::ledger`]). With one own step for all it is RATTLE for linear velocity
 //! constraints. It filters nothing.
 
+mod apart;
 pub(crate) mod ledger;
 pub(crate) mod momentum;
 mod motions;
@@ -59,6 +60,8 @@ pub struct Coupled<T: Real> {
     joints: Vec<Joint<T>>,
     /// What their multipliers do to moving supports.
     held: Vec<Held<T>>,
+    /// Their nodes under multipliers.
+    overlaps: Vec<apart::Overlap<T>>,
     /// Subdomains that step together.
     lockstep: Vec<Lockstep>,
     /// Effects between two subdomains.
@@ -324,10 +327,10 @@ impl<T: Real> Coupled<T> {
         for k in 0..self.interfaces.len() {
             let [velocity, displacement] = self.jumps(k);
             residual = residual.max(velocity);
-            let amplitude = self.held[k].amplitude(self.interfaces[k].sides().map(|s| &self.subdomains[s]));
-            let jump = &mut self.ledger.jumps[k];
-            jump.largest = jump.largest.max(displacement);
-            jump.amplitude = jump.amplitude.max(amplitude);
+            let sides = self.interfaces[k].sides().map(|s| &self.subdomains[s]);
+            let own = sides.map(Subdomain::own_steps);
+            let steps = self.step * own[0].max(own[1]);
+            self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
         }
         if top > T::zero() {
             residual /= top;

@@ -97,8 +97,10 @@ impl<T: Real> Coupled<T> {
             let both = i.sides.map(|s| &self.subdomains[s]);
             let jump = i.jump(both.map(|s| &*s.state().q), &mut self.work);
             let largest = both.map(|s| {
-                let q = &s.state().q[..s.model().layout().translations()];
-                q.iter().fold(T::zero(), |m, x| m.max(x.abs()))
+                let layout = s.model().layout();
+                let q = s.state().q[..layout.translations()].chunks_exact(layout.components);
+                let squares = q.map(|u| u.iter().map(|x| *x * *x).sum::<T>());
+                squares.fold(T::zero(), |m, x| m.max(x)).sqrt()
             });
             let largest = largest[0].max(largest[1]);
             i.report.start_jump = jump.as_f64();
