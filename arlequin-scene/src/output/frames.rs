@@ -33,6 +33,19 @@ pub struct Pictures {
     pub rigid: Vec<RigidPicture>,
 }
 
+/// A model at one instant.
+#[derive(Debug)]
+pub struct Picture<'a> {
+    /// Its name.
+    pub name: String,
+    /// Points and cells at rest.
+    pub grid: &'a Grid,
+    /// Values at the points.
+    pub points: Vec<Array>,
+    /// Values in the cells.
+    pub cells: Vec<Array>,
+}
+
 /// What a model's files repeat.
 #[derive(Debug)]
 struct Painter {
@@ -123,17 +136,36 @@ impl Frames {
         self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
 
+    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model.
+    ///
+    /// # Errors
+    /// Values that are not finite; what a model cannot recover.
+    pub fn picture(&self, run: &Coupled<f64>, part: usize) -> Result<Option<Picture<'_>>> {
+        let (Some(painter), Some(s)) = (self.models.get(part), run.subdomains().get(part)) else {
+            return Ok(None);
+        };
+        let name = s.model().name();
+        check_finite(run, name, &s.state().q)?;
+        check_finite(run, name, &s.state().v)?;
+        let (mut points, cells) = painter.arrays(&self.fields, s)?;
+        points.extend(fields::contacts(&self.fields, run, part));
+        Ok(Some(Picture {
+            name: name.to_owned(),
+            grid: &painter.grid,
+            points,
+            cells,
+        }))
+    }
+
     /// Writes the current state.
     pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
-        for (part, (painter, s)) in self.models.iter().zip(run.subdomains()).enumerate() {
-            let name = s.model().name();
-            check_finite(run, name, &s.state().q)?;
-            check_finite(run, name, &s.state().v)?;
-            let (mut points, cells) = painter.arrays(&self.fields, s)?;
-            points.extend(fields::contacts(&self.fields, run, part));
-            let file = format!("{name}_{:08}.vtu", run.steps());
-            vtu::write_grid(&self.folder.join(&file), &painter.grid, &points, &cells)?;
-            self.entries.push(entry(run, part, name, file));
+        let mut part = 0;
+        while let Some(p) = self.picture(run, part)? {
+            let file = format!("{}_{:08}.vtu", p.name, run.steps());
+            vtu::write_grid(&self.folder.join(&file), p.grid, &p.points, &p.cells)?;
+            let written = entry(run, part, &p.name, file);
+            self.entries.push(written);
+            part += 1;
         }
         self.write_rigid(run)?;
         if !self.fields.contains(&OutputField::Multipliers) {

@@ -56,6 +56,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// What output needs of a model besides its state.
+#[derive(Clone)]
 pub struct ModelInfo {
     /// Picture.
     pub grid: Grid,
