@@ -1,7 +1,7 @@
 //! Building a coupled run: checks, operators, consistent start.
 
 use super::own_steps::{Held, Lockstep};
-use super::{Coupled, Ledger, motions, pace, pairs, partition, tie};
+use super::{Coupled, Ledger, motions, pace, pairs, partition, portions, tie};
 use crate::effect::PairSpec;
 use crate::error::invalid;
 use crate::interface::joint::{self, Joint};
@@ -146,6 +146,7 @@ impl<T: Real> Coupled<T> {
             pairs,
         } = parts;
         let paired = paired(start, subdomains.len(), &pairs)?;
+        portions::check(&subdomains, &interfaces, &pairs)?;
         for (k, (s, paired)) in subdomains.iter_mut().zip(paired).enumerate() {
             announce(SetupPhase::Weights(k));
             s.prepare(paired)?;
@@ -189,6 +190,7 @@ impl<T: Real> Coupled<T> {
         };
         announce(SetupPhase::Start);
         run.start()?;
+        portions::heard(&run.subdomains)?;
         Ok(run)
     }
 
