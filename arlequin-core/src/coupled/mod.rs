@@ -18,6 +18,7 @@ mod own_steps;
 mod pace;
 mod pairs;
 mod partition;
+mod portions;
 mod reaction;
 mod reflection;
 mod settle;
@@ -36,7 +37,7 @@ use crate::interface::Interface;
 use crate::interface::joint::Joint;
 use crate::phase::Phase;
 use crate::subdomain::Subdomain;
-use crate::{Error, Real, Result, parallel};
+use crate::{Error, Real, Result, parallel, ranks};
 use ledger::{DisplacementJump, EnergySample, Ledger, WorkLine};
 use observer::{Observer, StepReport};
 use own_steps::{Held, Lockstep};
@@ -212,6 +213,7 @@ impl<T: Real> Coupled<T> {
         self.reflect()?;
         self.step += 1;
         self.time = self.instant(0);
+        portions::heard(&self.subdomains)?;
         observer.phase(Phase::Ledger);
         // The invariant of this step is the one before the forces of the new instant did any work.
         let energy = invariant.map(|h| self.balance(h)).transpose()?;
@@ -298,6 +300,9 @@ impl<T: Real> Coupled<T> {
 
     /// The error for a quantity that is no longer finite: of the first model with such a state, or with such an energy.
     fn diverged(&self, what: &'static str) -> Error {
+        if let Err(e) = portions::heard(&self.subdomains) {
+            return e;
+        }
         let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy();
         let all = || self.subdomains.iter();
         let found = all().find(|s| !s.is_finite());
@@ -317,7 +322,10 @@ impl<T: Real> Coupled<T> {
             return Err(self.diverged("velocity"));
         }
         let mut residual = T::zero();
-        let speed = |s: &Subdomain<T>| parallel::largest(&s.state().v[..s.model().layout().translations()]);
+        let speed = |s: &Subdomain<T>| {
+            let own = parallel::largest(&s.state().v[..s.model().layout().translations()]);
+            ranks::largest(s.portion(), own)
+        };
         let top = self
             .subdomains
             .iter()

@@ -2,7 +2,7 @@
 
 use super::apart::Overlap;
 use super::own_steps::{Held, Lockstep};
-use super::{Coupled, Ledger, motions, pace, pairs, partition, tie};
+use super::{Coupled, Ledger, motions, pace, pairs, partition, portions, tie};
 use crate::effect::PairSpec;
 use crate::error::invalid;
 use crate::interface::joint::{self, Joint};
@@ -147,6 +147,7 @@ impl<T: Real> Coupled<T> {
             pairs,
         } = parts;
         let paired = paired(start, subdomains.len(), &pairs)?;
+        portions::check(&subdomains, &interfaces, &pairs)?;
         for (k, (s, paired)) in subdomains.iter_mut().zip(paired).enumerate() {
             announce(SetupPhase::Weights(k));
             s.prepare(paired)?;
@@ -196,6 +197,7 @@ impl<T: Real> Coupled<T> {
         };
         announce(SetupPhase::Start);
         run.start()?;
+        portions::heard(&run.subdomains)?;
         Ok(run)
     }
 
