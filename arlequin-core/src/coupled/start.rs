@@ -1,9 +1,10 @@
 //! A consistent start: displacements, velocities and accelerations on the constraint.
 
 use super::ledger::DisplacementJump;
-use super::{Coupled, pair};
+use super::{Coupled, ROUND_OFF, pair};
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
+use nalgebra::Vector3;
 
 /// Largest jump of the initial displacements beside a solver whose displacements are its own, relative to the largest.
 const GUEST_JUMP: f64 = 1e-6;
@@ -35,19 +36,31 @@ impl<T: Real> Coupled<T> {
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
         self.ledger.jumps = vec![DisplacementJump::default(); self.interfaces.len()];
-        self.displaced = self.largest_strain_energy();
+        self.rounded = self.round_off() * T::of(ROUND_OFF);
         Ok(())
     }
 
-    /// Most strain energy that displacements of the present size can hold, `½ ω² Σ m q²` with the highest frequency.
-    fn largest_strain_energy(&self) -> T {
+    /// Energy that last digits are worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency: the energy of displacements `q`
+    /// that cancels, as in a rigid motion, and that of lengths which are differences of places `x` in the model.
+    fn round_off(&self) -> T {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {
-            let moving = 0..s.model().layout().translations();
-            let terms = s.inertia()[moving.clone()].iter().zip(&s.state().q[moving]);
-            let sum: T = terms.map(|(m, q)| *m * *q * *q).sum();
+            let layout = s.model().layout();
+            let nodes = s.model().nodes();
+            let middle = nodes.iter().fold(Vector3::zeros(), |sum, x| sum + x.coords)
+                / T::of(nodes.len().max(1) as f64);
+            let terms = s.inertia()[..layout.translations()].iter().zip(&s.state().q);
+            let sum: T = terms
+                .enumerate()
+                .map(|(k, (m, q))| {
+                    let rest = nodes
+                        .get(k / layout.components)
+                        .map_or(T::zero(), |x| (x.coords - middle).norm_squared() * T::epsilon());
+                    *m * (*q * *q + rest)
+                })
+                .sum();
             // ω = 2/Δt_c
-            sum * T::of(2.0) / (*critical * *critical)
+            sum * T::of(2.0) * T::epsilon() / (*critical * *critical)
         })
         .sum()
     }

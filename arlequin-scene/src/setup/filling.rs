@@ -17,6 +17,11 @@ use std::path::{Path, PathBuf};
 /// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per particle:
 /// beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
+/// Bonds per particle, times two, of the packings that beams are known for.
+const COORDINATION: f64 = 6.2;
+/// Relative difference of Young's moduli, and difference of Poisson's ratios, up to which a packing is like the body: a few times
+/// the spread of packings.
+const ALIKE: [f64; 2] = [0.03, 0.02];
 /// Lengths of the facets of a ball in its radius.
 const SIDES: f64 = 12.0;
 /// Most spheres of a packing.
@@ -301,9 +306,46 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
         let rule = "decides the stiffness together with dem.young; give both";
         return Err(key(format!("{path}.dem.radius_ratio"), rule));
     }
+    if let (Shape::Piece(_), None, None) = (&table.shape, young, poisson) {
+        let [low, high] = BeamMaterial::BULK_POISSON;
+        let nearest = table.material.poisson.unwrap_or(0.0).clamp(low, high);
+        return BeamMaterial::of_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
+    }
     Ok(BeamMaterial {
         young: young.unwrap_or(YOUNG_RATIO * table.material.young),
         poisson: poisson.unwrap_or(BeamMaterial::SILICA.poisson),
         radius_ratio: radius_ratio.unwrap_or(BeamMaterial::SILICA.radius_ratio),
+    })
+}
+
+/// What is known to make the packing of a zone stiffer or softer than the body around it.
+pub(super) fn unlike_the_body(table: &ModelTable, beam: &BeamMaterial) -> Option<String> {
+    let Shape::Piece(_) = table.shape else {
+        return None;
+    };
+    let [young, poisson] = beam.bulk();
+    let [wanted, ratio] = [table.material.young, table.material.poisson.unwrap_or(0.0)];
+    let (off, beside) = (young / wanted - 1.0, poisson - ratio);
+    if off.abs() > ALIKE[0] || beside.abs() > ALIKE[1] {
+        let [low, high] = BeamMaterial::BULK_POISSON;
+        let remedy = if (low..=high).contains(&ratio) {
+            "leave dem.young, dem.poisson and dem.radius_ratio out, or take what 'arlequin calibrate --periodic --target-young … \
+             --target-poisson …' finds"
+                .to_owned()
+        } else {
+            format!("packings of spheres reach {low:.2} to {high:.2}")
+        };
+        return Some(format!(
+            "its beams make a packing of E = {young:.3e} Pa and nu = {poisson:.3}, and the body has E = {wanted:.3e} Pa and nu = \
+             {ratio:.3}: stresses go around the zone or into it; {remedy}"
+        ));
+    }
+    let coordination = table.dem.coordination.unwrap_or(COORDINATION);
+    let other = table.dem.file.is_some() || (coordination - COORDINATION).abs() > 0.05;
+    (other && table.dem.young.is_none()).then(|| {
+        format!(
+            "its beams are those of packings of ours with {COORDINATION} bonds per particle, and it has others: it is stiffer or \
+             softer than the body; find its beams by 'arlequin calibrate' and give dem.young and dem.radius_ratio"
+        )
     })
 }
