@@ -244,35 +244,6 @@ fn ell_pulled(zone: &str) -> String {
     out + "[time]\nsteps = 1\n[output]\nplots = false\n"
 }
 
-#[test]
-#[ignore = "study"]
-fn study_of_patches() {
-    for zone in [
-        "weight = { profile = \"linear\", epsilon = 0.0 }",
-        "weight = { profile = \"linear\" }",
-        "weight = { profile = \"cubic\" }",
-        "weight = { profile = \"quintic\" }",
-        "mediator.spacing = 3.5e-3\nweight = { profile = \"linear\", epsilon = 0.0 }",
-        "mediator.spacing = 3.5e-3\nweight = { profile = \"linear\" }",
-        "mediator.spacing = 3.5e-3\nweight = { profile = \"cubic\" }",
-    ] {
-        let t = std::time::Instant::now();
-        let mut b = built(&ell_pulled(&format!("kind = \"fem\"\nspacing = 3.5e-3\n{zone}")));
-        eprintln!("phases {:?}", b.phases);
-        let [off, energy] = off_uniform_tension(&mut b, 27_648e-9);
-        eprintln!("patch {zone}: {off:e} {energy:e} {:?}", t.elapsed());
-    }
-    for (kind, nu) in [("cnem", "0.2"), ("dem", "0.2")] {
-        let t = std::time::Instant::now();
-        let mut b = built(
-            &ell_pulled(&format!("kind = \"{kind}\"\nspacing = 3.5e-3\n"))
-                .replace("poisson = 0.0", &format!("poisson = {nu}")),
-        );
-        let [off, energy] = off_uniform_tension(&mut b, 27_648e-9);
-        eprintln!("patch {kind}: {off:e} {energy:e} {:?}", t.elapsed());
-    }
-}
-
 /// Elements of any form leave the gradient of the weights to vary from one to the next, which multipliers cannot follow: nodes
 /// that are next to weightless move most, the energy hardly knows.
 #[test]

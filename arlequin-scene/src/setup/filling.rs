@@ -4,6 +4,7 @@ pub use crate::error::dem;
 
 use super::mesh::is;
 use crate::error::{Error, Result, fem, key, value};
+use crate::output::packing::PackingLine;
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::size::sphere_count;
@@ -22,6 +23,9 @@ const COORDINATION: f64 = 6.2;
 /// Relative difference of Young's moduli, and difference of Poisson's ratios, up to which a packing is like the body: a few times
 /// the spread of packings.
 const ALIKE: [f64; 2] = [0.03, 0.02];
+/// Difference of bonds per particle that is of no account, and what one more changes of Young's modulus (decision 0010).
+const CLOSE: f64 = 0.15;
+const PER_BOND: f64 = 0.23;
 /// Lengths of the facets of a ball in its radius.
 const SIDES: f64 = 12.0;
 /// Most spheres of a packing.
@@ -319,7 +323,11 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
 }
 
 /// What is known to make the packing of a zone stiffer or softer than the body around it.
-pub(super) fn unlike_the_body(table: &ModelTable, beam: &BeamMaterial) -> Option<String> {
+pub(super) fn unlike_the_body(
+    table: &ModelTable,
+    beam: &BeamMaterial,
+    packing: &PackingLine,
+) -> Option<String> {
     let Shape::Piece(_) = table.shape else {
         return None;
     };
@@ -340,12 +348,22 @@ pub(super) fn unlike_the_body(table: &ModelTable, beam: &BeamMaterial) -> Option
              {ratio:.3}: stresses go around the zone or into it; {remedy}"
         ));
     }
-    let coordination = table.dem.coordination.unwrap_or(COORDINATION);
-    let other = table.dem.file.is_some() || (coordination - COORDINATION).abs() > 0.05;
-    (other && table.dem.young.is_none()).then(|| {
+    let own = table.dem.young.is_some();
+    let inside = packing
+        .coordination_interior
+        .filter(|z| (z - COORDINATION).abs() > CLOSE && !own);
+    if let Some(z) = inside {
+        return Some(format!(
+            "inside, {z:.1} bonds meet at its spheres, and its beams are known for {COORDINATION}: bonds are counted with the spheres \
+             at its border, which have few. It is about {:.0} % stiffer than the body around it; take smaller spheres or a lower \
+             dem.coordination, or give dem.young and dem.radius_ratio",
+            100.0 * PER_BOND * (z - COORDINATION)
+        ));
+    }
+    (table.dem.file.is_some() && !own).then(|| {
         format!(
-            "its beams are those of packings of ours with {COORDINATION} bonds per particle, and it has others: it is stiffer or \
-             softer than the body; find its beams by 'arlequin calibrate' and give dem.young and dem.radius_ratio"
+            "its beams are those of packings of ours with {COORDINATION} bonds per particle, and it may have others: give \
+             dem.young and dem.radius_ratio"
         )
     })
 }

@@ -92,7 +92,7 @@ pub(super) fn body(
     let beam = beam(key, table)?;
     let line = PackingLine::of(&packing, table.material.density);
     let mut warnings = line.warnings();
-    warnings.extend(unlike_the_body(table, &beam));
+    warnings.extend(unlike_the_body(table, &beam, &line));
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
     drop(packing);
     let model = graded(key, table, &filling, model)?;
