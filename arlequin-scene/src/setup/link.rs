@@ -141,6 +141,7 @@ pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> R
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         material: None,
+        materials: None,
         shape,
         grains: None,
         warnings: Vec::new(),

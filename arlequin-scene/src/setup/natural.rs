@@ -78,6 +78,7 @@ pub(super) fn body(
         boundary,
         spacing: mesh.spacing(),
         material: Some(material),
+        materials: Some(material.into()),
         shape: table.shape.clone(),
         grains: None,
         warnings,
