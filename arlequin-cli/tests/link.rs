@@ -112,7 +112,7 @@ fn a_chain_behind_a_link_gives_the_probes_and_the_energies_of_ours() {
     }
     let [a, b] = outs.each_ref().map(|o| summary(o));
     assert!(number(&a, "/energy/h_drift_max").abs() < 1e-11);
-    assert_eq!(number(&a, "/steps"), number(&b, "/steps"));
+    assert_eq!(a["steps"], b["steps"]);
 }
 
 #[test]
@@ -220,98 +220,100 @@ fn a_solver_that_is_killed_ends_the_run_with_its_results_and_the_run_goes_on_in_
     }
 }
 
+/// Fine models, changes, and words of the error that they make.
+const BAD: &[(&str, &str, &str)] = &[
+    ("kind = \"link\"", "", "a link needs exactly one of command"),
+    (
+        "kind = \"link\"\ncommand = [\"a\"]\naddress = \"unix:b\"",
+        "",
+        "a link needs exactly one of command",
+    ),
+    ("kind = \"link\"\ncommand = []", "", "names no program"),
+    (
+        "kind = \"link\"\ncommand = \"./chain\"",
+        "",
+        "expected a sequence",
+    ),
+    (
+        "kind = \"link\"\naddress = \"tcp:10.0.0.1:70\"",
+        "",
+        "write tcp-open",
+    ),
+    ("kind = \"link\"\naddress = \"nowhere\"", "", "must be unix:PATH"),
+    (LINK, "--set=model.fine.timeout=0", "must be positive [s]"),
+    (
+        LINK,
+        "--set=model.fine.spacing=1.0",
+        "is the business of the program behind the link",
+    ),
+    (
+        LINK,
+        "--set=model.fine.material={ young = 1.0, density = 1.0 }",
+        "is the business of the program",
+    ),
+    (
+        LINK,
+        "--set=model.fine.shape={ bar = { from = 0.0, to = 1.0, section = 1.0 } }",
+        "is the business of the program",
+    ),
+    (
+        LINK,
+        "--set=model.fine.step={ scheme = 'implicit' }",
+        "is for linear solids",
+    ),
+    (
+        LINK,
+        "--set=model.bar.command=['./chain']",
+        "is for kind = \"link\"",
+    ),
+    (
+        LINK,
+        "--set=interface.overlap.absorber={ rate_factor = 0.1 }",
+        "which is a link and does not tell it",
+    ),
+    (
+        LINK,
+        "--set=initial=[{ models = ['fine'], velocity = { uniform = [1.0, 0.0, 0.0] } }]",
+        "have an initial state of the core",
+    ),
+    (LINK, "--set=load.0.model=fine", "have an effect of the core"),
+    (
+        LINK,
+        "--set=support=[{ model = 'fine', where = 'x-max' }]",
+        "have a support of the core",
+    ),
+    (
+        LINK,
+        "--set=effect=[{ models = ['fine'], fracture = { criterion = 'energy', strength = 1.0 } }]",
+        "fracture needs kind = \"dem\"",
+    ),
+    (
+        "kind = \"fem\"\ndivisions = [60]\nmaterial = { young = 1.0, density = 1.0 }",
+        "",
+        "missing field `shape`",
+    ),
+    (
+        "kind = \"fem\"\ndivisions = [60]\nshape.bar = { from = -20.0, to = 40.0, section = 1.0 }",
+        "",
+        "missing field `material`",
+    ),
+    (
+        "kind = \"link\"\ncommand = [\"./no-such-program\"]",
+        "",
+        "cannot be started",
+    ),
+    (
+        "kind = \"link\"\ncommand = [\"true\"]",
+        "",
+        "ended with exit status: 0 before it connected",
+    ),
+];
+
 #[test]
 fn what_a_link_cannot_have_is_refused_by_key() {
     let folder = scratch("link-bad");
     build_chain(&folder);
-    let cases = [
-        ("kind = \"link\"", "", "a link needs exactly one of command"),
-        (
-            "kind = \"link\"\ncommand = [\"a\"]\naddress = \"unix:b\"",
-            "",
-            "a link needs exactly one of command",
-        ),
-        ("kind = \"link\"\ncommand = []", "", "names no program"),
-        (
-            "kind = \"link\"\ncommand = \"./chain\"",
-            "",
-            "expected a sequence",
-        ),
-        (
-            "kind = \"link\"\naddress = \"tcp:10.0.0.1:70\"",
-            "",
-            "write tcp-open",
-        ),
-        ("kind = \"link\"\naddress = \"nowhere\"", "", "must be unix:PATH"),
-        (LINK, "--set=model.fine.timeout=0", "must be positive [s]"),
-        (
-            LINK,
-            "--set=model.fine.spacing=1.0",
-            "is the business of the program behind the link",
-        ),
-        (
-            LINK,
-            "--set=model.fine.material={ young = 1.0, density = 1.0 }",
-            "is the business of the program",
-        ),
-        (
-            LINK,
-            "--set=model.fine.shape={ bar = { from = 0.0, to = 1.0, section = 1.0 } }",
-            "is the business of the program",
-        ),
-        (
-            LINK,
-            "--set=model.fine.step={ scheme = 'implicit' }",
-            "is for linear solids",
-        ),
-        (
-            LINK,
-            "--set=model.bar.command=['./chain']",
-            "is for kind = \"link\"",
-        ),
-        (
-            LINK,
-            "--set=interface.overlap.absorber={ rate_factor = 0.1 }",
-            "which is a link and does not tell it",
-        ),
-        (
-            LINK,
-            "--set=initial=[{ models = ['fine'], velocity = { uniform = [1.0, 0.0, 0.0] } }]",
-            "have an initial state of the core",
-        ),
-        (LINK, "--set=load.0.model=fine", "have an effect of the core"),
-        (
-            LINK,
-            "--set=support=[{ model = 'fine', where = 'x-max' }]",
-            "have a support of the core",
-        ),
-        (
-            LINK,
-            "--set=effect=[{ models = ['fine'], fracture = { criterion = 'energy', strength = 1.0 } }]",
-            "fracture needs kind = \"dem\"",
-        ),
-        (
-            "kind = \"fem\"\ndivisions = [60]\nmaterial = { young = 1.0, density = 1.0 }",
-            "",
-            "missing field `shape`",
-        ),
-        (
-            "kind = \"fem\"\ndivisions = [60]\nshape.bar = { from = -20.0, to = 40.0, section = 1.0 }",
-            "",
-            "missing field `material`",
-        ),
-        (
-            "kind = \"link\"\ncommand = [\"./no-such-program\"]",
-            "",
-            "cannot be started",
-        ),
-        (
-            "kind = \"link\"\ncommand = [\"true\"]",
-            "",
-            "ended with exit status: 0 before it connected",
-        ),
-    ];
-    for (fine, set, word) in cases {
+    for &(fine, set, word) in BAD {
         let scene = write(&folder, "scene.toml", fine);
         let mut arguments = vec!["check", "--start", text(&scene)];
         arguments.extend(Some(set).filter(|s| !s.is_empty()));

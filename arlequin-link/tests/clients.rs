@@ -1,6 +1,10 @@
 //! The clients in Python and C that are shipped, each with its chain, beside our chain in this process.
 
-#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a failed set-up is a failed test; what is not run is said"
+)]
 #![cfg(unix)]
 
 mod support;

@@ -67,7 +67,8 @@ fn plain(schema: &mut Schema) {
 /// A link has a command or an address; all other models need a shape and a material.
 pub(crate) fn but_for_links() -> impl Transform {
     move |schema: &mut Schema| {
-        let link = json!({ "properties": { "kind": { "const": "link" } } });
+        let kind = json!({ "const": "link", "description": "A solver in another process." });
+        let link = json!({ "properties": { "kind": kind } });
         schema.insert("if".into(), link);
         let one = json!({ "oneOf": [{ "required": ["command"] }, { "required": ["address"] }] });
         schema.insert("then".into(), one);
