@@ -49,7 +49,7 @@ use std::ops::ControlFlow;
 /// unknown to them do within a step (multipliers): decision 0011 has the figures.
 const CREATED: f64 = 1e-3;
 
-/// Last digits of the energy of displacements that cancel, as in a rigid motion, and of the motion they set off.
+/// Last digits of energies that are none, and of the motion they set off.
 const ROUND_OFF: f64 = 16.0;
 
 /// A ready coupled run.
@@ -75,8 +75,8 @@ pub struct Coupled<T: Real> {
     pub(crate) guard: Guard<T>,
     pub(crate) ledger: Ledger<T>,
     pub(crate) start_loss: T,
-    /// Most energy the initial displacements could hold \[J\]: its last digits are no energy.
-    pub(crate) displaced: T,
+    /// Energy that last digits of displacements and places may be worth \[J\]: it is none.
+    pub(crate) rounded: T,
     pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
 }
@@ -274,7 +274,7 @@ impl<T: Real> Coupled<T> {
             self.ledger.top_created = self.ledger.top_created.max(relative);
         }
         let share = self.guard.growth.min(T::of(CREATED));
-        let bound = share * reference;
+        let bound = share * reference + self.rounded;
         if created <= bound || reference <= T::zero() {
             return Ok(());
         }
@@ -386,7 +386,7 @@ impl<T: Real> Coupled<T> {
         }
         // Growth is measured against what was put in, not against the (growing) energy itself.
         let reference = start.abs().max(volume);
-        let bound = self.guard.growth * reference + self.displaced * T::of(ROUND_OFF) * T::epsilon();
+        let bound = self.guard.growth * reference + self.rounded;
         if reference > T::zero() && drift > bound {
             return Err(Error::EnergyGrowth {
                 step: self.step,

@@ -191,7 +191,7 @@ impl<T: Real> Coupled<T> {
             guard,
             ledger: Ledger::new(),
             start_loss: T::zero(),
-            displaced: T::zero(),
+            rounded: T::zero(),
             partition,
             work: Vec::new(),
         };
