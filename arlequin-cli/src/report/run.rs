@@ -333,7 +333,7 @@ fn interfaces(all: &[InterfaceLine]) {
         }
         if let (Some(jump), Some(share)) = (i.max_displacement_jump, i.displacement_jump_share) {
             println!(
-                "           displacements differed by up to {jump:.2e} m, {:.3} % of the largest in the overlap",
+                "           displacements differed by up to {jump:.2e} m, {:.3} % of the overlap's deformation",
                 100.0 * share
             );
         }

@@ -490,6 +490,7 @@ def _make(kind: str, message: str, key: Optional[str], line: Optional[int]) -> E
     """The exception of this name; of one that is not listed here, one that shows it."""
     found = globals().get(kind)
     known = isinstance(found, type) and issubclass(found, Error)
-    made: Error = found(message) if known else RunError(f"{kind}: {message}")
+    made = found(message) if known and found is not None else RunError(f"{kind}: {message}")
+    assert isinstance(made, Error)
     made.key, made.line = key, line
     return made

@@ -20,7 +20,8 @@ def _cell(value: Any) -> str:
         return f"{value:.6g}"
     if isinstance(value, (list, dict)) and len(json.dumps(value, default=str)) > 200:
         return f"{len(value)} entries"
-    return html.escape(json.dumps(value, ensure_ascii=False, default=str) if isinstance(value, (list, dict)) else str(value))
+    plain = json.dumps(value, ensure_ascii=False, default=str) if isinstance(value, (list, dict)) else str(value)
+    return html.escape(plain)
 
 
 def _html_table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "") -> str:
@@ -152,7 +153,9 @@ class Probe:
     def __getattr__(self, name: str) -> np.ndarray:
         if not name.startswith("_") and name == self.symbol:
             return self.values
-        raise AttributeError(f"probe {self.__dict__.get('name')!r} has no {name!r}; it reads a {self.__dict__.get('quantity')}: ask for {self.symbol!r} or 'values'")
+        name_of, quantity = self.__dict__.get("name"), self.__dict__.get("quantity")
+        what = f"probe {name_of!r} has no {name!r}; it reads a {quantity}: ask for {self.symbol!r} or 'values'"
+        raise AttributeError(what)
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> np.ndarray:
         return np.asarray(self.values, dtype)
@@ -208,7 +211,9 @@ class Frame(Mapping[str, Fields]):
         self._models = dict(models)
 
     def __getitem__(self, name: str) -> Fields:
-        return _known(self._models, name, "model")
+        if name not in self._models:
+            raise KeyError(f"there is no model {name!r}; there are: {', '.join(self)}")
+        return self._models[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._models)
@@ -218,13 +223,6 @@ class Frame(Mapping[str, Fields]):
 
     def __repr__(self) -> str:
         return f"<Frame at {self.time:g} s: {', '.join(self._models)}>"
-
-
-def _known(of: Mapping[str, Any], name: str, what: str) -> Any:
-    try:
-        return of[name]
-    except KeyError:
-        raise KeyError(f"there is no {what} {name!r}; there are: {', '.join(of) or 'none'}") from None
 
 
 class _Named(dict):  # type: ignore[type-arg]
@@ -359,7 +357,8 @@ class Run:
     def _repr_html_(self) -> str:
         s = self.summary
         models = [[m["name"], m["kind"], m["unknowns"], m["own_dt"]] for m in s["models"]]
-        probes = [[p.name, p.quantity, p.unit, float(p.values[-1]), p.facts["min"], p.facts["max"]] for p in self.probes.values()]
+        all_probes = self.probes.values()
+        probes = [[p.name, p.quantity, p.unit, float(p.values[-1]), p.facts["min"], p.facts["max"]] for p in all_probes]
         title = html.escape(s["title"] or s["scene"])
         head = (
             f"<p><b>{title}</b>: {html.escape(s['status'])}, {s['steps']} steps to {s['time']:g} s, "

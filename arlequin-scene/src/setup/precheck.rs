@@ -204,7 +204,7 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         ProfileKind::MediatorCompatible => ProfileKind::Cubic,
         p => p,
     };
-    weight.profile = known(weight.profile);
+    weight.profile = Some(known(weight.kind()));
     for own in [&mut weight.alpha, &mut weight.beta, &mut weight.gamma]
         .into_iter()
         .flatten()
