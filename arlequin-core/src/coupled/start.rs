@@ -4,7 +4,6 @@ use super::ledger::DisplacementJump;
 use super::{Coupled, ROUND_OFF, pair};
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
-use nalgebra::Vector3;
 
 /// Largest jump of the initial displacements beside a solver whose displacements are its own, relative to the largest.
 const GUEST_JUMP: f64 = 1e-6;
@@ -45,22 +44,8 @@ impl<T: Real> Coupled<T> {
     fn round_off(&self) -> T {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {
-            let layout = s.model().layout();
-            let nodes = s.model().nodes();
-            let middle = nodes.iter().fold(Vector3::zeros(), |sum, x| sum + x.coords)
-                / T::of(nodes.len().max(1) as f64);
-            let terms = s.inertia()[..layout.translations()].iter().zip(&s.state().q);
-            let sum: T = terms
-                .enumerate()
-                .map(|(k, (m, q))| {
-                    let rest = nodes
-                        .get(k / layout.components)
-                        .map_or(T::zero(), |x| (x.coords - middle).norm_squared() * T::epsilon());
-                    *m * (*q * *q + rest)
-                })
-                .sum();
             // ω = 2/Δt_c
-            sum * T::of(2.0) * T::epsilon() / (*critical * *critical)
+            s.rounded() * T::of(2.0) * T::epsilon() / (*critical * *critical)
         })
         .sum()
     }
@@ -110,8 +95,10 @@ impl<T: Real> Coupled<T> {
             let both = i.sides.map(|s| &self.subdomains[s]);
             let jump = i.jump(both.map(|s| &*s.state().q), &mut self.work);
             let largest = both.map(|s| {
-                let q = &s.state().q[..s.model().layout().translations()];
-                q.iter().fold(T::zero(), |m, x| m.max(x.abs()))
+                let layout = s.model().layout();
+                let q = s.state().q[..layout.translations()].chunks_exact(layout.components);
+                let squares = q.map(|u| u.iter().map(|x| *x * *x).sum::<T>());
+                squares.fold(T::zero(), |m, x| m.max(x)).sqrt()
             });
             let largest = largest[0].max(largest[1]);
             i.report.start_jump = jump.as_f64();

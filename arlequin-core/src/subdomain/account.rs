@@ -3,7 +3,9 @@
 use super::{Stepper, Subdomain};
 use crate::effect::EffectLine;
 use crate::phase::Phase;
-use crate::{Real, parallel};
+use crate::{Real, parallel, ranks};
+use nalgebra::Vector3;
+use std::ops::Range;
 
 /// What left a model that evolves.
 #[derive(Debug, Clone, Copy)]
@@ -70,17 +72,47 @@ impl<T: Real> Subdomain<T> {
     fn moving_energy(&self, q_before: &[T], force_before: &[T]) -> T {
         let (dt, half, quarter) = (self.pace.dt, T::of(0.5), T::of(0.25));
         let (q, force, inertia) = (&self.state.q, self.forces.internal(), &self.inertia);
-        let part = |range: std::ops::Range<usize>| {
+        let part = |range: Range<usize>| {
             range.fold(T::zero(), |sum, i| {
                 let dq = q[i] - q_before[i];
                 let v = dq / dt;
                 sum + (half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]))
             })
         };
-        parallel::sum(q.len(), &part)
+        self.sum(&part)
     }
 
-    /// Internal energy at the whole step \[J\]; of a whole solver, what its invariant said when the ledger was last drawn.
+    /// Sums over all unknowns, on all ranks; `part` sums over a range of those here. The same bits for any number of
+    /// threads and ranks.
+    fn sum(&self, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
+        let layout = self.model.layout();
+        let (d, r, first) = (layout.components, layout.rotations, layout.translations());
+        let of_nodes = |n: Range<usize>| {
+            let turning = first + r * n.start..first + r * n.end;
+            [part(d * n.start..d * n.end) + part(turning)]
+        };
+        let [sum] = ranks::sum(layout.nodes, self.portion(), &of_nodes);
+        sum
+    }
+
+    /// `Σ m (q² + ε x²)` of displacements and places, these from the middle of the model \[kg m²\].
+    pub(crate) fn rounded(&self) -> T {
+        let (d, m, q) = (self.model.layout().components, &self.inertia, &self.state.q);
+        let nodes = self.model.nodes();
+        let count = T::of(nodes.len().max(1) as f64);
+        let middle = nodes.iter().fold(Vector3::zeros(), |sum, x| sum + x.coords) / count;
+        let of_nodes = |n: Range<usize>| {
+            let range = d * n.start..d * n.end;
+            let places = nodes.iter().enumerate().take(n.end).skip(n.start);
+            let terms = places.map(|(k, x)| (x.coords - middle).norm_squared() * m[d * k]);
+            let rest: T = terms.sum();
+            [parallel::weighted_squares(&m[range.clone()], &q[range]) + rest * T::epsilon()]
+        };
+        let [sum] = ranks::sum(self.model.layout().nodes, self.portion(), &of_nodes);
+        sum
+    }
+
+    /// Internal energy at the whole step \[J\], on all ranks; of a whole solver, what its invariant said when the ledger was last drawn.
     pub fn internal_energy(&self) -> T {
         if self.is_guest() {
             return self.drawn_energy();
@@ -88,9 +120,10 @@ impl<T: Real> Subdomain<T> {
         self.model().internal_energy(&self.state.q)
     }
 
-    /// Kinetic energy at the whole step \[J\].
+    /// Kinetic energy at the whole step \[J\], on all ranks: all of them must ask.
     pub fn kinetic_energy(&self) -> T {
-        T::of(0.5) * parallel::weighted_squares(&self.inertia, &self.state.v)
+        let (m, v) = (&self.inertia, &self.state.v);
+        T::of(0.5) * self.sum(&|range| parallel::weighted_squares(&m[range.clone()], &v[range]))
     }
 
     /// Internal energy \[J\] found by the last [`Self::invariant`].

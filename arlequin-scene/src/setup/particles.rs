@@ -122,6 +122,7 @@ pub(super) fn body(
     };
     let radii = model.body().radii();
     let spacing = 2.0 * radii.iter().sum::<f64>() / radii.len() as f64;
+    let material = super::kinds::elastic(key, &table.material)?;
     Ok(Body {
         groups: groups(&model, &table.shape, &filling),
         field,
@@ -129,7 +130,8 @@ pub(super) fn body(
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material: super::kinds::elastic(key, &table.material)?,
+        material,
+        materials: material.into(),
         shape: table.shape.clone(),
         grains: Some(grains),
         warnings,
