@@ -44,8 +44,9 @@ impl<T: Real> Coupled<T> {
     fn round_off(&self) -> T {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {
+            let sizes = s.displaced() + s.spread() * T::epsilon();
             // ω = 2/Δt_c
-            s.rounded() * T::of(2.0) * T::epsilon() / (*critical * *critical)
+            sizes * T::of(2.0) * T::epsilon() / (*critical * *critical)
         })
         .sum()
     }

@@ -95,20 +95,38 @@ impl<T: Real> Subdomain<T> {
         sum
     }
 
-    /// `Σ m (q² + ε x²)` of displacements and places, these from the middle of the model \[kg m²\].
-    pub(crate) fn rounded(&self) -> T {
+    /// `Σ m x²` of the displacements alone.
+    pub(crate) fn displaced(&self) -> T {
         let (d, m, q) = (self.model.layout().components, &self.inertia, &self.state.q);
-        let nodes = self.model.nodes();
-        let count = T::of(nodes.len().max(1) as f64);
-        let middle = nodes.iter().fold(Vector3::zeros(), |sum, x| sum + x.coords) / count;
         let of_nodes = |n: Range<usize>| {
             let range = d * n.start..d * n.end;
-            let places = nodes.iter().enumerate().take(n.end).skip(n.start);
-            let terms = places.map(|(k, x)| (x.coords - middle).norm_squared() * m[d * k]);
-            let rest: T = terms.sum();
-            [parallel::weighted_squares(&m[range.clone()], &q[range]) + rest * T::epsilon()]
+            [parallel::weighted_squares(&m[range.clone()], &q[range])]
         };
         let [sum] = ranks::sum(self.model.layout().nodes, self.portion(), &of_nodes);
+        sum
+    }
+
+    /// `Σ m |x − x̄|²` over the unknowns \[kg m²\], with the mean place `x̄` of the nodes; on all ranks, all of which must ask.
+    pub(crate) fn spread(&self) -> T {
+        let (layout, nodes, m) = (self.model.layout(), self.model.nodes(), &self.inertia);
+        let places = |range: Range<usize>| {
+            range.fold([T::zero(); 4], |[x, y, z, n], k| {
+                [x + nodes[k].x, y + nodes[k].y, z + nodes[k].z, n + T::one()]
+            })
+        };
+        let [x, y, z, n] = ranks::sum(layout.nodes, self.portion(), &places);
+        let middle = Vector3::new(x, y, z) / n.max(T::one());
+        let squares = |range: Range<usize>| {
+            let of_node = |k: usize| {
+                let mass: T = m[layout.components * k..][..layout.components]
+                    .iter()
+                    .copied()
+                    .sum();
+                mass * (nodes[k].coords - middle).norm_squared()
+            };
+            [range.map(of_node).sum()]
+        };
+        let [sum] = ranks::sum(layout.nodes, self.portion(), &squares);
         sum
     }
 
