@@ -118,10 +118,7 @@ fn plate_impact() {
 
 #[test]
 fn struck_block() {
-    let s = summary(&run(
-        "struck-block",
-        &["time.end=1.5e-6", "zone.struck.spacing=0.7e-3"],
-    ));
+    let s = summary(&run("struck-block", &["time.end=1.5e-6"]));
     assert_eq!(s["status"], "complete");
     assert_eq!(s["models"].as_array().map(Vec::len), Some(2));
     assert!(number(&s, "/energy/h_drift_max") < 1e-11);
