@@ -1,5 +1,6 @@
 //! Errors of the core: each names the object, the value, the limit and a way out.
 
+use crate::ranks::RankError;
 use std::sync::Arc;
 
 /// What a weight is a share of.
@@ -42,6 +43,9 @@ pub enum Error {
         /// Steps made.
         steps: usize,
     },
+    /// What went wrong between ranks.
+    #[error(transparent)]
+    Rank(#[from] RankError),
     /// A point at which a field was asked for lies outside of it.
     #[error("point ({:.6e}, {:.6e}, {:.6e}) m is outside the {role} field; trim the mediator to the overlap or extend the model", point[0], point[1], point[2])]
     OutsideDomain {

@@ -13,6 +13,7 @@
 //! | `subdomain`, `coupled` | the step and the set-up: [`Subdomain`], [`Coupled`]; equilibrium in `statics` |
 //! | `ledger`, `momentum`, `observer`, [`snapshot`] | what a run says of itself, and how it goes on |
 //! | [`conformance`] | checks for those who write models, junctions or effects |
+//! | [`ranks`] | models in parts on several ranks, with the bits of one |
 //! | [`harmonic`], [`advice`] | what an overlap reflects, and what it is known to do badly |
 //! | [`geometry`], [`adjacency`], [`blocks`], [`linalg`], [`spectrum`], [`parallel`] | tools of the core that model crates use as well |
 //!
@@ -72,6 +73,7 @@ pub mod parallel;
 mod participant;
 mod phase;
 mod profile;
+pub mod ranks;
 mod reach;
 mod record;
 mod recovery;

@@ -3,6 +3,7 @@
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::geometry::Sample;
+use crate::ranks::Portion;
 use crate::record::Record;
 use crate::recovery::{Links, Recovery};
 use crate::weight::Weight;
@@ -221,6 +222,12 @@ pub trait Model<T: Real>: Send {
 
     /// The model as one whose nodes are joined by bonds, if they are: for output.
     fn links(&self) -> Option<&dyn Links<T>> {
+        None
+    }
+
+    /// What this rank holds of the model, if it is a part of one: nodes, unknowns, weights and forces are then those of the
+    /// part, energies and the critical step those of all of it, and every call that all ranks must make together says so.
+    fn portion(&self) -> Option<&Portion> {
         None
     }
 

@@ -3,6 +3,7 @@
 use crate::geometry::Sample;
 use crate::model::{Arms, DofLayout, Model, Watching};
 use crate::parallel;
+use crate::ranks::Portion;
 use crate::record::Record;
 use crate::recovery::{Links, Recovery};
 use crate::scalar::check_finite;
@@ -146,6 +147,9 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     // metric of the weighted masses, which also bounds the model under constraints; the spectrum of the model alone, in
     // which equal weights of force and mass cancel, does not.
 
+    fn portion(&self) -> Option<&Portion> {
+        self.model.portion()
+    }
     fn effects(&self) -> &[&'static str] {
         self.model.effects()
     }

@@ -37,21 +37,18 @@ pub fn sum<T: Real>(n: usize, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
 /// Sums that do not wait for each other: one would be as slow as its chain of additions.
 const ABREAST: usize = 8;
 
-/// `Σ m v²`.
+/// `Σ m v²` of one unit of work.
 pub(crate) fn weighted_squares<T: Real>(m: &[T], v: &[T]) -> T {
-    let part = |range: Range<usize>| {
-        let (ms, m) = m[range.clone()].as_chunks::<ABREAST>();
-        let (vs, v) = v[range].as_chunks::<ABREAST>();
-        let mut sums = [T::zero(); ABREAST];
-        for (m, v) in ms.iter().zip(vs) {
-            for k in 0..ABREAST {
-                sums[k] += m[k] * v[k] * v[k];
-            }
+    let (ms, m) = m.as_chunks::<ABREAST>();
+    let (vs, v) = v.as_chunks::<ABREAST>();
+    let mut sums = [T::zero(); ABREAST];
+    for (m, v) in ms.iter().zip(vs) {
+        for k in 0..ABREAST {
+            sums[k] += m[k] * v[k] * v[k];
         }
-        let rest = m.iter().zip(v).fold(T::zero(), |s, (m, v)| s + *m * *v * *v);
-        sums.into_iter().fold(rest, |a, b| a + b)
-    };
-    sum_of(v.len(), &part)
+    }
+    let rest = m.iter().zip(v).fold(T::zero(), |s, (m, v)| s + *m * *v * *v);
+    sums.into_iter().fold(rest, |a, b| a + b)
 }
 
 /// Largest modulus; zero for none.

@@ -1,8 +1,11 @@
 //! Highest frequency of a model by Lanczos iteration, and the critical step of velocity Verlet from it.
 
+use crate::model::DofLayout;
+use crate::ranks::{self, Portion};
 use crate::scalar::dot;
 use crate::{Real, Result};
 use nalgebra::DMatrix;
+use std::ops::Range;
 
 /// Adds the internal forces at a displacement.
 pub type AddForces<'a, T> = dyn FnMut(&[T], &mut [T]) -> Result<()> + 'a;
@@ -45,6 +48,7 @@ pub fn step_of<T: Real>(largest: T) -> T {
 /// Those of `add_forces`.
 pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
     let root: Vec<T> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
+    let space = Space::Plain(root.len());
     let mut basis: Vec<Vec<T>> = Vec::new();
     let mut top = T::zero();
     let all = root.len() * STEPS <= STORED;
@@ -60,7 +64,7 @@ pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddFo
             w.iter_mut().zip(b).for_each(|(w, b)| *w -= c * *b);
         }
     };
-    lanczos(&root, STEPS, add_forces, orthogonal, &mut |t| {
+    lanczos((&root, &space), STEPS, add_forces, orthogonal, &mut |t| {
         let previous = top;
         top = t.top()?;
         let settled = t.diagonal.len() > 21 && (top - previous).abs() <= top * T::of(1e-10);
@@ -70,18 +74,25 @@ pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddFo
 }
 
 /// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`: not below the largest eigenvalue by more than the
-/// relative 1e-4, in memory of a few vectors; zero if nothing moves.
+/// relative 1e-4, in memory of a few vectors; zero if nothing moves. The unknowns are those of `layout`, or of the part of a
+/// model that is here: the same bits on any number of ranks.
 ///
 /// # Errors
 /// Those of `add_forces`, which adds `−K q`.
-pub fn largest_ritz<T: Real>(root: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
-    let limit = LEAN.min(root.len());
+pub fn largest_ritz<T: Real>(
+    root: &[T],
+    layout: DofLayout,
+    portion: Option<&Portion>,
+    add_forces: &mut AddForces<'_, T>,
+) -> Result<T> {
+    let space = Space::Nodes(layout, portion);
+    let limit = LEAN.min(space.size());
     let (mut last, mut top) = (Vec::new(), T::zero());
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
         t.part(w, &v, &last);
         last = v;
     };
-    lanczos(root, limit, add_forces, orthogonal, &mut |t| {
+    lanczos((root, &space), limit, add_forces, orthogonal, &mut |t| {
         let step = t.diagonal.len();
         let invariant = t.rest <= T::of(1e-14) * t.diagonal[step - 1].abs();
         if !(invariant || step.is_multiple_of(10) || step == limit) {
@@ -121,7 +132,7 @@ type Orthogonal<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
 
 /// Lanczos iteration on the symmetric `R K R` from a fixed start (so that the result is reproducible) until `settled`.
 fn lanczos<T: Real>(
-    root: &[T],
+    (root, space): (&[T], &Space<'_>),
     limit: usize,
     add_forces: &mut AddForces<'_, T>,
     orthogonal: &mut Orthogonal<'_, T>,
@@ -130,13 +141,13 @@ fn lanczos<T: Real>(
     let n = root.len();
     let moves = |i: usize| {
         if root[i] > T::zero() {
-            scatter(i)
+            scatter(space.number(i))
         } else {
             T::zero()
         }
     };
     let mut v: Vec<T> = (0..n).map(moves).collect();
-    if normalise(&mut v) <= T::zero() {
+    if space.normalise(&mut v) <= T::zero() {
         return Ok(());
     }
     let mut t = Tridiagonal {
@@ -145,14 +156,14 @@ fn lanczos<T: Real>(
         rest: T::zero(),
     };
     let (mut q, mut w) = (vec![T::zero(); n], vec![T::zero(); n]);
-    for _ in 0..limit.min(n) {
+    for _ in 0..limit.min(space.size()) {
         (0..n).for_each(|i| q[i] = root[i] * v[i]);
         w.fill(T::zero());
         add_forces(&q, &mut w)?;
         w.iter_mut().zip(root).for_each(|(w, r)| *w *= -*r);
-        t.diagonal.push(dot(&w, &v));
+        t.diagonal.push(space.dot(&w, &v));
         orthogonal(&mut w, v, &t);
-        t.rest = normalise(&mut w);
+        t.rest = space.normalise(&mut w);
         if settled(&t)? {
             break;
         }
@@ -195,12 +206,59 @@ fn scatter<T: Real>(i: usize) -> T {
     T::of(2.0 * (x * 7.31 + 0.137 * x * x).fract() - 0.9)
 }
 
-fn normalise<T: Real>(v: &mut [T]) -> T {
-    let norm = dot(v, v).sqrt();
-    if norm > T::zero() {
-        v.iter_mut().for_each(|x| *x /= norm);
+/// Where the vectors of an iteration live.
+enum Space<'a> {
+    /// So many unknowns, all here.
+    Plain(usize),
+    /// Unknowns of nodes, on whatever ranks.
+    Nodes(DofLayout, Option<&'a Portion>),
+}
+
+impl Space<'_> {
+    /// Unknowns on all ranks.
+    fn size(&self) -> usize {
+        match self {
+            Self::Plain(n) => *n,
+            Self::Nodes(layout, portion) => {
+                let nodes = portion.map_or(layout.nodes, |p| p.division().nodes());
+                DofLayout { nodes, ..*layout }.dofs()
+            }
+        }
     }
-    norm
+
+    /// Number of an unknown among those of all ranks.
+    fn number(&self, i: usize) -> usize {
+        let Self::Nodes(layout, Some(portion)) = self else {
+            return i;
+        };
+        let (d, r) = (layout.components, layout.rotations);
+        match i.checked_sub(layout.translations()) {
+            None => portion.global(i / d) * d + i % d,
+            Some(behind) => portion.division().nodes() * d + portion.global(behind / r) * r + behind % r,
+        }
+    }
+
+    fn dot<T: Real>(&self, a: &[T], b: &[T]) -> T {
+        let Self::Nodes(layout, portion) = self else {
+            return dot(a, b);
+        };
+        let (d, r, first) = (layout.components, layout.rotations, layout.translations());
+        let part = |n: Range<usize>| {
+            let moving = d * n.start..d * n.end;
+            let turning = first + r * n.start..first + r * n.end;
+            [dot(&a[moving.clone()], &b[moving]) + dot(&a[turning.clone()], &b[turning])]
+        };
+        let [sum] = ranks::sum(layout.nodes, *portion, &part);
+        sum
+    }
+
+    fn normalise<T: Real>(&self, v: &mut [T]) -> T {
+        let norm = self.dot(v, v).sqrt();
+        if norm > T::zero() {
+            v.iter_mut().for_each(|x| *x /= norm);
+        }
+        norm
+    }
 }
 
 #[cfg(test)]

@@ -16,7 +16,8 @@ use crate::error::{Error, Result};
 use crate::kernel::law::Linear;
 use crate::model::forces::{BondForces, Gather};
 use crate::particles::BondedParticles;
-use arlequin_core::spectrum;
+use arlequin_core::ranks::Portion;
+use arlequin_core::{DofLayout, spectrum};
 use nalgebra::Matrix6;
 
 /// Diagonal blocks of the stiffness.
@@ -58,18 +59,23 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
 /// [`Error::OutOfRange`] if no particle has both mass and stiffness.
 pub fn lanczos(body: &BondedParticles) -> Result<f64> {
     let root = |m: &f64| if *m > 0.0 { m.sqrt().recip() } else { 0.0 };
+    let layout = DofLayout {
+        nodes: body.len(),
+        components: 3,
+        rotations: 3,
+    };
     let inertia = body.mass().iter().chain(body.inertia());
     let root: Vec<f64> = inertia.flat_map(|m| [root(m); 3]).collect();
     let mut bonds = Gather::<Linear>::new(body);
-    step_of(largest(&root, &mut bonds)?)
+    step_of(largest((&root, layout, None), &mut bonds)?)
 }
 
 /// Upper estimate of the largest eigenvalue of `R K R`, `R = diag(root)`, for the bonds' stiffness `K`.
-pub(crate) fn largest(root: &[f64], bonds: &mut dyn BondForces) -> arlequin_core::Result<f64> {
-    spectrum::largest_ritz(root, &mut |q, f| {
-        bonds.add(q, f, None);
-        Ok(())
-    })
+pub(crate) fn largest(
+    (root, layout, portion): (&[f64], DofLayout, Option<&Portion>),
+    bonds: &mut dyn BondForces,
+) -> arlequin_core::Result<f64> {
+    spectrum::largest_ritz(root, layout, portion, &mut |q, f| Ok(bonds.add(q, f, None)?))
 }
 
 fn step_of(lambda: f64) -> Result<f64> {

@@ -182,6 +182,14 @@ pub enum Error {
         /// What was wanted.
         what: &'static str,
     },
+    /// Something that needs all of a body.
+    #[error(
+        "{what} needs the whole body, and this rank holds a part of it: do it before the body is shared out, or on one rank"
+    )]
+    InParts {
+        /// What was wanted.
+        what: &'static str,
+    },
     /// A packing with walls where a periodic one is needed.
     #[error("bulk elasticity needs a periodic packing: make it in `Container::periodic`")]
     NotPeriodic,

@@ -36,6 +36,7 @@ pub struct BondedParticles {
     mass: Vec<f64>,
     inertia: Vec<f64>,
     rigidity: BeamRigidity,
+    mean_radius: f64,
     grid: Grid,
     /// Whether centres and stiffnesses are those that the kernel sees.
     rounded: bool,
@@ -167,6 +168,7 @@ impl BondedParticles {
             full_mass,
             inertia,
             rigidity,
+            mean_radius: mean,
             grid,
             rounded: contents.rounded,
             adjacency: OnceLock::new(),
@@ -249,6 +251,43 @@ impl BondedParticles {
         sum.iter().enumerate().map(mean).collect()
     }
 
+    /// The particles `own` and then `ghosts`, with all bonds of the own ones in the order that they have here.
+    pub(crate) fn part(&self, own: &[u32], ghosts: &[u32]) -> Self {
+        let mut places = vec![u32::MAX; self.len()];
+        for (k, i) in (0..).zip(own.iter().chain(ghosts)) {
+            places[*i as usize] = k;
+        }
+        let held = |b: &usize| {
+            let here = |i: u32| (places[i as usize] as usize) < own.len();
+            self.pairs[*b].into_iter().any(here)
+        };
+        let bonds: Vec<usize> = (0..self.pairs.len()).filter(held).collect();
+        let pairs: Vec<_> = bonds
+            .iter()
+            .map(|b| self.pairs[*b].map(|i| places[i as usize]))
+            .collect();
+        let particles = || own.iter().chain(ghosts).map(|i| *i as usize);
+        // Bonds of a particle in the order they have in the whole: sums over them have its bits.
+        let adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(own.len() + ghosts.len(), &pairs)));
+        let grades = if self.is_graded() { &bonds[..] } else { &[] };
+        Self {
+            positions: particles().map(|i| self.positions[i]).collect(),
+            radii: particles().map(|i| self.radii[i]).collect(),
+            pairs,
+            weights: bonds.iter().map(|b| self.weights[*b]).collect(),
+            grades: grades.iter().map(|b| self.grades[*b]).collect(),
+            full_mass: particles().map(|i| self.full_mass[i]).collect(),
+            mass: particles().map(|i| self.mass[i]).collect(),
+            inertia: particles().map(|i| self.inertia[i]).collect(),
+            rigidity: self.rigidity,
+            mean_radius: self.mean_radius,
+            grid: self.grid,
+            rounded: self.rounded,
+            adjacency,
+            bonds: bonds.iter().map(|b| self.bonds[*b]).collect(),
+        }
+    }
+
     /// Takes the stiffness of a bond away; masses stay.
     pub(crate) fn sever(&mut self, bond: usize) {
         self.bonds[bond].scale = 0.0;
@@ -278,10 +317,10 @@ impl BondedParticles {
         &self.radii
     }
 
-    /// Mean radius \[m\].
+    /// Mean radius \[m\], in a part of a body that of all of it.
     #[must_use]
     pub fn mean_radius(&self) -> f64 {
-        self.radii.iter().sum::<f64>() / self.radii.len() as f64
+        self.mean_radius
     }
 
     /// Ends of each bond.

@@ -16,8 +16,9 @@
 
 use super::Coupled;
 use crate::weight::Weighting;
-use crate::{Real, Subdomain, parallel};
+use crate::{Real, Subdomain, ranks};
 use nalgebra::{Vector2, Vector3};
+use std::ops::Range;
 
 pub use crate::model::Arms;
 
@@ -72,6 +73,22 @@ impl<T: Real> Sums<T> {
             momenta: [Vector3::zeros(); 2],
             sizes: [T::zero(); 2],
         }
+    }
+}
+
+impl<T: Real> From<[T; 8]> for Sums<T> {
+    fn from([a, b, c, d, e, f, linear, angular]: [T; 8]) -> Self {
+        Self {
+            momenta: [Vector3::new(a, b, c), Vector3::new(d, e, f)],
+            sizes: [linear, angular],
+        }
+    }
+}
+
+impl<T: Real> From<Sums<T>> for [T; 8] {
+    fn from(of: Sums<T>) -> Self {
+        let ([p, l], [linear, angular]) = (of.momenta, of.sizes);
+        [p.x, p.y, p.z, l.x, l.y, l.z, linear, angular]
     }
 }
 
@@ -178,8 +195,8 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
     let (d, turns) = (layout.components, layout.turns());
     let (nodes, m, state) = (s.model().nodes(), s.inertia(), s.state());
     let first = layout.translations();
-    let part = |range: std::ops::Range<usize>| {
-        range.fold(Sums::zero(), |mut sum, k| {
+    let part = |range: Range<usize>| -> [T; 8] {
+        let all = range.fold(Sums::zero(), |mut sum, k| {
             let (mut p, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
             for c in 0..d {
                 p[c] = m[k * d + c] * state.v[k * d + c];
@@ -195,9 +212,10 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
             sum.momenta = [sum.momenta[0] + p, sum.momenta[1] + orbit + own];
             sum.sizes = [sum.sizes[0] + p.norm(), sum.sizes[1] + orbit.norm() + own.norm()];
             sum
-        })
+        });
+        all.into()
     };
-    parallel::sum_of(layout.nodes, &part)
+    ranks::sum(layout.nodes, s.portion(), &part).into()
 }
 
 /// What the digits of the displacements of one subdomain are taken from, about a point.
@@ -205,8 +223,8 @@ fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vecto
     let layout = s.model().layout();
     let d = layout.components;
     let (nodes, m, q) = (s.model().nodes(), s.inertia(), &s.state().q);
-    let part = |range: std::ops::Range<usize>| {
-        range.fold(Vector2::zeros(), |sum, k| {
+    let part = |range: Range<usize>| -> [T; 2] {
+        let all = range.fold(Vector2::zeros(), |sum, k| {
             let (mut u, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
             for c in 0..d {
                 u[c] = m[k * d + c] * q[k * d + c];
@@ -216,13 +234,15 @@ fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vecto
             }
             let moved = u.norm();
             sum + Vector2::new(moved, moved * y.norm())
-        })
+        });
+        all.into()
     };
-    parallel::sum_of(layout.nodes, &part)
+    ranks::sum(layout.nodes, s.portion(), &part).into()
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Linear momentum \[kg m/s\] and angular momentum about the origin \[kg m²/s\], with the arms of its model.
+    /// Linear momentum \[kg m/s\] and angular momentum about the origin \[kg m²/s\], with the arms of its model; on all
+    /// ranks, all of which must ask.
     pub fn momentum(&self) -> [Vector3<T>; 2] {
         momentum_of(self, self.model().arms(), &Vector3::zeros()).momenta
     }
@@ -321,15 +341,21 @@ impl<T: Real> Coupled<T> {
     fn centre(&self, members: &[usize], arms: Arms) -> Vector3<T> {
         let (mut sum, mut mass) = (Vector3::zeros(), T::zero());
         for s in members.iter().map(|k| &self.subdomains[*k]) {
-            let d = s.model().layout().components;
-            for (k, x) in s.model().nodes().iter().enumerate() {
-                let mut y = x.coords;
-                if arms == Arms::Current {
-                    (0..d).for_each(|c| y[c] += s.state().q[k * d + c]);
-                }
-                sum += y * s.inertia()[k * d];
-                mass += s.inertia()[k * d];
-            }
+            let (d, nodes) = (s.model().layout().components, s.model().nodes());
+            let (m, q) = (s.inertia(), &s.state().q);
+            let part = |range: Range<usize>| {
+                range.fold([T::zero(); 4], |[a, b, c, all], k| {
+                    let mut y = nodes[k].coords;
+                    if arms == Arms::Current {
+                        (0..d).for_each(|c| y[c] += q[k * d + c]);
+                    }
+                    let m = m[k * d];
+                    [a + m * y.x, b + m * y.y, c + m * y.z, all + m]
+                })
+            };
+            let [x, y, z, all] = ranks::sum(nodes.len(), s.portion(), &part);
+            sum += Vector3::new(x, y, z);
+            mass += all;
         }
         if mass > T::zero() { sum / mass } else { sum }
     }
@@ -341,7 +367,9 @@ impl<T: Real> Coupled<T> {
         for s in members.iter().map(|k| &self.subdomains[*k]) {
             let name = s.model().name();
             laws.push((format!("the law of '{name}'"), s.model().arms()));
-            if s.supports().iter().any(|m| !m.dofs.is_empty()) {
+            // On any rank: all must come to the same claim.
+            let held = s.supports().iter().map(|m| m.dofs.len()).sum::<usize>();
+            if ranks::largest(s.portion(), T::of(held as f64)) > T::zero() {
                 outside.get_or_insert(format!("supports of '{name}'"));
             }
             if s.weights().weighting == Weighting::Nodal {

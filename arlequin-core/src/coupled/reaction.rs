@@ -9,7 +9,7 @@
 //! their sum is what the support exerts on the body. Internal forces have no resultant, and multipliers none over both
 //! sides, so that reactions, loads and inertia balance to round-off.
 
-use super::Coupled;
+use super::{Coupled, portions};
 use crate::error::invalid;
 use crate::scalar::check_finite;
 use crate::subdomain::Resultant;
@@ -22,7 +22,7 @@ impl<T: Real> Coupled<T> {
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] if there is no such subdomain; those of the model's forces;
-    /// [`crate::Error::Unsupported`] between [`Coupled::restore`] and the next step.
+    /// [`crate::Error::Unsupported`] between [`Coupled::restore`] and the next step, and for a model in parts on several ranks.
     pub fn reactions(&mut self, subdomain: usize) -> Result<Vec<T>> {
         self.known(subdomain)?;
         let time = self.time;
@@ -117,8 +117,8 @@ impl<T: Real> Coupled<T> {
 
     fn known(&self, subdomain: usize) -> Result<()> {
         let count = self.subdomains.len();
-        if subdomain < count {
-            return Ok(());
+        if let Some(s) = self.subdomains.get(subdomain) {
+            return portions::whole(std::slice::from_ref(s), "tell its reactions");
         }
         let rule = format!("must be below {count}, the number of subdomains");
         Err(invalid("number of a subdomain", subdomain, &rule))

@@ -5,7 +5,7 @@
 //! velocities are taken away whenever the kinetic energy has passed a maximum (kinetic damping, Cundall 1976). On the way from one
 //! instant to the next, supports and loads change over [`Relaxation::ramp`] steps.
 
-use super::Coupled;
+use super::{Coupled, portions};
 use crate::error::invalid;
 use crate::phase::Phase;
 use crate::subdomain::{Reached, Subdomain};
@@ -78,6 +78,7 @@ impl<T: Real> Coupled<T> {
                 "needs a positive tolerance and at least one step",
             ));
         }
+        portions::whole(&self.subdomains, "be brought to rest")?;
         if let Some(s) = self.subdomains.iter().find(|s| s.is_guest()) {
             return Err(Error::Unsupported {
                 model: s.model().name().to_owned(),

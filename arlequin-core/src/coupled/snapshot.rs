@@ -3,7 +3,7 @@
 //! A snapshot holds the state, not the models: whoever restores one builds the same run first. Half of the last reflection is
 //! still to come; it is found again from the impulses, with the same bits.
 
-use super::Coupled;
+use super::{Coupled, portions};
 use crate::record::same;
 use crate::scalar::check_finite;
 use crate::{Real, Result, Subdomain};
@@ -47,8 +47,9 @@ impl<T: Real> Coupled<T> {
     /// The present state.
     ///
     /// # Errors
-    /// [`crate::Error::Unsupported`] for a participant that cannot be saved.
+    /// [`crate::Error::Unsupported`] for a participant that cannot be saved, or is in parts on several ranks.
     pub fn snapshot(&self) -> Result<Snapshot<T>> {
+        portions::whole(&self.subdomains, "be saved")?;
         Ok(Snapshot {
             step: self.step,
             dt: self.dt,

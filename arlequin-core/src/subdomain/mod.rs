@@ -25,6 +25,7 @@ use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
 use crate::named::named;
+use crate::ranks::Portion;
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
@@ -204,6 +205,10 @@ impl<T: Real> Subdomain<T> {
     pub fn model(&self) -> &dyn Model<T> {
         &*self.model
     }
+    /// What this rank holds of it, if its model is in parts.
+    pub fn portion(&self) -> Option<&Portion> {
+        self.model.portion()
+    }
     /// The displacement field that interfaces and probes see.
     pub fn field(&self) -> &Arc<dyn Interpolation<T>> {
         &self.field
@@ -231,6 +236,11 @@ impl<T: Real> Subdomain<T> {
     /// Supports and prescribed motions.
     pub fn supports(&self) -> &[PrescribedMotion<T>] {
         &self.supports
+    }
+
+    /// Whether it has effects, attached or not.
+    pub(crate) fn has_effects(&self) -> bool {
+        !(self.chosen.is_empty() && self.effects.is_empty())
     }
 
     /// Supports that move.

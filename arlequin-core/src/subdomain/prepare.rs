@@ -4,7 +4,7 @@ use super::Subdomain;
 use crate::effect::{Attached, Host, StepDemand, shortened};
 use crate::error::invalid;
 use crate::scalar::check_finite;
-use crate::{Error, Real, Result};
+use crate::{Error, Real, Result, ranks};
 
 impl<T: Real> Subdomain<T> {
     /// Weights the model, computes its inertia and attaches the effects; `paired` where effects between two subdomains act
@@ -73,6 +73,7 @@ impl<T: Real> Subdomain<T> {
         let top = self.inertia[..layout.translations()]
             .iter()
             .fold(T::zero(), |a, b| a.max(*b));
+        let top = ranks::largest(self.portion(), top);
         for (i, m) in self.inertia.iter().enumerate() {
             // Round-off of element means may leave a few epsilon of the largest mass where there should be none.
             if !prescribed[i]

@@ -7,7 +7,7 @@ use crate::error::{Error, Result, write};
 use crate::setup::{Grid, ModelInfo, RigidPicture};
 use crate::spec::OutputField;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Coupled, Elastic, Subdomain};
+use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
 
@@ -50,7 +50,6 @@ pub struct Picture<'a> {
 #[derive(Debug)]
 struct Painter {
     grid: Grid,
-    material: Elastic<f64>,
     /// Empty if the energy density is not wanted or the field has no gradient.
     centres: Vec<Cell>,
     weights: Vec<Array>,
@@ -78,7 +77,6 @@ impl Frames {
                 recovered: fields::bytes(fields, s),
                 grid: d.grid,
                 breaks: d.breaks,
-                material: d.material,
             })
             .collect();
         Self {
@@ -266,7 +264,7 @@ impl Painter {
                     values: self
                         .centres
                         .iter()
-                        .map(|cell| self.density(cell, &s.state().q, count))
+                        .map(|cell| density(cell, &s.state().q, count))
                         .collect(),
                 }),
                 _ => {}
@@ -303,17 +301,17 @@ impl Painter {
         let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
         (array("damage [-]", shares), array("broken [-]", broken))
     }
+}
 
-    /// Unweighted strain energy density `½ σ:ε` at a cell centre.
-    fn density(&self, cell: &Cell, q: &[f64], count: usize) -> f64 {
-        let h = cell.gradient(q, count);
-        if count == 1 {
-            return 0.5 * self.material.young() * h[(0, 0)] * h[(0, 0)];
-        }
-        let [lambda, mu] = self.material.lame();
-        let strain = (h + h.transpose()) * 0.5;
-        0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
+/// Unweighted strain energy density `½ σ:ε` at a cell centre.
+fn density(cell: &Cell, q: &[f64], count: usize) -> f64 {
+    let h = cell.gradient(q, count);
+    if count == 1 {
+        return 0.5 * cell.material.young() * h[(0, 0)] * h[(0, 0)];
     }
+    let [lambda, mu] = cell.material.lame();
+    let strain = (h + h.transpose()) * 0.5;
+    0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
 }
 
 fn weights(s: &Subdomain<f64>) -> Vec<Array> {

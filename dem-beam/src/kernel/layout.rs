@@ -12,6 +12,7 @@ use arlequin_core::adjacency::Adjacency;
 /// The bonds of one body, whose numbers are places in the blocks.
 #[derive(Debug)]
 pub(crate) struct Layout {
+    /// Particles in the blocks. Numbers from here on are those of particles of other ranks, whose rows come behind the last block.
     particles: usize,
     pub(crate) grid: Grid,
     /// First slot of each block, and one past the last.
@@ -27,12 +28,12 @@ pub(crate) struct Layout {
 
 impl Layout {
     /// `adjacency` gives other end and bond of each bond of a particle, sorted by the other end: the sum over a
-    /// particle's bonds does not depend on how the caller numbered bonds.
-    pub(crate) fn new(body: &BondedParticles, lengths: bool) -> Self {
+    /// particle's bonds does not depend on how the caller numbered bonds. The first `particles` get blocks.
+    pub(crate) fn new(body: &BondedParticles, particles: usize, lengths: bool) -> Self {
         let adjacency = body.adjacency();
-        let blocks = body.len().div_ceil(LANES);
+        let blocks = particles.div_ceil(LANES);
         let mut out = Self {
-            particles: body.len(),
+            particles,
             grid: body.grid(),
             start: vec![0],
             slots: Vec::new(),
@@ -51,6 +52,22 @@ impl Layout {
             out.refresh(b, body, &adjacency, &|_| true);
         }
         out
+    }
+
+    /// Particles in the blocks.
+    pub(crate) fn particles(&self) -> usize {
+        self.particles
+    }
+
+    /// Row of a particle.
+    fn row(&self, particle: u32) -> u32 {
+        let n = self.particles;
+        let behind = if particle as usize >= n {
+            n.next_multiple_of(LANES) - n
+        } else {
+            0
+        };
+        particle + behind as u32
     }
 
     fn lanes(&self, block: usize) -> std::ops::Range<usize> {
@@ -79,7 +96,7 @@ impl Layout {
                 let own = body.pairs()[b as usize][0] as usize == i;
                 let bond = if own { bond } else { bond.reversed() };
                 self.slots[from + s].set(i - first, &bond, &self.grid);
-                self.neighbours[from + s][i - first] = other;
+                self.neighbours[from + s][i - first] = self.row(other);
                 if self.lengths {
                     self.rests[from + s].0[i - first] = bond.span().norm();
                 }

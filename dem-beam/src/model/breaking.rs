@@ -20,9 +20,11 @@ impl DemModel {
     /// The same body with bonds that break.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense; [`crate::Error::Graded`].
+    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense; [`crate::Error::Graded`];
+    /// [`crate::Error::InParts`].
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
+        self.whole("fracture of bonds")?;
         self.alike("a strength of bonds")?;
         self.fracture = Some(FractureState::new(spec, &self.body, self.log.clone()));
         Ok(self)
@@ -34,6 +36,7 @@ impl DemModel {
     /// As [`Self::with_fracture`].
     pub fn with_watched_strength(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
+        self.whole("fracture of bonds")?;
         self.alike("a strength of bonds")?;
         let log = SharedLog::default();
         self.watched = Some(FractureState::new(spec, &self.body, log));

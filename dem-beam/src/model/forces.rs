@@ -12,6 +12,7 @@ use crate::kernel::stride::{Accelerate, Drift, Moving};
 use crate::kernel::turn::{Turn, turned};
 use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
+use arlequin_core::ranks::{Exact, Halo, Message, RankError, UNIT};
 use arlequin_core::{Drawn, Stride};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::marker::PhantomData;
@@ -63,17 +64,39 @@ impl Reached<'_> {
     }
 }
 
+/// What needs other ranks; nothing fails on one.
+pub(crate) type Heard<R> = Result<R, RankError>;
+
+/// Particles of other ranks: their rows come from there.
+#[derive(Debug)]
+struct Ghosts {
+    halo: Halo,
+    messages: Vec<Message>,
+}
+
+impl Ghosts {
+    /// Numbers of a row that are told.
+    const TOLD: usize = 7;
+
+    fn new(halo: Halo) -> Self {
+        let messages = halo.messages(Self::TOLD);
+        Self { halo, messages }
+    }
+}
+
 /// Forces of the bonds of a body under one of the two laws.
 pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     /// The same law for a body with other weights; nothing has turned yet.
     fn renewed(&self, body: &BondedParticles) -> Box<dyn BondForces>;
+    /// The same law for the part of a body that one rank holds, the particles of others behind its own.
+    fn shared(&self, body: &BondedParticles, halo: Halo) -> Box<dyn BondForces>;
     /// Adds forces and torques at positions that become the reached ones; all in the layout of the model. With `marks` it
     /// looks at strengths on the way; returns the elastic energy \[J\] if asked for, else zero.
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> f64;
+    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64>;
     /// Adds forces and torques at any positions, without going there.
-    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>);
+    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()>;
     /// One step of velocity Verlet.
-    fn stride(&mut self, step: Stride<'_, f64>) -> Option<Drawn<f64>>;
+    fn stride(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>>;
     /// What was reached last, under a law that turns.
     fn reached(&self) -> Option<Reached<'_>>;
     /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
@@ -138,28 +161,40 @@ pub(crate) struct Gather<W: Posed> {
     tried_at: Vec<f64>,
     /// Sums over the parts of a pass.
     sums: Vec<Sums>,
+    ghosts: Option<Ghosts>,
     rigidity: BeamRigidity,
     isa: Isa,
     law: PhantomData<W>,
 }
 
+/// Parts are units: sums do not depend on which rank makes them.
+const _: () = assert!(CHUNK * LANES == UNIT);
+
 impl<W: Screened> Gather<W> {
     /// `body` must be numbered for locality already. Nothing has turned yet.
     pub(crate) fn new(body: &BondedParticles) -> Self {
-        let layout = Layout::new(body, W::LENGTHS);
+        Self::of(body, None)
+    }
+
+    /// The same for a part of a body, with the particles of other ranks behind its own.
+    pub(crate) fn of(body: &BondedParticles, halo: Option<Halo>) -> Self {
+        let foreign = halo.as_ref().map_or(0, |h| h.ghosts().len());
+        let own = body.len() - foreign;
+        let layout = Layout::new(body, own, W::LENGTHS);
         let mut upright = CacheLine::default();
         let turns = if W::TURNS {
             upright.0[3] = 1.0;
-            3 * body.len()
+            3 * own
         } else {
             0
         };
-        let rows = vec![upright; body.len().next_multiple_of(LANES)];
+        let rows = vec![upright; own.next_multiple_of(LANES) + foreign];
         Self {
             tried: if W::TURNS { rows.clone() } else { Vec::new() },
             tried_at: vec![0.0; turns],
             reached: vec![0.0; turns],
-            sums: vec![[0.0; 2]; body.len().div_ceil(CHUNK * LANES)],
+            sums: vec![[0.0; 2]; own.div_ceil(CHUNK * LANES)],
+            ghosts: halo.map(Ghosts::new),
             layout,
             rows,
             rigidity: *body.rigidity(),
@@ -174,7 +209,7 @@ impl<W: Screened> Gather<W> {
     }
 
     /// Writes the rows of positions, then finds the forces there.
-    fn passes(&mut self, q: &[f64], sink: Sink<'_>, marks: Option<Marks<'_>>, energy: bool) {
+    fn passes(&mut self, q: &[f64], sink: Sink<'_>, marks: Option<Marks<'_>>, energy: bool) -> Heard<()> {
         let (isa, parallel) = (self.isa, self.parallel());
         let placing = Placing {
             rows: &mut self.rows[..q.len() / 6],
@@ -184,7 +219,22 @@ impl<W: Screened> Gather<W> {
         in_parts(placing, parallel, &|p| {
             W::write_rows(isa, p.rows, p.q[0], p.q[1], p.reached);
         });
+        self.hear()?;
         self.gather(sink, marks, energy);
+        Ok(())
+    }
+
+    /// Brings the rows of other ranks' particles up to date.
+    fn hear(&mut self) -> Heard<()> {
+        let Some(Ghosts { halo, messages }) = &mut self.ghosts else {
+            return Ok(());
+        };
+        let first = self.layout.particles().next_multiple_of(LANES);
+        let (own, foreign) = self.rows.split_at_mut(first);
+        let told = |i: usize| std::array::from_fn(|k| own[i].0[k]);
+        halo.exchange::<{ Ghosts::TOLD }>(messages, told, |g, x| {
+            foreign[g].0[..Ghosts::TOLD].copy_from_slice(&x)
+        })
     }
 
     /// Forces at the rows, and sums if wanted.
@@ -201,10 +251,16 @@ impl<W: Screened> Gather<W> {
         self.sums = all;
     }
 
-    /// Sums over all parts, in their order.
+    /// Sums over all parts, on all ranks.
     fn total(&self) -> Sums {
-        let all = self.sums.iter();
-        all.fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y])
+        let mut all = [Exact::zero(); 2];
+        for of in &self.sums {
+            all.iter_mut().zip(of).for_each(|(sum, x)| sum.add(*x));
+        }
+        match &self.ghosts {
+            Some(g) => g.halo.portion().total(all),
+            None => all.map(Exact::value),
+        }
     }
 
     /// Whether more than one thread pays.
@@ -213,7 +269,7 @@ impl<W: Screened> Gather<W> {
     }
 
     /// Both passes of a step.
-    fn strides(&mut self, step: Stride<'_, f64>) -> Option<Drawn<f64>> {
+    fn strides(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>> {
         let Stride {
             dt,
             q,
@@ -244,6 +300,7 @@ impl<W: Screened> Gather<W> {
             }
             W::write_rows(isa, rows, q[0], q[1], reached);
         });
+        self.hear()?;
         let accelerate = Accelerate {
             step: steps,
             v: v.split_at_mut(n).into(),
@@ -253,10 +310,10 @@ impl<W: Screened> Gather<W> {
             sum: 0.0,
         };
         self.gather(accelerate, None, inertia.is_some());
-        inertia.map(|_| {
+        Ok(inertia.map(|_| {
             let [internal, moving] = self.total();
             Drawn { internal, moving }
-        })
+        }))
     }
 
     fn pass(&self) -> Pass<'_, W> {
@@ -271,34 +328,39 @@ impl<W: Screened> Gather<W> {
 
 impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
     fn renewed(&self, body: &BondedParticles) -> Box<dyn BondForces> {
-        Box::new(Self::new(body))
+        Box::new(Self::of(body, self.ghosts.as_ref().map(|g| g.halo.clone())))
     }
 
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> f64 {
+    fn shared(&self, body: &BondedParticles, halo: Halo) -> Box<dyn BondForces> {
+        Box::new(Self::of(body, Some(halo)))
+    }
+
+    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64> {
         let (linear, angular) = f.split_at_mut(q.len() / 2);
         let sink = Sink { linear, angular };
         if self.parallel() {
             // One entry into the pool for both passes.
-            rayon::scope(|_| self.passes(q, sink, marks, energy));
+            rayon::scope(|_| self.passes(q, sink, marks, energy))?;
         } else {
-            self.passes(q, sink, marks, energy);
+            self.passes(q, sink, marks, energy)?;
         }
-        if energy { self.total()[0] } else { 0.0 }
+        Ok(if energy { self.total()[0] } else { 0.0 })
     }
 
-    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) {
+    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()> {
         if W::TURNS {
             self.tried.copy_from_slice(&self.rows);
             self.tried_at.copy_from_slice(&self.reached);
             self.swap();
-            self.advance(q, f, marks, false);
+            let found = self.advance(q, f, marks, false);
             self.swap();
+            found.map(|_| ())
         } else {
-            self.advance(q, f, marks, false);
+            self.advance(q, f, marks, false).map(|_| ())
         }
     }
 
-    fn stride(&mut self, step: Stride<'_, f64>) -> Option<Drawn<f64>> {
+    fn stride(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>> {
         if self.parallel() {
             rayon::scope(|_| self.strides(step))
         } else {
@@ -403,7 +465,7 @@ mod tests {
         let mut plain = vec![Twist::zero(); x.len()];
         assert!(body.add_forces(x, &mut plain).is_ok());
         let mut fast = vec![0.0; 6 * x.len()];
-        gather.add(&flat(x), &mut fast, None);
+        assert!(gather.add(&flat(x), &mut fast, None).is_ok());
         let (plain, half) = (flat(&plain), fast.len() / 2);
         let part = |range: std::ops::Range<usize>| {
             let size = plain[range.clone()].iter().fold(0.0_f64, |a, f| a.max(f.abs()));

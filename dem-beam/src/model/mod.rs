@@ -20,6 +20,7 @@
 
 mod breaking;
 pub(crate) mod forces;
+mod portion;
 pub(crate) mod poses;
 mod recovery;
 mod report;
@@ -44,12 +45,12 @@ use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::effect::Finding;
 use arlequin_core::geometry::Sample;
+use arlequin_core::ranks::{Halo, Portion};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
-    Model, ParticleField, Recovery, State, Stepping, Stride, Watching, Weight, check_size, parallel,
-    spectrum,
+    Model, ParticleField, Recovery, State, Stepping, Stride, Watching, Weight, check_size, spectrum,
 };
 use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
@@ -78,6 +79,8 @@ pub struct DemModel {
     log: SharedLog,
     /// Bonds of every particle, once stresses are asked for.
     around: OnceLock<Adjacency<[u32; 2]>>,
+    /// Particles of other ranks, in a part of a body.
+    halo: Option<Halo>,
 }
 
 impl DemModel {
@@ -183,6 +186,7 @@ impl DemModel {
             watched: None,
             log: SharedLog::default(),
             around: OnceLock::new(),
+            halo: None,
             body,
         })
     }
@@ -192,8 +196,10 @@ impl DemModel {
     /// before finite rotations; bonds of several materials have no common strength, so fracture is refused.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] unless all are positive; [`Error::Graded`] after finite rotations or fracture.
+    /// [`Error::OutOfRange`] unless all are positive; [`Error::Graded`] after finite rotations or fracture;
+    /// [`Error::InParts`].
     pub fn with_grades(mut self, at: impl Fn(&Point3<f64>) -> [f64; 2]) -> Result<Self> {
+        self.whole("the choice of materials")?;
         if self.has_finite_rotations() || self.fracture.is_some() || self.watched.is_some() {
             return Err(Error::Graded {
                 what: "materials after finite rotations or fracture",
@@ -210,7 +216,7 @@ impl DemModel {
     /// The same body under the finite-rotation law; see the module text.
     #[must_use]
     pub fn with_finite_rotations(mut self) -> Self {
-        self.kernel = Box::new(Gather::<Finite>::new(&self.body));
+        self.kernel = Box::new(Gather::<Finite>::of(&self.body, self.halo.clone()));
         self
     }
 
@@ -220,7 +226,8 @@ impl DemModel {
         self.kernel.reached().is_some()
     }
 
-    /// Particles and bonds in the model's numbers; bond weights as last set.
+    /// Particles and bonds in the model's numbers; bond weights as last set. In a part of a body, particles of other ranks come
+    /// behind its own, as far as these are bonded with them.
     #[must_use]
     pub fn body(&self) -> &BondedParticles {
         &self.body
@@ -232,7 +239,7 @@ impl DemModel {
         &self.order
     }
 
-    /// Model number of each of the packing's particles (old to new).
+    /// Model number of each of the packing's particles (old to new); none in a part of a body.
     #[must_use]
     pub fn places(&self) -> &[u32] {
         &self.places
@@ -261,7 +268,7 @@ impl DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        Ok(self.kernel.advance(q, f, marks, energy))
+        Ok(self.kernel.advance(q, f, marks, energy)?)
     }
 
     fn named(&self, error: &Error) -> arlequin_core::Error {
@@ -276,6 +283,7 @@ impl DemModel {
             q,
             reached: self.kernel.reached(),
             rigidity: *self.body.rigidity(),
+            ghosts: &[],
         }
     }
 }
@@ -318,7 +326,7 @@ impl Model<f64> for DemModel {
         check_size(self, "inertia", out.len())?;
         let means = self.particle_means(weight)?;
         let (linear, angular) = out.split_at_mut(3 * self.nodes.len());
-        for (i, w) in means.iter().enumerate() {
+        for (i, w) in means.iter().enumerate().take(self.nodes.len()) {
             linear[3 * i..3 * i + 3].fill(w * self.mass[i]);
             angular[3 * i..3 * i + 3].fill(w * self.inertia[i]);
         }
@@ -338,8 +346,7 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        self.kernel.add(q, f, marks);
-        Ok(())
+        Ok(self.kernel.add(q, f, marks)?)
     }
 
     fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
@@ -364,10 +371,7 @@ impl Model<f64> for DemModel {
 
     /// Sum of the weighted bond energies \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        let reader = self.reader(q);
-        parallel::sum(self.body.pairs().len(), &|bonds| {
-            bonds.map(|b| reader.energy(&self.body, b)).sum()
-        })
+        self.energy(q)
     }
 
     /// `2/omega_max` \[s\] by Lanczos about the reference configuration, from the largest Ritz value
@@ -376,10 +380,13 @@ impl Model<f64> for DemModel {
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
         let root: Vec<f64> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
+        let (layout, halo) = (self.layout(), self.halo.clone());
+        let portion = halo.as_ref().map(|h| &**h.portion());
+        let space = (&root[..], layout, portion);
         let top = if self.has_finite_rotations() {
-            critical::largest(&root, &mut Gather::<Linear>::new(&self.body))
+            critical::largest(space, &mut Gather::<Linear>::of(&self.body, halo.clone()))
         } else {
-            critical::largest(&root, &mut *self.kernel)
+            critical::largest(space, &mut *self.kernel)
         };
         Ok(spectrum::step_of(top?))
     }
@@ -389,7 +396,11 @@ impl Model<f64> for DemModel {
     }
 
     fn watching(&self) -> Option<&dyn Watching<f64>> {
-        Some(self)
+        self.halo.is_none().then_some(self as _)
+    }
+
+    fn portion(&self) -> Option<&Portion> {
+        self.halo.as_ref().map(|h| &**h.portion())
     }
 
     fn save(&self) -> Record<f64> {
@@ -410,21 +421,21 @@ impl Model<f64> for DemModel {
     }
 
     fn recovery(&self) -> Option<&dyn Recovery<f64>> {
-        Some(self)
+        self.halo.is_none().then_some(self as _)
     }
 
     fn links(&self) -> Option<&dyn Links<f64>> {
-        Some(self)
+        self.halo.is_none().then_some(self as _)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        (!self.has_finite_rotations()).then_some(self as _)
+        (!self.has_finite_rotations() && self.halo.is_none()).then_some(self as _)
     }
 }
 
 impl Stepping<f64> for DemModel {
     fn stride(&mut self, step: Stride<'_, f64>) -> arlequin_core::Result<Option<Drawn<f64>>> {
-        Ok(self.kernel.stride(step))
+        Ok(self.kernel.stride(step)?)
     }
 }
 

@@ -4,7 +4,7 @@ use super::forces::Reached;
 use crate::bond::{BeamRigidity, Twist};
 use crate::finite::{self, Pose};
 use crate::particles::BondedParticles;
-use nalgebra::Vector3;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Reads the state of particles from the unknowns of a model.
 #[derive(Debug, Clone, Copy)]
@@ -15,6 +15,8 @@ pub(crate) struct Reader<'a> {
     pub(crate) reached: Option<Reached<'a>>,
     /// Section rigidities.
     pub(crate) rigidity: BeamRigidity,
+    /// What other ranks tell of their particles, which are numbered behind the own ones, see [`Reader::told`].
+    pub(crate) ghosts: &'a [[f64; 7]],
 }
 
 impl Reader<'_> {
@@ -23,9 +25,34 @@ impl Reader<'_> {
         Vector3::new(self.q[at], self.q[at + 1], self.q[at + 2])
     }
 
+    /// What another rank tells of particle `i`, if it is not here.
+    #[inline]
+    fn ghost(&self, i: usize) -> Option<&[f64; 7]> {
+        let own = self.q.len() / 6;
+        self.ghosts.get(i.checked_sub(own)?)
+    }
+
+    /// What other ranks are told of particle `i`: its displacement, and its rotation vector or quaternion (scalar first).
+    pub(super) fn told(&self, i: usize) -> [f64; 7] {
+        let Twist { linear: u, angular } = self.twist(i);
+        match self.reached {
+            None => [u.x, u.y, u.z, angular.x, angular.y, angular.z, 0.0],
+            Some(reached) => {
+                let q = reached.orientation(i, angular.into());
+                [u.x, u.y, u.z, q.w, q.i, q.j, q.k]
+            }
+        }
+    }
+
     /// Displacement and small rotation.
     #[inline]
     pub(crate) fn twist(&self, i: usize) -> Twist {
+        if let Some(told) = self.ghost(i) {
+            return Twist {
+                linear: Vector3::from_column_slice(&told[..3]),
+                angular: Vector3::from_column_slice(&told[3..6]),
+            };
+        }
         Twist {
             linear: self.three(3 * i),
             angular: self.three(self.q.len() / 2 + 3 * i),
@@ -37,6 +64,13 @@ impl Reader<'_> {
     pub(crate) fn poses(&self, ends: [usize; 2]) -> Option<[Pose; 2]> {
         let reached = self.reached?;
         Some(ends.map(|i| {
+            if let Some(told) = self.ghost(i) {
+                let [s, x, y, z] = [told[3], told[4], told[5], told[6]];
+                return Pose {
+                    displacement: Vector3::from_column_slice(&told[..3]),
+                    rotation: UnitQuaternion::new_unchecked(Quaternion::new(s, x, y, z)),
+                };
+            }
             let twist = self.twist(i);
             Pose {
                 displacement: twist.linear,

@@ -105,6 +105,7 @@ impl DemModel {
         force: Vector3<f64>,
         share: LoadShare,
     ) -> Result<Vec<(usize, f64)>> {
+        self.whole("a force that is shared out among particles")?;
         for (axis, f) in force.iter().enumerate() {
             finite("load", "component", axis, *f)?;
         }
@@ -130,6 +131,7 @@ impl DemModel {
         torque: Vector3<f64>,
         share: LoadShare,
     ) -> Result<Vec<(usize, f64)>> {
+        self.whole("a torque that is shared out among particles")?;
         for (axis, m) in torque.iter().enumerate() {
             finite("torque", "component", axis, *m)?;
         }

@@ -13,7 +13,7 @@ impl DemModel {
     pub(super) fn bond_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
         let mean = |&[i, j]: &[u32; 2]| {
             let w = weight.mean(&Cell::Segment {
-                ends: [self.nodes[i as usize], self.nodes[j as usize]],
+                ends: [i, j].map(|k| self.body.positions()[k as usize].into()),
                 section: 1.0,
             });
             if w < 0.0 && w > -ROUND_OFF { 0.0 } else { w }

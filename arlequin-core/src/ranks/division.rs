@@ -1,0 +1,231 @@
+//! Who holds what: recursive bisection of the units of a model.
+
+use super::{RankError, UNIT};
+use nalgebra::Point3;
+
+/// A unit of a model as the division sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unit {
+    /// Its middle \[m\].
+    pub centre: Point3<f64>,
+    /// What a step of it costs, in any measure.
+    pub work: f64,
+}
+
+/// Which rank holds which unit of [`UNIT`] nodes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Division {
+    nodes: usize,
+    ranks: usize,
+    owners: Vec<u32>,
+    /// Of every rank.
+    work: Vec<f64>,
+}
+
+impl Division {
+    /// Cuts the units of `nodes` nodes into parts of equal work, each cut across the longest extent of what it cuts. The same
+    /// on every rank. Ranks beyond the number of units get nothing.
+    ///
+    /// ```
+    /// use arlequin_core::nalgebra::Point3;
+    /// use arlequin_core::ranks::{Division, UNIT, Unit};
+    /// let unit = |k: usize| Unit { centre: Point3::new(k as f64, 0.0, 0.0), work: 1.0 };
+    /// let units: Vec<Unit> = (0..6).map(unit).collect();
+    /// let halves = Division::bisect(6 * UNIT, &units, 2)?;
+    /// assert_eq!(halves.units_of(1), [3, 4, 5]);
+    /// # Ok::<(), arlequin_core::ranks::RankError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`RankError::TooMany`] for more ranks than nodes, or none; [`RankError::Length`] unless `units` are those of so
+    /// many nodes.
+    pub fn bisect(nodes: usize, units: &[Unit], ranks: usize) -> Result<Self, RankError> {
+        let count = nodes.div_ceil(UNIT);
+        if ranks == 0 || ranks > nodes {
+            return Err(RankError::TooMany {
+                ranks,
+                nodes,
+                units: count,
+            });
+        }
+        if units.len() != count {
+            return Err(RankError::Length {
+                rank: 0,
+                peer: 0,
+                expected: count,
+                found: units.len(),
+            });
+        }
+        let mut out = Self {
+            nodes,
+            ranks,
+            owners: vec![0; count],
+            work: vec![0.0; ranks],
+        };
+        let mut all: Vec<u32> = (0..count as u32).collect();
+        out.cut(&mut all, units, 0, ranks);
+        Ok(out)
+    }
+
+    /// Shares units out among ranks from `first` on.
+    fn cut(&mut self, these: &mut [u32], units: &[Unit], first: usize, ranks: usize) {
+        if ranks == 1 {
+            for k in these.iter() {
+                self.owners[*k as usize] = first as u32;
+                self.work[first] += units[*k as usize].work;
+            }
+            return;
+        }
+        let at = |k: &u32| units[*k as usize].centre;
+        let corner = |all: &[u32], extreme: fn(f64, f64) -> f64, from: f64| {
+            let mut out = [from; 3];
+            for x in all.iter().map(at) {
+                (0..3).for_each(|c| out[c] = extreme(out[c], x[c]));
+            }
+            out
+        };
+        let low = corner(these, f64::min, f64::INFINITY);
+        let high = corner(these, f64::max, f64::NEG_INFINITY);
+        let extent = |c: usize| high[c] - low[c];
+        let axis = (1..3).fold(0, |best, c| if extent(c) > extent(best) { c } else { best });
+        these.sort_unstable_by(|a, b| at(a)[axis].total_cmp(&at(b)[axis]).then(a.cmp(b)));
+        let left = ranks / 2;
+        let all: f64 = these.iter().map(|k| units[*k as usize].work).sum();
+        let middle = nearest_cut(these, units, all * left as f64 / ranks as f64);
+        // A unit at least for everyone, as long as there are enough.
+        let enough = these.len() >= ranks;
+        let middle = if enough {
+            middle.clamp(left, these.len() - (ranks - left))
+        } else {
+            middle
+        };
+        let (a, b) = these.split_at_mut(middle);
+        self.cut(a, units, first, left);
+        self.cut(b, units, first + left, ranks - left);
+    }
+
+    /// Nodes of the whole model.
+    #[must_use]
+    pub fn nodes(&self) -> usize {
+        self.nodes
+    }
+
+    /// Ranks it is made for.
+    #[must_use]
+    pub fn ranks(&self) -> usize {
+        self.ranks
+    }
+
+    /// The rank that holds a node.
+    ///
+    /// # Panics
+    /// For a node that is not there.
+    #[must_use]
+    pub fn owner(&self, node: usize) -> usize {
+        self.owners[node / UNIT] as usize
+    }
+
+    /// Units of a rank, ascending.
+    #[must_use]
+    pub fn units_of(&self, rank: usize) -> Vec<u32> {
+        let all = (0..).zip(&self.owners);
+        all.filter(|(_, o)| **o as usize == rank)
+            .map(|(k, _)| k)
+            .collect()
+    }
+
+    /// Ranks without a unit.
+    #[must_use]
+    pub fn idle(&self) -> usize {
+        let mut works = vec![false; self.ranks];
+        self.owners.iter().for_each(|o| works[*o as usize] = true);
+        works.iter().filter(|w| !**w).count()
+    }
+
+    /// Most work of a rank over the mean, less one.
+    #[must_use]
+    pub fn imbalance(&self) -> f64 {
+        let most = self.work.iter().fold(0.0, |a: f64, b| a.max(*b));
+        let all: f64 = self.work.iter().sum();
+        if all > 0.0 {
+            most * self.ranks as f64 / all - 1.0
+        } else {
+            0.0
+        }
+    }
+}
+
+/// How many of the first units have work that is nearest to `wanted`.
+fn nearest_cut(these: &[u32], units: &[Unit], wanted: f64) -> usize {
+    let mut sum = 0.0;
+    for (k, u) in these.iter().enumerate() {
+        let next = sum + units[*u as usize].work;
+        if next >= wanted {
+            return if next - wanted <= wanted - sum { k + 1 } else { k };
+        }
+        sum = next;
+    }
+    these.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Division, RankError, UNIT, Unit};
+    use nalgebra::Point3;
+
+    /// A block of units, `n` along x.
+    fn block(n: [usize; 3], work: impl Fn(usize) -> f64) -> Vec<Unit> {
+        let count = n[0] * n[1] * n[2];
+        let at = |k: usize| Point3::new(k % n[0], k / n[0] % n[1], k / n[0] / n[1]);
+        let unit = |k: usize| Unit {
+            centre: at(k).map(|c| c as f64),
+            work: work(k),
+        };
+        (0..count).map(unit).collect()
+    }
+
+    #[test]
+    fn every_unit_has_one_rank_and_work_is_even() -> Result<(), RankError> {
+        for ranks in [1, 2, 3, 4, 7, 8, 60] {
+            let units = block([24, 5, 5], |k| 1.0 + (k % 24) as f64 / 12.0);
+            let d = Division::bisect(600 * UNIT - 100, &units, ranks)?;
+            let held: usize = (0..ranks).map(|r| d.units_of(r).len()).sum();
+            assert_eq!((held, d.idle()), (600, 0), "{ranks} ranks");
+            // Half of the dearest unit at each cut.
+            let bound = 1.5 * f64::from((ranks as u32).next_power_of_two().ilog2()) * ranks as f64 / 1200.0;
+            assert!(d.imbalance() <= bound, "{ranks} ranks: {}", d.imbalance());
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn cuts_go_across_the_longest_extent() -> Result<(), RankError> {
+        let d = Division::bisect(64 * UNIT, &block([16, 2, 2], |_| 1.0), 4)?;
+        for k in 0..64 {
+            assert_eq!(d.owner(k * UNIT + 3), k % 16 / 4);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn ranks_beyond_the_units_are_idle_and_more_than_nodes_are_refused() -> Result<(), RankError> {
+        let d = Division::bisect(2 * UNIT, &block([2, 1, 1], |_| 1.0), 5)?;
+        assert_eq!(d.idle(), 3);
+        let refused = Division::bisect(300, &block([2, 1, 1], |_| 1.0), 301);
+        let expected = RankError::TooMany {
+            ranks: 301,
+            nodes: 300,
+            units: 2,
+        };
+        assert_eq!(refused, Err(expected));
+        assert!(matches!(
+            Division::bisect(300, &[], 0),
+            Err(RankError::TooMany { ranks: 0, .. })
+        ));
+        assert!(matches!(
+            Division::bisect(300, &block([3, 1, 1], |_| 1.0), 2),
+            Err(RankError::Length { expected: 2, .. })
+        ));
+        Ok(())
+    }
+}

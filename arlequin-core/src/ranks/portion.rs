@@ -1,0 +1,190 @@
+//! What one rank holds of a model, and sums over all of it.
+
+use super::{Communicator, Division, Exact, RankError, Reduction, UNIT, WORDS};
+use crate::{Real, parallel};
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+/// Units per unit of parallel work.
+const GRAIN: usize = 8;
+
+/// The units of a model that this rank holds: nodes keep their order, and are numbered from zero.
+#[derive(Debug)]
+pub struct Portion {
+    communicator: Arc<dyn Communicator>,
+    division: Division,
+    units: Vec<u32>,
+    nodes: usize,
+    failure: OnceLock<RankError>,
+}
+
+impl Portion {
+    /// What the rank of `communicator` holds.
+    ///
+    /// # Errors
+    /// [`RankError::Length`] for a division among another number of ranks.
+    pub fn new(division: Division, communicator: Arc<dyn Communicator>) -> Result<Self, RankError> {
+        let (rank, ranks) = (communicator.rank(), communicator.ranks());
+        if division.ranks() != ranks {
+            return Err(RankError::Length {
+                rank,
+                peer: rank,
+                expected: ranks,
+                found: division.ranks(),
+            });
+        }
+        let units = division.units_of(rank);
+        let size = |u: &u32| UNIT.min(division.nodes() - *u as usize * UNIT);
+        Ok(Self {
+            nodes: units.iter().map(size).sum(),
+            units,
+            division,
+            communicator,
+            failure: OnceLock::new(),
+        })
+    }
+
+    /// How ranks hear of each other.
+    #[must_use]
+    pub fn communicator(&self) -> &dyn Communicator {
+        &*self.communicator
+    }
+
+    /// Who holds what.
+    #[must_use]
+    pub fn division(&self) -> &Division {
+        &self.division
+    }
+
+    /// Nodes of this rank.
+    #[must_use]
+    pub fn nodes(&self) -> usize {
+        self.nodes
+    }
+
+    /// Number in the whole model of a node of this rank.
+    ///
+    /// # Panics
+    /// For a node that is not there.
+    #[must_use]
+    pub fn global(&self, node: usize) -> usize {
+        self.units[node / UNIT] as usize * UNIT + node % UNIT
+    }
+
+    /// Number on this rank of a node of the whole model, if it is here.
+    #[must_use]
+    pub fn local(&self, node: usize) -> Option<usize> {
+        let unit = self.units.binary_search(&((node / UNIT) as u32)).ok()?;
+        Some(unit * UNIT + node % UNIT)
+    }
+
+    /// Sums over all ranks. Not numbers once ranks do not hear of each other any more, see [`Self::failure`].
+    pub fn total<const N: usize>(&self, own: [Exact; N]) -> [f64; N] {
+        let mut words = [[0; WORDS]; N];
+        words.iter_mut().zip(own).for_each(|(w, e)| *w = e.words());
+        if !self.reduce(words.as_flattened_mut(), Reduction::Sum) {
+            return [f64::NAN; N];
+        }
+        words.map(|w| Exact::from_words(w).value())
+    }
+
+    /// Largest of numbers of all ranks that are not negative; not a number where one of them is not, or as [`Self::total`].
+    pub fn largest(&self, own: f64) -> f64 {
+        // Such numbers are in the order of their bits, those that are not numbers behind all others.
+        let mut words = [own.abs().to_bits().cast_signed()];
+        if self.reduce(&mut words, Reduction::Largest) {
+            f64::from_bits(words[0].cast_unsigned())
+        } else {
+            f64::NAN
+        }
+    }
+
+    fn reduce(&self, words: &mut [i64], how: Reduction) -> bool {
+        self.failure.get().is_none() && self.keep(self.communicator.reduce(words, how)).is_ok()
+    }
+
+    /// Keeps a failure of the transport for [`Self::failure`].
+    ///
+    /// # Errors
+    /// That failure.
+    pub fn keep<R>(&self, of: Result<R, RankError>) -> Result<R, RankError> {
+        of.inspect_err(|e| {
+            self.failure.get_or_init(|| e.clone());
+        })
+    }
+
+    /// Why ranks do not hear of each other any more.
+    #[must_use]
+    pub fn failure(&self) -> Option<&RankError> {
+        self.failure.get()
+    }
+}
+
+/// Sums over the nodes of a model, on whatever ranks they are: `part` sums over a range of the nodes here. The same bits for
+/// any number of threads and ranks, all of which must ask. Not numbers once ranks do not hear of each other any more.
+pub fn sum<T: Real, const N: usize>(
+    nodes: usize,
+    portion: Option<&Portion>,
+    part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
+) -> [T; N] {
+    let own = units(nodes, 0..nodes.div_ceil(UNIT), part, parallel::pays(nodes * N));
+    let total = match portion {
+        Some(p) => p.total(own),
+        None => own.map(Exact::value),
+    };
+    total.map(T::of)
+}
+
+/// Sums over a range of units.
+fn units<T: Real, const N: usize>(
+    nodes: usize,
+    range: Range<usize>,
+    part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
+    parallel: bool,
+) -> [Exact; N] {
+    if parallel && range.len() > GRAIN {
+        let middle = range.start + range.len() / 2;
+        let (mut a, b) = rayon::join(
+            || units(nodes, range.start..middle, part, true),
+            || units(nodes, middle..range.end, part, true),
+        );
+        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        return a;
+    }
+    let mut out = [Exact::zero(); N];
+    for u in range {
+        let of = part(u * UNIT..nodes.min((u + 1) * UNIT));
+        out.iter_mut().zip(of).for_each(|(sum, x)| sum.add(x.as_f64()));
+    }
+    out
+}
+
+/// The largest of a number of every rank that is not negative.
+pub(crate) fn largest<T: Real>(portion: Option<&Portion>, own: T) -> T {
+    portion.map_or(own, |p| T::of(p.largest(own.as_f64())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::sum;
+
+    #[test]
+    fn sums_over_units_have_the_same_bits_on_any_number_of_threads() {
+        let x: Vec<f64> = (0..100_003).map(|i| (f64::from(i) * 0.37).sin()).collect();
+        let of = |threads: usize| -> [f64; 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let part = |r: std::ops::Range<usize>| [x[r.clone()].iter().sum(), r.len() as f64];
+            pool.map_or([f64::NAN; 2], |p| p.install(|| sum(x.len(), None, &part)))
+        };
+        let one = of(1);
+        assert!((one[0] - x.iter().sum::<f64>()).abs() < 1e-10);
+        assert_eq!(one[1].to_bits(), 100_003_f64.to_bits());
+        for threads in [2, 3] {
+            assert_eq!(
+                one.map(f64::to_bits),
+                of(threads).map(f64::to_bits),
+                "{threads} threads"
+            );
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! Runs on several ranks: the transports behind [`Communicator`](arlequin_core::ranks::Communicator).
+//!
+//! | module | ranks are |
+//! |---|---|
+//! | [`threads`] | threads of this process, each with a pool of its own: for tests |
+//!
+//! What is shared out, and how results keep their bits, stands in [`arlequin_core::ranks`].
+
+pub mod threads;

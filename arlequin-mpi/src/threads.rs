@@ -1,0 +1,234 @@
+//! Ranks as threads of one process.
+
+use arlequin_core::ranks::{Communicator, Message, RankError, Reduction};
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Does `work` on so many ranks at once, each on a thread and with `threads` more for its loops; no rank waits for another longer
+/// than `wait`. Results in the order of ranks; [`RankError::Lost`] for one that panicked.
+///
+/// ```
+/// use arlequin_core::ranks::Reduction;
+/// use std::time::Duration;
+/// let sums = arlequin_mpi::threads::run(3, 1, Duration::from_secs(5), |communicator| {
+///     let mut words = [communicator.rank() as i64];
+///     communicator.reduce(&mut words, Reduction::Sum).map(|()| words[0])
+/// });
+/// assert_eq!(sums, [Ok(Ok(3)), Ok(Ok(3)), Ok(Ok(3))]);
+/// ```
+pub fn run<R: Send>(
+    ranks: usize,
+    threads: usize,
+    wait: Duration,
+    work: impl Fn(Arc<dyn Communicator>) -> R + Sync,
+) -> Vec<Result<R, RankError>> {
+    let shared = Arc::new(Shared {
+        ranks,
+        wait,
+        state: Mutex::new(State::new(ranks)),
+        changed: Condvar::new(),
+    });
+    let one = |rank: usize| {
+        let own = Thread {
+            rank,
+            shared: shared.clone(),
+        };
+        // Tells the others when this thread ends, however it does.
+        let _leaving = Leaving(&own);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let pool = pool.map_err(|e| RankError::Transport {
+            rank,
+            what: e.to_string(),
+        })?;
+        let communicator = Arc::new(own.clone());
+        Ok(pool.install(|| work(communicator)))
+    };
+    std::thread::scope(|s| {
+        let one = &one;
+        let all: Vec<_> = (0..ranks).map(|rank| s.spawn(move || one(rank))).collect();
+        let ended = (0..).zip(all).map(|(peer, thread)| {
+            let lost = RankError::Lost { rank: peer, peer };
+            thread.join().unwrap_or(Err(lost))
+        });
+        ended.collect()
+    })
+}
+
+/// One rank.
+#[derive(Debug, Clone)]
+struct Thread {
+    rank: usize,
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    ranks: usize,
+    wait: Duration,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Debug)]
+struct State {
+    /// What rank `i` has sent to rank `j`, at `i * ranks + j`.
+    boxes: Vec<VecDeque<Vec<f64>>>,
+    /// Words of the reduction under way, how many ranks have given theirs, how many reductions there were.
+    words: Vec<i64>,
+    given: usize,
+    done: usize,
+    result: Vec<i64>,
+    /// Which ranks have ended, and which gave up and why.
+    ended: Vec<bool>,
+    gave_up: Option<(usize, String)>,
+}
+
+impl State {
+    fn new(ranks: usize) -> Self {
+        Self {
+            boxes: vec![VecDeque::new(); ranks * ranks],
+            words: Vec::new(),
+            given: 0,
+            done: 0,
+            result: Vec::new(),
+            ended: vec![false; ranks],
+            gave_up: None,
+        }
+    }
+}
+
+/// Marks a rank as ended.
+struct Leaving<'a>(&'a Thread);
+
+impl Drop for Leaving<'_> {
+    fn drop(&mut self) {
+        self.0.lock().ended[self.0.rank] = true;
+        self.0.shared.changed.notify_all();
+    }
+}
+
+impl Thread {
+    /// State is whole whatever thread panicked: nothing panics while it holds the lock.
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.shared.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until `ready` returns something; `from`: ranks without which it never will.
+    fn wait<R>(
+        &self,
+        what: &'static str,
+        from: std::ops::Range<usize>,
+        mut ready: impl FnMut(&mut State) -> Option<R>,
+    ) -> Result<R, RankError> {
+        let rank = self.rank;
+        let until = Instant::now() + self.shared.wait;
+        let mut state = self.lock();
+        loop {
+            if let Some(found) = ready(&mut state) {
+                return Ok(found);
+            }
+            if let Some((by, why)) = &state.gave_up {
+                let (by, why) = (*by, why.clone());
+                return Err(RankError::GaveUp { rank, by, why });
+            }
+            if let Some(peer) = from.clone().find(|r| *r != rank && state.ended[*r]) {
+                return Err(RankError::Lost { rank, peer });
+            }
+            let now = Instant::now();
+            if now >= until {
+                let one = from.len() == 1;
+                return Err(RankError::Silent {
+                    rank,
+                    peer: if one {
+                        format!("rank {}", from.start)
+                    } else {
+                        "other ranks".to_owned()
+                    },
+                    what,
+                    seconds: self.shared.wait.as_secs_f64(),
+                });
+            }
+            let changed = self.shared.changed.wait_timeout(state, until - now);
+            state = changed.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+}
+
+impl Communicator for Thread {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn ranks(&self) -> usize {
+        self.shared.ranks
+    }
+
+    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError> {
+        let (rank, ranks) = (self.rank, self.shared.ranks);
+        let mut state = self.lock();
+        for m in &*messages {
+            state.boxes[rank * ranks + m.peer].push_back(m.out.clone());
+        }
+        drop(state);
+        self.shared.changed.notify_all();
+        meanwhile();
+        for m in messages {
+            let from = m.peer..m.peer + 1;
+            let found = self.wait("a message", from, |s| s.boxes[m.peer * ranks + rank].pop_front())?;
+            if found.len() != m.into.len() {
+                return Err(RankError::Length {
+                    rank,
+                    peer: m.peer,
+                    expected: m.into.len(),
+                    found: found.len(),
+                });
+            }
+            m.into = found;
+        }
+        Ok(())
+    }
+
+    fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
+        let (rank, ranks) = (self.rank, self.shared.ranks);
+        let mut state = self.lock();
+        if state.given == 0 {
+            state.words = words.to_vec();
+        } else if state.words.len() == words.len() {
+            let both = state.words.iter_mut().zip(&*words);
+            both.for_each(|(a, b)| {
+                *a = match how {
+                    Reduction::Sum => *a + *b,
+                    Reduction::Largest => (*a).max(*b),
+                };
+            });
+        } else {
+            let expected = state.words.len();
+            drop(state);
+            return Err(RankError::Length {
+                rank,
+                peer: rank,
+                expected,
+                found: words.len(),
+            });
+        }
+        state.given += 1;
+        let mine = state.done;
+        if state.given == ranks {
+            let s = &mut *state;
+            std::mem::swap(&mut s.words, &mut s.result);
+            (s.given, s.done) = (0, mine + 1);
+        }
+        drop(state);
+        self.shared.changed.notify_all();
+        // The next result is not there before this rank has given its words for it.
+        self.wait("a sum over all ranks", 0..ranks, |s| {
+            (s.done > mine).then(|| words.copy_from_slice(&s.result))
+        })
+    }
+
+    fn abandon(&self, why: &str) {
+        self.lock().gave_up.get_or_insert((self.rank, why.to_owned()));
+        self.shared.changed.notify_all();
+    }
+}
