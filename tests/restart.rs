@@ -282,6 +282,19 @@ fn the_reported_jump_is_that_of_the_displacements_and_survives_a_restart() {
         if c.advance(&mut Silent).unwrap().energy.is_none() {
             continue;
         }
+        // Along a line nothing turns: the common motion is the mean one.
+        let masses = [COARSE, FINE].map(|k| {
+            let mut held: Vec<usize> = matrices[k].iter().map(|(_, (_, j))| j).collect();
+            held.sort_unstable();
+            held.dedup();
+            let s = &c.subdomains()[k];
+            held.into_iter()
+                .map(|j| (s.inertia()[j], s.state().q[j]))
+                .collect::<Vec<_>>()
+        });
+        let masses = masses.concat();
+        let mean = masses.iter().map(|(m, q)| m * q).sum::<f64>() / masses.iter().map(|m| m.0).sum::<f64>();
+        amplitude = masses.iter().fold(amplitude, |a, (_, q)| a.max((q - mean).abs()));
         let rows = matrices[0].rows();
         let (mut jump, mut measure) = (vec![0.0; rows], vec![0.0; rows]);
         for (k, sign) in [(COARSE, 1.0), (FINE, -1.0)] {
@@ -289,7 +302,6 @@ fn the_reported_jump_is_that_of_the_displacements_and_survives_a_restart() {
             for (b, (i, j)) in matrices[k].iter() {
                 jump[i] += sign * b * q[j];
                 measure[i] += if k == COARSE { b.abs() } else { 0.0 };
-                amplitude = amplitude.max(q[j].abs());
             }
         }
         let of = jump.iter().zip(&measure).map(|(j, m)| (j / m).abs());

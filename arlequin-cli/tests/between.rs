@@ -64,6 +64,27 @@ fn written(folder: &Path, scene: &str) -> std::path::PathBuf {
     path
 }
 
+/// The upper cube would make two steps where the lower one is to make shorter ones.
+#[test]
+fn a_number_of_own_steps_that_contact_overrides_is_warned_of() {
+    let folder = scratch("between-ratio");
+    let told = |steps: &str| {
+        let path = written(&folder, &format!("{TWO}{TOUCH}{steps}"));
+        let plan = succeed(&["check", "--json", text(&path)]);
+        let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
+        (plan["models"].clone(), plan["warnings"].to_string())
+    };
+    let (models, warnings) = told("[model.above.step]\nratio = 2\n[model.below.step]\nfraction = 0.2\n");
+    let made = models[0]["own_steps"].as_u64().expect("a count");
+    assert!(made > 2 && models[1]["own_steps"] == made, "{models}");
+    let wanted = format!(
+        "model 'above': makes {made} own steps in a step of the run, not step.ratio = 2: an effect between it and 'below'"
+    );
+    assert!(warnings.contains(&wanted), "{warnings}");
+    let (_, warnings) = told("[model.above.step]\nratio = 2\n");
+    assert!(!warnings.contains("step.ratio"), "{warnings}");
+}
+
 #[test]
 fn bodies_that_touch_have_a_line_of_their_own() {
     let folder = scratch("between-run");

@@ -57,7 +57,7 @@ fn of_file(path: &Path, sets: &[&str]) -> Vec<String> {
 /// Settings that make the scene odd, and a part of each warning they give.
 type Case = (&'static [&'static str], &'static [&'static str]);
 
-const ODD: [Case; 17] = [
+const ODD: [Case; 20] = [
     (
         &[
             "model.left.material.young=72.5",
@@ -126,6 +126,27 @@ const ODD: [Case; 17] = [
     ),
     (&["time.end=1e4"], &["steps of"]),
     (
+        &["model.left.step.scheme=implicit", "model.right.step.ratio=9"],
+        &["model 'left': its implicit step of"],
+    ),
+    (
+        &[
+            "support.0={model='left', where='y-min', components=['y']}",
+            "model.left.step.scheme=implicit",
+            "model.right.step.ratio=2",
+        ],
+        &[
+            "interface 'joint': 'left' has a support on 8 of its nodes in the overlap (along y), 'right' has none there",
+        ],
+    ),
+    (
+        &[
+            "support=[{model='left', where='x-min'}, {model='right', where.box={low=[50e-3, 0.0, 0.0], high=[60e-3, 10e-3, 1e-3]}, \
+             components=['x', 'z']}]",
+        ],
+        &["(along x, z), 'left' has none there"],
+    ),
+    (
         &["model.right.step={ratio=100}"],
         &["time.end = 3.000e-5 s: the run goes on to"],
     ),
@@ -167,6 +188,12 @@ fn each_odd_number_is_named() {
             assert!(f.contains(w), "{sets:?}: '{w}' is missing in {found:#?}");
         }
     }
+}
+
+#[test]
+fn a_support_of_both_models_in_their_overlap_is_as_it_should_be() {
+    let both = "support=[{model='left', where='y-min', components=['y']}, {model='right', where='y-min', components=['y']}]";
+    assert_eq!(warnings(&scratch("both-held"), GLASS, &[both]), [""; 0]);
 }
 
 #[test]

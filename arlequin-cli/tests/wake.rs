@@ -199,7 +199,7 @@ fn check_shows_both_parts() {
 /// Each is refused before a step is made, at its key, with the way out.
 #[test]
 fn bad_input_is_named() {
-    let cases: [(&str, &str, &str); 14] = [
+    let cases: [(&str, &str, &str); 15] = [
         (
             "model = \"right\"\nby",
             "model = \"wrong\"\nby",
@@ -238,6 +238,11 @@ fn bad_input_is_named() {
             "load.0.model=left",
         ),
         ("end = 26.0", "steps = 100", "time.end"),
+        (
+            "[wake]",
+            "[model.left.step]\nscheme = \"implicit\"\n[wake]",
+            "leaves nothing to choose a step by while 'right' sleeps",
+        ),
     ];
     for (k, (from, to, expected)) in cases.iter().enumerate() {
         assert!(WAKING.contains(from), "{from}");

@@ -15,7 +15,17 @@ const ABSORBER_WIDTH: f64 = 4.0;
 /// Coarse element over fine spacing from which there are wavelengths well below the element.
 const ABSORBER_RATIO: f64 = 4.0;
 
-/// Something measured that the choices of an overlap lie outside of. Lengths \[m\].
+/// Error of a period that counts as resolved.
+const PERIOD: f64 = 0.05;
+
+/// `ω Δt` at which average acceleration, `tan(ω̃ Δt/2) = ω Δt/2`, has periods that are [`PERIOD`] too long: eight steps a period.
+const STEP_RESOLVES: f64 = 0.788;
+
+/// The same of the critical step where lumped elements have such periods, `ω = (2/Δt_c) sin(kh/2)` for waves of `k c`: six
+/// elements a wave.
+const MESH_RESOLVES: f64 = 1.025;
+
+/// Something measured that the choices of an overlap or of a step lie outside of. Lengths \[m\], times \[s\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Advice {
@@ -52,6 +62,13 @@ pub enum Advice {
     },
     /// Bonds that break without an absorber.
     NoAbsorber,
+    /// An implicit step that loses more than half of the frequencies which the mesh resolves.
+    LongImplicitStep {
+        /// Step.
+        step: f64,
+        /// Critical step of the explicit scheme.
+        critical: f64,
+    },
 }
 
 impl fmt::Display for Advice {
@@ -92,6 +109,20 @@ impl fmt::Display for Advice {
                 "bonds can break in the overlap and it has no absorber: what breaking radiates stays in the particles and \
                  breaks more of them there; take rate_factor = 0.2"
             ),
+            Self::LongImplicitStep { step, critical } => {
+                let hertz = |resolves: f64, of: f64| resolves / (std::f64::consts::TAU * of);
+                write!(
+                    f,
+                    "its implicit step of {step:.3e} s is {:.1} times the critical step that an explicit one would have: frequencies \
+                     above {:.3e} Hz are not resolved by the step (their periods come out more than {:.0} % too long), though its \
+                     mesh carries up to {:.3e} Hz; take a step of {:.3e} s where those matter",
+                    step / critical,
+                    hertz(STEP_RESOLVES, *step),
+                    100.0 * PERIOD,
+                    hertz(MESH_RESOLVES, *critical),
+                    critical * STEP_RESOLVES / MESH_RESOLVES
+                )
+            }
         }
     }
 }
@@ -112,6 +143,13 @@ pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) ->
     out
 }
 
+/// What an implicit model with that step and that critical step of the explicit scheme \[s\] does not resolve, if it is more than
+/// half of what its mesh does.
+pub fn implicit(step: f64, critical: f64) -> Option<Advice> {
+    let lost = STEP_RESOLVES / step < 0.5 * MESH_RESOLVES / critical;
+    lost.then_some(Advice::LongImplicitStep { step, critical })
+}
+
 /// What keeps an absorber from reflecting 0.3 % of short waves at most: `jump` of the weight at its borders, coarse
 /// elements of length `element`, a fine model of that `spacing`.
 pub fn absorber(width: Option<f64>, jump: f64, element: f64, spacing: f64) -> Vec<Advice> {
@@ -130,7 +168,7 @@ pub fn absorber(width: Option<f64>, jump: f64, element: f64, spacing: f64) -> Ve
 
 #[cfg(test)]
 mod tests {
-    use super::{Advice, absorber, breakage};
+    use super::{Advice, MESH_RESOLVES, PERIOD, STEP_RESOLVES, absorber, breakage, implicit};
 
     #[test]
     fn overlaps_in_which_breakage_is_right_are_not_warned_of_and_each_fault_is_named() {
@@ -147,6 +185,33 @@ mod tests {
         ];
         assert_eq!(all, wanted);
         assert!(all[0].to_string().contains("5.000e-1 m"), "{}", all[0]);
+    }
+
+    #[test]
+    fn limits_of_implicit_steps_are_where_periods_are_five_per_cent_too_long() {
+        let half = 0.5 * STEP_RESOLVES;
+        assert!((half / half.atan() - 1.0 - PERIOD).abs() < 5e-4);
+        // Of waves of length 2π/k the mesh has ω = (2/Δt_c) sin(kh/2) in place of (2/Δt_c) kh/2.
+        let half = 0.5 * MESH_RESOLVES;
+        assert!((half.asin() / half - 1.0 - PERIOD).abs() < 5e-4);
+    }
+
+    #[test]
+    fn implicit_steps_are_warned_of_beyond_one_and_a_half_critical_ones_with_what_they_lose() {
+        assert_eq!([0.1, 1.0, 1.5].map(|r| implicit(r * 1e-6, 1e-6)), [None; 3]);
+        let long = implicit(12e-6, 1e-6).map(|a| a.to_string()).unwrap_or_default();
+        // 0.788/(2π 12 µs) and 1.025/(2π 1 µs).
+        for word in [
+            "12.0 times",
+            "above 1.045e4 Hz",
+            "5 % too long",
+            "up to 1.631e5 Hz",
+            "step of 7.688e-7 s",
+        ] {
+            assert!(long.contains(word), "{long}");
+        }
+        assert!(implicit(1.6e-6, 1e-6).is_some());
+        assert_eq!(implicit(1.0, f64::INFINITY), None);
     }
 
     #[test]

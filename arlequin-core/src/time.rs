@@ -1,14 +1,18 @@
 //! Time functions of loads and prescribed motions.
 
+mod antiderivative;
+
 use crate::error::invalid;
 use crate::{Real, Result};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// A function of time by a formula, with the text that says it.
 #[derive(Clone)]
 pub struct Formula {
     text: Arc<str>,
     at: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
+    /// Integrals up to some times, found when they are asked for.
+    sums: Arc<Mutex<Vec<f64>>>,
 }
 
 impl Formula {
@@ -17,6 +21,7 @@ impl Formula {
         Self {
             text: text.into(),
             at: Arc::new(at),
+            sums: Arc::default(),
         }
     }
 
@@ -63,8 +68,8 @@ pub enum TimeFunction<T> {
     Table(Vec<(T, T)>),
     /// Any formula.
     Formula(Formula),
-    /// `∫_0^t` of another function \[s\]: a motion of which the speed is given. Exact for all but formulas, which are summed
-    /// up by Gauss points.
+    /// `∫_0^t` of another function \[s\]: a motion of which the speed is given. Exact for all but formulas, of which
+    /// pieces are halved until two rules of quadrature agree to round-off.
     Integral(Box<Self>),
 }
 
@@ -171,17 +176,8 @@ impl<T: Real> TimeFunction<T> {
                 let part = |w: &[f64]| 0.5 * (w[1] - w[0]) * (self.at_wide(w[0]) + self.at_wide(w[1]));
                 t.signum() * between.windows(2).map(part).sum::<f64>()
             }
-            Self::Formula(_) | Self::Integral(_) => {
-                // As many pieces as there are digits in it, each by three points.
-                let (pieces, root) = (256, 0.6_f64.sqrt());
-                let h = t / f64::from(pieces);
-                let piece = |k: i32| {
-                    let middle = h * (f64::from(k) + 0.5);
-                    let ends = [-root, root].map(|x| self.at_wide(middle + 0.5 * h * x));
-                    h * (5.0 * (ends[0] + ends[1]) + 8.0 * self.at_wide(middle)) / 18.0
-                };
-                (0..pieces).map(piece).sum()
-            }
+            Self::Formula(f) => f.integral(t),
+            Self::Integral(_) => antiderivative::between(&|t| self.at_wide(t), 0.0, t),
         }
     }
 }

@@ -305,12 +305,25 @@ impl<T: Real> Weights<T> {
         let pick = |f: &dyn Fn(&Self) -> Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
             Arc::new(Complement(coarse.iter().map(f).collect()))
         };
+        let weighting = coarse.first().map_or(Weighting::Energy, |w| w.weighting);
+        let internal = pick(&|w| w.internal.clone());
+        if coarse.iter().all(Self::are_one) {
+            return Self::same(internal).with_weighting(weighting);
+        }
         Self {
-            internal: pick(&|w| w.internal.clone()),
+            internal,
             kinetic: pick(&|w| w.kinetic.clone()),
             external: pick(&|w| w.external.clone()),
-            weighting: coarse.first().map_or(Weighting::Energy, |w| w.weighting),
+            weighting,
         }
+    }
+
+    /// Whether all three are known to be one weight, so that it is enough to ask for one of them.
+    pub(crate) fn are_one(&self) -> bool {
+        let place = |w: &Arc<dyn Weight<T>>| Arc::as_ptr(w).cast::<()>();
+        [&self.kinetic, &self.external]
+            .iter()
+            .all(|w| std::ptr::eq(place(w), place(&self.internal)))
     }
 
     /// The share of a model in what coarser ones leave: the product of both, applied as these are.
@@ -319,6 +332,9 @@ impl<T: Real> Weights<T> {
         let product = |own: Arc<dyn Weight<T>>, left: &Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
             Arc::new(Product(vec![left.clone(), own]))
         };
+        if self.are_one() && left.are_one() {
+            return Self::same(product(self.internal, &left.internal)).with_weighting(self.weighting);
+        }
         Self {
             internal: product(self.internal, &left.internal),
             kinetic: product(self.kinetic, &left.kinetic),

@@ -85,7 +85,7 @@ fn text(kinds: [&str; 2], unknowns: f64) -> String {
         model("right", kinds[1], "fine", 2.0 * EDGE, 0.97 * spacing(kinds[1])),
         format!(
             "[interface.middle]\ncoarse = \"left\"\nfine = \"right\"\nweight = {{ profile = \"cubic\" }}\n\
-             overlap.slab = {{ fine = [{:e}, 0.0, 0.0], coarse = [{:e}, 0.0, 0.0] }}\n\
+             overlap.slab = {{ coarse = [{:e}, 0.0, 0.0], fine = [{:e}, 0.0, 0.0] }}\n\
              mediator = {{ spacing = {:e} }}\n{junction}",
             2.0 * EDGE,
             3.0 * EDGE,

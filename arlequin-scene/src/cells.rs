@@ -1,15 +1,17 @@
-//! Displacement gradients at the centres of a model's cells.
+//! Displacement gradients and materials at the centres of a model's cells.
 
 use crate::error::{Result, core};
 use crate::setup::ModelInfo;
-use arlequin::core::ShapeRow;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin::core::{Elastic, ShapeRow};
 
 /// Shape gradients at the centre of one cell.
 #[derive(Debug, Clone)]
 pub(crate) struct Cell {
     /// Centre \[m\].
     pub(crate) centre: Point3<f64>,
+    /// What it is made of.
+    pub(crate) material: Elastic<f64>,
     /// Nodes and gradients of their shape functions \[1/m\].
     row: Vec<(usize, Vector3<f64>)>,
 }
@@ -32,7 +34,7 @@ impl Cell {
 /// The cells of a model; an error, placed at `key`, where its field has no gradient.
 pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
     let mut row = ShapeRow::default();
-    let one = |cell: &[u32]| {
+    let one = |(k, cell): (usize, &[u32])| {
         let sum = cell
             .iter()
             .fold(Vector3::zeros(), |s, &k| s + d.grid.points[k as usize].coords);
@@ -41,12 +43,14 @@ pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
         let row = row.nodes.iter().copied().zip(row.gradients.iter().copied());
         Ok(Cell {
             centre,
+            material: *d.materials.at(k),
             row: row.collect(),
         })
     };
     d.grid
         .connectivity
         .chunks_exact(d.grid.corners)
+        .enumerate()
         .map(one)
         .collect()
 }

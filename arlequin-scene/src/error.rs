@@ -163,19 +163,26 @@ pub enum Error {
 /// Result of what scenes do.
 pub type Result<V, E = Error> = std::result::Result<V, E>;
 
+/// Errors that speak of a key of the scene.
+macro_rules! keyed {
+    ($key:ident) => {
+        Self::Set { $key, .. }
+            | Self::Value { $key, .. }
+            | Self::Key { $key, .. }
+            | Self::UnknownName { $key, .. }
+            | Self::Core { $key, .. }
+            | Self::Fem { $key, .. }
+            | Self::Dem { $key, .. }
+            | Self::Cnem { $key, .. }
+    };
+}
+
 impl Error {
     /// Path of the key the error speaks of, and bytes of the scene file where the parser knows them.
     pub fn place(&self) -> (Option<&str>, Option<std::ops::Range<usize>>) {
         match self {
             Self::Syntax { span, .. } => (None, span.clone()),
-            Self::Set { key, .. }
-            | Self::Value { key, .. }
-            | Self::Key { key, .. }
-            | Self::UnknownName { key, .. }
-            | Self::Core { key, .. }
-            | Self::Fem { key, .. }
-            | Self::Dem { key, .. }
-            | Self::Cnem { key, .. } => (Some(key), None),
+            keyed!(key) => (Some(key), None),
             Self::Kept { source, .. } => source.place(),
             _ => (None, None),
         }
@@ -184,20 +191,10 @@ impl Error {
     /// The same of the key that `other` gives for its own, if any.
     #[must_use]
     pub(crate) fn at_key(mut self, other: impl FnOnce(&str) -> Option<String>) -> Self {
-        match &mut self {
-            Self::Set { key, .. }
-            | Self::Value { key, .. }
-            | Self::Key { key, .. }
-            | Self::UnknownName { key, .. }
-            | Self::Core { key, .. }
-            | Self::Fem { key, .. }
-            | Self::Dem { key, .. }
-            | Self::Cnem { key, .. } => {
-                if let Some(new) = other(key) {
-                    *key = new;
-                }
-            }
-            _ => {}
+        if let keyed!(key) = &mut self
+            && let Some(new) = other(key)
+        {
+            *key = new;
         }
         self
     }

@@ -35,6 +35,9 @@ pub struct Preview {
     pub dt: f64,
     /// Largest stable step \[s\].
     pub critical_dt: f64,
+    /// How load steps of a scene at rest are solved: directly, or by relaxation and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resting: Option<String>,
     /// Steps to make.
     pub steps: usize,
     /// End \[s\].
@@ -49,7 +52,7 @@ pub struct Preview {
     pub setup_seconds: f64,
     /// Parts of them, in order.
     pub setup_phases: Vec<PhaseTime>,
-    /// Seconds the steps will take, from trial steps that are thrown away; none if these fail.
+    /// Seconds the steps will take, from trial steps that are thrown away; none if these fail, and of a scene at rest.
     pub stepping_seconds: Option<f64>,
     /// What a user should know.
     pub warnings: Vec<String>,
@@ -94,8 +97,12 @@ impl Preview {
         };
         let frames = Frames::new(PathBuf::new(), fields, &run, pictures);
         let last = load_steps.and_then(|s| s.times.last().copied());
+        let resting = last.map(|_| match run.solves_directly() {
+            Ok(()) => "directly".to_owned(),
+            Err(why) => format!("by relaxation, as {why}"),
+        });
         let plan = run.plan();
-        let count = 1 + steps.div_ceil(frame_every);
+        let count = usize::from(last.is_none()) + steps.div_ceil(frame_every);
         Self {
             scene: scene.source().path.display().to_string(),
             title: scene.spec().title.clone(),
@@ -105,6 +112,7 @@ impl Preview {
             effects: plan.effects.clone(),
             dt: plan.dt,
             critical_dt: plan.critical_dt,
+            resting,
             steps,
             end: last.unwrap_or(steps as f64 * plan.dt),
             frames: count,

@@ -326,3 +326,71 @@ fn probes_and_curves_of_forces_refuse_what_makes_no_sense() {
         "give them different names",
     );
 }
+
+/// A force on a side of which a part lies in the overlap: each half is spread over another surface, and the sum is another force, which
+/// the scene says. On a face that both models have whole in the overlap, or outside of it, it is the force that is asked for.
+#[test]
+fn total_forces_that_an_overlap_changes_are_told() {
+    let solid = "material = { young = 3.0, poisson = 0.2, density = 1.5 }";
+    let bodies = |right: &str| {
+        format!(
+            "[model.left]\nkind = \"fem\"\nspacing = 1.0\nrole = \"coarse\"\n{solid}\n\
+             shape.box = {{ low = [0.0, 0.0, 0.0], high = [6.0, 2.0, 2.0] }}\n\
+             [model.right]\n{right}\nrole = \"fine\"\n{solid}\n\
+             shape.box = {{ low = [3.0, 0.0, 0.0], high = [7.0, 2.0, 2.0] }}\n\
+             [interface.joint]\ncoarse = \"left\"\nfine = \"right\"\nmediator.spacing = 1.0\n\
+             overlap.slab = {{ coarse = [3.0, 0.0, 0.0], fine = [6.0, 0.0, 0.0] }}\n[time]\nsteps = 1\n"
+        )
+    };
+    let load = |model: &str, face: &str, name: &str| {
+        format!(
+            "[[load]]\nmodel = \"{model}\"\nwhere = \"{face}\"\n{name}\nforce = [0.0, 0.0, -2.0]\ntime = \"step\"\n"
+        )
+    };
+    let warned = |right: &str, loads: &str| {
+        let scene = Scene::from_text(bodies(right) + loads).expect("a scene");
+        let all = arlequin_scene::setup::build(scene.spec(), scene.folder())
+            .expect("built")
+            .warnings;
+        all.into_iter()
+            .filter(|w| w.contains("lies in an overlap"))
+            .collect::<Vec<_>>()
+    };
+    for right in [
+        "kind = \"fem\"\nspacing = 0.5",
+        "kind = \"dem\"\nspacing = 0.4\ndem.protocol = \"quench\"",
+    ] {
+        for name in ["", "name = \"p\""] {
+            let both = load("left", "z-max", name) + &load("right", "z-max", name);
+            let told = warned(right, &both);
+            assert_eq!(told.len(), 1, "{told:?}");
+            // Half of the overlap's half weight: (3 + 1.5)/6 of one and (1 + 1.5)/4 of the other.
+            let wanted = 2.0 * (4.5 / 6.0 + 2.5 / 4.0);
+            let said: f64 = told[0]
+                .split("' ")
+                .nth(1)
+                .and_then(|w| w.split(' ').next())
+                .expect("a number")
+                .parse()
+                .expect("one");
+            assert!((said / wanted - 1.0).abs() < 0.03, "{told:?}");
+        }
+        // One half alone, then what needs no word: outside of the overlap.
+        assert_eq!(warned(right, &load("left", "z-max", "")).len(), 1);
+        assert!(warned(right, &(load("left", "x-min", "") + &load("right", "x-max", ""))).is_empty());
+    }
+    // Both wholly in the overlap: the weights sum to one.
+    let patch = |model: &str| {
+        load(model, "z-max", "").replace(
+            "where = \"z-max\"",
+            "where.box = { low = [4.0, 0.0, 2.0], high = [5.0, 2.0, 2.0] }",
+        )
+    };
+    assert!(
+        warned(
+            "kind = \"fem\"\nspacing = 0.5",
+            &(patch("left") + &patch("right"))
+        )
+        .is_empty()
+    );
+}

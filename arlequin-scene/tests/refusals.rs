@@ -108,6 +108,57 @@ fn numbers_that_rust_writes_otherwise_than_toml_are_understood() {
     assert_eq!(set.spec().title.as_deref(), Some("infinity"));
 }
 
+/// Two faces have an edge in common, and with it components of its nodes.
+#[test]
+fn supports_that_hold_the_same_nodes_are_told_apart_by_place_and_component() {
+    let both = |components: &str| {
+        let more = format!("[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\n{components}\n");
+        Scene::from_text(SOLIDS.to_owned() + &more)
+    };
+    let refusal = refused(both("components = [\"y\"]"));
+    says(
+        &refusal,
+        "support[1].where",
+        &[
+            "holds y of the node of 'left' at (0.0000e0, 0.0000e0",
+            "as support[0] does",
+            "1 more",
+            "leave \"y\" out",
+        ],
+    );
+    let apart = SOLIDS.replacen("where = \"x-min\"", "where = \"x-min\"\ncomponents = [\"x\"]", 1);
+    let more = "[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\ncomponents = [\"y\", \"z\"]\n";
+    assert!(Scene::from_text(apart + more).and_then(|s| s.prepare()).is_ok());
+}
+
+/// Names of loads and rigid bodies head columns: with a comma in one, all numbers behind it would stand under a wrong head.
+#[test]
+fn names_that_would_break_tables_are_refused() {
+    for name in ["tip, end", "a\"b", "two\nlines", " ", "a;b"] {
+        let refusal = refused(solids().set("load.0.name", name));
+        says(&refusal, "load[0].name", &["head of tables", "take letters"]);
+    }
+    let grains = SOLIDS.replacen(
+        "kind = \"fem\"\nrole = \"fine\"",
+        "kind = \"dem\"\nrole = \"fine\"",
+        1,
+    ) + "[[effect]]\nmodels = [\"right\"]\nobstacle = { name = \"ball, big\", shape.plane = { point = [0.0, 0.0, -1.0], \
+           normal = [0.0, 0.0, 1.0] } }\n";
+    let refusal = refused(Scene::from_text(grains));
+    says(
+        &refusal,
+        "effect[0].obstacle.name",
+        &["ball, big", "head of tables"],
+    );
+    assert!(
+        solids()
+            .set("load.0.name", "tip of the bar")
+            .expect("sets")
+            .prepare()
+            .is_ok()
+    );
+}
+
 #[test]
 fn numbers_that_a_key_cannot_take_are_refused_with_key_value_and_remedy() {
     for (value, shown) in [

@@ -268,3 +268,57 @@ fn static_scenes_refuse_what_needs_time() {
         "{error}"
     );
 }
+
+/// Free to move along y and z and to turn about x: round-off over round-off is no displacement, whatever the residual says.
+#[test]
+fn bodies_that_can_move_freely_have_no_equilibrium() {
+    for kind in ["fem", "cnem"] {
+        for load in [
+            "force = [1.0, 0.5, 0.0]",
+            "torque = [1.0, 0.0, 0.0]",
+            "force = [1.0, 0.0, 0.0]",
+        ] {
+            let text = |components: &str| {
+                format!(
+                    "[model.bar]\nkind = \"{kind}\"\ndivisions = [8, 2, 2]\n\
+                     shape.box = {{ low = [0.0, 0.0, 0.0], high = [0.1, 0.01, 0.01] }}\n\
+                     material = {{ young = 70e9, poisson = 0.3, density = 2000.0 }}\n\
+                     [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n{components}\n\
+                     [[load]]\nmodel = \"bar\"\nwhere = \"x-max\"\n{load}\ntime = \"step\"\n[static]\nsteps = 1\n"
+                )
+            };
+            let run = |components: &str| {
+                let scene = Scene::from_text(text(components)).expect("a scene");
+                scene.prepare().expect("built").run(&mut Silent)
+            };
+            assert!(run("").is_ok(), "{kind}, {load}");
+            let told = run("components = [\"x\"]").expect_err("free to move").to_string();
+            assert!(
+                told.contains("singular") && told.contains("rigid motions"),
+                "{told}"
+            );
+        }
+    }
+}
+
+/// What `check` prints of a scene at rest: load steps, how they are solved, and a frame for each.
+#[test]
+fn the_plan_of_a_scene_at_rest_tells_of_load_steps() {
+    let text = "[model.bar]\nkind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"\n\
+                shape.box = { low = [0.0, 0.0, 0.0], high = [4.0, 2.0, 2.0] }\n\
+                material = { young = 70e9, poisson = 0.3, density = 2000.0 }\n\
+                [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n\
+                [static]\ntimes = [0.5, 2.0, 3.0]\n[output]\nevery = 1\n";
+    let plan = |more: &str| {
+        let scene = Scene::from_text(format!("{text}{more}")).expect("a scene");
+        scene.prepare().expect("built").preview()
+    };
+    let direct = plan("");
+    assert_eq!((direct.steps, direct.frames, direct.end), (3, 3, 3.0));
+    assert_eq!(direct.resting.as_deref(), Some("directly"));
+    let relaxed = plan("[[effect]]\ncontact = {}\n").resting.expect("at rest");
+    assert!(
+        relaxed.starts_with("by relaxation, as 'bar': effect 'contact'"),
+        "{relaxed}"
+    );
+}

@@ -3,7 +3,7 @@
 
 use arlequin::core::Uniform;
 use arlequin_scene::setup::{Built, build};
-use arlequin_scene::{Error, Scene, Source};
+use arlequin_scene::{Error, RunFolder, Scene, Silent, Source};
 
 /// Two bricks of one metre in a row, `soft` and `stiff`.
 const BRICKS: &str = "[model.bar]\nkind = \"fem\"\nshape.file = \"bricks.msh\"\n\
@@ -57,6 +57,38 @@ fn volumes_in_a_row_stretch_by_their_own_moduli() {
             .any(|w| w.contains("has 2 volumes (soft, stiff)")),
         "{:?}",
         alike.warnings
+    );
+}
+
+/// Frames: `½ σ²/E` of each volume's own modulus, and the sum over the elements is the energy that is stored.
+#[test]
+fn energy_densities_are_those_of_the_volumes_own_materials() {
+    let pull = "[[support]]\nmodel = \"bar\"\nwhere = \"left\"\n\
+                [[load]]\nmodel = \"bar\"\nwhere = \"right\"\ntraction = [0.01, 0.0, 0.0]\ntime = \"step\"\n\
+                [static]\nsteps = 1\n";
+    let pulled = scene(&(BRICKS.replace("[time]\nsteps = 1\n", "") + pull)).unwrap();
+    let folder = std::path::PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("volumes-density");
+    let into = RunFolder::new(&pulled, Some(&folder), true).unwrap();
+    pulled.prepare().unwrap().run_into(into, &mut Silent).unwrap();
+    let bytes = std::fs::read(folder.join("vtu/bar_00000001.vtu")).unwrap();
+    let head = String::from_utf8_lossy(&bytes).into_owned();
+    let at = head.find("Name=\"energy density [J/m3]\"").unwrap();
+    let offset = head[at..]
+        .split("offset=\"")
+        .nth(1)
+        .and_then(|s| s.split('"').next());
+    let mark = b"encoding=\"raw\">\n_";
+    let start = bytes.windows(mark.len()).position(|w| w == mark).unwrap() + mark.len();
+    let start = start + offset.unwrap().parse::<usize>().unwrap();
+    let size = u64::from_le_bytes(bytes[start..start + 8].try_into().unwrap()) as usize;
+    let data = bytes[start + 8..start + 8 + size].as_chunks::<8>().0;
+    let found: Vec<f64> = data.iter().map(|b| f64::from_le_bytes(*b)).collect();
+    let [soft, stiff] = [0.5e-4, 0.125e-4];
+    let near = |wanted: f64| found.iter().filter(|x| (**x - wanted).abs() < 1e-12).count();
+    assert_eq!(
+        (near(soft) + near(stiff), near(soft)),
+        (found.len(), found.len() / 2),
+        "{found:?}"
     );
 }
 

@@ -377,3 +377,28 @@ fn product(k: &sprs::CsMat<f64>, q: &[f64]) -> Vec<f64> {
         .map(|row| row.iter().map(|(c, v)| v * q[c]).sum())
         .collect()
 }
+
+/// Lengths are differences of places, so a body at rest has forces in its last digits; what they add up to is no growth.
+#[test]
+fn a_body_at_rest_with_finite_rotations_is_not_stopped_for_its_last_digits() {
+    for size in [1.0, 1e-9, 1e6] {
+        let mut packing = packing().clone();
+        packing
+            .positions
+            .iter_mut()
+            .for_each(|x| *x = (*x + Vector3::repeat(3e-3)) * size);
+        packing.radii.iter_mut().for_each(|r| *r *= size);
+        let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0)
+            .unwrap()
+            .with_finite_rotations();
+        let side = Subdomain::fine(model, Weights::uncoupled());
+        let guard = Guard {
+            interval: 1,
+            ..Guard::for_weighting(arlequin_core::Weighting::Energy)
+        };
+        let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.9), Some(guard)).unwrap();
+        run.run(300, &mut Silent).unwrap();
+        let sample = run.last_energy();
+        eprintln!("{size}: {sample:?}");
+    }
+}

@@ -1,7 +1,8 @@
 //! Free obstacles that turn, and runs taken up again while one is in touch.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
-use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Weights};
+use arlequin_core::effect::BodyForce;
+use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeFunction, TimeStep, Weights};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, RigidShape};
 use nalgebra::{Point3, Vector3};
@@ -17,10 +18,17 @@ struct Stroke {
     centre: Point3<f64>,
     velocity: Vector3<f64>,
     inertia: f64,
+    first_spin: Vector3<f64>,
+    field: Vector3<f64>,
 }
 
 impl Stroke {
     fn of(law: ContactLaw, inertia: Option<f64>) -> Self {
+        Self::with(law, inertia, Vector3::zeros(), Vector3::zeros())
+    }
+
+    /// The same with a ball that spins at first, all of it in a field of acceleration.
+    fn with(law: ContactLaw, inertia: Option<f64>, first_spin: Vector3<f64>, field: Vector3<f64>) -> Self {
         let packing = lattice(Lattice::Cubic, [4, 4, 4], R).unwrap();
         let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0)
             .unwrap()
@@ -44,9 +52,14 @@ impl Stroke {
             centre,
             radius: 2.0 * R,
         };
-        let ball = Obstacle::new("ball", &model, shape, motion, law).unwrap();
+        let ball = Obstacle::new("ball", &model, shape, motion, law)
+            .unwrap()
+            .with_spin(first_spin)
+            .unwrap()
+            .with_acceleration(field, TimeFunction::Step);
         let subdomain = Subdomain::fine(model, Weights::uncoupled())
             .with_effect(Box::new(ball))
+            .with_effect(Box::new(BodyForce::new(field).unwrap()))
             .with_initial(q, vec![0.0; n])
             .unwrap();
         let mut run = Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(0.3), None).unwrap();
@@ -56,6 +69,8 @@ impl Stroke {
             centre,
             velocity,
             inertia: inertia.unwrap_or(0.4 * MASS * 4.0 * R * R),
+            first_spin,
+            field,
         }
     }
 
@@ -86,7 +101,12 @@ impl Stroke {
             momentum[1] += (x.coords + at(&s.q, 3 * i)).cross(&p) + v(o) * m[o];
         }
         let p = self.velocity * MASS;
-        let start = [p, self.centre.coords.cross(&p)];
+        let mass: f64 = MASS + (0..side.model().nodes().len()).map(|i| m[3 * i]).sum::<f64>();
+        let pulled = self.field * (mass * (self.run.time() - half));
+        let start = [
+            p + pulled,
+            self.centre.coords.cross(&p) + self.first_spin * self.inertia,
+        ];
         [0, 1].map(|k: usize| (momentum[k] - start[k]).norm() / start[k].norm())
     }
 
@@ -129,6 +149,51 @@ fn a_free_ball_turns_and_keeps_the_angular_momentum() {
 }
 
 #[test]
+fn a_ball_that_spins_at_first_gives_its_angular_momentum_to_what_it_rubs() {
+    let law = ContactLaw {
+        friction: 0.3,
+        restitution: 0.5,
+        ..ContactLaw::elastic(E)
+    };
+    let first = Vector3::new(300.0, -5000.0, 4000.0);
+    let stroke = Stroke::with(law, None, first, Vector3::zeros());
+    let (change, lost, drift) = ((stroke.spin() - first).norm(), stroke.lost(), stroke.run.drift());
+    assert!(change > 10.0, "{change}");
+    assert!(lost[0] < 1e-12 && lost[1] < 1e-12, "{lost:?}");
+    assert!(drift < 1e-10, "{drift}");
+    // Nothing to rub on: it spins on.
+    let smooth = Stroke::with(ContactLaw::elastic(E), None, first, Vector3::zeros());
+    assert!((smooth.spin() - first).norm() <= 0.0);
+}
+
+/// In a field that pulls ball and spheres alike nothing changes between them: momentum grows by weight times time, what they
+/// do to each other is what it was without the field, and no energy is lost from sight.
+#[test]
+fn a_free_ball_falls_with_what_it_strikes() {
+    let law = ContactLaw {
+        friction: 0.3,
+        restitution: 0.5,
+        ..ContactLaw::elastic(E)
+    };
+    let field = Vector3::new(2e4, -1e4, -3e5);
+    let [still, falling] = [Vector3::zeros(), field].map(|f| Stroke::with(law, None, Vector3::zeros(), f));
+    let (lost, drift) = (falling.lost(), falling.run.drift());
+    assert!(lost[0] < 1e-12 && drift < 1e-10, "{lost:?} {drift}");
+    let (dt, steps) = (falling.run.dt(), 400.0);
+    assert!((dt / still.run.dt() - 1.0).abs() < 1e-14);
+    let fall = field * (0.5 * (steps * dt).powi(2));
+    let moved = [&still, &falling].map(|s| s.ball("displacement", "m"));
+    let off = (moved[1] - moved[0] - fall).norm() / moved[0].norm();
+    assert!(
+        fall.norm() > 0.05 * moved[0].norm() && off < 1e-9,
+        "{off} {fall} {}",
+        moved[0]
+    );
+    let spun = (falling.spin() - still.spin()).norm() / still.spin().norm();
+    assert!(spun < 1e-7, "{spun}");
+}
+
+#[test]
 fn planes_and_cylinders_do_not_turn() {
     let model = DemModel::new(
         "block",
@@ -151,6 +216,12 @@ fn planes_and_cylinders_do_not_turn() {
         let made = Obstacle::new("it", &model, shape, motion, ContactLaw::elastic(E));
         made.unwrap_err().to_string()
     };
+    let fixed = Obstacle::new("it", &model, roller, Motion::Fixed, ContactLaw::elastic(E)).unwrap();
+    let error = fixed.with_spin(Vector3::x()).unwrap_err().to_string();
+    assert!(
+        error.contains("make the obstacle a sphere with a mass"),
+        "{error}"
+    );
     let error = refuse(roller, motion);
     assert!(
         error.contains("moves without turning") && error.contains("make the obstacle a sphere"),
@@ -190,7 +261,14 @@ fn a_stroke_goes_on_with_the_same_bits() {
             velocity: Vector3::new(30.0, 0.0, -40.0),
             inertia: None,
         };
-        let ball = Obstacle::new("ball", &model, shape, motion, law).unwrap();
+        let ball = Obstacle::new("ball", &model, shape, motion, law)
+            .unwrap()
+            .with_spin(Vector3::new(0.0, 900.0, 0.0))
+            .unwrap()
+            .with_acceleration(
+                Vector3::new(0.0, 0.0, -1e5),
+                TimeFunction::Ramp { duration: 1e-5 },
+            );
         let side = Subdomain::fine(model, Weights::uncoupled()).with_effect(Box::new(ball));
         Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.3), None).unwrap()
     };

@@ -126,8 +126,8 @@ impl<T: Real> FemField<T> {
         &self.mesh
     }
 
-    /// Integration cells of element `e`.
-    pub(crate) fn cells_of(&self, e: usize, out: &mut Vec<Cell<T>>) {
+    /// Adds the integration cells of element `e`: one, or several where its faces are not planar.
+    pub fn cells_of(&self, e: usize, out: &mut Vec<Cell<T>>) {
         let planar = self.hexes.get(e).is_none_or(|h| h.warp <= self.tolerance);
         self.mesh.cells_of(e, planar, out);
     }

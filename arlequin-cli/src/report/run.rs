@@ -158,13 +158,20 @@ fn sizes(p: &Preview) {
     for e in &p.effects {
         println!("effect     {e}");
     }
-    println!(
-        "steps      {} of {:.4e} s up to {:.4e} s; critical step {:.4e} s",
-        p.steps, p.dt, p.end, p.critical_dt
-    );
+    match &p.resting {
+        Some(how) => println!("load steps {} up to t = {:.4e} s, solved {how}", p.steps, p.end),
+        None => println!(
+            "steps      {} of {:.4e} s up to {:.4e} s; critical step {:.4e} s",
+            p.steps, p.dt, p.end, p.critical_dt
+        ),
+    }
     println!("output     {} frames, about {}", p.frames, bytes(p.output_bytes));
     println!("memory     about {}", bytes(p.memory_bytes));
     match p.stepping_seconds {
+        None if p.resting.is_some() => println!(
+            "time       set-up {:.2} s, load steps unknown until the first is there",
+            p.setup_seconds
+        ),
         Some(s) => println!("time       set-up {:.2} s, steps about {s:.1} s", p.setup_seconds),
         None => println!(
             "time       set-up {:.2} s, steps unknown: the first ones fail",
@@ -326,7 +333,7 @@ fn interfaces(all: &[InterfaceLine]) {
         }
         if let (Some(jump), Some(share)) = (i.max_displacement_jump, i.displacement_jump_share) {
             println!(
-                "           displacements differed by up to {jump:.2e} m, {:.3} % of the largest in the overlap",
+                "           displacements differed by up to {jump:.2e} m, {:.3} % of the overlap's deformation",
                 100.0 * share
             );
         }

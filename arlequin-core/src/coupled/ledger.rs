@@ -73,14 +73,23 @@ pub(crate) struct Ledger<T: Real> {
 pub struct DisplacementJump<T> {
     /// Largest so far \[m\], as multipliers see it.
     pub largest: T,
-    /// Largest displacement so far on the nodes that multipliers act on \[m\].
+    /// Largest displacement so far \[m\] of a node that multipliers act on, from the rigid motion that is nearest to those of
+    /// all of them: a common motion neither deforms nor parts the models.
     pub amplitude: T,
+    /// Jump that the last digits of the displacements may have made so far \[m\].
+    pub digits: T,
 }
 
 impl<T: Real> DisplacementJump<T> {
-    /// Jump over amplitude.
+    fn record(&self) -> [T; 3] {
+        [self.largest, self.amplitude, self.digits]
+    }
+}
+
+impl<T: Real> DisplacementJump<T> {
+    /// Jump over amplitude; zero for a jump that is round-off.
     pub fn share(&self) -> T {
-        if self.amplitude > T::zero() {
+        if self.largest > self.digits && self.amplitude > T::zero() {
             self.largest / self.amplitude
         } else {
             T::zero()
@@ -119,7 +128,7 @@ impl<T: Real> Ledger<T> {
         [self.supports, self.constraint, started, start, self.scale]
             .into_iter()
             .chain(tops)
-            .chain(self.jumps.iter().flat_map(|j| [j.largest, j.amplitude]))
+            .chain(self.jumps.iter().flat_map(DisplacementJump::record))
             .chain(self.bodies.iter().flat_map(Body::record))
             .collect()
     }
@@ -129,11 +138,11 @@ impl<T: Real> Ledger<T> {
         crate::scalar::check_finite("ledger of the snapshot", from)?;
         let wrong = || crate::Error::SizeMismatch {
             what: "ledger of the snapshot".into(),
-            expected: 9 + 2 * self.jumps.len() + RECORDED * self.bodies.len(),
+            expected: 9 + 3 * self.jumps.len() + RECORDED * self.bodies.len(),
             found: from.len(),
         };
         let (sums, bodies) = from.split_at_checked(9).ok_or_else(wrong)?;
-        let (jumps, bodies) = bodies.split_at_checked(2 * self.jumps.len()).ok_or_else(wrong)?;
+        let (jumps, bodies) = bodies.split_at_checked(3 * self.jumps.len()).ok_or_else(wrong)?;
         let (bodies, rest) = bodies.as_chunks::<RECORDED>();
         let &[
             supports,
@@ -152,8 +161,8 @@ impl<T: Real> Ledger<T> {
         if bodies.len() != self.bodies.len() || !rest.is_empty() {
             return Err(wrong());
         }
-        for (jump, f) in self.jumps.iter_mut().zip(jumps.chunks_exact(2)) {
-            (jump.largest, jump.amplitude) = (f[0], f[1]);
+        for (jump, f) in self.jumps.iter_mut().zip(jumps.chunks_exact(3)) {
+            (jump.largest, jump.amplitude, jump.digits) = (f[0], f[1], f[2]);
         }
         self.bodies.iter_mut().zip(bodies).for_each(|(b, f)| b.restore(f));
         *self = Self {

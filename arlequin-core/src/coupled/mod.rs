@@ -9,6 +9,7 @@
 //! on their own is kept for any own steps ([`crate::ledger`]). With one own step for all it is RATTLE for linear velocity
 //! constraints. It filters nothing.
 
+mod apart;
 pub(crate) mod ledger;
 pub(crate) mod momentum;
 mod motions;
@@ -48,7 +49,7 @@ use std::ops::ControlFlow;
 /// unknown to them do within a step (multipliers): decision 0011 has the figures.
 const CREATED: f64 = 1e-3;
 
-/// Last digits of the energy of displacements that cancel, as in a rigid motion, and of the motion they set off.
+/// Last digits of energies that are none, and of the motion they set off.
 const ROUND_OFF: f64 = 16.0;
 
 /// A ready coupled run.
@@ -60,6 +61,8 @@ pub struct Coupled<T: Real> {
     joints: Vec<Joint<T>>,
     /// What their multipliers do to moving supports.
     held: Vec<Held<T>>,
+    /// Their nodes under multipliers.
+    overlaps: Vec<apart::Overlap<T>>,
     /// Subdomains that step together.
     lockstep: Vec<Lockstep>,
     /// Effects between two subdomains.
@@ -72,8 +75,8 @@ pub struct Coupled<T: Real> {
     pub(crate) guard: Guard<T>,
     pub(crate) ledger: Ledger<T>,
     pub(crate) start_loss: T,
-    /// Most energy the initial displacements could hold \[J\]: its last digits are no energy.
-    pub(crate) displaced: T,
+    /// Energy that last digits of displacements and places may be worth \[J\]: it is none.
+    pub(crate) rounded: T,
     pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
 }
@@ -271,7 +274,7 @@ impl<T: Real> Coupled<T> {
             self.ledger.top_created = self.ledger.top_created.max(relative);
         }
         let share = self.guard.growth.min(T::of(CREATED));
-        let bound = share * reference;
+        let bound = share * reference + self.rounded;
         if created <= bound || reference <= T::zero() {
             return Ok(());
         }
@@ -332,10 +335,10 @@ impl<T: Real> Coupled<T> {
         for k in 0..self.interfaces.len() {
             let [velocity, displacement] = self.jumps(k);
             residual = residual.max(velocity);
-            let amplitude = self.held[k].amplitude(self.interfaces[k].sides().map(|s| &self.subdomains[s]));
-            let jump = &mut self.ledger.jumps[k];
-            jump.largest = jump.largest.max(displacement);
-            jump.amplitude = jump.amplitude.max(amplitude);
+            let sides = self.interfaces[k].sides().map(|s| &self.subdomains[s]);
+            let own = sides.map(Subdomain::own_steps);
+            let steps = self.step * own[0].max(own[1]);
+            self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
         }
         if top > T::zero() {
             residual /= top;
@@ -383,7 +386,7 @@ impl<T: Real> Coupled<T> {
         }
         // Growth is measured against what was put in, not against the (growing) energy itself.
         let reference = start.abs().max(volume);
-        let bound = self.guard.growth * reference + self.displaced * T::of(ROUND_OFF) * T::epsilon();
+        let bound = self.guard.growth * reference + self.rounded;
         if reference > T::zero() && drift > bound {
             return Err(Error::EnergyGrowth {
                 step: self.step,

@@ -56,6 +56,38 @@ pub(super) fn check<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T
     Ok(())
 }
 
+/// Says where one model of an interface is supported in the overlap and the other is not, so that the multipliers alone hold that
+/// one.
+pub(super) fn one_sided<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Option<String> {
+    let sides = interface.sides.map(|k| &subdomains[k]);
+    // What a solver of its own holds is not known.
+    if sides.iter().any(|s| s.is_guest()) {
+        return None;
+    }
+    let d = interface.components();
+    let held = [0, 1].map(|m| {
+        let motions = by_unknown(sides[m]);
+        let nodes = coupled_nodes(&interface.coupling[m], d);
+        let of = |c: usize| nodes.iter().filter(|k| motions[*k * d + c].is_some()).count();
+        (0..d).map(of).collect::<Vec<_>>()
+    });
+    for (here, there) in [(0, 1), (1, 0)] {
+        let only = (0..d).filter(|c| held[here][*c] > 0 && held[there][*c] == 0);
+        let only: Vec<_> = only.collect();
+        let Some(nodes) = only.iter().map(|c| held[here][*c]).max() else {
+            continue;
+        };
+        let components: Vec<_> = only.iter().map(|c| ["x", "y", "z"][*c]).collect();
+        let [name, other] = [here, there].map(|m| sides[m].model().name());
+        return Some(format!(
+            "'{name}' has a support on {nodes} of its nodes in the overlap (along {}), '{other}' has none there: the multipliers alone \
+             hold '{other}', in the mean of their elements; give '{other}' the same support, or end it before the overlap",
+            components.join(", ")
+        ));
+    }
+    None
+}
+
 /// The motion of every unknown that has one.
 fn by_unknown<T: Real>(s: &Subdomain<T>) -> Vec<Option<&PrescribedMotion<T>>> {
     let mut out = vec![None; s.model().layout().dofs()];

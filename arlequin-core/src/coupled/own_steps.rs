@@ -1,7 +1,7 @@
 //! What subdomains do between two reflections.
 
 use super::{Coupled, pair};
-use crate::interface::{Interface, coupled_nodes};
+use crate::interface::Interface;
 use crate::phase::Phase;
 use crate::subdomain::{Announce, Reached, Subdomain};
 use crate::{Real, Result};
@@ -34,15 +34,10 @@ impl Lockstep {
     }
 }
 
-/// What the ledger knows of an interface beside its operators.
+/// Entries of the coupling matrices of an interface on unknowns that move as prescribed: the forces on them are work.
+/// Multiplier, unknown, entry, with the sign of the force; coarse side, fine side.
 #[derive(Debug)]
-pub(super) struct Held<T> {
-    /// Nodes that multipliers act on.
-    nodes: [Vec<usize>; 2],
-    /// Entries of the coupling matrices on unknowns that move as prescribed: the forces on them are work.
-    /// Multiplier, unknown, entry, with the sign of the force; coarse side, fine side.
-    entries: [Vec<(usize, usize, T)>; 2],
-}
+pub(super) struct Held<T>([Vec<(usize, usize, T)>; 2]);
 
 impl<T: Real> Held<T> {
     pub(super) fn new(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Self {
@@ -59,23 +54,7 @@ impl<T: Real> Held<T> {
                 .map(|(b, (i, j))| (i, j, sign * *b))
                 .collect()
         });
-        let nodes = interface.coupling.each_ref();
-        let nodes = nodes.map(|c| coupled_nodes(c, interface.components()));
-        Self { nodes, entries }
-    }
-
-    /// Largest displacement on the nodes that multipliers act on \[m\].
-    pub(super) fn amplitude(&self, sides: [&Subdomain<T>; 2]) -> T {
-        let of = |(nodes, s): (&Vec<usize>, &Subdomain<T>)| {
-            let (d, q) = (s.model().layout().components, &s.state().q);
-            let all = nodes.iter().flat_map(|k| &q[k * d..(k + 1) * d]);
-            all.fold(T::zero(), |m, u| m.max(u.abs()))
-        };
-        self.nodes
-            .iter()
-            .zip(sides)
-            .map(of)
-            .fold(T::zero(), |a, b| a.max(b))
+        Self(entries)
     }
 
     /// Power of the multipliers on moving supports \[W\].
@@ -83,7 +62,7 @@ impl<T: Real> Held<T> {
         let of = |(entries, v): (&Vec<(usize, usize, T)>, &[T])| -> T {
             entries.iter().map(|(i, j, b)| *b * lambda[*i] * v[*j]).sum()
         };
-        self.entries.iter().zip(v).map(of).sum()
+        self.0.iter().zip(v).map(of).sum()
     }
 }
 

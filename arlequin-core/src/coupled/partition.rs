@@ -88,6 +88,10 @@ struct Group<'a, T: Real> {
     /// Where most is missing or in excess.
     worst: [(T, Point3<T>); 3],
     covers: Vec<Cover>,
+    /// Weights to look at: one where all three are the same.
+    kinds: usize,
+    /// Kinetic weights of the members at the point that is looked at, of those that may be there.
+    kinetic: Vec<T>,
     /// Largest deviation of a sum at a point, and the error that names it.
     broken: Option<(T, Error)>,
 }
@@ -157,6 +161,12 @@ impl<'a, T: Real> Group<'a, T> {
             excess: [T::zero(); 3],
             worst: [(T::zero(), Point3::origin()); 3],
             covers: vec![Cover::Outside; numbers.len()],
+            kinds: if numbers.iter().all(|&k| subdomains[k].weights().are_one()) {
+                1
+            } else {
+                KINDS.len()
+            },
+            kinetic: vec![T::zero(); numbers.len()],
             broken: None,
         }
     }
@@ -183,7 +193,7 @@ impl<'a, T: Real> Group<'a, T> {
             return Ok(());
         }
         let relative = |x: T| (x / over).as_f64();
-        for (kind, name) in KINDS.into_iter().enumerate() {
+        for (kind, name) in KINDS.into_iter().enumerate().take(self.kinds) {
             let (missing, excess) = (relative(self.missing[kind]), relative(self.excess[kind]));
             report.missing = report.missing.max(missing);
             if missing > MISSING || excess > SHARE {
@@ -346,13 +356,17 @@ impl<'a, T: Real> Group<'a, T> {
         let count = (0..self.members.len()).filter(|k| present(*k)).count();
         let part = measure / T::of(count as f64);
         let mut lacking = false;
-        for kind in 0..3 {
+        for kind in 0..self.kinds {
             let (mut strict, mut likely, mut most) = (T::zero(), T::zero(), T::zero());
             for (k, o) in self.members.iter().enumerate() {
                 if self.covers[k] == Cover::Outside {
                     continue;
                 }
                 let w = o.weight(kind).at(x);
+                // The first stands for all of them where it is the only one.
+                if kind < 2 {
+                    self.kinetic[k] = w;
+                }
                 if w < -tolerance {
                     self.broken = Some((T::of(f64::MAX), self.violation(m, x, kind)));
                     return;
@@ -396,7 +410,7 @@ impl<'a, T: Real> Group<'a, T> {
             if lacking && a != b {
                 self.ties[k].only[usize::from(b)] += part;
             }
-            let weighs = |s: &usize| self.members[*s].weight(1).at(x) > floor;
+            let weighs = |s: &usize| self.kinetic[*s] > floor;
             if !a || !b || !sides.iter().all(weighs) {
                 continue;
             }

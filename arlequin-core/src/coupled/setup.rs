@@ -1,5 +1,6 @@
 //! Building a coupled run: checks, operators, consistent start.
 
+use super::apart::Overlap;
 use super::own_steps::{Held, Lockstep};
 use super::{Coupled, Ledger, motions, pace, pairs, partition, portions, tie};
 use crate::effect::PairSpec;
@@ -22,7 +23,7 @@ pub enum TimeStep<T> {
     /// The longest one of which every own step is at most this share, below one, of the critical one of its participant.
     Fraction(T),
     /// The finest participant at this share, below one, of its critical step; the step of the run is as many of these, up to
-    /// five, as one that takes half of the largest critical step, or this share of it if less, has room for. Participants
+    /// four, as one that takes half of the largest critical step, or this share of it if less, has room for. Participants
     /// that ask for nothing ([`OwnStep::Same`]) make as many own steps as they need.
     Chosen(T),
     /// In seconds, whatever the critical steps: for studies of stability.
@@ -153,9 +154,13 @@ impl<T: Real> Coupled<T> {
         }
         announce(SetupPhase::Partition);
         let (partition, outside) = partition::check(&subdomains, &interfaces)?;
-        let (built, joints) = interfaces_of(&interfaces, outside, &subdomains, announce)?;
+        let (mut built, joints) = interfaces_of(&interfaces, outside, &subdomains, announce)?;
         announce(SetupPhase::Step);
         built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
+        for i in &mut built {
+            let told = motions::one_sided(i, &subdomains);
+            i.report.warnings.extend(told);
+        }
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
         for (k, s) in subdomains.iter_mut().enumerate() {
@@ -168,12 +173,14 @@ impl<T: Real> Coupled<T> {
             s.set_pace(pace.dt, steps)?;
         }
         let held = built.iter().map(|i| Held::new(i, &subdomains)).collect();
+        let overlaps = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
         let guard = checked_guard(guard, &subdomains)?;
         let mut run = Self {
             subdomains,
             interfaces: built,
             joints,
             held,
+            overlaps,
             lockstep,
             pairs,
             critical,
@@ -184,7 +191,7 @@ impl<T: Real> Coupled<T> {
             guard,
             ledger: Ledger::new(),
             start_loss: T::zero(),
-            displaced: T::zero(),
+            rounded: T::zero(),
             partition,
             work: Vec::new(),
         };

@@ -1,7 +1,7 @@
 //! A consistent start: displacements, velocities and accelerations on the constraint.
 
 use super::ledger::DisplacementJump;
-use super::{Coupled, pair};
+use super::{Coupled, ROUND_OFF, pair};
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
 
@@ -35,16 +35,18 @@ impl<T: Real> Coupled<T> {
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.find_bodies();
         self.ledger.jumps = vec![DisplacementJump::default(); self.interfaces.len()];
-        self.displaced = self.largest_strain_energy();
+        self.rounded = self.round_off() * T::of(ROUND_OFF);
         Ok(())
     }
 
-    /// Most strain energy that displacements of the present size can hold, `½ ω² Σ m q²` with the highest frequency.
-    fn largest_strain_energy(&self) -> T {
+    /// Energy that last digits are worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency: the energy of displacements `q`
+    /// that cancels, as in a rigid motion, and that of lengths which are differences of places `x` in the model.
+    fn round_off(&self) -> T {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {
+            let sizes = s.displaced() + s.spread() * T::epsilon();
             // ω = 2/Δt_c
-            s.displaced() * T::of(2.0) / (*critical * *critical)
+            sizes * T::of(2.0) * T::epsilon() / (*critical * *critical)
         })
         .sum()
     }
@@ -94,8 +96,10 @@ impl<T: Real> Coupled<T> {
             let both = i.sides.map(|s| &self.subdomains[s]);
             let jump = i.jump(both.map(|s| &*s.state().q), &mut self.work);
             let largest = both.map(|s| {
-                let q = &s.state().q[..s.model().layout().translations()];
-                q.iter().fold(T::zero(), |m, x| m.max(x.abs()))
+                let layout = s.model().layout();
+                let q = s.state().q[..layout.translations()].chunks_exact(layout.components);
+                let squares = q.map(|u| u.iter().map(|x| *x * *x).sum::<T>());
+                squares.fold(T::zero(), |m, x| m.max(x)).sqrt()
             });
             let largest = largest[0].max(largest[1]);
             i.report.start_jump = jump.as_f64();

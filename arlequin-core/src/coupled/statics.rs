@@ -23,6 +23,9 @@ pub struct Equilibrium<T> {
 
 /// Relative residual above which a solution is not one.
 const RESIDUAL_LIMIT: f64 = 1e-6;
+/// Share of itself by which the step of refinement may change a solution. A rigid motion that is free is round-off over round-off: it
+/// changes by as much as it is, however small the residual.
+const CHANGE_LIMIT: f64 = 1e-3;
 
 /// The saddle-point system before supports are taken out.
 struct System<T> {
@@ -98,6 +101,7 @@ impl<T: Real> Coupled<T> {
             &system.fixed,
             &system.values,
             system.scale,
+            starts.get(self.subdomains.len()).copied().unwrap_or(size),
         )?;
         let cut = |k: usize, n: usize| q[starts[k]..starts[k] + n].to_vec();
         let bodies = self.subdomains.iter().enumerate();
@@ -163,13 +167,15 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// Eliminates prescribed unknowns, scales symmetrically, solves with one step of refinement.
+/// Eliminates prescribed unknowns, scales symmetrically, solves with one step of refinement. The first `moving` unknowns are
+/// displacements, what follows are multipliers.
 fn solve_with_supports<T: Real>(
     matrix: &TriMat<T>,
     rhs: &[T],
     fixed: &[bool],
     values: &[T],
     scale: T,
+    moving: usize,
 ) -> Result<(Vec<T>, T)> {
     let n = rhs.len();
     let full = matrix.to_csr::<usize>();
@@ -215,13 +221,15 @@ fn solve_with_supports<T: Real>(
     factor.solve(&mut x);
     let mut r = residual(&a, &x, &b);
     factor.solve(&mut r);
-    x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
-    let r = residual(&a, &x, &b);
     let norm = |v: &[T]| v.iter().fold(T::zero(), |s, x| s.max(x.abs()));
+    x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
+    let changed = norm(&r[..moving]) > norm(&x[..moving]) * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
+    let r = residual(&a, &x, &b);
     let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));
     let relative = norm(&r) / (norm(&b) + top * norm(&x)).max(T::epsilon() * T::epsilon());
     if !relative.is_finite()
         || relative > T::of(RESIDUAL_LIMIT).max(T::epsilon().sqrt())
+        || changed
         || norm(&x) > norm(&b) / T::epsilon()
     {
         return Err(Error::SingularSystem {

@@ -161,6 +161,20 @@ pub(crate) struct Coupling<T> {
 }
 
 impl<T: Real> Coupling<T> {
+    /// `Σ_j ‖B_ij‖` of a multiplier node `i` over the nodes `j` of the model, with the root mean square of the singular values of
+    /// each block as its norm: it does not depend on how axes lie.
+    fn measure(&self, node: usize, components: usize) -> T {
+        let split = components / self.shared;
+        let rows = (node * split..(node + 1) * split).filter_map(|k| self.matrix.outer_view(k));
+        let mut entries: Vec<(usize, T)> = rows
+            .flat_map(|r| r.iter().map(|(j, b)| (j / split, *b * *b)).collect::<Vec<_>>())
+            .collect();
+        entries.sort_by_key(|e| e.0);
+        let blocks = entries.chunk_by(|a, b| a.0 == b.0);
+        let square = |block: &[(usize, T)]| block.iter().map(|e| e.1).sum::<T>() / T::of(split as f64);
+        blocks.map(|block| square(block).sqrt()).sum()
+    }
+
     /// The matrix for all components, interleaved.
     fn expanded(&self) -> CsMat<T> {
         let d = self.shared;
@@ -188,8 +202,8 @@ pub struct Interface<T: Real> {
     impulse: Vec<T>,
     /// `λ = rate μ`.
     rate: T,
-    /// `Σ_j |B_C,ij|` per multiplier unknown: turns a constraint residual into a velocity.
-    row_measure: Vec<T>,
+    /// Per multiplier node, of the coarse side: turns a constraint residual into a velocity.
+    measures: Vec<T>,
     pub(crate) report: InterfaceReport,
     pub(crate) start_jump: T,
     components: usize,
@@ -253,10 +267,6 @@ impl<T: Real> Draft<T> {
             warnings: built.warnings,
         };
         report.warnings.extend(advice::of_sides(&report, spec, &sides));
-        let measure = |k: usize| {
-            let row = built.coupling[0].matrix.outer_view(k / shared);
-            row.map_or_else(T::zero, |r| r.iter().map(|e| e.1.abs()).sum())
-        };
         let zeros = || vec![T::zero(); size];
         let interface = Interface {
             sides: [spec.coarse, spec.fine],
@@ -266,7 +276,9 @@ impl<T: Real> Draft<T> {
             lambda: zeros(),
             impulse: zeros(),
             rate: T::zero(),
-            row_measure: (0..size).map(measure).collect(),
+            measures: (0..size / components)
+                .map(|i| built.coupling[0].measure(i, components))
+                .collect(),
             report,
             start_jump: spec.options.start_jump,
             components,
@@ -445,14 +457,15 @@ impl<T: Real> Interface<T> {
         self.rate * left
     }
 
-    /// Largest component of the jump `B_C x_C − B_D x_D` divided by the multiplier's own measure.
+    /// Largest of the jumps `B_C x_C − B_D x_D` at the multipliers, as vectors divided by the multiplier's own measure.
     pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> T {
         work.clear();
         work.resize(self.lambda.len(), T::zero());
         transfer::jump(&self.coupling, x, work);
-        let measured = work.iter().zip(&self.row_measure);
+        let measured = work.chunks_exact(self.components).zip(&self.measures);
         let measured = measured.filter(|(_, s)| **s > T::zero());
-        measured.fold(T::zero(), |m, (r, s)| m.max((*r / *s).abs()))
+        let size = |r: &[T]| r.iter().fold(T::zero(), |sum, r| sum + *r * *r).sqrt();
+        measured.fold(T::zero(), |m, (r, s)| m.max(size(r) / *s))
     }
 }
 

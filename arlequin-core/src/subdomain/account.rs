@@ -4,6 +4,7 @@ use super::{Stepper, Subdomain};
 use crate::effect::EffectLine;
 use crate::phase::Phase;
 use crate::{Real, parallel, ranks};
+use nalgebra::Vector3;
 use std::ops::Range;
 
 /// What left a model that evolves.
@@ -102,6 +103,27 @@ impl<T: Real> Subdomain<T> {
             [parallel::weighted_squares(&m[range.clone()], &q[range])]
         };
         let [sum] = ranks::sum(self.model.layout().nodes, self.portion(), &of_nodes);
+        sum
+    }
+
+    /// `Σ m |x − x̄|²` over the unknowns \[kg m²\], with the mean place `x̄` of the nodes; on all ranks, all of which must ask.
+    pub(crate) fn spread(&self) -> T {
+        let (layout, nodes, m) = (self.model.layout(), self.model.nodes(), &self.inertia);
+        let places = |range: Range<usize>| {
+            range.fold([T::zero(); 4], |[x, y, z, n], k| {
+                [x + nodes[k].x, y + nodes[k].y, z + nodes[k].z, n + T::one()]
+            })
+        };
+        let [x, y, z, n] = ranks::sum(layout.nodes, self.portion(), &places);
+        let middle = Vector3::new(x, y, z) / n.max(T::one());
+        let squares = |range: Range<usize>| {
+            let of_node = |k: usize| {
+                let mass: T = m[layout.components * k..][..layout.components].iter().copied().sum();
+                mass * (nodes[k].coords - middle).norm_squared()
+            };
+            [range.map(of_node).sum()]
+        };
+        let [sum] = ranks::sum(layout.nodes, self.portion(), &squares);
         sum
     }
 

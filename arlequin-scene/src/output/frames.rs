@@ -7,7 +7,7 @@ use crate::error::{Error, Result, write};
 use crate::setup::{Grid, ModelInfo, RigidPicture};
 use crate::spec::OutputField;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Coupled, Elastic, Subdomain};
+use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::path::{Path, PathBuf};
 
@@ -33,11 +33,23 @@ pub struct Pictures {
     pub rigid: Vec<RigidPicture>,
 }
 
+/// A model at one instant.
+#[derive(Debug)]
+pub struct Picture<'a> {
+    /// Its name.
+    pub name: String,
+    /// Points and cells at rest.
+    pub grid: &'a Grid,
+    /// Values at the points.
+    pub points: Vec<Array>,
+    /// Values in the cells.
+    pub cells: Vec<Array>,
+}
+
 /// What a model's files repeat.
 #[derive(Debug)]
 struct Painter {
     grid: Grid,
-    material: Elastic<f64>,
     /// Empty if the energy density is not wanted or the field has no gradient.
     centres: Vec<Cell>,
     weights: Vec<Array>,
@@ -65,7 +77,6 @@ impl Frames {
                 recovered: fields::bytes(fields, s),
                 grid: d.grid,
                 breaks: d.breaks,
-                material: d.material,
             })
             .collect();
         Self {
@@ -125,17 +136,36 @@ impl Frames {
         self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
 
+    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model.
+    ///
+    /// # Errors
+    /// Values that are not finite; what a model cannot recover.
+    pub fn picture(&self, run: &Coupled<f64>, part: usize) -> Result<Option<Picture<'_>>> {
+        let (Some(painter), Some(s)) = (self.models.get(part), run.subdomains().get(part)) else {
+            return Ok(None);
+        };
+        let name = s.model().name();
+        check_finite(run, name, &s.state().q)?;
+        check_finite(run, name, &s.state().v)?;
+        let (mut points, cells) = painter.arrays(&self.fields, s)?;
+        points.extend(fields::contacts(&self.fields, run, part));
+        Ok(Some(Picture {
+            name: name.to_owned(),
+            grid: &painter.grid,
+            points,
+            cells,
+        }))
+    }
+
     /// Writes the current state.
     pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
-        for (part, (painter, s)) in self.models.iter().zip(run.subdomains()).enumerate() {
-            let name = s.model().name();
-            check_finite(run, name, &s.state().q)?;
-            check_finite(run, name, &s.state().v)?;
-            let (mut points, cells) = painter.arrays(&self.fields, s)?;
-            points.extend(fields::contacts(&self.fields, run, part));
-            let file = format!("{name}_{:08}.vtu", run.steps());
-            vtu::write_grid(&self.folder.join(&file), &painter.grid, &points, &cells)?;
-            self.entries.push(entry(run, part, name, file));
+        let mut part = 0;
+        while let Some(p) = self.picture(run, part)? {
+            let file = format!("{}_{:08}.vtu", p.name, run.steps());
+            vtu::write_grid(&self.folder.join(&file), p.grid, &p.points, &p.cells)?;
+            let written = entry(run, part, &p.name, file);
+            self.entries.push(written);
+            part += 1;
         }
         self.write_rigid(run)?;
         if !self.fields.contains(&OutputField::Multipliers) {
@@ -234,7 +264,7 @@ impl Painter {
                     values: self
                         .centres
                         .iter()
-                        .map(|cell| self.density(cell, &s.state().q, count))
+                        .map(|cell| density(cell, &s.state().q, count))
                         .collect(),
                 }),
                 _ => {}
@@ -271,17 +301,17 @@ impl Painter {
         let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
         (array("damage [-]", shares), array("broken [-]", broken))
     }
+}
 
-    /// Unweighted strain energy density `½ σ:ε` at a cell centre.
-    fn density(&self, cell: &Cell, q: &[f64], count: usize) -> f64 {
-        let h = cell.gradient(q, count);
-        if count == 1 {
-            return 0.5 * self.material.young() * h[(0, 0)] * h[(0, 0)];
-        }
-        let [lambda, mu] = self.material.lame();
-        let strain = (h + h.transpose()) * 0.5;
-        0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
+/// Unweighted strain energy density `½ σ:ε` at a cell centre.
+fn density(cell: &Cell, q: &[f64], count: usize) -> f64 {
+    let h = cell.gradient(q, count);
+    if count == 1 {
+        return 0.5 * cell.material.young() * h[(0, 0)] * h[(0, 0)];
     }
+    let [lambda, mu] = cell.material.lame();
+    let strain = (h + h.transpose()) * 0.5;
+    0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
 }
 
 fn weights(s: &Subdomain<f64>) -> Vec<Array> {

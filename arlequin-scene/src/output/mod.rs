@@ -13,8 +13,8 @@ pub mod tables;
 mod vtu;
 
 pub use folder::{Folder, Place};
-pub use frames::{Frames, Pictures};
-pub use vtu::Entry;
+pub use frames::{Frames, Picture, Pictures};
+pub use vtu::{Array, Entry};
 
 use crate::error::{Error, Result, write};
 use std::fmt::Write as _;

@@ -246,7 +246,7 @@ pub struct InterfaceLine {
     pub max_constraint_residual: Option<f64>,
     /// Largest jump of displacements \[m\], which own steps leave.
     pub max_displacement_jump: Option<f64>,
-    /// The same over the largest displacement in the overlap.
+    /// The same over the deformation of the overlap: the largest displacement there from a rigid motion.
     pub displacement_jump_share: Option<f64>,
 }
 
@@ -313,7 +313,7 @@ pub fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutContact) -
     all.map(text).chain(momentum).chain(jumped(run)).collect()
 }
 
-/// Jump of displacements over the amplitude in the overlap above which a user should know.
+/// Jump of displacements over the deformation of the overlap above which a user should know.
 const JUMP: f64 = 0.05;
 
 /// Interfaces of which the displacements of the two sides have drifted apart, a line each.
@@ -329,8 +329,8 @@ fn jumped(run: &Coupled<f64>) -> impl Iterator<Item = String> {
             _ => format!("give '{}' fewer, or ", most.model().name()),
         };
         format!(
-            "interface '{}': displacements of '{}' and '{}' have differed by up to {:.2e} m, {:.1} % of the largest in the \
-             overlap (limit {:.0} %), with {} and {} own steps in a step of the run: {fewer}take \
+            "interface '{}': displacements of '{}' and '{}' have differed by up to {:.2e} m, {:.1} % of the deformation of \
+             the overlap (limit {:.0} %), with {} and {} own steps in a step of the run: {fewer}take \
              shorter steps of the run (time.step.seconds)",
             i.report().name,
             c.model().name(),

@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// A named array with values per point or cell.
 #[derive(Debug, Clone)]
-pub(super) struct Array {
+pub struct Array {
     /// Name with unit.
     pub name: String,
     /// Values per point or cell: 1 or 3.

@@ -183,6 +183,16 @@ impl Prepared {
         &self.built.run
     }
 
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Everything that was built; as it is once all models are awake.
+    pub fn built(&self) -> &Built {
+        &self.built
+    }
+
     /// What a user should know before the first step.
     pub fn warnings(&self) -> &[String] {
         &self.built.warnings

@@ -4,6 +4,7 @@ pub use crate::error::dem;
 
 use super::mesh::is;
 use crate::error::{Error, Result, fem, key, value};
+use crate::output::packing::PackingLine;
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::size::sphere_count;
@@ -17,6 +18,14 @@ use std::path::{Path, PathBuf};
 /// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per particle:
 /// beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
+/// Bonds per particle, times two, of the packings that beams are known for.
+const COORDINATION: f64 = 6.2;
+/// Relative difference of Young's moduli, and difference of Poisson's ratios, up to which a packing is like the body: a few times
+/// the spread of packings.
+const ALIKE: [f64; 2] = [0.03, 0.02];
+/// Difference of bonds per particle that is of no account, and what one more changes of Young's modulus (decision 0010).
+const CLOSE: f64 = 0.15;
+const PER_BOND: f64 = 0.23;
 /// Lengths of the facets of a ball in its radius.
 const SIDES: f64 = 12.0;
 /// Most spheres of a packing.
@@ -301,9 +310,60 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
         let rule = "decides the stiffness together with dem.young; give both";
         return Err(key(format!("{path}.dem.radius_ratio"), rule));
     }
+    if let (Shape::Piece(_), None, None) = (&table.shape, young, poisson) {
+        let [low, high] = BeamMaterial::BULK_POISSON;
+        let nearest = table.material.poisson.unwrap_or(0.0).clamp(low, high);
+        return BeamMaterial::of_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
+    }
     Ok(BeamMaterial {
         young: young.unwrap_or(YOUNG_RATIO * table.material.young),
         poisson: poisson.unwrap_or(BeamMaterial::SILICA.poisson),
         radius_ratio: radius_ratio.unwrap_or(BeamMaterial::SILICA.radius_ratio),
+    })
+}
+
+/// What is known to make the packing of a zone stiffer or softer than the body around it.
+pub(super) fn unlike_the_body(
+    table: &ModelTable,
+    beam: &BeamMaterial,
+    packing: &PackingLine,
+) -> Option<String> {
+    let Shape::Piece(_) = table.shape else {
+        return None;
+    };
+    let [young, poisson] = beam.bulk();
+    let [wanted, ratio] = [table.material.young, table.material.poisson.unwrap_or(0.0)];
+    let (off, beside) = (young / wanted - 1.0, poisson - ratio);
+    if off.abs() > ALIKE[0] || beside.abs() > ALIKE[1] {
+        let [low, high] = BeamMaterial::BULK_POISSON;
+        let remedy = if (low..=high).contains(&ratio) {
+            "leave dem.young, dem.poisson and dem.radius_ratio out, or take what 'arlequin calibrate --periodic --target-young … \
+             --target-poisson …' finds"
+                .to_owned()
+        } else {
+            format!("packings of spheres reach {low:.2} to {high:.2}")
+        };
+        return Some(format!(
+            "its beams make a packing of E = {young:.3e} Pa and nu = {poisson:.3}, and the body has E = {wanted:.3e} Pa and nu = \
+             {ratio:.3}: stresses go around the zone or into it; {remedy}"
+        ));
+    }
+    let own = table.dem.young.is_some();
+    let inside = packing
+        .coordination_interior
+        .filter(|z| (z - COORDINATION).abs() > CLOSE && !own);
+    if let Some(z) = inside {
+        return Some(format!(
+            "inside, {z:.1} bonds meet at its spheres, and its beams are known for {COORDINATION}: bonds are counted with the spheres \
+             at its border, which have few. It is about {:.0} % stiffer than the body around it; take smaller spheres or a lower \
+             dem.coordination, or give dem.young and dem.radius_ratio",
+            100.0 * PER_BOND * (z - COORDINATION)
+        ));
+    }
+    (table.dem.file.is_some() && !own).then(|| {
+        format!(
+            "its beams are those of packings of ours with {COORDINATION} bonds per particle, and it may have others: give \
+             dem.young and dem.radius_ratio"
+        )
     })
 }

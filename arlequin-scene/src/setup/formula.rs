@@ -59,7 +59,16 @@ const ONE: [One; 18] = [
 ];
 
 /// Functions of two.
-const TWO: [Two; 3] = [("min", f64::min), ("max", f64::max), ("atan2", f64::atan2)];
+const TWO: [Two; 3] = [
+    ("min", |a, b| number(a, b, a.min(b))),
+    ("max", |a, b| number(a, b, a.max(b))),
+    ("atan2", f64::atan2),
+];
+
+/// The value, where both numbers are: what is none must not vanish beside one that is.
+fn number(a: f64, b: f64, value: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { value }
+}
 
 /// Reads expressions as mathematicians write them: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
 struct Parser<'a> {
@@ -119,9 +128,11 @@ impl Parser<'_> {
 
     fn signed(&mut self) -> Result<Node, String> {
         let mut negative = false;
-        while self.sign('-') || self.rest.trim_start().starts_with('+') {
-            if !self.sign('+') {
+        loop {
+            if self.sign('-') {
                 negative = !negative;
+            } else if !self.sign('+') {
+                break;
             }
         }
         let base = self.atom()?;
@@ -228,6 +239,13 @@ fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>
     let file = folder.join(name);
     let text = std::fs::read_to_string(&file).map_err(|source| Error::Read { path: file, source })?;
     let mut out = Vec::new();
+    // Spreadsheets put a mark before the first row.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    let words = |line: &str| {
+        let mut cells = line.split([',', ';']);
+        !line.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
+            && !cells.any(|c| c.trim().parse::<f64>().is_ok())
+    };
     for (k, line) in text.lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
@@ -236,7 +254,7 @@ fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>
         let row: Option<Vec<f64>> = line.split([',', ';']).map(|c| c.trim().parse().ok()).collect();
         match row {
             Some(row) if row.iter().all(|x| x.is_finite()) => out.push((k + 1, row)),
-            None if out.is_empty() && !line.starts_with(|c: char| c.is_ascii_digit()) => {}
+            None if out.is_empty() && words(line) => {}
             _ => {
                 let rule = format!(
                     "'{name}' line {}: is no row of finite numbers with commas between them",
@@ -286,12 +304,42 @@ fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
     Ok(out)
 }
 
+/// Refuses an expression that makes no sense at some of a thousand times of the run, or at a load step: its forces would not be finite
+/// then, without a word of what they came from.
+fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
+    let f = formula(path, text)?;
+    let listed = scene.statics.as_ref().and_then(|s| s.times.clone());
+    let end = scene.statics.as_ref().map(|s| s.end).or(scene.time.end);
+    let even = || {
+        (0..=1000)
+            .map(|k| end.unwrap_or(0.0) * f64::from(k) / 1000.0)
+            .collect()
+    };
+    let times: Vec<f64> = listed.unwrap_or_else(even);
+    match times.into_iter().find(|t| !f.at(*t).is_finite()) {
+        None => Ok(()),
+        Some(t) => {
+            let rule = format!(
+                "is {} at t = {t:e} s; give one that is finite at all times of the run",
+                f.at(t)
+            );
+            Err(value(
+                format!("{path}.expression"),
+                format_args!("\"{text}\""),
+                &rule,
+            ))
+        }
+    }
+}
+
 /// The same scene with the tables of files in place of their names.
 pub(super) fn with_tables(scene: &SceneSpec, folder: &Path) -> Result<SceneSpec> {
     let mut out = scene.clone();
     let read = |path: String, shape: &mut TimeShape| {
-        if let TimeShape::File(name) = shape {
-            *shape = TimeShape::Table(rows(&path, folder, name)?);
+        match shape {
+            TimeShape::File(name) => *shape = TimeShape::Table(rows(&path, folder, name)?),
+            TimeShape::Expression(text) => finite(&path, text, scene)?,
+            _ => {}
         }
         Ok(())
     };
@@ -338,6 +386,8 @@ mod tests {
             ("-2^2*3", 0.0, -12.0),
             ("2*-t", 3.0, -6.0),
             ("--t - +t", 3.0, 0.0),
+            ("-+t", 3.0, -3.0),
+            ("2*+-+t", 3.0, -6.0),
             ("min(1, t/0.1)", 0.05, 0.5),
             ("max(0, t - 1)", 0.5, 0.0),
             ("step(t-1)*t", 2.0, 2.0),

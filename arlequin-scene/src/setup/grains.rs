@@ -79,7 +79,7 @@ impl Grains {
                 made.insert(*k, Box::new(contact));
             }
             if let EffectKind::Obstacle(o) = &e.kind {
-                made.insert(*k, Box::new(obstacle(*k, o, &model, table)?));
+                made.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
             }
         }
         let body = ContactBody::of(&model);
@@ -189,22 +189,40 @@ pub(super) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape
         let rule = "only a free obstacle has one; give its mass as well, or remove it";
         return Err(key(format!("{path}.inertia"), rule));
     }
+    let free_ball = matches!((&o.shape, o.mass), (ObstacleShape::Sphere { .. }, Some(_)));
+    if o.spin.is_some() && !free_ball {
+        let rule = "only a free sphere turns; give it a mass, or remove spin";
+        return Err(key(format!("{path}.spin"), rule));
+    }
     let shape = shape.checked().map_err(dem(format!("{path}.shape")))?;
     Ok((shape, motion))
 }
 
-fn obstacle(k: usize, o: &spec::Obstacle, model: &DemModel, table: &ModelTable) -> Result<Obstacle> {
+/// An obstacle with its spin, in the fields of acceleration that act on its particles.
+fn obstacle(
+    k: usize,
+    o: &spec::Obstacle,
+    model: &DemModel,
+    table: &ModelTable,
+    effects: &[(usize, &Effect)],
+) -> Result<Obstacle> {
     let path = format!("effect[{k}].obstacle");
     let (shape, motion) = obstacle_parts(k, o)?;
     let called = super::drive::obstacle_name(k, o);
-    Obstacle::new(
-        &called,
-        model,
-        shape,
-        motion,
-        law(table.material.young, &o.contact),
-    )
-    .map_err(dem(&path))
+    let law = law(table.material.young, &o.contact);
+    let mut made = Obstacle::new(&called, model, shape, motion, law).map_err(dem(&path))?;
+    if let Some(spin) = o.spin {
+        made = made
+            .with_spin(Vector3::from(spin))
+            .map_err(dem(format!("{path}.spin")))?;
+    }
+    for (n, e) in effects.iter().filter(|(_, e)| e.enabled) {
+        if let EffectKind::BodyForce(b) = &e.kind {
+            let time = time_function(&format!("effect[{n}].body_force.time"), &b.time)?;
+            made = made.with_acceleration(Vector3::from(b.acceleration), time);
+        }
+    }
+    Ok(made)
 }
 
 /// Refuses loose grains without contact: they would pass through everything.

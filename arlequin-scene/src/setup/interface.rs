@@ -118,7 +118,7 @@ fn advise(
         out = advice::breakage(width, spacing, floors(&table.weight, brittle)[1], absorbs);
     }
     if absorbs && table.absorber.is_some() {
-        let jump = match table.weight.profile {
+        let jump = match table.weight.kind() {
             ProfileKind::Constant => table.weight.value.map_or(0.0, |v| v.max(1.0 - v)),
             _ => 0.0,
         };
@@ -283,22 +283,27 @@ pub(super) fn overlap(path: &str, shape: &OverlapShape, folder: &Path) -> Result
     })
 }
 
-fn region(path: &str, shape: &RegionShape) -> Result<Primitive<f64>> {
-    let positive = |key: &str, r: f64| {
-        if r > 0.0 {
-            return Ok(r);
-        }
-        Err(value(format!("{path}.{key}.radius"), r, "must be positive [m]"))
+/// A simple region; refuses numbers that make none.
+pub(super) fn region(path: &str, shape: &RegionShape) -> Result<Primitive<f64>> {
+    let positive = |key: &str, r: f64| match r > 0.0 {
+        true => Ok(r),
+        false => Err(value(format!("{path}.{key}.radius"), r, "must be positive [m]")),
     };
     Ok(match shape {
         RegionShape::Ball { centre, radius } => Primitive::Ball {
             centre: Point3::from(*centre),
             radius: positive("ball", *radius)?,
         },
-        RegionShape::Box { low, high } => Primitive::Block {
-            low: Point3::from(*low),
-            high: Point3::from(*high),
-        },
+        RegionShape::Box { low, high } => {
+            if let Some(c) = (0..3).find(|&c| high[c] <= low[c]) {
+                let rule = format!("must be above low[{c}] = {} m", low[c]);
+                return Err(value(format!("{path}.box.high[{c}]"), high[c], &rule));
+            }
+            Primitive::Block {
+                low: Point3::from(*low),
+                high: Point3::from(*high),
+            }
+        }
         RegionShape::Cylinder { point, axis, radius } => Primitive::Cylinder {
             point: Point3::from(*point),
             axis: Unit::try_new(Vector3::from(*axis), 0.0)
@@ -343,7 +348,7 @@ pub(super) fn weights(
             .map_err(core(format!("{path}.fine_epsilon")))?;
         Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
     };
-    let all = one("", table.profile, table.value, table.epsilon)?;
+    let all = one("", table.kind(), table.value, table.epsilon)?;
     let own = |key: &str, t: &Option<crate::spec::ProfileTable>| match t {
         None => Ok(all.clone()),
         Some(t) => one(key, t.profile, t.value, t.epsilon),

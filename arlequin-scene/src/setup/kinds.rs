@@ -10,7 +10,7 @@ use super::mesh::{self, Grid};
 use crate::error::{Result, core, fem, value};
 use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
 use arlequin::core::effect::SurfaceFacet;
-use arlequin::core::{CoarseModel, FineModel, Interpolation, Model};
+use arlequin::core::{CoarseModel, FineModel, Interpolation, Materials, Model};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{Elastic, FemModel};
 use spring_chain::Chain;
@@ -34,8 +34,10 @@ pub struct Body {
     pub boundary: Vec<SurfaceFacet<f64>>,
     /// Distance of nodes or particles \[m\].
     pub spacing: f64,
-    /// What it is made of.
+    /// What it is made of, but for volumes of other materials.
     pub material: Elastic<f64>,
+    /// What its elements are made of.
+    pub materials: Materials<f64>,
     /// What it looks like.
     pub shape: Shape,
     /// What only particles have.
@@ -163,7 +165,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     let materials = materials::of(key, table, &mesh)?;
     let grid = Grid::of_mesh(&mesh);
     let spacing = mesh.spacing();
-    let model = FemModel::new(name, mesh, materials).map_err(fem(key))?;
+    let model = FemModel::new(name, mesh, materials.clone()).map_err(fem(key))?;
     Ok(Body {
         field: model.coarse_field(),
         model: Box::new(model),
@@ -173,6 +175,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         boundary,
         spacing,
         material,
+        materials,
         shape: table.shape.clone(),
         grains: None,
         warnings,
@@ -215,6 +218,7 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
     let spacing = (to - from) / bonds as f64;
     let mass = table.material.density * section * spacing;
     let stiffness = table.material.young * section / spacing;
+    let material = elastic(key, &table.material)?;
     let model = Chain::new(name, from, spacing, bonds, mass, stiffness).map_err(core(key))?;
     let ends = [("x-min", vec![0]), ("x-max", vec![bonds])];
     Ok(Body {
@@ -225,7 +229,8 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material: elastic(key, &table.material)?,
+        material,
+        materials: material.into(),
         shape: table.shape.clone(),
         grains: None,
         warnings: Vec::new(),

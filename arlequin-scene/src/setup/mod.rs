@@ -23,6 +23,8 @@ mod select;
 mod statics;
 mod tensor;
 mod time;
+mod totals;
+mod twice;
 pub mod zone;
 
 pub use between::ParticlesWithoutContact;
@@ -43,7 +45,7 @@ use crate::output::packing::PackingLine;
 use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec};
 use arlequin::core::snapshot::Record;
 use arlequin::core::{
-    Coupled, Elastic, Guard, Interpolation, Partition, Parts, Subdomain, Weighting, Weights,
+    Coupled, Elastic, Guard, Interpolation, Materials, Partition, Parts, Subdomain, Weighting, Weights,
 };
 use arlequin::dem_beam::fracture::SharedLog;
 use clock::SetupClock;
@@ -54,13 +56,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// What output needs of a model besides its state.
+#[derive(Clone)]
 pub struct ModelInfo {
     /// Picture.
     pub grid: Grid,
     /// Field.
     pub field: Arc<dyn Interpolation<f64>>,
-    /// Material.
+    /// Material, but for volumes of other ones.
     pub material: Elastic<f64>,
+    /// Materials of its elements.
+    pub materials: Materials<f64>,
     /// What broke, where bonds can.
     pub breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
@@ -86,6 +91,7 @@ impl ModelInfo {
             grid: body.grid.clone(),
             field: body.field.clone(),
             material: body.material,
+            materials: body.materials.clone(),
             breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
             spacing: body.spacing,
             packing: body.grains.as_ref().map(|g| g.packing.clone()),
@@ -160,11 +166,13 @@ pub fn build_from(
     let probes = scene.probe.iter();
     let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies));
     let probes = probes.collect::<Result<_>>()?;
+    twice::check(scene, &bodies)?;
     let attachments = Attachments::of(scene, &mut bodies)?;
     let pairs = between::pairs(scene, &bodies)?;
     let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
     let zones = zone::lines(scene, &bodies);
+    let forces = totals::of(scene, &bodies)?;
     let models = bodies.iter().map(ModelInfo::of).collect();
     let rigid = rigid::pictures(scene, &bodies)?;
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
@@ -186,6 +194,7 @@ pub fn build_from(
     for i in run.interfaces().iter().map(|i| i.report()) {
         warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
     }
+    warnings.extend(totals::warnings(scene, &forces, &run));
     let steps = match &load_steps {
         Some(s) => s.times.len(),
         None => time::steps(scene, begin, run.dt())?,

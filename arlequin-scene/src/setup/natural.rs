@@ -77,6 +77,7 @@ pub(super) fn body(
         boundary,
         spacing: mesh.spacing(),
         material,
+        materials: material.into(),
         shape: table.shape.clone(),
         grains: None,
         warnings,

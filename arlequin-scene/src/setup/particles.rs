@@ -1,7 +1,7 @@
 //! `kind = "dem"`: a random packing of spheres joined by cohesive beams fills the shape.
 
 use super::clock::SetupClock;
-use super::filling::{Filling, Recipe, beam, dem};
+use super::filling::{Filling, Recipe, beam, dem, unlike_the_body};
 use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::materials;
@@ -91,7 +91,8 @@ pub(super) fn body(
     grains::cut(key, &table.dem.notch, &mut packing)?;
     let beam = beam(key, table)?;
     let line = PackingLine::of(&packing, table.material.density);
-    let warnings = line.warnings();
+    let mut warnings = line.warnings();
+    warnings.extend(unlike_the_body(table, &beam, &line));
     let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
     drop(packing);
     let model = graded(key, table, &filling, model)?;
@@ -121,6 +122,7 @@ pub(super) fn body(
     };
     let radii = model.body().radii();
     let spacing = 2.0 * radii.iter().sum::<f64>() / radii.len() as f64;
+    let material = super::kinds::elastic(key, &table.material)?;
     Ok(Body {
         groups: groups(&model, &table.shape, &filling),
         field,
@@ -128,7 +130,8 @@ pub(super) fn body(
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material: super::kinds::elastic(key, &table.material)?,
+        material,
+        materials: material.into(),
         shape: table.shape.clone(),
         grains: Some(grains),
         warnings,

@@ -6,7 +6,8 @@ use crate::spec::{
     TimeShape,
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Coupled, Elastic, ShapeRow, Subdomain};
+use arlequin::core::{Coupled, Elastic, OwnStep, ShapeRow, Subdomain, advice};
+use std::collections::BTreeSet;
 
 /// Steps above which a run is hardly meant: months at a microsecond each.
 const MANY_STEPS: f64 = 1e9;
@@ -50,6 +51,7 @@ pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     overlaps(scene, built, &mut out);
     untied(scene, built, &mut out);
     out.extend(steps(built));
+    own_steps(scene, built, &mut out);
     out.extend(beyond_the_end(scene, built));
     out.extend(built.bounds.watch(&built.run));
     out
@@ -337,6 +339,39 @@ fn steps(built: &Built) -> Option<String> {
             "time: {n:.2e} steps of {dt:.2e} s are more than {MANY_STEPS:e}; choose an earlier end, or coarser models"
         )
     })
+}
+
+/// Own steps that are not what was asked for, or that lose what the mesh resolves.
+fn own_steps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
+    // At rest nothing steps.
+    if built.load_steps.is_some() {
+        return;
+    }
+    let all = built.run.subdomains().iter().zip(built.run.critical_steps());
+    for (s, critical) in all {
+        let (name, made) = (s.model().name(), s.own_steps());
+        match s.step_choice() {
+            OwnStep::Ratio(asked) if asked != made => {
+                let acts = |e: &&Effect| e.between.as_ref().is_some_and(|b| b.iter().any(|n| n == name));
+                let others = scene
+                    .effect
+                    .iter()
+                    .filter(acts)
+                    .flat_map(|e| e.between.iter().flatten());
+                let others: BTreeSet<&str> = others.map(String::as_str).filter(|n| *n != name).collect();
+                out.push(format!(
+                    "model '{name}': makes {made} own steps in a step of the run, not step.ratio = {asked}: an effect between it and \
+                     '{}' has them step together, and another of them needs as many; name {made}, or longer steps there",
+                    others.into_iter().collect::<Vec<_>>().join("', '")
+                ));
+            }
+            OwnStep::Implicit => {
+                let told = advice::implicit(s.own_dt(), *critical);
+                out.extend(told.map(|a| format!("model '{name}': {a}")));
+            }
+            _ => {}
+        }
+    }
 }
 
 /// A run of few whole steps that goes on well after the end that was asked for.

@@ -73,6 +73,7 @@ fn acting(scene: &SceneSpec) -> Result<()> {
     }
     for (k, l) in scene.load.iter().enumerate() {
         let path = format!("load[{k}]");
+        headline(&path, l.name.as_deref())?;
         let table = model(&path, &l.model, scene)?;
         selection(&format!("{path}.where"), &l.at, table)?;
         drive::check_load(&path, l)?;
@@ -84,6 +85,17 @@ fn acting(scene: &SceneSpec) -> Result<()> {
         drive::model_indices(&path, i.models.as_deref(), scene)?;
     }
     Ok(())
+}
+
+/// Refuses a name that would break the tables at whose head it stands.
+fn headline(path: &str, name: Option<&str>) -> Result<()> {
+    match name {
+        Some(n) if n.trim().is_empty() || n.contains(|c: char| ",;\"".contains(c) || c.is_control()) => {
+            let rule = "stands at the head of tables with commas; take letters, digits, spaces, - and _";
+            Err(value(format!("{path}.name"), format_args!("{n:?}"), rule))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Probes and curves.
@@ -192,7 +204,7 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         ProfileKind::MediatorCompatible => ProfileKind::Cubic,
         p => p,
     };
-    weight.profile = known(weight.profile);
+    weight.profile = Some(known(weight.kind()));
     for own in [&mut weight.alpha, &mut weight.beta, &mut weight.gamma]
         .into_iter()
         .flatten()
@@ -219,6 +231,7 @@ fn effect(k: usize, e: &Effect) -> Result<()> {
         EffectKind::Fracture(f) => grains::fracture(&path, f).map(|_| ()),
         EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
         EffectKind::Obstacle(o) => {
+            headline(&path, o.name.as_deref())?;
             grains::obstacle_parts(k, o)?;
             let law = grains::law(1.0, &o.contact);
             law.check().map_err(dem(format!("{path}.contact")))

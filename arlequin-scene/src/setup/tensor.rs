@@ -68,8 +68,10 @@ impl TensorRow {
             (Some(placed), _) => placed,
             (None, Some(selection)) => {
                 let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
-                let share = 1.0 / nodes.len() as f64;
-                let factors = vec![share; nodes.len()];
+                // Particles stand for the volume of their spheres: a plain mean would count the small ones, which carry more, too high.
+                let size = |n: &usize| body.grid.radii.get(*n).map_or(1.0, |r| r.powi(3));
+                let sum: f64 = nodes.iter().map(size).sum();
+                let factors = nodes.iter().map(|n| size(n) / sum).collect();
                 (nodes, factors)
             }
             (None, None) => (Vec::new(), Vec::new()),

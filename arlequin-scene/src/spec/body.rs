@@ -1,7 +1,7 @@
 //! `[zone.NAME]`: where a fine model takes the place of the body's, and which.
 
 use super::choice::choice;
-use super::interface::{Absorber, JunctionTable, SolverKind, WeightTable};
+use super::interface::{Absorber, JunctionTable, RegionShape, SolverKind, WeightTable};
 use super::model::{CnemTable, DemTable, FemTable, Material, ModelKind, OwnStepTable};
 use super::schema;
 use arlequin::core::{Partition, Sampling};
@@ -40,6 +40,9 @@ pub struct ZoneTable {
     /// How the models share energy, mass and load in the layer.
     #[serde(default)]
     pub weight: WeightTable,
+    /// Where the multipliers live.
+    #[serde(default)]
+    pub mediator: ZoneMediator,
     /// The scalar product of the constraint.
     #[serde(default)]
     pub junction: JunctionTable,
@@ -63,6 +66,15 @@ pub struct ZoneTable {
 pub struct ZoneOverlap {
     /// How far it reaches from the zone \[m\], up to whole elements of the body; three elements or more.
     pub width: f64,
+}
+
+/// The multiplier space of a zone, on the body's elements in the layer.
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ZoneMediator {
+    /// Longest distance of its nodes \[m\], reached by halving these elements. With that of a `fem` zone uniform strain
+    /// passes exactly, at the price of more multipliers and more reflection. Default: the elements as they are.
+    pub spacing: Option<f64>,
 }
 
 /// Where a fine model is wanted.
@@ -104,6 +116,18 @@ pub enum ZoneShape {
     },
     /// Inside a closed STL surface; relative to the scene file.
     File(PathBuf),
+}
+
+impl ZoneShape {
+    /// The region that it is by itself, without the body or a file.
+    pub fn simple(&self) -> Option<RegionShape> {
+        match *self {
+            Self::Ball { centre, radius } => Some(RegionShape::Ball { centre, radius }),
+            Self::Box { low, high } => Some(RegionShape::Box { low, high }),
+            Self::Cylinder { point, axis, radius } => Some(RegionShape::Cylinder { point, axis, radius }),
+            Self::Near { .. } | Self::File(_) => None,
+        }
+    }
 }
 
 choice!(

@@ -253,11 +253,13 @@ pub struct Obstacle {
     pub velocity: Option<[f64; 3]>,
     /// Prescribed displacement, in place of `velocity`.
     pub displacement: Option<ObstacleMotion>,
-    /// Mass of a free body \[kg\]; a free sphere also turns, by the friction of `contact`, planes and cylinders do
-    /// not. Default: driven or fixed.
+    /// Mass of a free body \[kg\], on which each `body_force` of its particles acts as well; a free sphere also turns, by the
+    /// friction of `contact`, planes and cylinders do not. Default: driven or fixed.
     pub mass: Option<f64>,
     /// Moment of inertia of a free sphere \[kg m²\]. Default: full ball, `2/5 mass radius²`.
     pub inertia: Option<f64>,
+    /// Angular velocity of a free sphere at the start \[rad/s\]. Default: none.
+    pub spin: Option<[f64; 3]>,
     /// How it touches particles.
     #[serde(default)]
     pub contact: Contact,

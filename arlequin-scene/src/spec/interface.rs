@@ -133,9 +133,10 @@ choice!(
 #[serde(deny_unknown_fields, default)]
 pub struct WeightTable {
     /// Profile of all three weights: `constant`, `linear`, `cubic` (C1), `quintic` (C2), `mediator-compatible` (C1,
-    /// exact patch test with `epsilon = 0`). Default: `cubic`.
-    #[schemars(with = "schema::ProfileKind")]
-    pub profile: ProfileKind,
+    /// exact patch test with `epsilon = 0`). Default: `cubic`; `linear` around a zone, whose borders may have any form
+    /// (decision 0041).
+    #[schemars(with = "Option<schema::ProfileKind>")]
+    pub profile: Option<ProfileKind>,
     /// Coarse weight of the constant profile, 0 to 1 \[–\]; needed by it.
     pub value: Option<f64>,
     /// Smallest weight in the overlap, 0 to below 0.5 \[–\]. Default: 1e-6; 0.05 with nodal weighting, whose
@@ -154,6 +155,13 @@ pub struct WeightTable {
     pub beta: Option<ProfileTable>,
     /// A weight of its own for external work. Default: the common one.
     pub gamma: Option<ProfileTable>,
+}
+
+impl WeightTable {
+    /// The common profile.
+    pub fn kind(&self) -> ProfileKind {
+        self.profile.unwrap_or_default()
+    }
 }
 
 /// One weight of its own.

@@ -11,7 +11,7 @@ pub mod schema;
 mod statics;
 mod wake;
 
-pub use body::{ZoneOverlap, ZoneShape, ZoneTable};
+pub use body::{ZoneMediator, ZoneOverlap, ZoneShape, ZoneTable};
 pub use drive::{Axis, Field, Initial, Load, Motion, OutputField, Selection, Spin, Support, TimeShape, Wave};
 pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
 pub use interface::{

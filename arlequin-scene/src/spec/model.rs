@@ -291,12 +291,13 @@ pub struct DemTable {
     /// 6.2.
     pub coordination: Option<f64>,
     /// Young's modulus of the beams \[Pa\]. Default: 3.56 `material.young`, which gives a packing about that
-    /// modulus (2.65e11 Pa for 7.44e10 Pa).
+    /// modulus (2.65e11 Pa for 7.44e10 Pa); in a zone, with `radius_ratio`, what gives a packing the body's modulus and
+    /// Poisson's ratio (decision 0041).
     pub young: Option<f64>,
     /// Poisson's ratio of the beams \[–\]; that of the packing follows from the beams (0.17 with the defaults),
-    /// `material.poisson` does not enter. Default: 0.3.
+    /// `material.poisson` does not enter but in a zone. Default: 0.3.
     pub poisson: Option<f64>,
-    /// Beam radius over mean particle radius \[–\]; needs `young`. Default: 0.71.
+    /// Beam radius over mean particle radius \[–\]; needs `young`. Default: 0.71; in a zone as for `young`.
     pub radius_ratio: Option<f64>,
     /// What interfaces see.
     pub field: ParticleFieldKind,

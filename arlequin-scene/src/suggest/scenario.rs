@@ -103,7 +103,7 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
         lengths: [ce[1] - ce[0], (fe[1] - fe[0] - overlap).max(0.0)],
         spacings,
         across: across(&c.shape, axis),
-        profile: table.weight.profile,
+        profile: table.weight.kind(),
         junction: table.junction.kind,
         // A quarter of the mediator's spacing is the default of scenes.
         length_ratio: table.junction.length.map_or(0.25, |l| l / spacings[2]),

@@ -3,7 +3,7 @@
 use crate::error::{Result, key, unknown, value};
 use crate::scene::Scene;
 use crate::setup::{acts, effect_models};
-use crate::spec::{Bearer, Effect, EffectKind, Near, SceneSpec, Wake};
+use crate::spec::{Bearer, Effect, EffectKind, ModelTable, Near, SceneSpec, Scheme, StepChoice, Wake};
 
 /// Applies the assignments of `[wake]` and leaves out the sleeping model with everything that is its own.
 pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
@@ -46,7 +46,22 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
     let known = |name: &String| scene.probe.contains_key(name);
     scene.curve.retain(|_, c| known(&c.x) && known(&c.y));
     scene.wake = None;
+    check_step(&scene, wake)?;
     Ok(awake.with_spec(scene))
+}
+
+/// A share of the critical step needs a model that has one while the other sleeps.
+fn check_step(asleep: &SceneSpec, wake: &Wake) -> Result<()> {
+    let implicit = |m: &ModelTable| m.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit));
+    if !matches!(asleep.time.step, StepChoice::Fraction(_)) || !asleep.model.values().all(implicit) {
+        return Ok(());
+    }
+    let rule = format!(
+        "leaves nothing to choose a step by while '{}' sleeps: an implicit model has no critical step; give time.step.seconds, or \
+         let '{}' step explicitly",
+        wake.model, wake.by
+    );
+    Err(value(format!("model.{}.step.scheme", wake.by), "implicit", &rule))
 }
 
 fn check(scene: &SceneSpec, wake: &Wake) -> Result<()> {

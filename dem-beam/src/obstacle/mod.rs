@@ -5,7 +5,7 @@
 //!
 //! A free body is moved by the same velocity Verlet as everything else. A free ball turns as well: friction acts at its
 //! surface, so that the angular momentum of particles and ball is kept. Planes and cylinders have no centre that could be
-//! told from the shape, and do not turn. What an obstacle gives to the particles and their springs is its `supplied`
+//! told from the shape, and do not turn. Fields of acceleration pull a free body as they do its particles. What an obstacle gives to the particles and their springs is its `supplied`
 //! energy: the work of what drives it, or its own kinetic energy. No contact gives back more than it took in
 //! ([`crate::contact`]).
 
@@ -17,13 +17,17 @@ pub use shape::{Motion, RigidShape};
 use crate::bond::Twist;
 use crate::contact::budget::{BudgetedLaw, End};
 use crate::contact::{self, ContactBody, ContactLaw, Grains, Pair, Spring};
-use crate::error::{Result, positive};
+use crate::error::{Error, Result, positive};
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
+use arlequin_core::TimeFunction;
 use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
 use arlequin_core::snapshot::Record;
 use nalgebra::{Point3, Vector3};
 use near::Near;
+
+/// Numbers of a record before those of springs and pushes.
+const BALANCE: usize = 24;
 
 /// Where an obstacle pushed in the last step.
 #[derive(Debug, Clone, Copy)]
@@ -63,6 +67,10 @@ struct Body {
     /// Angular velocity half a step earlier \[rad/s\], torque of the particles on it \[N m\].
     spin: Vector3<f64>,
     torque: Vector3<f64>,
+    /// Fields of acceleration \[m/s²\] and their time functions; force they exert now \[N\], work since the first step \[J\].
+    fields: Vec<(Vector3<f64>, TimeFunction<f64>)>,
+    weight: Vector3<f64>,
+    fallen: f64,
     /// Displacement, velocity half a step earlier, force of the particles on the obstacle.
     moved: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -111,6 +119,9 @@ impl Obstacle {
             turning,
             spin: Vector3::zeros(),
             torque: Vector3::zeros(),
+            fields: Vec::new(),
+            weight: Vector3::zeros(),
+            fallen: 0.0,
             moved: Vector3::zeros(),
             velocity: motion.first_velocity(),
             reaction: Vector3::zeros(),
@@ -126,6 +137,30 @@ impl Obstacle {
             grains,
         }))
     }
+
+    /// The same with an angular velocity at time zero \[rad/s\].
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfRange`] for all but free balls, which alone turn.
+    pub fn with_spin(mut self, spin: Vector3<f64>) -> Result<Self> {
+        if self.0.turning.is_none() && spin.norm() > 0.0 {
+            return Err(Error::out_of_range(
+                "spin of an obstacle that does not turn",
+                spin.norm(),
+                "none: leave it out, or make the obstacle a sphere with a mass",
+            ));
+        }
+        self.0.spin = spin;
+        Ok(self)
+    }
+
+    /// The same in a field of acceleration `field time(t)` \[m/s²\], gravity for one, in which a free body falls; driven ones
+    /// do not feel it.
+    #[must_use]
+    pub fn with_acceleration(mut self, field: Vector3<f64>, time: TimeFunction<f64>) -> Self {
+        self.0.fields.push((field, time));
+        self
+    }
 }
 
 impl Body {
@@ -136,7 +171,7 @@ impl Body {
             Motion::Free { mass, .. } => {
                 if at.dt > 0.0 {
                     let kick = if self.started { at.dt } else { 0.5 * at.dt };
-                    self.velocity += self.reaction * (kick / mass);
+                    self.velocity += (self.reaction + self.weight) * (kick / mass);
                     self.spin += self.torque * (kick * self.lightness()[1]);
                     if !self.started {
                         self.first_energy = self.kinetic(*mass, &self.velocity, &self.spin);
@@ -216,11 +251,20 @@ impl Body {
         [light, self.turning.map_or(0.0, |(_, inertia)| 1.0 / inertia)]
     }
 
+    /// What the fields exert on a free body \[N\].
+    fn weight_at(&self, t: f64) -> Vector3<f64> {
+        let Motion::Free { mass, .. } = &self.motion else {
+            return Vector3::zeros();
+        };
+        let sum = self.fields.iter().map(|(field, time)| field * time.at(t));
+        sum.sum::<Vector3<f64>>() * *mass
+    }
+
     /// Velocity and angular velocity half a step from now, under the contacts taken so far.
     fn next(&self, dt: f64) -> [Vector3<f64>; 2] {
         let [light, turn] = self.lightness();
         [
-            self.velocity + self.reaction * (dt * light),
+            self.velocity + (self.reaction + self.weight) * (dt * light),
             self.spin + self.torque * (dt * turn),
         ]
     }
@@ -249,6 +293,7 @@ impl Body {
     fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
         self.active.clear();
         (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
+        self.weight = self.weight_at(at.time);
         self.law.begin(at.dt);
         let springs = &mut self.springs;
         let lost = |i: usize| {
@@ -327,8 +372,12 @@ impl Body {
             Motion::Free { mass, .. } => {
                 let [next, spin] = self.next(at.dt);
                 let after = self.kinetic(*mass, &next, &spin);
-                self.supplied = self.first_energy - after;
-                self.pending = 0.5 * (self.kinetic(*mass, &self.velocity, &self.spin) - after);
+                // What the fields gave the body it has not lost to the particles.
+                let fallen = 0.5 * at.dt * self.weight.dot(&(self.velocity + next));
+                self.fallen += fallen;
+                self.supplied = self.first_energy + self.fallen - after;
+                let before = self.kinetic(*mass, &self.velocity, &self.spin);
+                self.pending = 0.5 * (before + fallen - after);
             }
             driven => {
                 // The force of this instant works on the mean of the two velocities around it.
@@ -369,10 +418,23 @@ impl AnyEffect<f64> for Body {
         let mut out = Record::default();
         let flags = [self.started, self.law.begun, self.backwards];
         out.integers.extend(flags.map(u64::from));
-        for v in [self.moved, self.velocity, self.reaction, self.spin, self.torque] {
+        for v in [
+            self.moved,
+            self.velocity,
+            self.reaction,
+            self.spin,
+            self.torque,
+            self.weight,
+        ] {
             out.numbers.extend(v.iter());
         }
-        let balance = [self.supplied, self.pending, self.first_energy, self.peak];
+        let balance = [
+            self.supplied,
+            self.pending,
+            self.first_energy,
+            self.peak,
+            self.fallen,
+        ];
         out.numbers.extend(balance);
         out.numbers.push(self.law.supplied);
         for s in &self.springs {
@@ -393,21 +455,22 @@ impl AnyEffect<f64> for Body {
         let pushes = from.integers.len().saturating_sub(3 + n);
         from.expect(
             &format!("obstacle '{}'", self.name),
-            20 + 7 * n + 11 * pushes,
+            BALANCE + 7 * n + 11 * pushes,
             3 + n + pushes,
         )?;
         let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
         [self.started, self.law.begun, self.backwards] = [0, 1, 2].map(|k: usize| from.integers[k] == 1);
         [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
-        [self.spin, self.torque] = [three(9), three(12)];
+        [self.spin, self.torque, self.weight] = [three(9), three(12), three(15)];
         [
             self.supplied,
             self.pending,
             self.first_energy,
             self.peak,
+            self.fallen,
             self.law.supplied,
-        ] = [15, 16, 17, 18, 19].map(|k: usize| from.numbers[k]);
-        let (springs, pushed) = from.numbers[20..].split_at(7 * n);
+        ] = [18, 19, 20, 21, 22, 23].map(|k: usize| from.numbers[k]);
+        let (springs, pushed) = from.numbers[BALANCE..].split_at(7 * n);
         let (on, particles) = from.integers[3..].split_at(n);
         for ((s, on), x) in self.springs.iter_mut().zip(on).zip(springs.as_chunks::<7>().0) {
             *s = Spring::from_numbers(*on == 1, *x);
@@ -415,7 +478,7 @@ impl AnyEffect<f64> for Body {
         self.active.clear();
         for (particle, x) in particles.iter().zip(pushed.as_chunks::<11>().0) {
             if *particle >= n as u64 {
-                return from.expect(&format!("obstacle '{}'", self.name), 20 + 7 * n, 3 + n);
+                return from.expect(&format!("obstacle '{}'", self.name), BALANCE + 7 * n, 3 + n);
             }
             self.active.push(Active {
                 particle: *particle as u32,

@@ -4,7 +4,8 @@ use super::region::Place;
 use super::{Cut, Piece, Use};
 use crate::error::{Error, Result, key, value};
 use crate::spec::{
-    Interface, MediatorTable, ModelKind, ModelTable, OverlapShape, RoleKind, SceneSpec, Shape, ZoneTable,
+    Interface, MediatorTable, ModelKind, ModelTable, OverlapShape, ProfileKind, RoleKind, SceneSpec, Shape,
+    WeightTable, ZoneTable,
 };
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -112,7 +113,11 @@ fn check_zone(name: &str, zone: &ZoneTable) -> Result<()> {
         let rule = "a chain is a line and fills no zone; take \"fem\", \"cnem\" or \"dem\"";
         return Err(value(format!("{path}.kind"), "chain", rule));
     }
-    for (key, x) in [("overlap.width", Some(zone.overlap.width)), ("scale", zone.scale)] {
+    for (key, x) in [
+        ("overlap.width", Some(zone.overlap.width)),
+        ("scale", zone.scale),
+        ("mediator.spacing", zone.mediator.spacing),
+    ] {
         if let Some(x) = x.filter(|x| *x <= 0.0) {
             return Err(value(format!("{path}.{key}"), x, "must be positive [m]"));
         }
@@ -159,8 +164,15 @@ fn interface(name: &str, zone: &ZoneTable, piece: Piece) -> Interface {
         coarse: BODY.to_owned(),
         fine: name.to_owned(),
         overlap: OverlapShape::Zone(piece),
-        weight: zone.weight.clone(),
-        mediator: MediatorTable::default(),
+        weight: WeightTable {
+            // No weight is compatible with borders of any form; the linear one errs least (decision 0041).
+            profile: zone.weight.profile.or(Some(ProfileKind::Linear)),
+            ..zone.weight.clone()
+        },
+        mediator: MediatorTable {
+            spacing: zone.mediator.spacing,
+            ..MediatorTable::default()
+        },
         junction: zone.junction,
         sampling: zone.sampling,
         solver: zone.solver,

@@ -137,10 +137,6 @@ impl Piece {
                 }
                 mesh::positive_spacing(request.key, request.spacing).map(|_| ())
             }
-            Use::Between(_) if request.spacing.is_some() || request.divisions.is_some() => Err(key(
-                request.key,
-                "the space between a zone and the body is made of the body's elements; remove spacing",
-            )),
             Use::Between(_) => Ok(()),
         }
     }
@@ -150,30 +146,18 @@ impl Piece {
         matches!(self.cut.body.shape, Shape::File(_))
     }
 
-    /// Its mesh; that of a zone's model is halved until its elements are no longer than asked for.
+    /// Its mesh; that of a zone's model and its mediator are halved until their elements are no longer than asked for.
     pub(super) fn mesh(&self, request: &Request<'_>) -> Result<Mesh<f64>> {
-        let division = self.cut.division(request.folder)?;
+        let mesh = self.elements(self.cut.division(request.folder)?)?;
         match (self.of, request.spacing) {
-            (Use::Zone(z), Some(wanted)) => {
-                let coarse = self.elements(division)?;
-                let ratio = coarse.spacing() / wanted;
-                let times = (ratio.log2() - 1e-6).ceil().max(1.0);
-                if times > HALVINGS {
-                    let rule = format!(
-                        "is {ratio:.0} times finer than the body's elements there ({:.3e} m), {:.0} at most; refine the body's mesh",
-                        coarse.spacing(),
-                        HALVINGS.exp2()
-                    );
-                    return Err(value(
-                        format!("zone.{}.spacing", self.cut.zones[z].0),
-                        wanted,
-                        &rule,
-                    ));
-                }
-                let halved = (0..times as usize).try_fold(coarse, |mesh, _| mesh.refined());
-                halved.map_err(fem(request.key))
-            }
-            _ => self.elements(division),
+            (Use::Zone(z), Some(wanted)) => halved(
+                mesh,
+                wanted,
+                1.0,
+                &format!("zone.{}.spacing", self.cut.zones[z].0),
+            ),
+            (Use::Between(_), Some(wanted)) => halved(mesh, wanted, 0.0, &format!("{}.spacing", request.key)),
+            _ => Ok(mesh),
         }
     }
 
@@ -215,6 +199,22 @@ impl Piece {
             Use::Body => 0,
         }
     }
+}
+
+/// Elements halved until they are no longer than wanted \[m\], so many times at least.
+fn halved(mesh: Mesh<f64>, wanted: f64, least: f64, key: &str) -> Result<Mesh<f64>> {
+    let ratio = mesh.spacing() / wanted;
+    let times = (ratio.log2() - 1e-6).ceil().max(least);
+    if times > HALVINGS {
+        let rule = format!(
+            "is {ratio:.0} times finer than the body's elements there ({:.3e} m), {:.0} at most; refine the body's mesh",
+            mesh.spacing(),
+            HALVINGS.exp2()
+        );
+        return Err(value(key, wanted, &rule));
+    }
+    let halved = (0..times as usize).try_fold(mesh, |mesh, _| mesh.refined());
+    halved.map_err(fem(key))
 }
 
 /// The body's elements as a field, which finds the element of a point.

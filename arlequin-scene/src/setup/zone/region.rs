@@ -5,8 +5,9 @@ use super::faces::Faces;
 use crate::error::{Result, dem, key, unknown, value};
 use crate::setup::cloud;
 use crate::setup::filling::bytes;
+use crate::setup::interface::region;
 use crate::spec::ZoneShape;
-use arlequin::core::nalgebra::{Point3, Unit, Vector3};
+use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Primitive, Region};
 use arlequin::dem_beam::Surface;
 use arlequin::dem_beam::packing::read_facets;
@@ -50,7 +51,7 @@ impl Place {
                 let surface = surface.scaled(scale).map_err(dem(&at))?;
                 Self::Inside(Faces::new(cloud::corners(&surface)), Box::new(surface))
             }
-            simple => Self::Simple(primitive(&path, simple)?),
+            shape => Self::Simple(simple(&path, shape)?),
         })
     }
 
@@ -66,7 +67,7 @@ impl Place {
                 Err(key(format!("{path}.near"), "needs exactly one of group, file"))
             }
             ZoneShape::Near { .. } | ZoneShape::File(_) => Ok(()),
-            simple => primitive(path, simple).map(|_| ()),
+            shape => simple(path, shape).map(|_| ()),
         }
     }
 
@@ -83,34 +84,11 @@ impl Place {
     }
 }
 
-fn primitive(path: &str, shape: &ZoneShape) -> Result<Primitive<f64>> {
-    let positive = |name: &str, r: f64| match r > 0.0 {
-        true => Ok(r),
-        false => Err(value(format!("{path}.{name}.radius"), r, "must be positive [m]")),
-    };
-    Ok(match shape {
-        ZoneShape::Ball { centre, radius } => Primitive::Ball {
-            centre: Point3::from(*centre),
-            radius: positive("ball", *radius)?,
-        },
-        ZoneShape::Box { low, high } => {
-            if let Some(c) = (0..3).find(|&c| high[c] <= low[c]) {
-                let rule = format!("must be above low[{c}] = {} m", low[c]);
-                return Err(value(format!("{path}.box.high[{c}]"), high[c], &rule));
-            }
-            Primitive::Block {
-                low: Point3::from(*low),
-                high: Point3::from(*high),
-            }
-        }
-        ZoneShape::Cylinder { point, axis, radius } => Primitive::Cylinder {
-            point: Point3::from(*point),
-            axis: Unit::try_new(Vector3::from(*axis), 0.0)
-                .ok_or_else(|| key(format!("{path}.cylinder.axis"), "has no length; take [1, 0, 0]"))?,
-            radius: positive("cylinder", *radius)?,
-        },
-        ZoneShape::Near { .. } | ZoneShape::File(_) => return Err(key(path, "is no simple region")),
-    })
+fn simple(path: &str, shape: &ZoneShape) -> Result<Primitive<f64>> {
+    match shape.simple() {
+        Some(shape) => region(path, &shape),
+        None => Err(key(path, "is no simple region")),
+    }
 }
 
 /// The facets of a group, or its nodes where it has none.

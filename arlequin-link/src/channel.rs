@@ -1,0 +1,196 @@
+//! Whole messages over a stream: limits on their length, limits on the time they take.
+
+use crate::address::Stream;
+use crate::error::{Error, Result};
+use crate::message::read_failure;
+use crate::wire::{Content, HEADER, Header, Kind, Message, SMALL};
+use std::io::{ErrorKind, Read, Write};
+use std::time::{Duration, Instant};
+
+/// Most that memory grows by before the bytes for it have come.
+const PIECE: usize = 1 << 20;
+
+/// A stream of messages.
+#[derive(Debug)]
+pub(crate) struct Channel {
+    stream: Stream,
+    /// The other side, for messages.
+    pub(crate) peer: String,
+    /// How long one message may take; `None` for ever.
+    timeout: Option<Duration>,
+    /// Longest message that is taken.
+    limit: u64,
+    /// Longest that the other side takes.
+    pub(crate) peer_limit: u64,
+    /// The message that is written.
+    pub(crate) out: Message,
+    /// What was read last; only ever grows.
+    buffer: Vec<u8>,
+}
+
+impl Channel {
+    pub(crate) fn new(stream: Stream, peer: String, timeout: Option<Duration>, limit: u64) -> Self {
+        Self {
+            stream,
+            peer,
+            timeout,
+            limit,
+            peer_limit: SMALL,
+            out: Message::default(),
+            buffer: Vec::new(),
+        }
+    }
+
+    /// When a message that begins now must be through.
+    fn until(&self) -> Option<Instant> {
+        self.timeout.map(|t| Instant::now() + t)
+    }
+
+    /// What is left of the time; an error if nothing is. None if it may last for ever.
+    fn left(&self, until: Option<Instant>, waited: &str) -> Result<Option<Duration>> {
+        let left = until.map(|u| u.saturating_duration_since(Instant::now()));
+        if left.is_some_and(|l| l.is_zero()) {
+            return Err(self.silent(waited));
+        }
+        Ok(left)
+    }
+
+    fn silent(&self, waited: &str) -> Error {
+        Error::Silent {
+            peer: self.peer.clone(),
+            waited: waited.to_owned(),
+            limit: self.timeout.unwrap_or_default(),
+        }
+    }
+
+    fn failed(&self, e: &std::io::Error, what: &str) -> Error {
+        match e.kind() {
+            ErrorKind::BrokenPipe
+            | ErrorKind::ConnectionReset
+            | ErrorKind::ConnectionAborted
+            | ErrorKind::UnexpectedEof => Error::Closed {
+                peer: self.peer.clone(),
+                expected: what.to_owned(),
+            },
+            _ => Error::System {
+                what: format!("the link to {} ({what})", self.peer),
+                reason: e.to_string(),
+            },
+        }
+    }
+
+    /// Sends what stands in [`Self::out`].
+    pub(crate) fn send(&mut self) -> Result<()> {
+        let (kind, length) = (self.out.kind(), self.out.length());
+        if length > self.peer_limit {
+            return Err(Error::Length {
+                peer: "this side".into(),
+                kind,
+                found: length,
+                rule: format!("and {} takes {}", self.peer, self.peer_limit),
+            });
+        }
+        let until = self.until();
+        let mut message = std::mem::take(&mut self.out);
+        let outcome = self.write(message.finish(), until, kind);
+        self.out = message;
+        outcome
+    }
+
+    fn write(&mut self, mut rest: &[u8], until: Option<Instant>, kind: Kind) -> Result<()> {
+        let what = || format!("the reading of {kind}");
+        while !rest.is_empty() {
+            if let Some(left) = self.left(until, &what())? {
+                let set = self.stream.write_within(left);
+                set.map_err(|e| self.failed(&e, &what()))?;
+            }
+            match self.stream.write(rest) {
+                Ok(0) => return Err(self.failed(&ErrorKind::BrokenPipe.into(), &what())),
+                Ok(n) => rest = &rest[n..],
+                Err(e) if passing(&e) => {}
+                Err(e) => return Err(self.failed(&e, &what())),
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads until `buffer[..to]` is full.
+    fn fill(&mut self, to: usize, until: Option<Instant>, what: &str) -> Result<()> {
+        let mut have = 0;
+        while have < to {
+            let room = to.min(have + PIECE);
+            if self.buffer.len() < room {
+                self.buffer.resize(room, 0);
+            }
+            if let Some(left) = self.left(until, what)? {
+                let set = self.stream.read_within(left);
+                set.map_err(|e| self.failed(&e, what))?;
+            }
+            match self.stream.read(&mut self.buffer[have..room]) {
+                Ok(0) => return Err(self.failed(&ErrorKind::UnexpectedEof.into(), what)),
+                Ok(n) => have += n,
+                Err(e) if passing(&e) => {}
+                Err(e) => return Err(self.failed(&e, what)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Receives one of these kinds, of which the first is named in messages, with `lengths` in bytes that it may have;
+    /// [`Kind::Failed`] becomes the error it tells. What came lies in [`Self::content`].
+    pub(crate) fn receive(&mut self, due: &[Kind], lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
+        let expected = due.first().map_or(String::new(), Kind::to_string);
+        loop {
+            let until = self.until();
+            self.fill(HEADER, until, &expected)?;
+            let mut bytes = [0; HEADER];
+            bytes.copy_from_slice(&self.buffer[..HEADER]);
+            let header = Header::read(&bytes, &self.peer)?;
+            let due = due.contains(&header.kind);
+            let lengths = match header.kind {
+                Kind::Working => 0..=0,
+                Kind::Failed => 4..=SMALL + 4,
+                _ if due => *lengths.start()..=self.limit.min(*lengths.end()),
+                found => {
+                    return Err(Error::Unexpected {
+                        peer: self.peer.clone(),
+                        found: found.to_string(),
+                        expected,
+                    });
+                }
+            };
+            if !lengths.contains(&header.length) {
+                let rule = match (lengths.start(), lengths.end()) {
+                    (a, b) if a == b => format!("and {a} are due"),
+                    (_, b) if header.length > *b => format!("and {b} is the limit"),
+                    (a, _) => format!("and {a} are due at least"),
+                };
+                return Err(Error::Length {
+                    peer: self.peer.clone(),
+                    kind: header.kind,
+                    found: header.length,
+                    rule,
+                });
+            }
+            self.fill(header.length as usize, until, &header.kind.to_string())?;
+            match header.kind {
+                Kind::Working => {}
+                Kind::Failed if !due => return Err(read_failure(self.content(header), &self.peer)?),
+                _ => return Ok(header),
+            }
+        }
+    }
+
+    /// What was received last.
+    pub(crate) fn content(&self, header: Header) -> Content<'_> {
+        Content::new(&self.peer, header.kind, &self.buffer[..header.length as usize])
+    }
+}
+
+/// Whether to try again: reads that timed out do so, and find that their time is over.
+fn passing(e: &std::io::Error) -> bool {
+    matches!(
+        e.kind(),
+        ErrorKind::Interrupted | ErrorKind::WouldBlock | ErrorKind::TimedOut
+    )
+}

@@ -1,0 +1,462 @@
+//! Messages with more than numbers in them, and how they are written and read.
+
+use crate::error::{Error, Result};
+use crate::wire::{Content, Kind, Message, NAME};
+use arlequin_core::geometry::{Cell, Polyhedron};
+use arlequin_core::nalgebra::Point3;
+use arlequin_core::snapshot::Record;
+use arlequin_core::{DofLayout, Share, Weight, Weights};
+
+/// What the solver can tell beside velocities and displacements, and what a message asks for or has: bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Fields(pub u32);
+
+impl Fields {
+    /// Velocities.
+    pub const VELOCITIES: Self = Self(1);
+    /// Displacements.
+    pub const DISPLACEMENTS: Self = Self(2);
+    /// Accelerations.
+    pub const ACCELERATIONS: Self = Self(4);
+    /// The energy that its stepping keeps.
+    pub const INVARIANT: Self = Self(8);
+    /// That it can be saved and restored; of an offer only.
+    pub const MEMORY: Self = Self(16);
+    /// What every solver offers.
+    pub const MOTION: Self = Self(3);
+
+    /// Whether these are among them.
+    pub fn has(self, which: Self) -> bool {
+        self.0 & which.0 == which.0
+    }
+
+    /// These and those.
+    #[must_use]
+    pub fn and(self, others: Self) -> Self {
+        Self(self.0 | others.0)
+    }
+
+    /// These, if they are among those.
+    #[must_use]
+    pub fn among(self, others: Self) -> Self {
+        Self(self.0 & others.0)
+    }
+}
+
+/// Elements of the mesh of a solver, in the order of nodes that Gmsh and VTK have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Element {
+    /// Lines of two nodes.
+    Line,
+    /// Tetrahedra of four nodes.
+    Tetrahedron,
+    /// Hexahedra of eight nodes.
+    Hexahedron,
+}
+
+impl Element {
+    /// Nodes of an element.
+    pub fn nodes(self) -> usize {
+        match self {
+            Self::Line => 2,
+            Self::Tetrahedron => 4,
+            Self::Hexahedron => 8,
+        }
+    }
+}
+
+/// What interfaces see of a solver: where it is, and its shape functions.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shape {
+    /// It exists at its nodes only (spheres): the volume that each stands for \[m³\], and pairs of neighbours, from which
+    /// gradients come; none if it has none.
+    Particles {
+        /// Volume of every node \[m³\].
+        volumes: Vec<f64>,
+        /// Neighbours.
+        pairs: Vec<[u32; 2]>,
+    },
+    /// Linear elements.
+    Mesh {
+        /// Which.
+        element: Element,
+        /// Nodes of the elements, one element after another.
+        connectivity: Vec<u32>,
+        /// Cross-section of lines \[m²\].
+        section: f64,
+    },
+}
+
+/// What a solver says of itself when it is greeted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Description {
+    /// Longest message it takes, in bytes.
+    pub limit: u64,
+    /// What it can tell.
+    pub offers: Fields,
+    /// Its name, for messages.
+    pub name: String,
+    /// What it is, for reports.
+    pub kind: String,
+    /// Arrangement of its unknowns.
+    pub layout: DofLayout,
+    /// Reference positions \[m\].
+    pub nodes: Vec<Point3<f64>>,
+    /// Its field.
+    pub shape: Shape,
+    /// Lumped inertia of every unknown without weights \[kg, kg m²\].
+    pub inertia: Vec<f64>,
+    /// Largest stable step without weights \[s\]; infinite if it takes any.
+    pub critical_step: f64,
+}
+
+impl Description {
+    /// Writes it.
+    pub fn write(&self, to: &mut Message) {
+        to.begin(Kind::Description).u64(self.limit).u32(self.offers.0);
+        let (number, section, parts) = match &self.shape {
+            Shape::Particles { pairs, .. } => (0, 1.0, pairs.len()),
+            Shape::Mesh {
+                element,
+                connectivity,
+                section,
+            } => (*element as u8 + 1, *section, connectivity.len() / element.nodes()),
+        };
+        let DofLayout {
+            nodes,
+            components,
+            rotations,
+        } = self.layout;
+        to.raw(&[components as u8, rotations as u8, number, 0])
+            .u64(nodes as u64)
+            .u64(parts as u64)
+            .f64(section)
+            .f64(self.critical_step)
+            .text(&self.name, NAME)
+            .text(&self.kind, NAME);
+        self.nodes.iter().for_each(|x| {
+            to.numbers(x.coords.as_slice());
+        });
+        to.numbers(&self.inertia);
+        match &self.shape {
+            Shape::Particles { volumes, pairs } => {
+                to.numbers(volumes);
+                pairs.iter().flatten().for_each(|k| {
+                    to.u32(*k);
+                });
+            }
+            Shape::Mesh { connectivity, .. } => connectivity.iter().for_each(|k| {
+                to.u32(*k);
+            }),
+        }
+    }
+
+    /// Reads one.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Content`].
+    pub fn read(mut from: Content<'_>) -> Result<Self> {
+        let (limit, offers) = (from.u64()?, Fields(from.u32()?));
+        if !offers.has(Fields::MOTION) {
+            return Err(
+                from.wrong("velocities or displacements are not offered; every solver must tell both")
+            );
+        }
+        let [components, rotations, number, _] = [from.u8()?, from.u8()?, from.u8()?, from.u8()?];
+        if !matches!(components, 1..=3) || !matches!(rotations, 0 | 3) {
+            let rule = format!(
+                "nodes have {components} displacements and {rotations} rotations; 1 to 3 and 0 or 3 they have"
+            );
+            return Err(from.wrong(rule));
+        }
+        let element = match number {
+            0 => None,
+            1 => Some(Element::Line),
+            2 => Some(Element::Tetrahedron),
+            3 => Some(Element::Hexahedron),
+            _ => return Err(from.wrong(format!("the shape is {number}; 0 to 3 there are"))),
+        };
+        let per_node = 8 * (3 + usize::from(components) + usize::from(rotations));
+        let nodes = from.count("nodes", per_node)?;
+        if nodes == 0 {
+            return Err(from.wrong("there is no node"));
+        }
+        let parts = from.count("elements or pairs", 4 * element.map_or(2, Element::nodes))?;
+        let section = from.finite("the cross-section")?;
+        let critical_step = from.f64()?;
+        check_step(&from, critical_step)?;
+        let (name, kind) = (from.text("the name", NAME)?, from.text("the kind", NAME)?);
+        let layout = DofLayout {
+            nodes,
+            components: usize::from(components),
+            rotations: usize::from(rotations),
+        };
+        let positions = from.vector("positions", 3 * nodes)?;
+        let inertia = from.vector("inertia", layout.dofs())?;
+        check_inertia(&from, &inertia)?;
+        let shape = read_shape(&mut from, element, [nodes, parts], section)?;
+        from.end()?;
+        let (positions, _) = positions.as_chunks::<3>();
+        Ok(Self {
+            limit,
+            offers,
+            name,
+            kind,
+            layout,
+            nodes: positions.iter().map(|x| Point3::from(*x)).collect(),
+            shape,
+            inertia,
+            critical_step,
+        })
+    }
+}
+
+fn read_shape(
+    from: &mut Content<'_>,
+    element: Option<Element>,
+    [nodes, parts]: [usize; 2],
+    section: f64,
+) -> Result<Shape> {
+    let volumes = match element {
+        None => from.vector("volumes", nodes)?,
+        Some(_) => Vec::new(),
+    };
+    let ends = from.integers(parts * element.map_or(2, Element::nodes))?;
+    if let Some(beyond) = ends.iter().find(|k| **k as usize >= nodes) {
+        return Err(from.wrong(format!("an element or pair names node {beyond} of {nodes}")));
+    }
+    Ok(match element {
+        None => Shape::Particles {
+            volumes,
+            pairs: ends.as_chunks::<2>().0.to_vec(),
+        },
+        Some(element) => Shape::Mesh {
+            element,
+            connectivity: ends,
+            section,
+        },
+    })
+}
+
+pub(crate) fn check_step(from: &Content<'_>, step: f64) -> Result<()> {
+    if step > 0.0 {
+        return Ok(());
+    }
+    Err(from.wrong(format!(
+        "the critical step is {step} s; it is positive, or infinite for a solver that takes any"
+    )))
+}
+
+pub(crate) fn check_inertia(from: &Content<'_>, inertia: &[f64]) -> Result<()> {
+    match inertia.iter().position(|m| *m < 0.0) {
+        None => Ok(()),
+        Some(at) => Err(from.wrong(format!(
+            "the inertia of unknown {at} is {:e}, below zero",
+            inertia[at]
+        ))),
+    }
+}
+
+/// What the solver asks a weight for.
+#[derive(Debug, Clone)]
+pub enum Places {
+    /// Values at points.
+    Points(Vec<Point3<f64>>),
+    /// Means over cells.
+    Cells(Vec<Cell<f64>>),
+}
+
+/// A question for weights.
+#[derive(Debug, Clone)]
+pub struct Ask {
+    /// Of which energy.
+    pub share: Share,
+    /// Where.
+    pub places: Places,
+}
+
+/// Numbers of the kinds of places.
+const POINTS: u8 = 0;
+const SEGMENTS: u8 = 1;
+const TETRAHEDRA: u8 = 2;
+const HEXAHEDRA: u8 = 3;
+const POLYHEDRA: u8 = 4;
+
+impl Ask {
+    /// Writes the question for the value at a point.
+    pub fn write_point(to: &mut Message, share: Share, x: &Point3<f64>) {
+        begin_ask(to, share, POINTS, 1.0);
+        to.numbers(x.coords.as_slice());
+    }
+
+    /// Writes the question for the mean over a cell.
+    pub fn write_cell(to: &mut Message, share: Share, cell: &Cell<f64>) {
+        match cell {
+            Cell::Segment { ends, section } => {
+                begin_ask(to, share, SEGMENTS, *section);
+                ends.iter().for_each(|x| {
+                    to.numbers(x.coords.as_slice());
+                });
+            }
+            Cell::Polyhedron(p) => {
+                begin_ask(to, share, POLYHEDRA, 1.0);
+                to.u32(p.faces.len() as u32);
+                for face in &p.faces {
+                    to.u32(face.len() as u32);
+                    face.iter().for_each(|x| {
+                        to.numbers(x.coords.as_slice());
+                    });
+                }
+            }
+        }
+    }
+
+    /// Reads one.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Content`].
+    pub fn read(mut from: Content<'_>) -> Result<Self> {
+        let share = match from.u8()? {
+            0 => Share::Internal,
+            1 => Share::Kinetic,
+            2 => Share::External,
+            other => return Err(from.wrong(format!("weight {other} is asked for; 0 to 2 there are"))),
+        };
+        let (what, _, _) = (from.u8()?, from.u8()?, from.u8()?);
+        let count = from.u32()? as usize;
+        let section = from.finite("the cross-section")?;
+        let corners = match what {
+            POINTS => 1,
+            SEGMENTS => 2,
+            TETRAHEDRA => 4,
+            HEXAHEDRA => 8,
+            POLYHEDRA => 0,
+            _ => return Err(from.wrong(format!("places of kind {what} are asked for; 0 to 4 there are"))),
+        };
+        let places = if corners == 0 {
+            Places::Cells(polyhedra(&mut from, count)?)
+        } else {
+            let points = points(&mut from, count.saturating_mul(corners))?;
+            match what {
+                POINTS => Places::Points(points),
+                SEGMENTS => {
+                    let (ends, _) = points.as_chunks::<2>();
+                    let cell = |ends: &[Point3<f64>; 2]| Cell::Segment { ends: *ends, section };
+                    Places::Cells(ends.iter().map(cell).collect())
+                }
+                TETRAHEDRA => {
+                    let (all, _) = points.as_chunks::<4>();
+                    let cell = |p: &[Point3<f64>; 4]| Cell::Polyhedron(Polyhedron::tetrahedron(*p));
+                    Places::Cells(all.iter().map(cell).collect())
+                }
+                _ => {
+                    let (all, _) = points.as_chunks::<8>();
+                    let cell = |p: &[Point3<f64>; 8]| Cell::Polyhedron(Polyhedron::hexahedron(*p));
+                    Places::Cells(all.iter().map(cell).collect())
+                }
+            }
+        };
+        from.end()?;
+        Ok(Self { share, places })
+    }
+
+    /// How many places it names.
+    pub fn count(&self) -> usize {
+        match &self.places {
+            Places::Points(p) => p.len(),
+            Places::Cells(c) => c.len(),
+        }
+    }
+
+    /// Writes the answer.
+    pub fn answer(&self, weights: &Weights<f64>, to: &mut Message) {
+        let weight: &dyn Weight<f64> = match self.share {
+            Share::Internal => &*weights.internal,
+            Share::Kinetic => &*weights.kinetic,
+            Share::External => &*weights.external,
+        };
+        to.begin(Kind::Shares);
+        match &self.places {
+            Places::Points(points) => points.iter().for_each(|x| {
+                to.f64(weight.at(x));
+            }),
+            Places::Cells(cells) => cells.iter().for_each(|c| {
+                to.f64(weight.mean(c));
+            }),
+        }
+    }
+}
+
+fn begin_ask(to: &mut Message, share: Share, what: u8, section: f64) {
+    let share = match share {
+        Share::Internal => 0,
+        Share::Kinetic => 1,
+        Share::External => 2,
+    };
+    to.begin(Kind::Ask).raw(&[share, what, 0, 0]).u32(1).f64(section);
+}
+
+fn points(from: &mut Content<'_>, count: usize) -> Result<Vec<Point3<f64>>> {
+    let flat = from.vector("points", count.saturating_mul(3))?;
+    Ok(flat.as_chunks::<3>().0.iter().map(|x| Point3::from(*x)).collect())
+}
+
+/// Cells are at most what the message has bytes for: each takes four at least, and so does each face.
+fn polyhedra(from: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
+    let mut out = Vec::new();
+    for _ in 0..count {
+        let faces = from.u32()?;
+        let mut p = Polyhedron::default();
+        for _ in 0..faces {
+            let corners = from.u32()? as usize;
+            if corners < 3 {
+                return Err(from.wrong(format!("a face has {corners} corners")));
+            }
+            p.faces.push(points(from, corners)?);
+        }
+        if p.faces.len() < 4 {
+            return Err(from.wrong(format!("a polyhedron has {} faces", p.faces.len())));
+        }
+        out.push(Cell::Polyhedron(p));
+    }
+    Ok(out)
+}
+
+/// Writes what a solver must remember, as [`Kind::Record`] or [`Kind::Restore`].
+pub fn write_record(to: &mut Message, kind: Kind, record: &Record<f64>) {
+    to.begin(kind)
+        .u64(record.numbers.len() as u64)
+        .u64(record.integers.len() as u64)
+        .numbers(&record.numbers);
+    record.integers.iter().for_each(|k| {
+        to.u64(*k);
+    });
+}
+
+/// Reads it; numbers may be any, they are the solver's own.
+///
+/// # Errors
+/// [`Error::Length`], [`Error::Content`].
+pub fn read_record(mut from: Content<'_>) -> Result<Record<f64>> {
+    let numbers = from.count("numbers", 8)?;
+    let integers = from.count("integers", 8)?;
+    let record = Record {
+        numbers: from
+            .long_integers(numbers)?
+            .into_iter()
+            .map(f64::from_bits)
+            .collect(),
+        integers: from.long_integers(integers)?,
+    };
+    from.end()?;
+    Ok(record)
+}
+
+/// Reads the words of [`Kind::Failed`] as the error that they are.
+pub(crate) fn read_failure(mut from: Content<'_>, peer: &str) -> Result<Error> {
+    let most = crate::wire::SMALL as usize;
+    let text = from.text("the reason", most)?;
+    from.end()?;
+    let peer = peer.to_owned();
+    Ok(Error::Failed { peer, text })
+}

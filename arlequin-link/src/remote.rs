@@ -1,0 +1,498 @@
+//! The run's end of a link: a solver in another process as a [`Participant`].
+
+use crate::address::{Address, Listener};
+use crate::channel::Channel;
+use crate::child::{Started, shown};
+use crate::error::{Error, Result};
+use crate::message::{Ask, Description, Fields, Shape, check_inertia, check_step, read_record, write_record};
+use crate::wire::{Header, Kind, LIMIT, SMALL};
+use arlequin_core::nalgebra::Point3;
+use arlequin_core::snapshot::Record;
+use arlequin_core::{DofLayout, Participant, Weighting, Weights};
+use std::cell::RefCell;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Relative difference of a change of velocity from impulse over inertia that is let pass: a solver in single precision.
+const KICK: f64 = 1e-6;
+/// Difference of weighted from unweighted inertia that is round-off.
+const WEIGHED: f64 = 1e-9;
+/// Questions for weights that a solver may ask before it answers, beside some for each of its nodes.
+const QUESTIONS: usize = 10_000;
+/// The same per node: elements and bonds, for each of three weights.
+const QUESTIONS_PER_NODE: usize = 200;
+
+/// What a run allows the other side.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Options {
+    /// How long it may take to come, and to answer; a solver that needs longer sends [`Kind::Working`] meanwhile.
+    pub timeout: Duration,
+    /// Longest message in bytes.
+    pub limit: u64,
+}
+
+impl Default for Options {
+    /// 4 s and 1 GiB: who hears nothing for 5 s thinks that the run itself hangs.
+    fn default() -> Self {
+        Self {
+            timeout: Duration::from_secs(4),
+            limit: LIMIT,
+        }
+    }
+}
+
+/// A solver in another process, as a run sees it. When it goes, so does the process, if the run started it.
+///
+/// ```no_run
+/// use arlequin_link::{Options, Remote};
+/// let command = ["python3", "chain.py"].map(String::from);
+/// let solver = Remote::start("fine", &command, ".".as_ref(), Options::default())?;
+/// println!("{} nodes", solver.description().nodes.len());
+/// # Ok::<(), arlequin_link::Error>(())
+/// ```
+#[derive(Debug)]
+pub struct Remote {
+    name: String,
+    description: Description,
+    link: RefCell<Link>,
+    critical_step: f64,
+}
+
+/// What changes when the other side is asked.
+#[derive(Debug)]
+struct Link {
+    channel: Channel,
+    child: Option<Started>,
+    offers: Fields,
+    /// What is known of the state that the other side is in.
+    known: Fields,
+    v: Vec<f64>,
+    q: Vec<f64>,
+    a: Vec<f64>,
+    invariant: f64,
+    /// Under the weights it has.
+    inertia: Vec<f64>,
+    /// Whether an impulse was seen to do what it must.
+    trusted: bool,
+    broken: Option<Error>,
+}
+
+impl Remote {
+    /// Starts a command in a folder and waits for it to connect. It finds the address in the environment variable
+    /// [`crate::VARIABLE`]. `name` is that of the model in the run.
+    ///
+    /// # Errors
+    /// [`Error::Command`], [`Error::Silent`], and everything that may be wrong with what it says of itself.
+    pub fn start(name: &str, command: &[String], folder: &Path, options: Options) -> Result<Self> {
+        let listener = Listener::private()?;
+        let child = Started::new(command, folder, listener.address())?;
+        let peer = format!("'{name}' ({})", shown(command));
+        Self::meet(name, peer, &listener, Some(child), options)
+    }
+
+    /// Waits at an address for a solver that somebody else starts.
+    ///
+    /// # Errors
+    /// [`Error::System`] for an address that is in use; else as [`Self::start`].
+    pub fn await_at(name: &str, address: &Address, options: Options) -> Result<Self> {
+        Self::accept(name, &Listener::at(address)?, options)
+    }
+
+    /// The same with a door that is open already.
+    ///
+    /// # Errors
+    /// As [`Self::await_at`].
+    pub fn accept(name: &str, listener: &Listener, options: Options) -> Result<Self> {
+        let peer = format!("'{name}' ({})", listener.address());
+        Self::meet(name, peer, listener, None, options)
+    }
+
+    fn meet(
+        name: &str,
+        peer: String,
+        listener: &Listener,
+        mut child: Option<Started>,
+        options: Options,
+    ) -> Result<Self> {
+        let mut watch = || match &mut child {
+            None => Ok(()),
+            Some(c) => c
+                .ended(Duration::ZERO)
+                .map_or(Ok(()), |how| Err(c.early(&how, "it connected"))),
+        };
+        let came = listener.accept(Instant::now() + options.timeout, &mut watch)?;
+        let Some(stream) = came else {
+            return Err(Error::Silent {
+                peer,
+                waited: format!("a connection to {}", listener.address()),
+                limit: options.timeout,
+            });
+        };
+        let channel = Channel::new(stream, peer, Some(options.timeout), options.limit);
+        let mut link = Link {
+            channel,
+            child,
+            offers: Fields::default(),
+            known: Fields::default(),
+            v: Vec::new(),
+            q: Vec::new(),
+            a: Vec::new(),
+            invariant: 0.0,
+            inertia: Vec::new(),
+            trusted: false,
+            broken: None,
+        };
+        let greet = |link: &mut Link| {
+            let message = link.channel.out.begin(Kind::Hello);
+            message.u64(options.limit).text(name, crate::wire::NAME);
+            let header = link.exchange(Kind::Description, 0..=u64::MAX)?;
+            Description::read(link.channel.content(header))
+        };
+        let description = link.guarded(greet)?;
+        let n = description.layout.dofs();
+        link.channel.peer_limit = description.limit;
+        link.offers = description.offers;
+        link.inertia.clone_from(&description.inertia);
+        [&mut link.v, &mut link.q, &mut link.a]
+            .into_iter()
+            .for_each(|x| x.resize(n, 0.0));
+        Ok(Self {
+            name: name.to_owned(),
+            critical_step: description.critical_step,
+            description,
+            link: RefCell::new(link),
+        })
+    }
+
+    /// What the other side said of itself.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// Its field, of which the junction is made.
+    pub fn shape(&self) -> &Shape {
+        &self.description.shape
+    }
+
+    fn of_model<V>(&self, result: Result<V>) -> arlequin_core::Result<V> {
+        result.map_err(|e| arlequin_core::Error::of_model(&self.name, e))
+    }
+
+    fn weigh_all(&self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<f64> {
+        let whole = &self.description.inertia;
+        let nodes = self.description.nodes.len();
+        self.link.borrow_mut().guarded(|link| {
+            let nodal = u64::from(weights.weighting == Weighting::Nodal);
+            link.channel.out.begin(Kind::Weigh).u64(nodal);
+            let due = [Kind::Inertia, Kind::Ask];
+            let mut header = link.exchange_of(&due, 0..=u64::MAX)?;
+            let mut questions = QUESTIONS + QUESTIONS_PER_NODE * nodes;
+            while header.kind == Kind::Ask {
+                let ask = Ask::read(link.channel.content(header))?;
+                questions = questions.checked_sub(1).ok_or_else(|| {
+                    let asked = QUESTIONS + QUESTIONS_PER_NODE * nodes;
+                    let rule = format!("nothing new is asked: {asked} questions for {nodes} nodes; ask for many places at once");
+                    link.channel.content(header).wrong(rule)
+                })?;
+                ask.answer(weights, &mut link.channel.out);
+                header = link.exchange_of(&due, 0..=u64::MAX)?;
+            }
+            let mut content = link.channel.content(header);
+            let critical = content.f64()?;
+            check_step(&content, critical)?;
+            content.numbers("inertia", inertia)?;
+            check_inertia(&content, inertia)?;
+            content.end()?;
+            let heavier = |(m, w): (&f64, &f64)| *m > *w * (1.0 + WEIGHED);
+            if let Some(unknown) = inertia.iter().zip(whole).position(heavier) {
+                return Err(Error::Heavier {
+                    peer: link.channel.peer.clone(),
+                    unknown,
+                    found: inertia[unknown],
+                    whole: whole[unknown],
+                });
+            }
+            link.inertia.copy_from_slice(inertia);
+            link.known = Fields::default();
+            link.trusted = false;
+            Ok(critical)
+        })
+    }
+}
+
+impl Link {
+    /// Does something, unless an earlier error broke the link; an error breaks it.
+    fn guarded<V>(&mut self, what: impl FnOnce(&mut Self) -> Result<V>) -> Result<V> {
+        if let Some(earlier) = &self.broken {
+            return Err(Error::Broken {
+                peer: self.channel.peer.clone(),
+                earlier: earlier.to_string(),
+            });
+        }
+        what(self).map_err(|e| {
+            let e = self.explained(e);
+            self.broken = Some(e.clone());
+            e
+        })
+    }
+
+    /// A link that was closed because its process ended: how it did so.
+    fn explained(&mut self, e: Error) -> Error {
+        let (Some(child), Error::Closed { expected, .. }) = (&mut self.child, &e) else {
+            return e;
+        };
+        // The stream closes a moment before the process is gone.
+        match child.ended(Duration::from_millis(200)) {
+            Some(how) => child.early(&how, &format!("its {expected}")),
+            None => e,
+        }
+    }
+
+    /// Sends the message that was written and receives its answer.
+    fn exchange(&mut self, due: Kind, lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
+        self.exchange_of(&[due], lengths)
+    }
+
+    fn exchange_of(&mut self, due: &[Kind], lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
+        self.channel.send()?;
+        self.channel.receive(due, lengths)
+    }
+
+    fn done(&mut self) -> Result<()> {
+        self.exchange(Kind::Done, 0..=0).map(|_| ())
+    }
+
+    /// Bytes of a state with these fields.
+    fn state_length(&self, fields: Fields) -> u64 {
+        let arrays = [Fields::VELOCITIES, Fields::DISPLACEMENTS, Fields::ACCELERATIONS];
+        let arrays = arrays.iter().filter(|f| fields.has(**f)).count();
+        16 + 8 * (arrays * self.v.len()) as u64
+    }
+
+    /// Sends the request that was written, receives the state and keeps it.
+    fn read_state(&mut self, wanted: Fields) -> Result<()> {
+        let length = self.state_length(wanted);
+        let header = self.exchange(Kind::State, length..=length)?;
+        // Taken out while the content borrows the channel.
+        let [mut v, mut q, mut a] = [&mut self.v, &mut self.q, &mut self.a].map(std::mem::take);
+        let mut content = self.channel.content(header);
+        let mut read = || {
+            let has = Fields(content.u32()?);
+            if has != wanted {
+                let (a, b) = (has.0, wanted.0);
+                return Err(content.wrong(format!("the fields are {a:#b}, and {b:#b} were asked for")));
+            }
+            content.u32()?;
+            let invariant = content.f64()?;
+            let all = [
+                (Fields::VELOCITIES, "velocities", &mut v),
+                (Fields::DISPLACEMENTS, "displacements", &mut q),
+                (Fields::ACCELERATIONS, "accelerations", &mut a),
+            ];
+            for (field, name, out) in all {
+                if wanted.has(field) {
+                    content.numbers(name, out)?;
+                }
+            }
+            if wanted.has(Fields::INVARIANT) && !invariant.is_finite() {
+                return Err(content.wrong(format!("the invariant is {invariant} J, not a finite number")));
+            }
+            Ok(invariant)
+        };
+        let read = read();
+        (self.v, self.q, self.a) = (v, q, a);
+        self.invariant = read?;
+        self.known = self.known.and(wanted);
+        Ok(())
+    }
+
+    /// Asks for what is not known of these fields.
+    fn know(&mut self, fields: Fields) -> Result<()> {
+        if self.known.has(fields) {
+            return Ok(());
+        }
+        self.guarded(|link| {
+            let wanted = Fields(fields.0 & !link.known.0);
+            link.channel.out.begin(Kind::Tell).u32(wanted.0).u32(0);
+            link.read_state(wanted)
+        })
+    }
+
+    /// What a step tells.
+    fn of_step(&self) -> Fields {
+        Fields::MOTION.and(Fields::INVARIANT.among(self.offers))
+    }
+
+    fn kick(&mut self, impulse: &[f64]) -> Result<()> {
+        // The first impulse shows whether the mass that was told is the one that moves.
+        let test = !self.trusted && impulse.iter().any(|p| *p != 0.0);
+        let before = if test {
+            self.know(Fields::VELOCITIES)?;
+            self.v.clone()
+        } else {
+            Vec::new()
+        };
+        self.guarded(|link| {
+            link.channel.out.begin(Kind::Impulse).numbers(impulse);
+            link.done()?;
+            // Positions stay where they are.
+            link.known = link.known.among(Fields::DISPLACEMENTS);
+            Ok(())
+        })?;
+        if test {
+            self.know(Fields::VELOCITIES)?;
+            self.guarded(|link| link.check_kick(impulse, &before))?;
+            self.trusted = true;
+        }
+        Ok(())
+    }
+
+    fn check_kick(&self, impulse: &[f64], before: &[f64]) -> Result<()> {
+        let wanted = |i: usize| {
+            let m = self.inertia[i];
+            if m > 0.0 { impulse[i] / m } else { 0.0 }
+        };
+        let n = impulse.len();
+        let top = (0..n).map(|i| wanted(i).abs()).fold(0.0, f64::max);
+        let fast = before.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let allowed = KICK * top + 16.0 * f64::EPSILON * fast;
+        let off = |i: &usize| (self.v[*i] - before[*i] - wanted(*i)).abs() > allowed;
+        match (0..n).find(off) {
+            None => Ok(()),
+            Some(unknown) => Err(Error::Mass {
+                peer: self.channel.peer.clone(),
+                unknown,
+                inertia: self.inertia[unknown],
+                found: self.v[unknown] - before[unknown],
+                wanted: wanted(unknown),
+            }),
+        }
+    }
+}
+
+impl Participant<f64> for Remote {
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn kind(&self) -> &str {
+        &self.description.kind
+    }
+    fn layout(&self) -> DofLayout {
+        self.description.layout
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        &self.description.nodes
+    }
+
+    fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> arlequin_core::Result<()> {
+        let critical = self.weigh_all(weights, inertia);
+        self.critical_step = self.of_model(critical)?;
+        Ok(())
+    }
+
+    fn advance(&mut self, from: f64, step: f64) -> arlequin_core::Result<()> {
+        let outcome = self.link.borrow_mut().guarded(|link| {
+            let wanted = link.of_step();
+            link.known = Fields::default();
+            link.channel
+                .out
+                .begin(Kind::Advance)
+                .f64(from)
+                .f64(step)
+                .u32(wanted.0)
+                .u32(0);
+            link.read_state(wanted)
+        });
+        self.of_model(outcome)
+    }
+
+    /// Numbers that are none where the other side does not answer; the next step says why.
+    fn velocities(&self, out: &mut [f64]) {
+        let mut link = self.link.borrow_mut();
+        match link.know(Fields::VELOCITIES) {
+            Ok(()) => out.copy_from_slice(&link.v),
+            Err(_) => out.fill(f64::NAN),
+        }
+    }
+
+    /// As [`Self::velocities`].
+    fn displacements(&self, out: &mut [f64]) {
+        let mut link = self.link.borrow_mut();
+        match link.know(Fields::DISPLACEMENTS) {
+            Ok(()) => out.copy_from_slice(&link.q),
+            Err(_) => out.fill(f64::NAN),
+        }
+    }
+
+    fn kick(&mut self, impulse: &[f64]) -> arlequin_core::Result<()> {
+        let outcome = self.link.borrow_mut().kick(impulse);
+        self.of_model(outcome)
+    }
+
+    fn accelerations(&self, out: &mut [f64]) -> bool {
+        let mut link = self.link.borrow_mut();
+        let has = link.offers.has(Fields::ACCELERATIONS) && link.know(Fields::ACCELERATIONS).is_ok();
+        if has {
+            out.copy_from_slice(&link.a);
+        }
+        has
+    }
+
+    fn critical_step(&self) -> Option<f64> {
+        self.critical_step.is_finite().then_some(self.critical_step)
+    }
+
+    fn invariant(&self) -> Option<f64> {
+        let mut link = self.link.borrow_mut();
+        let has = link.offers.has(Fields::INVARIANT) && link.know(Fields::INVARIANT).is_ok();
+        has.then_some(link.invariant)
+    }
+
+    fn save(&self) -> arlequin_core::Result<Record<f64>> {
+        let mut link = self.link.borrow_mut();
+        if !link.offers.has(Fields::MEMORY) {
+            return Err(arlequin_core::Error::Unsupported {
+                model: self.name.clone(),
+                what: "be saved: the solver behind the link does not offer it; run without checkpoints"
+                    .into(),
+            });
+        }
+        let record = link.guarded(|link| {
+            link.channel.out.begin(Kind::Save);
+            let header = link.exchange(Kind::Record, 16..=u64::MAX)?;
+            read_record(link.channel.content(header))
+        });
+        self.of_model(record)
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+        let mut link = self.link.borrow_mut();
+        if !link.offers.has(Fields::MEMORY) {
+            return Err(arlequin_core::Error::Unsupported {
+                model: self.name.clone(),
+                what: "be restored: the solver behind the link does not offer it; start the run anew".into(),
+            });
+        }
+        let outcome = link.guarded(|link| {
+            write_record(&mut link.channel.out, Kind::Restore, from);
+            link.known = Fields::default();
+            link.done()
+        });
+        drop(link);
+        self.of_model(outcome)
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        if self.broken.is_some() {
+            return;
+        }
+        self.channel.out.begin(Kind::End);
+        // An answer is not waited for: who does not leave by itself is ended.
+        let told = self.channel.send().is_ok() && self.channel.receive(&[Kind::Done], 0..=SMALL).is_ok();
+        if let Some(child) = &mut self.child {
+            child.told = told;
+        }
+    }
+}

@@ -1,0 +1,428 @@
+//! Bytes of the protocol: headers, numbers and texts, little-endian. What it means is in docs/link.md, byte by byte.
+
+use crate::error::{Error, Result};
+
+/// Version of the protocol. Both sides must have the same.
+pub const VERSION: u16 = 1;
+/// First bytes of every message.
+pub const MAGIC: [u8; 4] = *b"ARLQ";
+/// Bytes of a header: magic, version, kind, length of what follows.
+pub const HEADER: usize = 16;
+/// Longest message unless a side says otherwise in the handshake, in bytes.
+pub const LIMIT: u64 = 1 << 30;
+/// Longest message of fixed size or text, in bytes: all but those that carry numbers per node.
+pub(crate) const SMALL: u64 = 1 << 16;
+/// Longest name, in bytes.
+pub(crate) const NAME: usize = 1024;
+
+/// Kinds of messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u16)]
+pub enum Kind {
+    /// The run greets: the longest message it takes.
+    Hello = 1,
+    /// The run asks for the inertia under its weights.
+    Weigh = 2,
+    /// The run answers [`Self::Ask`].
+    Shares = 3,
+    /// The solver is to go on.
+    Advance = 4,
+    /// An impulse for every unknown.
+    Impulse = 5,
+    /// The solver is to tell its state.
+    Tell = 6,
+    /// The solver is to tell what it must remember.
+    Save = 7,
+    /// The solver goes back to what it told.
+    Restore = 8,
+    /// The run is over.
+    End = 9,
+    /// What the solver is: name, nodes, field, inertia, critical step.
+    Description = 65,
+    /// The solver asks for weights at points or for their means.
+    Ask = 66,
+    /// Critical step, and inertia of every unknown.
+    Inertia = 67,
+    /// Velocities, displacements, accelerations, invariant, as asked for.
+    State = 68,
+    /// What the solver must remember.
+    Record = 69,
+    /// Done; nothing to tell.
+    Done = 70,
+    /// Still at it: the wait begins anew.
+    Working = 71,
+    /// It cannot be done; in words.
+    Failed = 72,
+}
+
+impl Kind {
+    /// All kinds with their names.
+    const NAMES: [(Self, &'static str); 17] = [
+        (Self::Hello, "hello"),
+        (Self::Weigh, "weigh"),
+        (Self::Shares, "shares"),
+        (Self::Advance, "advance"),
+        (Self::Impulse, "impulse"),
+        (Self::Tell, "tell"),
+        (Self::Save, "save"),
+        (Self::Restore, "restore"),
+        (Self::End, "end"),
+        (Self::Description, "description"),
+        (Self::Ask, "ask"),
+        (Self::Inertia, "inertia"),
+        (Self::State, "state"),
+        (Self::Record, "record"),
+        (Self::Done, "done"),
+        (Self::Working, "working"),
+        (Self::Failed, "failed"),
+    ];
+
+    /// The kind of a number.
+    pub fn of(number: u16) -> Option<Self> {
+        Self::NAMES.iter().map(|k| k.0).find(|k| *k as u16 == number)
+    }
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = Self::NAMES.iter().find(|k| k.0 == *self).map_or("?", |k| k.1);
+        write!(f, "'{name}'")
+    }
+}
+
+/// A header that was read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Header {
+    /// Which message.
+    pub kind: Kind,
+    /// Bytes that follow.
+    pub length: u64,
+}
+
+impl Header {
+    /// Its bytes.
+    pub fn bytes(&self) -> [u8; HEADER] {
+        let mut out = [0; HEADER];
+        out[..4].copy_from_slice(&MAGIC);
+        out[4..6].copy_from_slice(&VERSION.to_le_bytes());
+        out[6..8].copy_from_slice(&(self.kind as u16).to_le_bytes());
+        out[8..].copy_from_slice(&self.length.to_le_bytes());
+        out
+    }
+
+    /// Reads one of `peer`.
+    ///
+    /// # Errors
+    /// [`Error::Stranger`], [`Error::Version`], [`Error::Unexpected`] for a kind that there is not.
+    pub fn read(bytes: &[u8; HEADER], peer: &str) -> Result<Self> {
+        let [a, b, c, d, v, w, k, l, length @ ..] = *bytes;
+        let (peer, found) = (peer.to_owned(), [a, b, c, d]);
+        if found != MAGIC {
+            return Err(Error::Stranger { peer, found });
+        }
+        let version = u16::from_le_bytes([v, w]);
+        if version != VERSION {
+            let (found, own) = (version, VERSION);
+            return Err(Error::Version { peer, found, own });
+        }
+        let number = u16::from_le_bytes([k, l]);
+        let length = u64::from_le_bytes(length);
+        match Kind::of(number) {
+            Some(kind) => Ok(Self { kind, length }),
+            None => Err(Error::Unexpected {
+                peer,
+                found: format!("a message of the unknown kind {number}"),
+                expected: "one of version 1".into(),
+            }),
+        }
+    }
+}
+
+/// A message that is written: header and content in one buffer, which is kept from one to the next.
+#[derive(Debug)]
+pub struct Message {
+    kind: Kind,
+    bytes: Vec<u8>,
+}
+
+impl Default for Message {
+    fn default() -> Self {
+        let kind = Kind::Done;
+        let bytes = Vec::new();
+        Self { kind, bytes }
+    }
+}
+
+impl Message {
+    /// Begins a message.
+    pub fn begin(&mut self, kind: Kind) -> &mut Self {
+        self.kind = kind;
+        self.bytes.clear();
+        self.bytes.resize(HEADER, 0);
+        self
+    }
+
+    /// Adds bytes as they are.
+    pub fn raw(&mut self, bytes: &[u8]) -> &mut Self {
+        self.bytes.extend_from_slice(bytes);
+        self
+    }
+
+    /// Adds an integer.
+    pub fn u32(&mut self, x: u32) -> &mut Self {
+        self.raw(&x.to_le_bytes())
+    }
+
+    /// Adds an integer.
+    pub fn u64(&mut self, x: u64) -> &mut Self {
+        self.raw(&x.to_le_bytes())
+    }
+
+    /// Adds a number.
+    pub fn f64(&mut self, x: f64) -> &mut Self {
+        self.raw(&x.to_le_bytes())
+    }
+
+    /// Adds numbers, without their count.
+    pub fn numbers(&mut self, x: &[f64]) -> &mut Self {
+        let from = self.bytes.len();
+        self.bytes.resize(from + 8 * x.len(), 0);
+        let (slots, _) = self.bytes[from..].as_chunks_mut::<8>();
+        slots.iter_mut().zip(x).for_each(|(b, x)| *b = x.to_le_bytes());
+        self
+    }
+
+    /// Adds a text: its length in bytes, and its bytes in UTF-8.
+    pub fn text(&mut self, text: &str, most: usize) -> &mut Self {
+        let mut end = text.len().min(most);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        self.u32(end as u32).raw(&text.as_bytes()[..end])
+    }
+
+    /// Bytes behind the header.
+    pub fn length(&self) -> u64 {
+        (self.bytes.len() - HEADER) as u64
+    }
+
+    /// Which message.
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// The whole message with its header.
+    pub fn finish(&mut self) -> &[u8] {
+        let header = Header {
+            kind: self.kind,
+            length: self.length(),
+        };
+        self.bytes[..HEADER].copy_from_slice(&header.bytes());
+        &self.bytes
+    }
+}
+
+/// A message that is read, from its front to its end.
+#[derive(Debug)]
+pub struct Content<'a> {
+    peer: &'a str,
+    kind: Kind,
+    length: u64,
+    rest: &'a [u8],
+}
+
+impl<'a> Content<'a> {
+    /// What followed a header.
+    pub fn new(peer: &'a str, kind: Kind, bytes: &'a [u8]) -> Self {
+        Self {
+            peer,
+            kind,
+            length: bytes.len() as u64,
+            rest: bytes,
+        }
+    }
+
+    /// The error that something in this message is not as it must be.
+    pub fn wrong(&self, rule: impl Into<String>) -> Error {
+        Error::Content {
+            peer: self.peer.to_owned(),
+            kind: self.kind,
+            rule: rule.into(),
+        }
+    }
+
+    fn length(&self, rule: String) -> Error {
+        Error::Length {
+            peer: self.peer.to_owned(),
+            kind: self.kind,
+            found: self.length,
+            rule,
+        }
+    }
+
+    /// The next bytes.
+    ///
+    /// # Errors
+    /// [`Error::Length`] if there are not so many.
+    pub fn raw(&mut self, count: usize) -> Result<&'a [u8]> {
+        let Some((head, rest)) = self.rest.split_at_checked(count) else {
+            let rule = format!("{count} more were due behind the first {}", self.read());
+            return Err(self.length(rule));
+        };
+        self.rest = rest;
+        Ok(head)
+    }
+
+    fn read(&self) -> u64 {
+        self.length - self.rest.len() as u64
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let mut out = [0; N];
+        out.copy_from_slice(self.raw(N)?);
+        Ok(out)
+    }
+
+    /// The next byte.
+    ///
+    /// # Errors
+    /// [`Error::Length`] at the end.
+    pub fn u8(&mut self) -> Result<u8> {
+        self.array::<1>().map(|[b]| b)
+    }
+
+    /// The next integer.
+    ///
+    /// # Errors
+    /// [`Error::Length`] at the end.
+    pub fn u32(&mut self) -> Result<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    /// The next integer.
+    ///
+    /// # Errors
+    /// [`Error::Length`] at the end.
+    pub fn u64(&mut self) -> Result<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    /// The next number.
+    ///
+    /// # Errors
+    /// [`Error::Length`] at the end.
+    pub fn f64(&mut self) -> Result<f64> {
+        self.array().map(f64::from_le_bytes)
+    }
+
+    /// The next number, which must be finite.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Content`] naming `what`.
+    pub fn finite(&mut self, what: &str) -> Result<f64> {
+        let x = self.f64()?;
+        if x.is_finite() {
+            return Ok(x);
+        }
+        Err(self.wrong(format!("{what} is {x}, not a finite number")))
+    }
+
+    /// A count of things of `size` bytes each, of which the message has room for no more than it has bytes left.
+    ///
+    /// # Errors
+    /// [`Error::Content`] naming `what`.
+    pub fn count(&mut self, what: &str, size: usize) -> Result<usize> {
+        let count = self.u64()?;
+        let room = self.rest.len() / size.max(1);
+        match usize::try_from(count) {
+            Ok(count) if count <= room => Ok(count),
+            _ => Err(self.wrong(format!("{count} {what} are announced, with room for {room}"))),
+        }
+    }
+
+    /// Fills `out` with the next numbers, which must be finite.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Content`] naming `what` and the first that is not finite.
+    pub fn numbers(&mut self, what: &str, out: &mut [f64]) -> Result<()> {
+        let bytes = self.raw(8 * out.len())?;
+        let (chunks, _) = bytes.as_chunks::<8>();
+        let mut finite = true;
+        for (x, b) in out.iter_mut().zip(chunks) {
+            *x = f64::from_le_bytes(*b);
+            finite &= x.is_finite();
+        }
+        if finite {
+            return Ok(());
+        }
+        let at = out.iter().position(|x| !x.is_finite()).unwrap_or_default();
+        Err(self.wrong(format!("{what}: entry {at} is {}, not a finite number", out[at])))
+    }
+
+    /// The next numbers, finite, as many as said; the message must be long enough before anything is allocated.
+    ///
+    /// # Errors
+    /// Those of [`Self::numbers`].
+    pub fn vector(&mut self, what: &str, count: usize) -> Result<Vec<f64>> {
+        if count > self.rest.len() / 8 {
+            let rule = format!(
+                "{count} numbers ({what}) were due behind the first {}",
+                self.read()
+            );
+            return Err(self.length(rule));
+        }
+        let mut out = vec![0.0; count];
+        self.numbers(what, &mut out)?;
+        Ok(out)
+    }
+
+    /// The next 32-bit integers, as many as said.
+    ///
+    /// # Errors
+    /// [`Error::Length`].
+    pub fn integers(&mut self, count: usize) -> Result<Vec<u32>> {
+        let bytes = self.raw(count.saturating_mul(4))?;
+        let (chunks, _) = bytes.as_chunks::<4>();
+        Ok(chunks.iter().map(|b| u32::from_le_bytes(*b)).collect())
+    }
+
+    /// The next 64-bit integers, as many as said.
+    ///
+    /// # Errors
+    /// [`Error::Length`].
+    pub fn long_integers(&mut self, count: usize) -> Result<Vec<u64>> {
+        let bytes = self.raw(count.saturating_mul(8))?;
+        let (chunks, _) = bytes.as_chunks::<8>();
+        Ok(chunks.iter().map(|b| u64::from_le_bytes(*b)).collect())
+    }
+
+    /// The next text; control characters in it become blanks, so that no message of a stranger moves a terminal's cursor.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Content`] for one that is too long or not UTF-8.
+    pub fn text(&mut self, what: &str, most: usize) -> Result<String> {
+        let count = self.u32()? as usize;
+        if count > most {
+            return Err(self.wrong(format!("{what} has {count} bytes, more than {most}")));
+        }
+        match std::str::from_utf8(self.raw(count)?) {
+            Ok(text) => Ok(text
+                .chars()
+                .map(|c| if c.is_control() { ' ' } else { c })
+                .collect()),
+            Err(_) => Err(self.wrong(format!("{what} is not UTF-8"))),
+        }
+    }
+
+    /// Whether everything was read.
+    ///
+    /// # Errors
+    /// [`Error::Length`] if not.
+    pub fn end(self) -> Result<()> {
+        if self.rest.is_empty() {
+            return Ok(());
+        }
+        let rule = format!("{} were due", self.read());
+        Err(self.length(rule))
+    }
+}

@@ -1,0 +1,102 @@
+//! What tests of the link share: this test program as the other side, and a bar tied to a chain.
+
+#![allow(
+    dead_code,
+    clippy::unwrap_used,
+    reason = "each test uses some of it; a failed set-up is a failed test"
+)]
+
+use arlequin::core::{L2, OwnStep, Participant};
+use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
+use arlequin::prelude::*;
+use arlequin_link::{Element, Options, Remote, Shape};
+use spring_chain::Chain;
+use std::time::Duration;
+
+pub(crate) const BONDS: usize = 60;
+
+/// More than a busy machine needs to start a program.
+pub(crate) fn patient() -> Options {
+    Options {
+        timeout: Duration::from_secs(120),
+        ..Options::default()
+    }
+}
+
+/// The command that runs one test of this program, which serves something.
+pub(crate) fn other_side(test: &str) -> Vec<String> {
+    let program = std::env::current_exe().unwrap().display().to_string();
+    [&program, test, "--exact", "--ignored", "--nocapture"]
+        .map(String::from)
+        .into()
+}
+
+pub(crate) fn start(test: &str, options: Options) -> arlequin_link::Result<Remote> {
+    Remote::start("fine", &other_side(test), "".as_ref(), options)
+}
+
+pub(crate) fn chain() -> Chain {
+    Chain::new("chain", -20.0, 1.0, BONDS, 1.0, 1.0).unwrap()
+}
+
+/// Velocities of the chain at the start.
+pub(crate) fn moving() -> Vec<f64> {
+    (0..=BONDS)
+        .map(|k| (0.3 * k as f64).sin() + 0.2 * (1.9 * k as f64).cos())
+        .collect()
+}
+
+pub(crate) fn chain_shape() -> Shape {
+    Shape::Mesh {
+        element: Element::Line,
+        connectivity: (0..BONDS as u32).flat_map(|k| [k, k + 1]).collect(),
+        section: 1.0,
+    }
+}
+
+/// A bar from −100 to 0 and a chain from −20 on in motion: as a model here, or whatever solver is given.
+pub(crate) fn coupled(solver: Option<Box<dyn Participant<f64>>>, own: OwnStep<f64>) -> Result<Coupled<f64>> {
+    coupled_in(solver, own, chain().fine_field())
+}
+
+/// The same with a field of the solver's.
+pub(crate) fn coupled_in(
+    solver: Option<Box<dyn Participant<f64>>>,
+    own: OwnStep<f64>,
+    field: Arc<dyn Interpolation<f64>>,
+) -> Result<Coupled<f64>> {
+    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
+    let left: Weights<f64> = Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
+    let right = Weights::complement_of(std::slice::from_ref(&left));
+    let mesh = generate::bar(-100.0, 0.0, 10, 1.0)?;
+    let bar = FemModel::new("bar", mesh, Elastic::new(1.0, 0.0, 1.0)?)?;
+    let fine = match solver {
+        Some(solver) => Subdomain::participant(solver, field, right)?,
+        None => Subdomain::fine(chain(), right).with_initial(vec![0.0; BONDS + 1], moving())?,
+    };
+    let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
+    let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
+    let bodies = vec![Subdomain::coarse(bar, left), fine.with_step(own)];
+    Coupled::new(bodies, vec![tie], TimeStep::Seconds(0.8 * own_steps(own)), None)
+}
+
+fn own_steps(own: OwnStep<f64>) -> f64 {
+    match own {
+        OwnStep::Ratio(m) => m as f64,
+        _ => 1.0,
+    }
+}
+
+pub(crate) fn states(c: &Coupled<f64>) -> Vec<f64> {
+    let all = c.subdomains().iter().map(|s| s.state());
+    all.flat_map(|s| s.q.iter().chain(&s.v)).copied().collect()
+}
+
+/// Largest difference of two states, relative to the largest entry.
+pub(crate) fn gap(a: &Coupled<f64>, b: &Coupled<f64>) -> f64 {
+    let (a, b) = (states(a), states(b));
+    let top = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    assert!(top > 0.0, "nothing moves");
+    a.iter().zip(&b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs())) / top
+}

@@ -1,0 +1,70 @@
+"""Checks for those who write a model or a solver: each answers a defect, zero up to round-off for a sound one.
+
+:func:`check` asks for all that concern an object and raises with what is wrong.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Optional
+
+from . import errors
+from ._native import forces_derive_from_energy, mass, rigid_forces, shapes, symmetric_forces
+from ._native import participant as _participant
+from .results import Record
+
+__all__ = [
+    "check",
+    "forces_derive_from_energy",
+    "mass",
+    "participant",
+    "rigid_forces",
+    "shapes",
+    "symmetric_forces",
+]
+
+
+def participant(solver: Any, step: float, steps: int = 100) -> Record:
+    """Kicks a solver, which should be in motion, and lets it make so many steps of ``step`` [s].
+
+    Defects: ``kick`` of velocities after an impulse, ``moved`` by it at once, ``drift`` of the invariant over the steps,
+    ``work`` of the impulse, ``resumed`` the same steps again from what was saved.
+    """
+    return Record(_participant(solver, step, steps))
+
+
+def check(
+    object: Any,  # noqa: A002 - as in all of Python
+    *,
+    amplitude: float = 1e-3,
+    step: Optional[float] = None,
+    steps: int = 100,
+    tolerance: float = 1e-6,
+) -> Record:
+    """All defects of a model at displacements of ``amplitude`` [m], or of a solver in so many steps of ``step`` [s].
+
+    :raises arlequin.errors.Unsupported: if one is above ``tolerance``, with all of them and what they mean.
+    """
+    if hasattr(object, "kick"):
+        if step is None:
+            raise errors.Key("a solver is checked in steps of a length: give step=… [s]")
+        found = participant(object, step, steps)
+    else:
+        found = Record(
+            rigid_forces=rigid_forces(object),
+            forces_derive_from_energy=forces_derive_from_energy(object, amplitude),
+            symmetric_forces=symmetric_forces(object, amplitude),
+        )
+    means = {
+        "rigid_forces": "a rigid motion strains it",
+        "forces_derive_from_energy": "forces are not minus the slope of the energy",
+        "symmetric_forces": "work depends on the way (or the law is not linear: then this one may be ignored)",
+        "kick": "an impulse does not change velocities by impulse over inertia",
+        "moved": "an impulse moves nodes at once",
+        "drift": "its stepping does not keep what invariant() tells",
+        "work": "invariant() does not change by the work of an impulse",
+        "resumed": "it does not go on with the same numbers after restore",
+    }
+    wrong = [f"{name} = {value:.1e}: {means[name]}" for name, value in found.items() if not value <= tolerance]
+    if wrong:
+        raise errors.Unsupported(f"'{getattr(object, 'name', object)}' is not fit to be coupled: " + "; ".join(wrong))
+    return found

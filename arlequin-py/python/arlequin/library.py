@@ -1,0 +1,59 @@
+"""What the objects of the library have in Python beside what they have in Rust."""
+
+from __future__ import annotations
+
+from typing import Any, Optional
+
+from . import _native
+from ._native import Junction, Weights
+from .results import Table
+
+__all__ = ["Coupled", "H1Gradient", "H1Seminorm", "H1Strain", "L2", "stiffness"]
+
+
+def L2() -> Junction:  # noqa: N802 - the name of the literature
+    """Velocities agree where the multipliers are: no length to choose."""
+    return Junction("l2")
+
+
+def H1Strain(length: float) -> Junction:  # noqa: N802
+    """Velocities and, times ``length`` [m] squared, strain rates agree."""
+    return Junction("h1-strain", length)
+
+
+def H1Gradient(length: float) -> Junction:  # noqa: N802
+    """Velocities and, times ``length`` [m] squared, their gradients agree."""
+    return Junction("h1-gradient", length)
+
+
+def H1Seminorm(length: float) -> Junction:  # noqa: N802
+    """Gradients of velocities agree, and velocities at one point; ``length`` [m]."""
+    return Junction("h1-seminorm", length)
+
+
+class Coupled(_native.Coupled):
+    __doc__ = _native.Coupled.__doc__
+
+    @property
+    def energies(self) -> Table:
+        """Energies over time, one row each time they were drawn; ``H`` is the invariant."""
+        return Table(self._energies(), "energies")
+
+    def run_until(self, time: float, observer: Any = None, every: int = 1) -> int:
+        """Makes as many steps as reach ``time`` [s]; returns how many were made."""
+        left = max(0, -int(-(time - self.time) * (1 - 1e-12) // self.dt))
+        return self.run(left, observer, every)
+
+    def __repr__(self) -> str:
+        return f"<Coupled {', '.join(self.names)}: step {self.steps}, {self.time:g} s>"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{self!r}, drift {self.drift:.1e}</p>" + self.energies._repr_html_()
+
+
+def stiffness(model: Any, weights: Optional[Weights] = None) -> Any:
+    """The stiffness matrix of a linear model of the library under weights, as a matrix of scipy [N/m]."""
+    from scipy.sparse import csr_matrix
+
+    data, columns, begin = model._stiffness(weights)
+    return csr_matrix((data, columns, begin), shape=(len(begin) - 1, len(begin) - 1))

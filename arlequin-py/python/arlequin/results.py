@@ -1,0 +1,373 @@
+"""What a run leaves: numbers over time as numpy arrays, everything else as dictionaries."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from pathlib import Path
+from typing import Any, Iterator, Mapping, Optional, Sequence
+
+import numpy as np
+
+from . import _native, errors
+
+__all__ = ["Fields", "Frame", "Probe", "Record", "Run", "Table"]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (list, dict)) and len(json.dumps(value, default=str)) > 200:
+        return f"{len(value)} entries"
+    plain = json.dumps(value, ensure_ascii=False, default=str) if isinstance(value, (list, dict)) else str(value)
+    return html.escape(plain)
+
+
+def _html_table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "") -> str:
+    title = f"<caption>{html.escape(caption)}</caption>" if caption else ""
+    top = "".join(f"<th>{html.escape(h)}</th>" for h in head)
+    body = "".join("<tr>" + "".join(f"<td>{_cell(c)}</td>" for c in row) + "</tr>" for row in rows)
+    return f"<table>{title}<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+class Record(dict):  # type: ignore[type-arg]
+    """A dictionary whose entries are attributes as well: ``record["dt"]`` is ``record.dt``."""
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self[name]
+        except KeyError:
+            raise AttributeError(f"there is no {name!r}; there are: {', '.join(self)}") from None
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self]
+
+    def _repr_html_(self) -> str:
+        return _html_table(["", ""], list(self.items()))
+
+
+def record(text: str) -> Record:
+    """JSON as a record of records."""
+    out = json.loads(text, object_hook=Record)
+    assert isinstance(out, Record)
+    return out
+
+
+def _split(label: str) -> tuple[str, str]:
+    """Name and unit of ``name [unit]``."""
+    found = re.fullmatch(r"(.*?) \[(.*)\]", label)
+    return (found[1], found[2]) if found else (label, "")
+
+
+class Table(Mapping[str, np.ndarray]):
+    """Columns over time. ``t`` is the time [s]; a column is an item by its name and an attribute by that in snake case:
+    ``energy["kinetic [J]"]``, ``energy["kinetic"]`` and ``energy.kinetic`` are the same. ``H`` of a run's energy is the
+    invariant that a sound run keeps.
+    """
+
+    def __init__(self, columns: Mapping[str, np.ndarray], title: str = "") -> None:
+        self._columns = dict(columns)
+        self._title = title
+        short = {}
+        for name in self._columns:
+            plain = _split(name)[0]
+            short[plain] = short[re.sub(r"\W+", "_", plain)] = name
+        short.setdefault("t", "time [s]")
+        if "invariant" in short:
+            short["H"] = short["invariant"]
+        self._short = short
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        try:
+            return self._columns[self._short.get(name, name)]
+        except KeyError:
+            raise KeyError(f"no column {name!r}; there are: {', '.join(self._columns)}") from None
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name.startswith("_") or name not in self._short:
+            raise AttributeError(f"no column {name!r}; there are: {', '.join(self.__dict__.get('_columns', ()))}")
+        return self._columns[self._short[name]]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *(n for n in self._short if n.isidentifier())]
+
+    def __repr__(self) -> str:
+        rows = len(next(iter(self._columns.values()), ()))
+        return f"<{self._title or 'Table'}: {rows} rows of {', '.join(self._columns)}>"
+
+    def _repr_html_(self) -> str:
+        rows = len(next(iter(self._columns.values()), ()))
+        shown = [*range(min(rows, 5)), *range(max(rows - 5, 5), rows)]
+        values = [[float(c[k]) for c in self._columns.values()] for k in shown]
+        return _html_table(list(self._columns), values, f"{self._title} ({rows} rows)")
+
+    def plot(self, *names: str, ax: Any = None) -> Any:
+        """Draws columns over time with matplotlib, all by default; returns the axes."""
+        axes = ax if ax is not None else _pyplot().subplots()[1]
+        for name in names or [n for n in self._columns if n != "time [s]"]:
+            axes.plot(self.t, self[name], label=self._short.get(name, name))
+        axes.set_xlabel("time [s]")
+        axes.legend()
+        return axes
+
+
+_SYMBOLS = {
+    "displacement": "u",
+    "velocity": "v",
+    "rotation": "theta",
+    "force": "F",
+    "moment": "M",
+    "stress": "sigma",
+    "strain": "epsilon",
+    "von Mises stress": "sigma_v",
+    "principal stress": "sigma",
+}
+
+
+class Probe:
+    """A probe over time: ``t`` [s] and ``values``, which the symbol of its quantity names as well, such as ``u`` for a
+    displacement, ``v`` for a velocity, ``F`` for a force.
+    """
+
+    def __init__(self, name: str, label: str, t: np.ndarray, values: np.ndarray, facts: Record) -> None:
+        self.name = name
+        """Its name in the scene."""
+        self.quantity, self.unit = _split(label)
+        """What it reads, and the unit of that."""
+        self.t, self.values = t, values
+        self.facts = facts
+        """Mean, extremes and frequencies, as ``summary.json`` has them."""
+
+    @property
+    def symbol(self) -> str:
+        """The letter of its quantity."""
+        return _SYMBOLS.get(self.quantity, "values")
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if not name.startswith("_") and name == self.symbol:
+            return self.values
+        name_of, quantity = self.__dict__.get("name"), self.__dict__.get("quantity")
+        what = f"probe {name_of!r} has no {name!r}; it reads a {quantity}: ask for {self.symbol!r} or 'values'"
+        raise AttributeError(what)
+
+    def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> np.ndarray:
+        return np.asarray(self.values, dtype)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __repr__(self) -> str:
+        return f"<Probe {self.name!r}: {len(self)} values of {self.quantity} [{self.unit}]>"
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draws it over time with matplotlib; returns the axes."""
+        axes = ax if ax is not None else _pyplot().subplots()[1]
+        axes.plot(self.t, self.values, label=self.name)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel(f"{self.quantity} [{self.unit}]")
+        axes.legend()
+        return axes
+
+
+class Fields(Mapping[str, np.ndarray]):
+    """Fields of one model at one instant, by their names with or without unit: one row per node or particle, or per cell
+    where they belong to cells.
+    """
+
+    def __init__(self, points: Mapping[str, np.ndarray], cells: Mapping[str, np.ndarray]) -> None:
+        self.points, self.cells = dict(points), dict(cells)
+        """Those of nodes, those of cells, with units in their names."""
+        self._all = {**self.points, **self.cells}
+        self._short = {_split(n)[0]: n for n in self._all}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        try:
+            return self._all[self._short.get(name, name)]
+        except KeyError:
+            raise KeyError(f"no field {name!r}; there are: {', '.join(self._all)} (output.fields of the scene)") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all)
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    def __repr__(self) -> str:
+        return f"<Fields: {', '.join(f'{n} {a.shape}' for n, a in self._all.items())}>"
+
+
+class Frame(Mapping[str, Fields]):
+    """All models at one instant, by their names; ``time`` [s]."""
+
+    def __init__(self, time: float, models: Mapping[str, Fields]) -> None:
+        self.time = time
+        self._models = dict(models)
+
+    def __getitem__(self, name: str) -> Fields:
+        if name not in self._models:
+            raise KeyError(f"there is no model {name!r}; there are: {', '.join(self)}")
+        return self._models[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._models)
+
+    def __len__(self) -> int:
+        return len(self._models)
+
+    def __repr__(self) -> str:
+        return f"<Frame at {self.time:g} s: {', '.join(self._models)}>"
+
+
+class _Named(dict):  # type: ignore[type-arg]
+    """A dictionary that says what it has where something is missing."""
+
+    def __init__(self, what: str, of: Mapping[str, Any]) -> None:
+        super().__init__(of)
+        self._what = what
+
+    def __missing__(self, name: str) -> Any:
+        raise KeyError(f"there is no {self._what} {name!r}; there are: {', '.join(self) or 'none'}")
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        raise errors.System("drawing needs matplotlib: pip install arlequin[plot]") from None
+    return plt
+
+
+class Run:
+    """What a run leaves.
+
+    ``summary`` is what ``summary.json`` says, ``probes``, ``energy``, ``effects`` and ``curves`` are the tables,
+    :meth:`fields` the states in between.
+    """
+
+    def __init__(self, native: _native.Results, asleep: bool = False) -> None:
+        self._native = native
+        self._asleep = asleep
+        self.summary: Record = record(native.summary(asleep))
+        """The run in figures."""
+        columns = native.probes(asleep)
+        t = columns.pop("time [s]")
+        facts = self.summary["probes"]
+        self.probes: dict[str, Probe] = _Named(
+            "probe",
+            {n: Probe(n, facts[n]["quantity"], t, c, facts[n]) for n, c in zip(facts, columns.values())},
+        )
+        """Probes by their names."""
+        self.energy = Table(native.energy(asleep), "energy")
+        """Energies, works and momenta over time; ``H`` is the invariant, ``relative_drift`` its change."""
+        self.effects = Table(native.effects(asleep), "effects")
+        """Figures of the effects over time."""
+
+    @property
+    def asleep(self) -> Optional[Run]:
+        """The same of the time in which a model slept, if it woke."""
+        return Run(self._native, True) if self._native.slept and not self._asleep else None
+
+    @property
+    def folder(self) -> Optional[Path]:
+        """Folder of the results, if they are kept."""
+        return None if self._native.folder is None else Path(self._native.folder)
+
+    @property
+    def curves(self) -> dict[str, Table]:
+        """One probe over another, as the scene asks for."""
+        return _Named("curve", {n: Table(c, n) for n, c in self._native.curves().items()})
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should know."""
+        return list(self.summary["warnings"])
+
+    @property
+    def fragments(self) -> np.ndarray:
+        """Pieces into which bodies fell, one row per piece and frame; number 0 stands for all particles without a bond."""
+        kinds = [("time", "f8"), ("model", "U64"), ("number", "i8"), ("particles", "i8"), ("mass", "f8")]
+        dtype = np.dtype([*kinds, ("centre", "f8", 3), ("velocity", "f8", 3)])
+        return np.array(self._native.fragments(), dtype)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the frames [s]."""
+        return self._native.times()
+
+    @property
+    def grids(self) -> dict[str, Record]:
+        """Models at rest: ``points`` (n, 3) [m], ``cells`` (nodes of each), ``cell_type`` of VTK, ``radii`` [m]."""
+        return _Named("model", {n: Record(g) for n, g in self._native.grids().items()})
+
+    def fields(self, t: Optional[float] = None) -> Frame:
+        """The frame nearest to time ``t`` [s], by default the last one: displacements, velocities, stresses … of all models,
+        ``run.fields(1e-4)["bar"]["displacement"]``.
+        """
+        times = self.times
+        if len(times) == 0:
+            raise errors.Key("this run kept no frames; run the scene with frames=20, or look into its folder")
+        k = len(times) - 1 if t is None else int(np.argmin(np.abs(times - t)))
+        models = self._native.fields(k)
+        return Frame(float(times[k]), {n: Fields(m["points"], m["cells"]) for n, m in models.items()})
+
+    def mesh(self, model: str, t: Optional[float] = None) -> Any:
+        """A model in the frame nearest to time ``t`` [s] as a mesh of PyVista, at rest; move it by
+        ``mesh.warp_by_vector("displacement [m]")``.
+        """
+        try:
+            import pyvista
+        except ImportError:
+            raise errors.System("meshes need PyVista: pip install arlequin[mesh]") from None
+        frame, grid = self.fields(t)[model], self.grids[model]
+        cells = np.asarray(grid["cells"])
+        count = np.full((len(cells), 1), cells.shape[1] if cells.ndim == 2 else 0)
+        kinds = np.full(len(cells), grid["cell_type"], dtype=np.uint8)
+        out = pyvista.UnstructuredGrid(np.hstack([count, cells]).ravel(), kinds, grid["points"])
+        for name, values in frame.points.items():
+            out.point_data[name] = values
+        for name, values in frame.cells.items():
+            out.cell_data[name] = values
+        return out
+
+    def plot(self) -> Any:
+        """Draws all probes over time with matplotlib, one plot per quantity; returns the figure."""
+        labels = sorted({f"{p.quantity} [{p.unit}]" for p in self.probes.values()})
+        figure, all_axes = _pyplot().subplots(max(len(labels), 1), 1, squeeze=False, sharex=True)
+        for label, axes in zip(labels, all_axes[:, 0]):
+            for p in self.probes.values():
+                if f"{p.quantity} [{p.unit}]" == label:
+                    p.plot(axes)
+        return figure
+
+    def __repr__(self) -> str:
+        s = self.summary
+        models = ", ".join(f"{m['name']} ({m['unknowns']} unknowns)" for m in s["models"])
+        return (
+            f"<Run of {s['scene']!r}, {s['status']}: {s['steps']} steps to {s['time']:g} s; {models}; "
+            f"drift {s['energy']['h_drift_max']:.1e}; probes {', '.join(self.probes) or 'none'}>"
+        )
+
+    def _repr_html_(self) -> str:
+        s = self.summary
+        models = [[m["name"], m["kind"], m["unknowns"], m["own_dt"]] for m in s["models"]]
+        all_probes = self.probes.values()
+        probes = [[p.name, p.quantity, p.unit, float(p.values[-1]), p.facts["min"], p.facts["max"]] for p in all_probes]
+        title = html.escape(s["title"] or s["scene"])
+        head = (
+            f"<p><b>{title}</b>: {html.escape(s['status'])}, {s['steps']} steps to {s['time']:g} s, "
+            f"energy drift {s['energy']['h_drift_max']:.1e}</p>"
+        )
+        warned = "".join(f"<p>&#9888; {html.escape(w)}</p>" for w in self.warnings)
+        return (
+            head
+            + warned
+            + _html_table(["model", "kind", "unknowns", "own step [s]"], models)
+            + _html_table(["probe", "quantity", "unit", "last", "least", "largest"], probes)
+        )

@@ -1,0 +1,62 @@
+//! numpy arrays in and out.
+
+use crate::error::Fault;
+use arlequin::core::nalgebra::Point3;
+use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLikeDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+/// Anything that numpy makes numbers of.
+pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
+
+/// A vector as an array.
+pub(crate) fn array(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
+    PyArray1::from_vec(py, values)
+}
+
+/// Rows of so many columns.
+pub(crate) fn rows(py: Python<'_>, values: Vec<f64>, columns: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let count = values.len() / columns.max(1);
+    PyArray1::from_vec(py, values).reshape([count, columns])
+}
+
+/// All numbers in the order of their indices.
+pub(crate) fn flat(from: &Numbers<'_>) -> Vec<f64> {
+    from.as_array().iter().copied().collect()
+}
+
+/// Points \[m\] of an array with three columns, or of coordinates along x.
+pub(crate) fn points(what: &str, from: &Numbers<'_>) -> Result<Vec<Point3<f64>>, Fault> {
+    let (all, shape) = (flat(from), from.as_array().shape().to_vec());
+    match shape.as_slice() {
+        [_] => Ok(all.into_iter().map(|x| Point3::new(x, 0.0, 0.0)).collect()),
+        [_, 3] => Ok(all.as_chunks::<3>().0.iter().map(|p| Point3::from(*p)).collect()),
+        _ => Err(Fault::of(
+            "SizeMismatch",
+            format!("{what} have the shape {shape:?}; give (n, 3), or (n,) for points along x [m]"),
+        )),
+    }
+}
+
+/// One point \[m\].
+pub(crate) fn point(what: &str, from: &Numbers<'_>) -> Result<Point3<f64>, Fault> {
+    let all = flat(from);
+    match *all.as_slice() {
+        [x] => Ok(Point3::new(x, 0.0, 0.0)),
+        [x, y, z] => Ok(Point3::new(x, y, z)),
+        _ => Err(Fault::of(
+            "SizeMismatch",
+            format!(
+                "{what} has {} numbers; give x, y and z, or x alone [m]",
+                all.len()
+            ),
+        )),
+    }
+}
+
+/// Coordinates of points as rows.
+pub(crate) fn coordinates<'py>(
+    py: Python<'py>,
+    points: &[Point3<f64>],
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    rows(py, points.iter().flat_map(|p| [p.x, p.y, p.z]).collect(), 3)
+}

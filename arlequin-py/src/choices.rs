@@ -1,0 +1,363 @@
+//! Materials, weights, junctions, functions of time, effects.
+
+use crate::arrays::{Numbers, array, flat, point, points};
+use crate::error::Fault;
+use arlequin::core::effect::{BodyForce, EffectSpec, Load, LocalDamping, MassDamping, StiffnessDamping};
+use arlequin::core::nalgebra::Vector3;
+use arlequin::core::{Formula, JunctionKind, Overlap, Primitive, ProfileKind, Weighting};
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use std::sync::Arc;
+
+/// A linear elastic isotropic material: Young's modulus [Pa], Poisson's ratio [-], density [kg/m3].
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Elastic(pub(crate) arlequin::core::Elastic<f64>);
+
+#[pymethods]
+impl Elastic {
+    #[new]
+    fn new(young: f64, poisson: f64, density: f64) -> Result<Self, Fault> {
+        Ok(Self(arlequin::core::Elastic::new(young, poisson, density)?))
+    }
+    /// [Pa].
+    #[getter]
+    fn young(&self) -> f64 {
+        self.0.young()
+    }
+    /// [-].
+    #[getter]
+    fn poisson(&self) -> f64 {
+        self.0.poisson()
+    }
+    /// [kg/m3].
+    #[getter]
+    fn density(&self) -> f64 {
+        self.0.density()
+    }
+    /// Speed of dilatational waves [m/s].
+    #[getter]
+    fn p_wave_speed(&self) -> f64 {
+        self.0.p_wave_speed()
+    }
+    /// Speed of long axial waves in a bar [m/s].
+    #[getter]
+    fn bar_speed(&self) -> f64 {
+        self.0.bar_speed()
+    }
+    fn __repr__(&self) -> String {
+        let m = &self.0;
+        format!(
+            "Elastic(young={:?}, poisson={:?}, density={:?})",
+            m.young(),
+            m.poisson(),
+            m.density()
+        )
+    }
+}
+
+/// A flat overlap: a layer between the fine model's border through `fine` and the coarse model's through `coarse` [m].
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Slab(Arc<dyn Overlap<f64>>);
+
+#[pymethods]
+impl Slab {
+    #[new]
+    fn new(fine: Numbers<'_>, coarse: Numbers<'_>) -> Result<Self, Fault> {
+        let (fine, coarse) = (point("fine", &fine)?, point("coarse", &coarse)?);
+        Ok(Self(Arc::new(arlequin::core::Slab::between(fine, coarse)?)))
+    }
+}
+
+/// A ball or a box; made by `ball` and `block`.
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Region(Primitive<f64>);
+
+#[pymethods]
+impl Region {
+    /// A ball about a centre [m] with a radius [m].
+    #[staticmethod]
+    fn ball(centre: Numbers<'_>, radius: f64) -> Result<Self, Fault> {
+        let centre = point("centre", &centre)?;
+        Ok(Self(Primitive::Ball { centre, radius }))
+    }
+
+    /// A box along the axes from corner `low` to corner `high` [m].
+    #[staticmethod]
+    fn block(low: Numbers<'_>, high: Numbers<'_>) -> Result<Self, Fault> {
+        let (low, high) = (point("low", &low)?, point("high", &high)?);
+        Ok(Self(Primitive::Block { low, high }))
+    }
+}
+
+/// An overlap around a region: the fine model alone fills `core`, and ends where `domain` does.
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Shell(Arc<dyn Overlap<f64>>);
+
+#[pymethods]
+impl Shell {
+    #[new]
+    fn new(core: &Region, domain: &Region) -> Self {
+        Self(Arc::new(arlequin::core::Shell {
+            fine_core: core.0,
+            fine_domain: domain.0,
+        }))
+    }
+}
+
+fn overlap_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Overlap<f64>>> {
+    if let Ok(slab) = from.cast::<Slab>() {
+        return Ok(slab.get().0.clone());
+    }
+    if let Ok(shell) = from.cast::<Shell>() {
+        return Ok(shell.get().0.clone());
+    }
+    let rule = format!("{from} is no overlap: give an arlequin.Slab or an arlequin.Shell");
+    Err(Fault::of("InvalidParameter", rule).into())
+}
+
+/// The weight of the coarse model across an overlap: 1 where only it is, 0 where only the fine one is.
+///
+/// `profile` is "cubic", "linear", "quintic", "constant" (with `value`) or "mediator-compatible" (with the positions of the
+/// mediator's nodes across the overlap, from 0 to 1, as `stations`); inside the overlap the weight stays within `epsilon`
+/// and `1 - epsilon`.
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Ramp(Arc<arlequin::core::Ramp<f64>>);
+
+#[pymethods]
+impl Ramp {
+    #[new]
+    #[pyo3(signature = (overlap, profile = "cubic", epsilon = 1e-3, *, value = None, stations = vec![]))]
+    fn new(
+        overlap: &Bound<'_, PyAny>,
+        profile: &str,
+        epsilon: f64,
+        value: Option<f64>,
+        stations: Vec<f64>,
+    ) -> PyResult<Self> {
+        let kind: ProfileKind = profile.parse().map_err(Fault::from)?;
+        let profile = kind.profile(value, &stations).map_err(Fault::from)?;
+        let made = arlequin::core::Ramp::new(overlap_of(overlap)?, profile, epsilon);
+        Ok(Self(Arc::new(made.map_err(Fault::from)?)))
+    }
+
+    /// Its value at points [m].
+    fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        use arlequin::core::Weight;
+        let all = points("points", &x)?;
+        Ok(array(py, all.iter().map(|x| self.0.at(x)).collect()))
+    }
+}
+
+/// Shares of one model in internal energy, kinetic energy and external work.
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Weights(pub(crate) arlequin::core::Weights<f64>);
+
+#[pymethods]
+impl Weights {
+    /// The same share of all three.
+    #[staticmethod]
+    fn same(ramp: &Ramp) -> Self {
+        Self(arlequin::core::Weights::same(ramp.0.clone()))
+    }
+
+    /// All of everything: a model that is not coupled.
+    #[staticmethod]
+    fn uncoupled() -> Self {
+        Self(arlequin::core::Weights::uncoupled())
+    }
+
+    /// What coarse models leave to a fine one.
+    #[staticmethod]
+    #[pyo3(signature = (*coarse))]
+    fn complement_of(coarse: Vec<PyRef<'_, Self>>) -> Self {
+        let all: Vec<_> = coarse.iter().map(|w| w.0.clone()).collect();
+        Self(arlequin::core::Weights::complement_of(&all))
+    }
+
+    /// The share of a model in what coarser ones leave.
+    fn within(&self, left: &Self) -> Self {
+        Self(self.0.clone().within(&left.0))
+    }
+
+    /// The same weights by "energy" (of elements and bonds) or "nodal".
+    fn with_weighting(&self, weighting: &str) -> Result<Self, Fault> {
+        let weighting: Weighting = weighting.parse()?;
+        Ok(Self(self.0.clone().with_weighting(weighting)))
+    }
+
+    /// Shares of internal energy, kinetic energy and external work at points [m].
+    fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<[Bound<'py, PyArray1<f64>>; 3]> {
+        let all = points("points", &x)?;
+        Ok([&self.0.internal, &self.0.kinetic, &self.0.external]
+            .map(|w| array(py, all.iter().map(|x| w.at(x)).collect())))
+    }
+}
+
+/// The scalar product in which velocities of two models agree; made by `L2`, `H1Strain`, `H1Gradient` and `H1Seminorm`.
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Junction(JunctionKind, f64);
+
+impl Junction {
+    pub(crate) fn make(&self) -> Result<Box<dyn arlequin::core::Junction<f64>>, Fault> {
+        Ok(self.0.junction(self.1)?)
+    }
+
+    pub(crate) fn l2() -> Self {
+        Self(JunctionKind::L2, 1.0)
+    }
+}
+
+#[pymethods]
+impl Junction {
+    #[new]
+    #[pyo3(signature = (kind = "l2", length = 1.0))]
+    fn new(kind: &str, length: f64) -> Result<Self, Fault> {
+        let out = Self(kind.parse()?, length);
+        out.make()?;
+        Ok(out)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Junction {}>", self.0)
+    }
+}
+
+/// A function of time: `step`, `ramp`, `smooth_pulse`, `table`, or any of Python's.
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct TimeFunction(arlequin::core::TimeFunction<f64>);
+
+#[pymethods]
+impl TimeFunction {
+    /// One from time zero on.
+    #[staticmethod]
+    fn step() -> Self {
+        Self(arlequin::core::TimeFunction::Step)
+    }
+
+    /// From 0 to 1 within `duration` [s].
+    #[staticmethod]
+    fn ramp(duration: f64) -> Self {
+        Self(arlequin::core::TimeFunction::Ramp { duration })
+    }
+
+    /// `sin(pi t/duration)**2` within `duration` [s], then zero.
+    #[staticmethod]
+    fn smooth_pulse(duration: f64) -> Self {
+        Self(arlequin::core::TimeFunction::SmoothPulse { duration })
+    }
+
+    /// Linear between times [s] and values, constant outside.
+    #[staticmethod]
+    fn table(times: Numbers<'_>, values: Numbers<'_>) -> Self {
+        let pairs = flat(&times).into_iter().zip(flat(&values)).collect();
+        Self(arlequin::core::TimeFunction::Table(pairs))
+    }
+
+    /// Its value at time `t` [s].
+    fn at(&self, t: f64) -> f64 {
+        self.0.at(t)
+    }
+}
+
+/// A function of time that is one of this module or any of Python's; none is one from time zero on.
+pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<arlequin::core::TimeFunction<f64>> {
+    let Some(from) = from else {
+        return Ok(arlequin::core::TimeFunction::Step);
+    };
+    if let Ok(f) = from.cast::<TimeFunction>() {
+        return Ok(f.get().0.clone());
+    }
+    if !from.is_callable() {
+        let rule =
+            format!("{from} is no function of time: give an arlequin.TimeFunction or a function of t [s]");
+        return Err(Fault::of("InvalidParameter", rule).into());
+    }
+    // What fails shows at once: later it is not a number, which ends the run by name.
+    from.call1((0.0,))?.extract::<f64>()?;
+    let (text, function) = (from.str()?.to_string(), from.clone().unbind());
+    let at = move |t: f64| {
+        let value = Python::attach(|py| function.call1(py, (t,))?.extract::<f64>(py));
+        value.unwrap_or(f64::NAN)
+    };
+    Ok(arlequin::core::TimeFunction::Formula(Formula::new(&text, at)))
+}
+
+type Made = Result<Box<dyn EffectSpec<f64>>, Fault>;
+
+/// Something that acts on a model; made by `Load`, `BodyForce`, `MassDamping`, `StiffnessDamping` and `LocalDamping`.
+#[pyclass(frozen, module = "arlequin")]
+pub(crate) struct Effect(pub(crate) Box<dyn Fn() -> Made + Send + Sync>);
+
+impl Effect {
+    fn of<E: EffectSpec<f64> + 'static>(
+        make: impl Fn() -> arlequin::core::Result<E> + Send + Sync + 'static,
+    ) -> Result<Self, Fault> {
+        make()?;
+        Ok(Self(Box::new(move || Ok(Box::new(make()?)))))
+    }
+}
+
+/// Forces [N] (moments [N m]) on unknowns, times a function of time.
+#[pyfunction]
+#[pyo3(name = "Load", signature = (name, dofs, forces, time = None))]
+pub(crate) fn load(
+    name: String,
+    dofs: Vec<usize>,
+    forces: Numbers<'_>,
+    time: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Effect> {
+    let (time, mut forces) = (time_function(time)?, flat(&forces));
+    if forces.len() == 1 {
+        forces.resize(dofs.len(), forces[0]);
+    }
+    if forces.len() != dofs.len() {
+        let text = format!(
+            "load '{name}': {} forces on {} unknowns; give one or as many",
+            forces.len(),
+            dofs.len()
+        );
+        return Err(Fault::of("SizeMismatch", text).into());
+    }
+    let pairs: Vec<_> = dofs.into_iter().zip(forces).collect();
+    Ok(Effect::of(move || {
+        Load::on_dofs(&name, pairs.clone(), time.clone())
+    })?)
+}
+
+/// An acceleration of every point [m/s2], such as that of gravity, times a function of time.
+#[pyfunction]
+#[pyo3(name = "BodyForce", signature = (acceleration, time = None))]
+pub(crate) fn body_force(acceleration: [f64; 3], time: Option<&Bound<'_, PyAny>>) -> PyResult<Effect> {
+    let time = time_function(time)?;
+    let make = move || BodyForce::new(Vector3::from(acceleration))?.over_time(time.clone());
+    Ok(Effect::of(make)?)
+}
+
+/// Damping by velocity at a rate [1/s].
+#[pyfunction]
+#[pyo3(name = "MassDamping")]
+pub(crate) fn mass_damping(rate: f64) -> Result<Effect, Fault> {
+    Effect::of(move || MassDamping::new(rate))
+}
+
+/// Damping by rate of strain with a time [s].
+#[pyfunction]
+#[pyo3(name = "StiffnessDamping")]
+pub(crate) fn stiffness_damping(time: f64) -> Result<Effect, Fault> {
+    Effect::of(move || StiffnessDamping::new(time))
+}
+
+/// Damping by a share of the unbalanced force, 0.1 to 0.8 in use: for ways to rest, not for waves.
+#[pyfunction]
+#[pyo3(name = "LocalDamping")]
+pub(crate) fn local_damping(share: f64) -> Result<Effect, Fault> {
+    Effect::of(move || LocalDamping::new(share))
+}

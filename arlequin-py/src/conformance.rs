@@ -1,0 +1,99 @@
+//! The checks of the core, on any model or solver.
+
+use crate::arrays::{Numbers, points};
+use crate::border::outside;
+use crate::error::Fault;
+use crate::models::NativeModel;
+use crate::plug;
+use crate::shapes::field_of;
+use crate::solver::PythonSolver;
+use arlequin::core::{Model, Uniform, conformance};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Asks a model of the library, or one written in Python under weights of one.
+fn with(
+    object: &Bound<'_, PyAny>,
+    ask: impl FnOnce(&mut dyn Model<f64>) -> Result<f64, Fault> + Send,
+) -> PyResult<f64> {
+    if let Ok(native) = object.cast::<NativeModel>() {
+        let native = native.get();
+        return outside(object.py(), || native.with(ask));
+    }
+    let (mut model, _, pending) = plug::model(object)?;
+    let made = outside(object.py(), move || {
+        model.set_internal_weight(&Uniform(1.0))?;
+        ask(&mut *model)
+    });
+    pending.take().map_or(made, Err)
+}
+
+/// Largest force under a rigid motion, relative to that under a random one.
+#[pyfunction]
+pub(crate) fn rigid_forces(model: &Bound<'_, PyAny>) -> PyResult<f64> {
+    with(model, |m| Ok(conformance::rigid_forces(m)?))
+}
+
+/// Largest relative difference between forces and minus the slope of the energy, at displacements of `amplitude` [m].
+#[pyfunction]
+#[pyo3(signature = (model, amplitude = 1e-3))]
+pub(crate) fn forces_derive_from_energy(model: &Bound<'_, PyAny>, amplitude: f64) -> PyResult<f64> {
+    with(model, |m| {
+        Ok(conformance::forces_derive_from_energy(m, amplitude)?)
+    })
+}
+
+/// Largest relative asymmetry of the forces about rest, at displacements of `amplitude` [m].
+#[pyfunction]
+#[pyo3(signature = (model, amplitude = 1e-3))]
+pub(crate) fn symmetric_forces(model: &Bound<'_, PyAny>, amplitude: f64) -> PyResult<f64> {
+    with(model, |m| Ok(conformance::symmetric_forces(m, amplitude)?))
+}
+
+/// Relative difference between the mass and what is expected [kg]; huge where a mass is not positive.
+#[pyfunction]
+pub(crate) fn mass(model: &Bound<'_, PyAny>, expected: f64) -> PyResult<f64> {
+    with(model, |m| Ok(conformance::mass(m, expected)?))
+}
+
+/// Defects of shape functions over points [m]: of their sum, of linear fields, of gradients, the most negative value.
+#[pyfunction]
+#[pyo3(signature = (field, points, gradients = false))]
+pub(crate) fn shapes<'py>(
+    py: Python<'py>,
+    field: &Bound<'py, PyAny>,
+    points: Numbers<'py>,
+    gradients: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (field, at) = (field_of(field)?, self::points("points", &points)?);
+    let found = outside(py, || Ok(conformance::shapes(&*field, &at, gradients)?))?;
+    let out = PyDict::new(py);
+    out.set_item("unity", found.unity)?;
+    out.set_item("linear", found.linear)?;
+    out.set_item("gradient", found.gradient)?;
+    out.set_item("negative", found.negative)?;
+    Ok(out)
+}
+
+/// Kicks a solver in motion and lets it make so many steps of `step` [s]: defects of what the coupling relies on.
+#[pyfunction]
+#[pyo3(signature = (solver, step, steps = 100))]
+pub(crate) fn participant<'py>(
+    py: Python<'py>,
+    solver: &Bound<'py, PyAny>,
+    step: f64,
+    steps: usize,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (mut solver, _, pending) = PythonSolver::of(solver)?;
+    let made = outside(py, move || {
+        Ok(conformance::participant(&mut solver, step, steps)?)
+    });
+    let found = pending.take().map_or(made, Err)?;
+    let out = PyDict::new(py);
+    out.set_item("kick", found.kick)?;
+    out.set_item("moved", found.moved)?;
+    out.set_item("drift", found.drift)?;
+    out.set_item("work", found.work)?;
+    out.set_item("resumed", found.resumed)?;
+    Ok(out)
+}

@@ -1,0 +1,384 @@
+//! Coupled runs.
+
+use crate::arrays::{Numbers, array, points, rows};
+use crate::border::{Pulse, outside};
+use crate::error::Fault;
+use crate::plug::Pending;
+use crate::subdomain::{Interface, Subdomain, Which};
+use arlequin::core::snapshot::Snapshot as State;
+use arlequin::core::{self, Guard, Observer, Parts, Phase, StepReport, TimeStep, Weighting};
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::ops::ControlFlow;
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+
+type Inner = core::Coupled<f64>;
+
+/// Columns of the energy over time.
+const COLUMNS: [&str; 9] = [
+    "time [s]",
+    "kinetic [J]",
+    "internal [J]",
+    "invariant [J]",
+    "work [J]",
+    "drift [J]",
+    "relative drift [-]",
+    "momentum drift [-]",
+    "constraint residual [-]",
+];
+
+/// A coupled run: `Coupled(subdomains, interfaces, fraction=0.9)`.
+///
+/// The step of the run is the longest of which every own step is at most a `fraction` of the critical one of its model; or as
+/// `chosen` at such a fraction with as many own steps as models need; or `seconds` [s]. The balance of energy is drawn every
+/// `energy_every` steps, and a run whose energy grows by more than `growth` of what is in play ends.
+#[pyclass(frozen, subclass, module = "arlequin")]
+pub(crate) struct Coupled {
+    run: Mutex<Inner>,
+    names: Vec<String>,
+    interfaces: Vec<String>,
+    pending: Vec<Pending>,
+    drawn: Mutex<Vec<[f64; 9]>>,
+}
+
+/// The state of a run, to go back to.
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Snapshot(State<f64>);
+
+#[pymethods]
+impl Snapshot {
+    /// Steps made.
+    #[getter]
+    fn steps(&self) -> usize {
+        self.0.step
+    }
+}
+
+/// Draws up the energy and looks for Ctrl-C.
+struct Watch<'a> {
+    drawn: &'a Mutex<Vec<[f64; 9]>>,
+    pulse: Pulse,
+    stop: Option<PyErr>,
+}
+
+impl Observer<f64> for Watch<'_> {
+    fn phase(&mut self, _: Phase) {}
+
+    fn observe(&mut self, _: &Inner, report: &StepReport<f64>) -> core::Result<ControlFlow<()>> {
+        if let Some(s) = &report.energy {
+            let row = [
+                s.time,
+                s.kinetic,
+                s.internal,
+                s.invariant,
+                s.work,
+                s.drift,
+                s.relative_drift,
+                s.momentum_drift[0],
+                s.constraint_residual,
+            ];
+            self.drawn
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .push(row);
+        }
+        if let Err(e) = self.pulse.beat(|_| Ok(())) {
+            self.stop = Some(e);
+            return Ok(ControlFlow::Break(()));
+        }
+        Ok(ControlFlow::Continue(()))
+    }
+}
+
+fn step_of(fraction: Option<f64>, seconds: Option<f64>, chosen: Option<f64>) -> Result<TimeStep<f64>, Fault> {
+    match (fraction, seconds, chosen) {
+        (f, None, None) => Ok(TimeStep::Fraction(f.unwrap_or(0.9))),
+        (None, Some(s), None) => Ok(TimeStep::Seconds(s)),
+        (None, None, Some(f)) => Ok(TimeStep::Chosen(f)),
+        _ => {
+            let rule = "step of the run: give one of fraction, seconds and chosen";
+            Err(Fault::of("InvalidParameter", rule))
+        }
+    }
+}
+
+/// What waits for one of several objects.
+fn waiting(pending: &[Pending]) -> Option<PyErr> {
+    pending.iter().find_map(Pending::take)
+}
+
+impl Coupled {
+    fn lock(&self) -> Result<MutexGuard<'_, Inner>, Fault> {
+        match self.run.try_lock() {
+            Ok(run) => Ok(run),
+            Err(TryLockError::Poisoned(p)) => Ok(p.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(Fault::of(
+                "Busy",
+                "this run computes already, in another thread or around the model that asks; wait until it has ended",
+            )),
+        }
+    }
+
+    /// Computes; an exception of a model that waits comes before what it led to.
+    fn compute<V: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Inner) -> Result<V, Fault> + Send,
+    ) -> PyResult<V> {
+        let made = outside(py, || work(&mut *self.lock()?));
+        waiting(&self.pending).map_or(made, Err)
+    }
+
+    /// Values of a model: (nodes, components), and of its rotations.
+    fn values<'py>(
+        &self,
+        py: Python<'py>,
+        of: &Which,
+        rotations: bool,
+        pick: impl Fn(&core::State<f64>) -> &Vec<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let k = of.among(&self.names, "subdomain")?;
+        let run = self.lock()?;
+        let (layout, all) = (
+            run.subdomains()[k].model().layout(),
+            pick(run.subdomains()[k].state()),
+        );
+        let (moves, turns) = all.split_at(layout.translations());
+        match rotations {
+            false => rows(py, moves.to_vec(), layout.components),
+            true => rows(py, turns.to_vec(), layout.rotations),
+        }
+    }
+}
+
+#[pymethods]
+impl Coupled {
+    #[new]
+    #[pyo3(signature = (subdomains, interfaces = vec![], *, fraction = None, seconds = None, chosen = None, start = 0.0, energy_every = 10, growth = None))]
+    #[allow(clippy::too_many_arguments, reason = "names of Python")]
+    fn new(
+        py: Python<'_>,
+        subdomains: Vec<PyRef<'_, Subdomain>>,
+        interfaces: Vec<PyRef<'_, Interface>>,
+        fraction: Option<f64>,
+        seconds: Option<f64>,
+        chosen: Option<f64>,
+        start: f64,
+        energy_every: usize,
+        growth: Option<f64>,
+    ) -> PyResult<Self> {
+        let step = step_of(fraction, seconds, chosen)?;
+        let names: Vec<String> = subdomains.iter().map(|s| s.name.clone()).collect();
+        let pending: Vec<Pending> = subdomains.iter().map(|s| s.pending.clone()).collect();
+        let specs = interfaces
+            .iter()
+            .map(|i| i.spec(&names))
+            .collect::<Result<Vec<_>, Fault>>()?;
+        let all = subdomains
+            .iter()
+            .map(|s| s.give())
+            .collect::<Result<Vec<_>, Fault>>()?;
+        let nodal = all.iter().any(|s| s.weights().weighting == Weighting::Nodal);
+        let mut guard = Guard::for_weighting(if nodal {
+            Weighting::Nodal
+        } else {
+            Weighting::Energy
+        });
+        guard.interval = energy_every.max(1);
+        guard.growth = growth.unwrap_or(guard.growth);
+        let parts = Parts {
+            start,
+            subdomains: all,
+            interfaces: specs,
+            pairs: Vec::new(),
+        };
+        let made = outside(py, || Ok(Inner::of(parts, step, Some(guard))?));
+        Ok(Self {
+            run: Mutex::new(waiting(&pending).map_or(made, Err)?),
+            names,
+            interfaces: interfaces.iter().map(|i| i.name.clone()).collect(),
+            pending,
+            drawn: Mutex::new(Vec::new()),
+        })
+    }
+
+    /// Makes so many steps, or fewer if `observer(run)` answers False, which is called every `every` steps; returns how many
+    /// were made. Ctrl-C ends it between two steps.
+    #[pyo3(signature = (steps, observer = None, every = 1))]
+    fn run(
+        slf: &Bound<'_, Self>,
+        steps: usize,
+        observer: Option<&Bound<'_, PyAny>>,
+        every: usize,
+    ) -> PyResult<usize> {
+        let (this, py) = (slf.get(), slf.py());
+        let mut made = 0;
+        while made < steps {
+            let ahead = match observer {
+                Some(_) => every.max(1).min(steps - made),
+                None => steps - made,
+            };
+            let (done, stop) = this.compute(py, |run| {
+                let mut watch = Watch {
+                    drawn: &this.drawn,
+                    pulse: Pulse::new(),
+                    stop: None,
+                };
+                let done = run.run(ahead, &mut watch)?;
+                Ok((done, watch.stop))
+            })?;
+            made += done;
+            stop.map_or(Ok(()), Err)?;
+            if let Some(observer) = observer
+                && observer.call1((slf,))?.extract::<bool>().is_ok_and(|go| !go)
+            {
+                break;
+            }
+        }
+        Ok(made)
+    }
+
+    /// Names of the models.
+    #[getter]
+    fn names(&self) -> Vec<String> {
+        self.names.clone()
+    }
+
+    /// Step of the run [s].
+    #[getter]
+    fn dt(&self) -> Result<f64, Fault> {
+        Ok(self.lock()?.dt())
+    }
+
+    /// Present time [s].
+    #[getter]
+    fn time(&self) -> Result<f64, Fault> {
+        Ok(self.lock()?.time())
+    }
+
+    /// Steps made.
+    #[getter]
+    fn steps(&self) -> Result<usize, Fault> {
+        Ok(self.lock()?.steps())
+    }
+
+    /// Critical step of every subdomain [s].
+    #[getter]
+    fn critical_steps(&self) -> Result<Vec<f64>, Fault> {
+        Ok(self.lock()?.critical_steps().to_vec())
+    }
+
+    /// Own steps of every subdomain in a step of the run.
+    #[getter]
+    fn own_steps(&self) -> Result<Vec<usize>, Fault> {
+        Ok(self.lock()?.plan().own_steps)
+    }
+
+    /// Largest relative drift of the energy balance so far.
+    #[getter]
+    fn drift(&self) -> Result<f64, Fault> {
+        Ok(self.lock()?.drift())
+    }
+
+    /// Largest relative jump of velocities across interfaces so far.
+    #[getter]
+    fn constraint_residual(&self) -> Result<f64, Fault> {
+        Ok(self.lock()?.constraint_residual())
+    }
+
+    /// Kinetic plus internal energy [J].
+    #[getter]
+    fn energy(&self, py: Python<'_>) -> PyResult<f64> {
+        self.compute(py, |run| Ok(run.energy()))
+    }
+
+    /// Linear and angular momentum about the origin [kg m/s, kg m2/s].
+    #[getter]
+    fn momentum(&self) -> Result<[[f64; 3]; 2], Fault> {
+        Ok(self.lock()?.momentum().map(Into::into))
+    }
+
+    /// Displacements of a model [m], (nodes, components).
+    fn displacement<'py>(&self, py: Python<'py>, model: Which) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.values(py, &model, false, |s| &s.q)
+    }
+
+    /// Velocities of a model [m/s], (nodes, components).
+    fn velocity<'py>(&self, py: Python<'py>, model: Which) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.values(py, &model, false, |s| &s.v)
+    }
+
+    /// Rotations of a model [rad], (nodes, 3); empty for one whose nodes do not turn.
+    fn rotation<'py>(&self, py: Python<'py>, model: Which) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.values(py, &model, true, |s| &s.q)
+    }
+
+    /// Lumped inertia of every unknown under the weights of the model [kg, kg m2].
+    fn inertia<'py>(&self, py: Python<'py>, model: Which) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let k = model.among(&self.names, "subdomain")?;
+        Ok(array(py, self.lock()?.subdomains()[k].inertia().to_vec()))
+    }
+
+    /// Displacement [m] and velocity [m/s] of a model's field at points [m], each (n, 3).
+    fn sample<'py>(
+        &self,
+        py: Python<'py>,
+        model: Which,
+        x: Numbers<'py>,
+    ) -> PyResult<[Bound<'py, PyArray2<f64>>; 2]> {
+        let k = model.among(&self.names, "subdomain")?;
+        let (all, run) = (points("points", &x)?, self.lock()?);
+        let mut out = [
+            Vec::with_capacity(3 * all.len()),
+            Vec::with_capacity(3 * all.len()),
+        ];
+        for x in &all {
+            let found = run.subdomains()[k].sample(x).map_err(Fault::from)?;
+            out.iter_mut().zip(found).for_each(|(o, v)| o.extend(v.iter()));
+        }
+        let [u, v] = out;
+        Ok([rows(py, u, 3)?, rows(py, v, 3)?])
+    }
+
+    /// Multipliers of an interface, (nodes of the mediator, components).
+    fn multipliers<'py>(&self, py: Python<'py>, interface: Which) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let k = interface.among(&self.interfaces, "interface")?;
+        let run = self.lock()?;
+        let found = &run.interfaces()[k];
+        rows(py, found.multipliers().to_vec(), found.components())
+    }
+
+    /// Energies over time, one row each time they were drawn.
+    fn _energies<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
+        let out = PyDict::new(py);
+        for (k, name) in COLUMNS.iter().enumerate() {
+            out.set_item(name, array(py, drawn.iter().map(|row| row[k]).collect()))?;
+        }
+        Ok(out)
+    }
+
+    /// Displacements of every model in equilibrium under the loads and supports of time `t` [s]; all must be linear.
+    #[pyo3(signature = (t = 0.0))]
+    fn equilibrium<'py>(&self, py: Python<'py>, t: f64) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
+        let found = self.compute(py, |run| Ok(run.equilibrium(t)?))?;
+        Ok(found.displacements.into_iter().map(|q| array(py, q)).collect())
+    }
+
+    /// The present state.
+    fn snapshot(&self, py: Python<'_>) -> PyResult<Snapshot> {
+        self.compute(py, |run| Ok(Snapshot(run.snapshot()?)))
+    }
+
+    /// Goes back to a state of this run, or of one that was built in the same way.
+    fn restore(&self, py: Python<'_>, snapshot: &Snapshot) -> PyResult<()> {
+        self.compute(py, |run| Ok(run.restore(&snapshot.0)?))
+    }
+
+    /// Force and moment that multipliers exert on both sides together, relative to the force on one.
+    fn _interface_momentum(&self) -> Result<[f64; 2], Fault> {
+        Ok(core::conformance::interface_momentum(&*self.lock()?))
+    }
+}

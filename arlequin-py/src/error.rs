@@ -1,0 +1,186 @@
+//! Errors of the crates as exceptions of `arlequin.errors`, by the names they have in Rust.
+
+use arlequin::{cnem, core, dem_beam, fem_ref};
+use arlequin_scene::Source;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use std::any::Any;
+use std::fmt::Debug;
+
+/// What went wrong, before it is a Python exception.
+#[derive(Debug)]
+pub(crate) enum Fault {
+    /// In Rust.
+    Native {
+        /// Name of the exception's class.
+        kind: String,
+        /// What it says.
+        message: String,
+        /// Key of the scene it speaks of.
+        key: Option<String>,
+        /// Line of the scene's file, from 1.
+        line: Option<usize>,
+    },
+    /// In Python.
+    Python(PyErr),
+}
+
+/// An exception of a model written in Python, on its way through the core.
+#[derive(Debug)]
+pub(crate) struct Raised(PyErr);
+
+impl std::fmt::Display for Raised {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+impl std::error::Error for Raised {}
+
+/// The exception of the model `name` as an error of the core.
+pub(crate) fn raised(name: &str, e: PyErr) -> core::Error {
+    core::Error::of_model(name, Raised(e))
+}
+
+/// Name of an error's variant: the first word of what derives `Debug`.
+fn variant(e: &impl Debug) -> String {
+    let text = format!("{e:?}");
+    let end = text.find(|c: char| !c.is_alphanumeric()).unwrap_or(text.len());
+    text[..end].to_owned()
+}
+
+impl Fault {
+    /// An error with the class of this name.
+    pub(crate) fn of(kind: &str, message: impl Into<String>) -> Self {
+        Self::Native {
+            kind: kind.to_owned(),
+            message: message.into(),
+            key: None,
+            line: None,
+        }
+    }
+
+    fn named(e: &(impl Debug + std::fmt::Display)) -> Self {
+        Self::of(&variant(e), e.to_string())
+    }
+
+    /// What a panic left.
+    pub(crate) fn panic(payload: &(dyn Any + Send)) -> Self {
+        let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned());
+        let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
+        let text = text.unwrap_or_else(|| "without a word".into());
+        Self::of(
+            "InternalError",
+            format!("a mistake in arlequin itself: {text}; please report it with what led to it"),
+        )
+    }
+
+    /// An error of a scene, with the place in its file.
+    pub(crate) fn of_scene(e: arlequin_scene::Error, source: &Source) -> Self {
+        let (at, span) = e.place();
+        let span = span.or_else(|| source.span_of(at?));
+        let place = span.map(|s| {
+            1 + source.text[..s.start.min(source.text.len())]
+                .matches('\n')
+                .count()
+        });
+        let (path, at) = (source.path.display().to_string(), at.map(str::to_owned));
+        match Self::from(e) {
+            Self::Native { kind, message, .. } => Self::Native {
+                message: place.map_or_else(|| message.clone(), |n| format!("{path}:{n}: {message}")),
+                kind,
+                key: at,
+                line: place,
+            },
+            python => python,
+        }
+    }
+}
+
+impl From<PyErr> for Fault {
+    fn from(e: PyErr) -> Self {
+        Self::Python(e)
+    }
+}
+
+impl From<core::Error> for Fault {
+    fn from(e: core::Error) -> Self {
+        if let core::Error::Model { source, .. } = &e {
+            if let Some(Raised(raised)) = source.downcast_ref() {
+                return Self::Python(Python::attach(|py| raised.clone_ref(py)));
+            }
+            if let Some(inner) = source.downcast_ref::<dem_beam::Error>() {
+                return Self::of(&variant(inner), e.to_string());
+            }
+            if let Some(inner) = source.downcast_ref::<cnem::Error>() {
+                return Self::of(&variant(inner), e.to_string());
+            }
+        }
+        Self::named(&e)
+    }
+}
+
+impl From<fem_ref::Error> for Fault {
+    fn from(e: fem_ref::Error) -> Self {
+        match e {
+            fem_ref::Error::Core(e) => e.into(),
+            e => Self::named(&e),
+        }
+    }
+}
+
+impl From<dem_beam::Error> for Fault {
+    fn from(e: dem_beam::Error) -> Self {
+        match e {
+            dem_beam::Error::Core(e) => e.into(),
+            e => Self::named(&e),
+        }
+    }
+}
+
+impl From<cnem::Error> for Fault {
+    fn from(e: cnem::Error) -> Self {
+        match e {
+            cnem::Error::Core(e) => e.into(),
+            e => Self::named(&e),
+        }
+    }
+}
+
+impl From<arlequin_scene::Error> for Fault {
+    fn from(e: arlequin_scene::Error) -> Self {
+        use arlequin_scene::Error;
+        let message = e.to_string();
+        let inner = match e {
+            Error::Core { source, .. } => source.into(),
+            Error::Fem { source, .. } => source.into(),
+            Error::Dem { source, .. } => source.into(),
+            Error::Cnem { source, .. } => source.into(),
+            Error::Kept { source, .. } => Self::from(*source),
+            e => Self::named(&e),
+        };
+        match inner {
+            Self::Native { kind, .. } => Self::of(&kind, message),
+            python => python,
+        }
+    }
+}
+
+impl From<Fault> for PyErr {
+    fn from(e: Fault) -> Self {
+        let (kind, message, key, line) = match e {
+            Fault::Python(e) => return e,
+            Fault::Native {
+                kind,
+                message,
+                key,
+                line,
+            } => (kind, message, key, line),
+        };
+        let made = |py: Python<'_>| -> PyResult<Self> {
+            let make = py.import("arlequin.errors")?.getattr("_make")?;
+            Ok(Self::from_value(make.call1((&kind, &message, key, line))?))
+        };
+        Python::attach(|py| made(py).unwrap_or_else(|_| PyRuntimeError::new_err(message.clone())))
+    }
+}

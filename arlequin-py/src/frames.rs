@@ -1,0 +1,129 @@
+//! The state of all models at some instants of a run, as the frames of a results folder have it.
+
+use crate::arrays::{array, coordinates, rows};
+use arlequin::core::Coupled;
+use arlequin_scene::Prepared;
+use arlequin_scene::output::{Array, Frames, Pictures};
+use arlequin_scene::setup::Grid;
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// A model at one instant: arrays over its points, then over its cells.
+type State = [Vec<Array>; 2];
+
+/// What is kept of a run over time.
+pub(crate) struct Kept {
+    painter: Frames,
+    names: Vec<String>,
+    every: usize,
+    /// Pictures of the models at rest.
+    pub(crate) grids: Vec<(String, Grid)>,
+    /// Times \[s\].
+    pub(crate) times: Vec<f64>,
+    /// All models at these.
+    pub(crate) states: Vec<Vec<State>>,
+}
+
+impl Kept {
+    /// About `count` frames, or as many as the scene asks for; the first is that before the first step.
+    pub(crate) fn new(prepared: &Prepared, count: Option<usize>) -> arlequin_scene::Result<Self> {
+        let (built, scene) = (prepared.built(), prepared.scene());
+        let pictures = Pictures {
+            models: built.models.clone(),
+            mediators: Vec::new(),
+            rigid: Vec::new(),
+        };
+        // Nothing is written: the folder is only a name.
+        let painter = Frames::new(
+            Default::default(),
+            &scene.spec().output.fields,
+            &built.run,
+            pictures,
+        );
+        let names = built.run.subdomains().iter().map(|s| s.model().name().to_owned());
+        let names: Vec<String> = names.collect();
+        let every = match count {
+            None => built.frame_every,
+            Some(0) => usize::MAX,
+            Some(n) => built.steps.div_ceil(n).max(1),
+        };
+        let grids = names
+            .iter()
+            .cloned()
+            .zip(built.models.iter().map(|m| m.grid.clone()));
+        let mut out = Self {
+            grids: grids.collect(),
+            painter,
+            names,
+            every,
+            times: Vec::new(),
+            states: Vec::new(),
+        };
+        if count != Some(0) && built.load_steps.is_none() {
+            out.take(&built.run)?;
+        }
+        Ok(out)
+    }
+
+    /// Takes a frame if one is due after a step, or if it is the last.
+    pub(crate) fn look(&mut self, run: &Coupled<f64>, planned: usize) -> arlequin_scene::Result<()> {
+        let due =
+            run.steps().is_multiple_of(self.every) || (run.steps() == planned && self.every < usize::MAX);
+        // As long as a model sleeps the run is another one.
+        let same = || {
+            let now = run.subdomains().iter().map(|s| s.model().name());
+            now.eq(self.names.iter().map(String::as_str))
+        };
+        if due && same() { self.take(run) } else { Ok(()) }
+    }
+
+    fn take(&mut self, run: &Coupled<f64>) -> arlequin_scene::Result<()> {
+        let mut state = Vec::with_capacity(self.names.len());
+        while let Some(p) = self.painter.picture(run, state.len())? {
+            state.push([p.points, p.cells]);
+        }
+        self.times.push(run.time());
+        self.states.push(state);
+        Ok(())
+    }
+}
+
+/// `{model: {"points": {name: array}, "cells": {name: array}}}` of one frame.
+pub(crate) fn fields<'py>(py: Python<'py>, kept: &Kept, frame: usize) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    let Some(states) = kept.states.get(frame) else {
+        return Ok(out);
+    };
+    for (name, state) in kept.names.iter().zip(states) {
+        let model = PyDict::new(py);
+        for (part, arrays) in ["points", "cells"].into_iter().zip(state) {
+            let all = PyDict::new(py);
+            for a in arrays {
+                match a.components {
+                    1 => all.set_item(&a.name, array(py, a.values.clone()))?,
+                    n => all.set_item(&a.name, rows(py, a.values.clone(), n)?)?,
+                }
+            }
+            model.set_item(part, all)?;
+        }
+        out.set_item(name, model)?;
+    }
+    Ok(out)
+}
+
+/// `{model: {"points", "cells", "cell_type", "radii"}}` of the models at rest.
+pub(crate) fn grids<'py>(py: Python<'py>, kept: &Kept) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    for (name, grid) in &kept.grids {
+        let one = PyDict::new(py);
+        one.set_item("points", coordinates(py, &grid.points)?)?;
+        let cells: Vec<i64> = grid.connectivity.iter().map(|k| i64::from(*k)).collect();
+        let cells = PyArray1::from_vec(py, cells).call_method1("reshape", (-1, grid.corners))?;
+        one.set_item("cells", cells)?;
+        one.set_item("cell_type", grid.cell_type)?;
+        one.set_item("radii", array(py, grid.radii.clone()))?;
+        out.set_item(name, one)?;
+    }
+    Ok(out)
+}

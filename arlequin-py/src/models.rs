@@ -1,0 +1,432 @@
+//! The models of the library.
+
+use crate::arrays::{Numbers, array, coordinates, flat, point, points};
+use crate::border::outside;
+use crate::choices::{Elastic, Weights};
+use crate::error::Fault;
+use crate::shapes::{Connectivity, Field, Mesh, node_numbers};
+use arlequin::cnem::{CnemModel as Cnem, Domain, Options, Surface};
+use arlequin::core::nalgebra::Vector3;
+use arlequin::core::{Interpolation, Model};
+use arlequin::dem_beam::{BeamMaterial, Container, DemModel as Dem, Matter, Packing, PackingSpec};
+use arlequin::fem_ref::FemModel as Fem;
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use spring_chain::Chain;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A model of the library.
+#[derive(Debug)]
+enum Kind {
+    Fem(Fem<f64>),
+    Cnem(Box<Cnem>),
+    /// Particles are too many to be kept twice: the run gets them.
+    Dem(Option<Box<Dem>>),
+    Chain(Chain),
+}
+
+/// What all models of the library have in common. Arrays over unknowns are `x0 y0 z0 x1 …`, then rotations.
+#[pyclass(frozen, subclass, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct NativeModel {
+    #[pyo3(get)]
+    name: String,
+    held: Mutex<Kind>,
+}
+
+/// Rows of a sparse matrix: values, columns, where rows begin.
+type Csr<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<i64>>,
+);
+
+impl NativeModel {
+    fn of(name: &str, kind: Kind) -> PyClassInitializer<Self> {
+        PyClassInitializer::from(Self {
+            name: name.to_owned(),
+            held: Mutex::new(kind),
+        })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Kind> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn gone(&self) -> Fault {
+        let rule = format!("model '{}' is part of a run already; make another one", self.name);
+        Fault::of("Unsupported", rule)
+    }
+
+    /// Asks the model itself.
+    pub(crate) fn with<V>(
+        &self,
+        ask: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault>,
+    ) -> Result<V, Fault> {
+        match &mut *self.lock() {
+            Kind::Fem(m) => ask(m),
+            Kind::Cnem(m) => ask(&mut **m),
+            Kind::Chain(m) => ask(m),
+            Kind::Dem(Some(m)) => ask(&mut **m),
+            Kind::Dem(None) => Err(self.gone()),
+        }
+    }
+
+    /// The field that it has without a choice.
+    pub(crate) fn field(&self) -> Result<Arc<dyn Interpolation<f64>>, Fault> {
+        use arlequin::core::FineModel;
+        match &*self.lock() {
+            Kind::Fem(m) => Ok(m.field()),
+            Kind::Cnem(m) => Ok(m.field()),
+            Kind::Chain(m) => Ok(m.fine_field()),
+            Kind::Dem(Some(m)) => Ok(m.particle_field()),
+            Kind::Dem(None) => Err(self.gone()),
+        }
+    }
+
+    /// The model for a run.
+    pub(crate) fn give(&self) -> Result<Box<dyn Model<f64>>, Fault> {
+        match &mut *self.lock() {
+            Kind::Fem(m) => Ok(Box::new(m.clone())),
+            Kind::Cnem(m) => Ok(m.clone()),
+            Kind::Chain(m) => Ok(Box::new(m.clone())),
+            Kind::Dem(m) => Ok(m.take().ok_or_else(|| self.gone())?),
+        }
+    }
+
+    /// Asks the model under weights, and takes these from it again.
+    fn weighted<V>(
+        &self,
+        weights: Option<&Weights>,
+        ask: impl FnOnce(&mut dyn Model<f64>, &arlequin::core::Weights<f64>) -> Result<V, Fault>,
+    ) -> Result<V, Fault> {
+        let whole = arlequin::core::Weights::uncoupled();
+        let weights = weights.map_or(&whole, |w| &w.0);
+        self.with(|m| {
+            m.set_internal_weight(&*weights.internal)?;
+            let found = ask(m, weights);
+            m.set_internal_weight(&*whole.internal)?;
+            found
+        })
+    }
+}
+
+#[pymethods]
+impl NativeModel {
+    /// "fem", "cnem", "dem" or "chain".
+    #[getter]
+    fn kind(&self) -> Result<String, Fault> {
+        self.with(|m| Ok(m.kind().to_owned()))
+    }
+
+    /// Nodes [m], (n, 3).
+    #[getter]
+    fn nodes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let nodes = self.with(|m| Ok(m.nodes().to_vec()))?;
+        coordinates(py, &nodes)
+    }
+
+    /// Displacements per node: 3, or 1 for bars and chains.
+    #[getter]
+    fn components(&self) -> Result<usize, Fault> {
+        self.with(|m| Ok(m.layout().components))
+    }
+
+    /// Rotations per node: 3 for particles, otherwise 0.
+    #[getter]
+    fn rotations(&self) -> Result<usize, Fault> {
+        self.with(|m| Ok(m.layout().rotations))
+    }
+
+    /// The field that interfaces see.
+    #[getter(field)]
+    fn its_field(&self) -> Result<Field, Fault> {
+        Ok(Field(self.field()?))
+    }
+
+    /// Lumped inertia of every unknown under weights [kg, kg m2].
+    #[pyo3(signature = (weights = None))]
+    fn lumped_inertia<'py>(
+        &self,
+        py: Python<'py>,
+        weights: Option<&Weights>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let found = self.weighted(weights, |m, w| {
+            let mut out = vec![0.0; m.layout().dofs()];
+            m.lumped_inertia(&*w.kinetic, &mut out)?;
+            Ok(out)
+        });
+        Ok(array(py, found?))
+    }
+
+    /// Internal forces on every unknown at displacements `q` [m], under weights [N, N m].
+    #[pyo3(signature = (q, weights = None))]
+    fn internal_forces<'py>(
+        &self,
+        py: Python<'py>,
+        q: Numbers<'py>,
+        weights: Option<&Weights>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let q = flat(&q);
+        let found = self.weighted(weights, |m, _| {
+            arlequin::core::check_size(m, "displacements", q.len())?;
+            let mut out = vec![0.0; q.len()];
+            m.add_internal_forces(&q, &mut out)?;
+            Ok(out)
+        });
+        Ok(array(py, found?))
+    }
+
+    /// Internal energy at displacements `q` [m], under weights [J].
+    #[pyo3(signature = (q, weights = None))]
+    fn internal_energy(&self, q: Numbers<'_>, weights: Option<&Weights>) -> Result<f64, Fault> {
+        let q = flat(&q);
+        self.weighted(weights, |m, _| {
+            arlequin::core::check_size(m, "displacements", q.len())?;
+            Ok(m.internal_energy(&q))
+        })
+    }
+
+    /// Largest stable step of velocity Verlet, uncoupled and unsupported [s].
+    #[getter]
+    fn critical_step(&self) -> Result<f64, Fault> {
+        self.weighted(None, |m, w| {
+            let mut inertia = vec![0.0; m.layout().dofs()];
+            m.lumped_inertia(&*w.kinetic, &mut inertia)?;
+            inertia.iter_mut().for_each(|m| *m = 1.0 / *m);
+            Ok(m.critical_step(&inertia)?)
+        })
+    }
+
+    /// The stiffness under weights: `(data, indices, indptr)` of its rows [N/m].
+    #[pyo3(signature = (weights = None))]
+    fn _stiffness<'py>(&self, py: Python<'py>, weights: Option<&Weights>) -> PyResult<Csr<'py>> {
+        let found = self.weighted(weights, |m, _| {
+            let Some(linear) = m.as_linear() else {
+                let rule = format!("model '{}' cannot tell a stiffness: it is not linear", self.name);
+                return Err(Fault::of("Unsupported", rule));
+            };
+            Ok(linear.stiffness().to_csr())
+        });
+        let (begin, columns, values) = found?.into_raw_storage();
+        let numbers = |of: Vec<usize>| PyArray1::from_iter(py, of.into_iter().map(|k| k as i64));
+        Ok((array(py, values), numbers(columns), numbers(begin)))
+    }
+
+    fn __repr__(&self) -> String {
+        let told = self.with(|m| Ok(format!("{} '{}', {} nodes", m.kind(), m.name(), m.nodes().len())));
+        format!("<Model {}>", told.unwrap_or_else(|_| self.name.clone()))
+    }
+}
+
+/// Linear finite elements: `FemModel(name, mesh, material)`.
+#[pyclass(frozen, extends = NativeModel, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct FemModel;
+
+#[pymethods]
+impl FemModel {
+    #[new]
+    fn new(name: &str, mesh: &Mesh, material: &Elastic) -> Result<PyClassInitializer<Self>, Fault> {
+        let model = Fem::new(name, mesh.0.mesh().clone(), material.0)?;
+        Ok(NativeModel::of(name, Kind::Fem(model)).add_subclass(Self))
+    }
+}
+
+/// Natural elements on points [m] that fill their convex hull: `CnemModel(name, points, material)`. Closed triangles
+/// `surface` of points bound bodies that are not convex.
+#[pyclass(frozen, extends = NativeModel, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct CnemModel;
+
+#[pymethods]
+impl CnemModel {
+    #[new]
+    #[pyo3(signature = (name, points, material, surface = None))]
+    fn new(
+        py: Python<'_>,
+        name: &str,
+        points: Numbers<'_>,
+        material: &Elastic,
+        surface: Option<Connectivity<'_>>,
+    ) -> PyResult<PyClassInitializer<Self>> {
+        let nodes = crate::arrays::points("points", &points)?;
+        let surface = match surface {
+            None => Surface::convex_hull(),
+            Some(s) => {
+                let all: Vec<usize> = node_numbers("the surface", &s)?
+                    .into_iter()
+                    .map(|k| k as usize)
+                    .collect();
+                Surface::boundary(all.as_chunks::<3>().0.to_vec())
+            }
+        };
+        let model = outside(py, || {
+            let domain = Domain::new(&nodes, &surface)?;
+            Ok(Cnem::new(name, domain, material.0, Options::default())?)
+        })?;
+        Ok(NativeModel::of(name, Kind::Cnem(Box::new(model))).add_subclass(Self))
+    }
+}
+
+/// A packing of spheres and the pairs of them that beams join; made by `cylinder` and `block`.
+#[pyclass(frozen, name = "Packing", module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Spheres(Arc<Packing>);
+
+impl Spheres {
+    fn fill(py: Python<'_>, container: Container, count: usize, seed: u64, quench: bool) -> PyResult<Self> {
+        outside(py, || {
+            let spec = if quench {
+                PackingSpec::quench(container, count, seed)
+            } else {
+                PackingSpec::new(container, count, seed)
+            };
+            Ok(Self(Arc::new(spec.build()?)))
+        })
+    }
+}
+
+#[pymethods]
+impl Spheres {
+    /// About so many spheres in a cylinder along x from 0 to `length`, of `radius` [m]; `quench` is faster and less even.
+    #[staticmethod]
+    #[pyo3(signature = (length, radius, count, seed = 1, quench = false))]
+    fn cylinder(
+        py: Python<'_>,
+        length: f64,
+        radius: f64,
+        count: usize,
+        seed: u64,
+        quench: bool,
+    ) -> PyResult<Self> {
+        let container = Container::cylinder(length, radius).map_err(Fault::from)?;
+        Self::fill(py, container, count, seed, quench)
+    }
+
+    /// The same in a box from corner `low` to corner `high` [m].
+    #[staticmethod]
+    #[pyo3(signature = (low, high, count, seed = 1, quench = false))]
+    fn block(
+        py: Python<'_>,
+        low: Numbers<'_>,
+        high: Numbers<'_>,
+        count: usize,
+        seed: u64,
+        quench: bool,
+    ) -> PyResult<Self> {
+        let (low, high) = (point("low", &low)?.coords, point("high", &high)?.coords);
+        let container = Container::cuboid(low, high).map_err(Fault::from)?;
+        Self::fill(py, container, count, seed, quench)
+    }
+
+    /// Centres [m], (n, 3).
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let centres = self.0.positions.iter().flat_map(|x| [x.x, x.y, x.z]);
+        crate::arrays::rows(py, centres.collect(), 3)
+    }
+
+    /// Radii [m].
+    #[getter]
+    fn radii<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        array(py, self.0.radii.clone())
+    }
+
+    /// Numbers of bonded spheres, (n, 2).
+    #[getter]
+    fn pairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let all = self.0.pairs.iter().flatten().map(|k| i64::from(*k));
+        PyArray1::from_iter(py, all).call_method1("reshape", (-1, 2))
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "<Packing: {} spheres, {} bonds>",
+            self.0.radii.len(),
+            self.0.pairs.len()
+        )
+    }
+}
+
+/// Spheres joined by beams: `DemModel(name, packing, density, young=…, poisson=…, radius_ratio=…)` of a `Packing`, or of
+/// `(points, radii, pairs, volume)` [m, m, numbers, m3]. `young` [Pa] and `poisson` are those of beams, by default of silica;
+/// `order` has the packing's number of every particle.
+#[pyclass(frozen, extends = NativeModel, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct DemModel {
+    order: Vec<u32>,
+}
+
+/// Spheres of one's own.
+#[derive(FromPyObject)]
+enum Particles<'py> {
+    Packing(Bound<'py, Spheres>),
+    Given(Numbers<'py>, Numbers<'py>, Connectivity<'py>, f64),
+}
+
+#[pymethods]
+impl DemModel {
+    #[new]
+    #[pyo3(signature = (name, packing, density, *, young = BeamMaterial::SILICA.young, poisson = BeamMaterial::SILICA.poisson, radius_ratio = BeamMaterial::SILICA.radius_ratio))]
+    fn new(
+        name: &str,
+        packing: Particles<'_>,
+        density: f64,
+        young: f64,
+        poisson: f64,
+        radius_ratio: f64,
+    ) -> PyResult<PyClassInitializer<Self>> {
+        let beam = BeamMaterial {
+            young,
+            poisson,
+            radius_ratio,
+        };
+        let model = match packing {
+            Particles::Packing(p) => Dem::new(name, &p.get().0, beam, density),
+            Particles::Given(centres, radii, pairs, volume) => {
+                let centres: Vec<Vector3<f64>> =
+                    points("points", &centres)?.iter().map(|p| p.coords).collect();
+                let pairs = node_numbers("pairs", &pairs)?;
+                let matter = Matter {
+                    beam,
+                    density,
+                    volume,
+                };
+                Dem::from_spheres(name, &centres, &flat(&radii), pairs.as_chunks::<2>().0, &matter)
+            }
+        };
+        let model = model.map_err(Fault::from)?;
+        let order = model.order().to_vec();
+        let base = NativeModel::of(name, Kind::Dem(Some(Box::new(model))));
+        Ok(base.add_subclass(Self { order }))
+    }
+
+    /// The packing's number of every particle of the model.
+    #[getter]
+    fn order<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        PyArray1::from_iter(py, self.order.iter().map(|k| i64::from(*k)))
+    }
+}
+
+/// Equal masses [kg] (half at the ends) joined by equal springs [N/m] along x from `start` at `spacing` [m]:
+/// `ChainModel(name, start, spacing, bonds, mass, stiffness)`.
+#[pyclass(frozen, extends = NativeModel, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct ChainModel;
+
+#[pymethods]
+impl ChainModel {
+    #[new]
+    fn new(
+        name: &str,
+        start: f64,
+        spacing: f64,
+        bonds: usize,
+        mass: f64,
+        stiffness: f64,
+    ) -> Result<PyClassInitializer<Self>, Fault> {
+        let model = Chain::new(name, start, spacing, bonds, mass, stiffness)?;
+        Ok(NativeModel::of(name, Kind::Chain(model)).add_subclass(Self))
+    }
+}

@@ -1,0 +1,477 @@
+//! Models written in Python behind the traits of the core.
+
+use crate::arrays::{Numbers, array};
+use crate::error::{Fault, raised};
+use crate::shapes::{Connectivity, Mesh, field_of, node_numbers};
+use arlequin::core::geometry::Cell;
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::snapshot::Record;
+use arlequin::core::sprs::CsMat;
+use arlequin::core::{DofLayout, Error, Interpolation, LinearModel, Model, Result, Weight, parallel};
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// An exception raised where the core takes none: the run looks here once it has stopped.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Pending(Arc<Mutex<Option<PyErr>>>);
+
+impl Pending {
+    pub(crate) fn keep(&self, e: PyErr) {
+        let mut slot = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        slot.get_or_insert(e);
+    }
+
+    pub(crate) fn take(&self) -> Option<PyErr> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
+
+/// Where the numbers of a weight belong.
+enum Places {
+    /// Elements of the mesh, each of one cell or several.
+    Elements(Vec<Vec<Cell<f64>>>),
+    /// Straight lines between nodes.
+    Bonds(Vec<Cell<f64>>),
+    /// Nodes.
+    Nodes,
+}
+
+/// What an object of Python says of itself.
+pub(crate) struct Described {
+    pub(crate) name: String,
+    pub(crate) kind: String,
+    pub(crate) layout: DofLayout,
+    pub(crate) nodes: Vec<Point3<f64>>,
+    pub(crate) field: Arc<dyn Interpolation<f64>>,
+    places: Places,
+    pub(crate) object: Py<PyAny>,
+    pub(crate) pending: Pending,
+}
+
+/// An attribute that may be missing or none.
+pub(crate) fn optional<'py>(of: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+    Ok(of.getattr_opt(name)?.filter(|x| !x.is_none()))
+}
+
+impl Described {
+    pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let text = |name| optional(object, name)?.map(|x| x.extract::<String>()).transpose();
+        let name = text("name")?.unwrap_or_else(|| "python".into());
+        let mesh = optional(object, "mesh")?;
+        let Some(field) = optional(object, "field")?.or_else(|| mesh.clone()) else {
+            let rule = format!(
+                "'{name}' says nothing of its shape functions: set self.mesh = arlequin.Mesh(…), or self.field = \
+                 arlequin.Field.natural(…) or .particles(…)"
+            );
+            return Err(Fault::of("InvalidParameter", rule).into());
+        };
+        let field = field_of(&field)?;
+        let nodes = field.nodes().to_vec();
+        let mesh = mesh.map(|m| Ok::<_, PyErr>(m.cast_into::<Mesh>()?)).transpose()?;
+        let number = |name| optional(object, name)?.map(|x| x.extract::<usize>()).transpose();
+        let plain = mesh.as_ref().map_or(3, |m| m.get().0.mesh().kind().components());
+        let layout = DofLayout {
+            nodes: nodes.len(),
+            components: number("components")?.unwrap_or(plain),
+            rotations: number("rotations")?.unwrap_or(0),
+        };
+        let places = match (optional(object, "bonds")?, mesh) {
+            (Some(bonds), _) => Places::Bonds(bonds_of(&name, &bonds, &nodes)?),
+            (None, Some(mesh)) => {
+                let of = |e| {
+                    let mut out = Vec::new();
+                    mesh.get().0.cells_of(e, &mut out);
+                    out
+                };
+                Places::Elements((0..mesh.get().0.mesh().element_count()).map(of).collect())
+            }
+            (None, None) => Places::Nodes,
+        };
+        Ok(Self {
+            kind: text("kind")?.unwrap_or_else(|| "python".into()),
+            name,
+            layout,
+            nodes,
+            field,
+            places,
+            object: object.clone().unbind(),
+            pending: Pending::default(),
+        })
+    }
+
+    /// Means of a weight over elements or bonds, or its values at nodes.
+    pub(crate) fn shares(&self, weight: &dyn Weight<f64>) -> Vec<f64> {
+        let over = |cells: &Vec<Cell<f64>>| match cells.as_slice() {
+            [one] => weight.mean(one),
+            several => {
+                let parts = several
+                    .iter()
+                    .map(|c| [weight.mean(c) * c.measure(), c.measure()]);
+                let [sum, total] = parts.fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+                sum / total
+            }
+        };
+        match &self.places {
+            Places::Elements(all) => all.iter().map(over).collect(),
+            Places::Bonds(all) => all.iter().map(|c| weight.mean(c)).collect(),
+            Places::Nodes => self.nodes.iter().map(|x| weight.at(x)).collect(),
+        }
+    }
+
+    /// A method that must be there.
+    pub(crate) fn method(&self, py: Python<'_>, name: &str) -> PyResult<Py<PyAny>> {
+        self.object.getattr(py, name).map_err(|_| {
+            let rule = format!(
+                "'{}' has no method {name}; docs/plug-in.md lists what is needed",
+                self.name
+            );
+            Fault::of("Unsupported", rule).into()
+        })
+    }
+
+    /// An exception of the object on its way through the core.
+    pub(crate) fn raised(&self, e: PyErr) -> Error {
+        raised(&self.name, e)
+    }
+
+    /// Gives every number of an answer to `take`, one for each unknown; masses may also be one per node.
+    pub(crate) fn read(
+        &self,
+        what: &str,
+        answer: &Bound<'_, PyAny>,
+        out: &mut [f64],
+        take: impl Fn(&mut f64, f64),
+    ) -> PyResult<()> {
+        // The way of every step: a plain vector.
+        if let Ok(plain) = answer.cast::<PyArray1<f64>>() {
+            let plain = plain.readonly();
+            if let (Ok(values), true) = (plain.as_slice(), plain.len()? == out.len()) {
+                out.iter_mut().zip(values).for_each(|(o, x)| take(o, *x));
+                return Ok(());
+            }
+        }
+        let any = answer.extract::<Numbers<'_>>()?;
+        let any = any.as_array();
+        if any.len() == out.len() {
+            out.iter_mut().zip(any.iter()).for_each(|(o, x)| take(o, *x));
+            return Ok(());
+        }
+        Err(Fault::of(
+            "SizeMismatch",
+            format!(
+                "{what} of '{}': expected {} numbers, found {}",
+                self.name,
+                out.len(),
+                any.len()
+            ),
+        )
+        .into())
+    }
+
+    /// Lumped inertia that the object answers with.
+    pub(crate) fn read_inertia(&self, answer: &Bound<'_, PyAny>, out: &mut [f64]) -> PyResult<()> {
+        let any = answer.extract::<Numbers<'_>>()?;
+        let any = any.as_array();
+        let DofLayout {
+            nodes,
+            components,
+            rotations,
+        } = self.layout;
+        if any.len() == nodes && rotations == 0 && components > 1 {
+            for (mass, of_node) in any.iter().zip(out.chunks_exact_mut(components)) {
+                of_node.fill(*mass);
+            }
+            return Ok(());
+        }
+        self.read("inertia", answer, out, |o, x| *o = x)
+    }
+}
+
+fn bonds_of(name: &str, bonds: &Bound<'_, PyAny>, nodes: &[Point3<f64>]) -> PyResult<Vec<Cell<f64>>> {
+    let numbers = node_numbers(
+        &format!("bonds of '{name}'"),
+        &bonds.extract::<Connectivity<'_>>()?,
+    )?;
+    let one = |pair: &[u32; 2]| {
+        let [a, b] = pair.map(|k| nodes.get(k as usize).copied());
+        let ends = [a?, b?];
+        Some(Cell::Segment { ends, section: 1.0 })
+    };
+    let all: Option<Vec<_>> = numbers.as_chunks::<2>().0.iter().map(one).collect();
+    all.ok_or_else(|| {
+        let rule = format!("bonds of '{name}' name nodes beyond its {}", nodes.len());
+        Fault::of("InvalidParameter", rule).into()
+    })
+}
+
+/// A model whose forces are found in Python.
+pub(crate) struct PythonModel {
+    about: Described,
+    forces: Py<PyAny>,
+    energy: Py<PyAny>,
+    advance: Option<Py<PyAny>>,
+    critical: Option<Py<PyAny>>,
+}
+
+impl PythonModel {
+    pub(crate) fn new(about: Described, py: Python<'_>) -> PyResult<Self> {
+        let object = about.object.bind(py);
+        let more = |name| Ok::<_, PyErr>(optional(object, name)?.map(Bound::unbind));
+        Ok(Self {
+            forces: about.method(py, "internal_forces")?,
+            energy: about.method(py, "internal_energy")?,
+            advance: more("advance")?,
+            critical: more("critical_step")?,
+            about,
+        })
+    }
+
+    fn ask(&self, method: &Py<PyAny>, q: &[f64], f: &mut [f64]) -> Result<()> {
+        Python::attach(|py| {
+            let answer = method.call1(py, (PyArray1::from_slice(py, q),))?;
+            self.about
+                .read("internal_forces", answer.bind(py), f, |f, x| *f += x)
+        })
+        .map_err(|e| self.about.raised(e))
+    }
+}
+
+/// Hands the means of a weight over and takes the inertia.
+fn inertia(about: &Described, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
+    let shares = about.shares(weight);
+    Python::attach(|py| {
+        let answer = about.object.call_method1(py, "inertia", (array(py, shares),))?;
+        about.read_inertia(answer.bind(py), out)
+    })
+    .map_err(|e| about.raised(e))
+}
+
+impl Model<f64> for PythonModel {
+    fn name(&self) -> &str {
+        &self.about.name
+    }
+    fn kind(&self) -> &str {
+        &self.about.kind
+    }
+    fn layout(&self) -> DofLayout {
+        self.about.layout
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        &self.about.nodes
+    }
+
+    fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
+        inertia(&self.about, weight, out)
+    }
+
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> Result<()> {
+        let shares = self.about.shares(alpha);
+        let told = Python::attach(|py| {
+            let shares = array(py, shares);
+            self.about
+                .object
+                .call_method1(py, "set_internal_weight", (shares,))
+        });
+        told.map(drop).map_err(|e| self.about.raised(e))
+    }
+
+    fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
+        self.ask(&self.forces, q, f)
+    }
+
+    fn advance(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
+        self.ask(self.advance.as_ref().unwrap_or(&self.forces), q, f)
+    }
+
+    fn internal_energy(&self, q: &[f64]) -> f64 {
+        let found = Python::attach(|py| {
+            let answer = self.energy.call1(py, (PyArray1::from_slice(py, q),))?;
+            answer.extract::<f64>(py)
+        });
+        found.unwrap_or_else(|e| {
+            self.about.pending.keep(e);
+            f64::NAN
+        })
+    }
+
+    fn critical_step(&mut self, inverse_inertia: &[f64]) -> Result<f64> {
+        let Some(method) = &self.critical else {
+            let forces = &mut |q: &[f64], f: &mut [f64]| self.ask(&self.forces, q, f);
+            return arlequin::core::spectrum::critical_step(inverse_inertia, forces);
+        };
+        let found = Python::attach(|py| {
+            let answer = method.call1(py, (PyArray1::from_slice(py, inverse_inertia),))?;
+            answer.extract::<f64>(py)
+        });
+        found.map_err(|e| self.about.raised(e))
+    }
+
+    fn save(&self) -> Record<f64> {
+        let found = Python::attach(|py| saved(&self.about, py));
+        found
+            .unwrap_or_else(|e| {
+                self.about.pending.keep(e);
+                None
+            })
+            .unwrap_or_default()
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+        Python::attach(|py| restored(&self.about, py, from)).map_err(|e| self.about.raised(e))
+    }
+}
+
+/// What an object remembers, if it does.
+pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record<f64>>> {
+    let Some(save) = optional(about.object.bind(py), "save")? else {
+        return Ok(None);
+    };
+    let numbers = save.call0()?.extract::<Numbers<'_>>()?;
+    Ok(Some(Record {
+        numbers: crate::arrays::flat(&numbers),
+        integers: Vec::new(),
+    }))
+}
+
+/// Gives it back.
+pub(crate) fn restored(about: &Described, py: Python<'_>, from: &Record<f64>) -> PyResult<()> {
+    let Some(restore) = optional(about.object.bind(py), "restore")? else {
+        return Ok(());
+    };
+    restore.call1((array(py, from.numbers.clone()),)).map(drop)
+}
+
+/// A model whose stiffness matrix comes from Python, and whose forces are found here: `f = −K q`.
+pub(crate) struct MatrixModel {
+    about: Described,
+    stiffness: CsMat<f64>,
+}
+
+impl MatrixModel {
+    pub(crate) fn new(about: Described) -> Self {
+        let n = about.layout.dofs();
+        let stiffness = CsMat::zero((n, n));
+        Self { about, stiffness }
+    }
+
+    /// Row `i` of `K q`.
+    fn row(&self, i: usize, q: &[f64]) -> f64 {
+        let row = self.stiffness.outer_view(i);
+        row.map_or(0.0, |r| r.iter().map(|(j, k)| k * q[j]).sum())
+    }
+
+    fn matrix(&self, py: Python<'_>, shares: Vec<f64>) -> PyResult<CsMat<f64>> {
+        let answer = self
+            .about
+            .object
+            .call_method1(py, "stiffness", (array(py, shares),))?;
+        let rows = py
+            .import("arlequin.plug")?
+            .getattr("_rows")?
+            .call1((answer, &self.about.name))?;
+        let (size, begin, columns, values): (usize, Vec<usize>, Vec<usize>, Numbers<'_>) = rows.extract()?;
+        let (name, n) = (&self.about.name, self.about.layout.dofs());
+        if size != n {
+            let text = format!("stiffness of '{name}': expected {n} rows, found {size}");
+            return Err(Fault::of("SizeMismatch", text).into());
+        }
+        let values = crate::arrays::flat(&values);
+        CsMat::try_new((n, n), begin, columns, values).map_err(|(.., e)| {
+            Fault::of(
+                "InvalidParameter",
+                format!("stiffness of '{name}': {e}; give a matrix in rows"),
+            )
+            .into()
+        })
+    }
+}
+
+/// Largest `|K − Kᵀ|` over the largest `|K|`.
+fn asymmetry(k: &CsMat<f64>) -> f64 {
+    let top = |m: &CsMat<f64>| m.data().iter().fold(0.0_f64, |a, x| a.max(x.abs()));
+    let other = &k.transpose_view().to_csr();
+    let apart = top(&(k - other));
+    apart / top(k).max(f64::MIN_POSITIVE)
+}
+
+impl Model<f64> for MatrixModel {
+    fn name(&self) -> &str {
+        &self.about.name
+    }
+    fn kind(&self) -> &str {
+        &self.about.kind
+    }
+    fn layout(&self) -> DofLayout {
+        self.about.layout
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        &self.about.nodes
+    }
+
+    fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
+        inertia(&self.about, weight, out)
+    }
+
+    fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> Result<()> {
+        let shares = self.about.shares(alpha);
+        let found = Python::attach(|py| self.matrix(py, shares));
+        self.stiffness = found.map_err(|e| self.about.raised(e))?;
+        if let Some(index) = self.stiffness.data().iter().position(|x| !x.is_finite()) {
+            let what = format!("stiffness of '{}'", self.about.name);
+            return Err(Error::NotFinite { what, index });
+        }
+        let apart = asymmetry(&self.stiffness);
+        if apart > 1e-9 {
+            let name = format!("asymmetry of the stiffness of '{}'", self.about.name);
+            let rule = "must be below 1e-9: forces without an energy gain or lose some; give (K + K.T)/2";
+            return Err(arlequin::core::invalid(&name, format_args!("{apart:.1e}"), rule));
+        }
+        Ok(())
+    }
+
+    fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
+        use rayon::prelude::*;
+        if parallel::pays(q.len()) {
+            f.par_iter_mut()
+                .enumerate()
+                .with_min_len(1024)
+                .for_each(|(i, f)| *f -= self.row(i, q));
+        } else {
+            f.iter_mut().enumerate().for_each(|(i, f)| *f -= self.row(i, q));
+        }
+        Ok(())
+    }
+
+    fn internal_energy(&self, q: &[f64]) -> f64 {
+        let part = |range: std::ops::Range<usize>| range.map(|i| q[i] * self.row(i, q)).sum::<f64>();
+        0.5 * parallel::sum(q.len(), &part)
+    }
+
+    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
+        Some(self)
+    }
+}
+
+impl LinearModel<f64> for MatrixModel {
+    fn stiffness(&self) -> CsMat<f64> {
+        self.stiffness.clone()
+    }
+}
+
+/// A model of the core, its field, and where its exceptions may wait.
+pub(crate) type Made = (Box<dyn Model<f64>>, Arc<dyn Interpolation<f64>>, Pending);
+
+/// Any model written in Python.
+pub(crate) fn model(object: &Bound<'_, PyAny>) -> PyResult<Made> {
+    let about = Described::of(object)?;
+    let (field, pending) = (about.field.clone(), about.pending.clone());
+    about.method(object.py(), "inertia")?;
+    let model: Box<dyn Model<f64>> = if optional(object, "stiffness")?.is_some() {
+        Box::new(MatrixModel::new(about))
+    } else {
+        about.method(object.py(), "set_internal_weight")?;
+        Box::new(PythonModel::new(about, object.py())?)
+    };
+    Ok((model, field, pending))
+}

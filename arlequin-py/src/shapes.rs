@@ -1,0 +1,235 @@
+//! Meshes and fields.
+
+use crate::arrays::{Numbers, coordinates, point, points};
+use crate::border::outside;
+use crate::error::Fault;
+use arlequin::cnem::NaturalField;
+use arlequin::cnem::natural::Interpolant;
+use arlequin::core::{Interpolation, Mediator, ParticleField, ShapeRow};
+use arlequin::fem_ref::{ElementKind, FemField, generate};
+use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLike2};
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Node numbers as arrays of the border have them.
+pub(crate) type Connectivity<'py> = PyArrayLike2<'py, i64, AllowTypeChange>;
+
+/// A finite element mesh: bars along x, tetrahedra or hexahedra of corner nodes.
+///
+/// `kind` is "bar", "tet" or "hex", `points` are nodes [m], `cells` the corners of each element, `section` the cross-section
+/// of bars [m2].
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Mesh(pub(crate) Arc<FemField<f64>>);
+
+fn kind_of(name: &str) -> Result<ElementKind, Fault> {
+    match name {
+        "bar" => Ok(ElementKind::Bar2),
+        "tet" => Ok(ElementKind::Tet4),
+        "hex" => Ok(ElementKind::Hex8),
+        _ => Err(Fault::of(
+            "InvalidParameter",
+            format!("kind of elements = '{name}': must be bar, tet or hex"),
+        )),
+    }
+}
+
+impl Mesh {
+    pub(crate) fn of(mesh: arlequin::fem_ref::Mesh<f64>) -> Self {
+        Self(Arc::new(FemField::new(mesh)))
+    }
+}
+
+/// Node numbers that numpy has as signed ones.
+pub(crate) fn node_numbers(what: &str, from: &Connectivity<'_>) -> Result<Vec<u32>, Fault> {
+    let all = from.as_array();
+    let number = |k: &i64| {
+        u32::try_from(*k).map_err(|_| {
+            let rule = format!("{what} has the node number {k}; they go from 0 to {}", u32::MAX);
+            Fault::of("InvalidParameter", rule)
+        })
+    };
+    all.iter().map(number).collect()
+}
+
+#[pymethods]
+impl Mesh {
+    #[new]
+    #[pyo3(signature = (kind, points, cells, section = 1.0))]
+    fn new(kind: &str, points: Numbers<'_>, cells: Connectivity<'_>, section: f64) -> Result<Self, Fault> {
+        let (kind, nodes) = (
+            kind_of(kind)?,
+            crate::arrays::points("points of the mesh", &points)?,
+        );
+        let mesh = arlequin::fem_ref::Mesh::new(kind, nodes, node_numbers("the mesh", &cells)?)?;
+        Ok(Self::of(if kind == ElementKind::Bar2 {
+            mesh.with_section(section)?
+        } else {
+            mesh
+        }))
+    }
+
+    /// So many equal bars from `start` to `end` [m].
+    #[staticmethod]
+    #[pyo3(signature = (start, end, count, section = 1.0))]
+    fn bar(start: f64, end: f64, count: usize, section: f64) -> Result<Self, Fault> {
+        Ok(Self::of(generate::bar(start, end, count, section)?))
+    }
+
+    /// Bars between coordinates along x [m], which rise.
+    #[staticmethod]
+    #[pyo3(signature = (x, section = 1.0))]
+    fn line(x: Numbers<'_>, section: f64) -> Result<Self, Fault> {
+        Ok(Self::of(generate::bar_at(&crate::arrays::flat(&x), section)?))
+    }
+
+    /// A box from corner `low` to corner `high` [m] with so many elements (boxes of six, for "tet") along x, y and z.
+    #[staticmethod]
+    fn block(kind: &str, low: Numbers<'_>, high: Numbers<'_>, counts: [usize; 3]) -> Result<Self, Fault> {
+        let corners = [point("low", &low)?, point("high", &high)?];
+        let [low, high] = corners;
+        Ok(Self::of(generate::block(kind_of(kind)?, low, high, counts)?))
+    }
+
+    /// A mesh file of Gmsh.
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        outside(py, || Ok(Self::of(arlequin::fem_ref::gmsh::load(&path)?)))
+    }
+
+    /// Nodes [m], (n, 3).
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        coordinates(py, self.0.nodes())
+    }
+
+    /// Corners of each element.
+    #[getter]
+    fn cells<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let mesh = self.0.mesh();
+        let all: Vec<i64> = mesh.connectivity().iter().map(|k| i64::from(*k)).collect();
+        PyArray1::from_vec(py, all).call_method1("reshape", (-1, mesh.kind().corners()))
+    }
+
+    /// "bar", "tet" or "hex".
+    #[getter]
+    fn kind(&self) -> &'static str {
+        match self.0.mesh().kind() {
+            ElementKind::Bar2 => "bar",
+            ElementKind::Tet4 => "tet",
+            ElementKind::Hex8 => "hex",
+        }
+    }
+
+    /// Volume [m3].
+    #[getter]
+    fn volume(&self) -> f64 {
+        self.0.mesh().volume()
+    }
+
+    /// Its shape functions.
+    #[getter]
+    fn field(&self) -> Field {
+        Field(self.0.clone())
+    }
+
+    fn __repr__(&self) -> String {
+        let mesh = self.0.mesh();
+        format!(
+            "<Mesh: {} elements '{}', {} nodes>",
+            mesh.element_count(),
+            self.kind(),
+            mesh.nodes().len()
+        )
+    }
+}
+
+/// How values at nodes become a displacement at any point.
+#[pyclass(frozen, module = "arlequin")]
+pub(crate) struct Field(pub(crate) Arc<dyn Interpolation<f64>>);
+
+#[pymethods]
+impl Field {
+    /// Finite elements.
+    #[staticmethod]
+    fn of_mesh(mesh: &Mesh) -> Self {
+        mesh.field()
+    }
+
+    /// Natural neighbours of points [m] that span space, within their convex hull.
+    #[staticmethod]
+    fn natural(py: Python<'_>, points: Numbers<'_>) -> PyResult<Self> {
+        let nodes = crate::arrays::points("points", &points)?;
+        outside(py, || {
+            Ok(Self(Arc::new(NaturalField::from_points(
+                &nodes,
+                Interpolant::Laplace,
+            )?)))
+        })
+    }
+
+    /// At particles only, each standing for a volume [m3]; `pairs` of neighbours give gradients, which H1 junctions need.
+    #[staticmethod]
+    #[pyo3(signature = (points, volumes, pairs = None))]
+    fn particles(
+        points: Numbers<'_>,
+        volumes: Numbers<'_>,
+        pairs: Option<Connectivity<'_>>,
+    ) -> Result<Self, Fault> {
+        let nodes = crate::arrays::points("points", &points)?;
+        let mut field = ParticleField::new(nodes, &crate::arrays::flat(&volumes))?;
+        if let Some(pairs) = pairs {
+            let numbers = node_numbers("pairs", &pairs)?;
+            field = field.with_gradients(numbers.as_chunks::<2>().0)?;
+        }
+        Ok(Self(Arc::new(field)))
+    }
+
+    /// Nodes [m], (n, 3).
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        coordinates(py, self.0.nodes())
+    }
+
+    /// Nodes and values of the shape functions at a point [m]: the field there is `values @ u[nodes]`.
+    fn shape_at<'py>(
+        &self,
+        py: Python<'py>,
+        x: Numbers<'py>,
+    ) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>)> {
+        let mut row = ShapeRow::default();
+        let found = self.0.shape_at(&point("x", &x)?, false, &mut row);
+        found.map_err(Fault::from)?;
+        let nodes = row.nodes.iter().map(|k| *k as i64).collect();
+        Ok((PyArray1::from_vec(py, nodes), PyArray1::from_vec(py, row.values)))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Field: {}, {} nodes>", self.0.kind(), self.0.nodes().len())
+    }
+}
+
+/// The field of a mesh or a field itself.
+pub(crate) fn field_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Interpolation<f64>>> {
+    if let Ok(mesh) = from.cast::<Mesh>() {
+        return Ok(mesh.get().0.clone());
+    }
+    if let Ok(field) = from.cast::<Field>() {
+        return Ok(field.get().0.clone());
+    }
+    let rule = format!("{from} is no field: give an arlequin.Mesh or an arlequin.Field");
+    Err(Fault::of("InvalidParameter", rule).into())
+}
+
+/// A multiplier space: that of a mesh, or of natural neighbours.
+pub(crate) fn mediator_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Mediator<f64>>> {
+    if let Ok(mesh) = from.cast::<Mesh>() {
+        return Ok(mesh.get().0.clone());
+    }
+    let nodes = points("nodes of the mediator", &from.extract::<Numbers<'_>>()?)?;
+    outside(from.py(), || {
+        let field = NaturalField::from_points(&nodes, Interpolant::Laplace)?.with_voronoi_cells()?;
+        Ok(Arc::new(field) as Arc<dyn Mediator<f64>>)
+    })
+}

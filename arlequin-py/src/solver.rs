@@ -1,0 +1,178 @@
+//! Whole solvers written in Python as participants.
+
+use crate::arrays::array;
+use crate::error::Fault;
+use crate::plug::{Described, Pending, optional, restored, saved};
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::snapshot::Record;
+use arlequin::core::{DofLayout, Error, Interpolation, Participant, Result, Weights};
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use std::sync::Arc;
+
+/// Weights of a solver: means over the elements of its mesh or over its bonds, or values at its nodes.
+#[pyclass(frozen, get_all, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Shares {
+    /// Of internal energy.
+    internal: Py<PyArray1<f64>>,
+    /// Of kinetic energy.
+    kinetic: Py<PyArray1<f64>>,
+    /// Of external work.
+    external: Py<PyArray1<f64>>,
+}
+
+/// A solver whose methods are Python's.
+pub(crate) struct PythonSolver {
+    about: Described,
+    advance: Py<PyAny>,
+    velocities: Py<PyAny>,
+    displacements: Py<PyAny>,
+    kick: Py<PyAny>,
+}
+
+impl PythonSolver {
+    /// A solver, its field, and where its exceptions may wait.
+    pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<(Self, Arc<dyn Interpolation<f64>>, Pending)> {
+        let (about, py) = (Described::of(object)?, object.py());
+        about.method(py, "weigh")?;
+        let (field, pending) = (about.field.clone(), about.pending.clone());
+        let solver = Self {
+            advance: about.method(py, "advance")?,
+            velocities: about.method(py, "velocities")?,
+            displacements: about.method(py, "displacements")?,
+            kick: about.method(py, "kick")?,
+            about,
+        };
+        Ok((solver, field, pending))
+    }
+
+    /// What a method without arguments answers; what goes wrong waits, and the numbers are none.
+    fn told(&self, what: &str, method: &Py<PyAny>, out: &mut [f64]) {
+        let told = Python::attach(|py| {
+            let answer = method.call0(py)?;
+            self.about.read(what, answer.bind(py), out, |o, x| *o = x)
+        });
+        if let Err(e) = told {
+            self.about.pending.keep(e);
+            out.fill(f64::NAN);
+        }
+    }
+
+    /// What a method says that may be missing.
+    fn number(&self, name: &str) -> Option<f64> {
+        let told = Python::attach(|py| {
+            let Some(method) = optional(self.about.object.bind(py), name)? else {
+                return Ok(None);
+            };
+            method.call0()?.extract::<Option<f64>>()
+        });
+        told.unwrap_or_else(|e: PyErr| {
+            self.about.pending.keep(e);
+            Some(f64::NAN)
+        })
+    }
+
+    fn unsupported(&self, verb: &str, way: &str) -> Error {
+        Error::Unsupported {
+            model: self.about.name.clone(),
+            what: format!("be {verb}: it has no save and restore; {way}"),
+        }
+    }
+}
+
+impl Participant<f64> for PythonSolver {
+    fn name(&self) -> &str {
+        &self.about.name
+    }
+    fn kind(&self) -> &str {
+        &self.about.kind
+    }
+    fn layout(&self) -> DofLayout {
+        self.about.layout
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        &self.about.nodes
+    }
+
+    fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
+        let shares =
+            [&weights.internal, &weights.kinetic, &weights.external].map(|w| self.about.shares(&**w));
+        Python::attach(|py| {
+            let [internal, kinetic, external] = shares.map(|s| array(py, s).unbind());
+            let all = Shares {
+                internal,
+                kinetic,
+                external,
+            };
+            let answer = self.about.object.call_method1(py, "weigh", (all,))?;
+            self.about.read_inertia(answer.bind(py), inertia)
+        })
+        .map_err(|e| self.about.raised(e))
+    }
+
+    fn advance(&mut self, from: f64, step: f64) -> Result<()> {
+        let made = Python::attach(|py| self.advance.call1(py, (from, step)).map(drop));
+        made.map_err(|e| self.about.raised(e))
+    }
+
+    fn velocities(&self, out: &mut [f64]) {
+        self.told("velocities", &self.velocities, out);
+    }
+
+    fn displacements(&self, out: &mut [f64]) {
+        self.told("displacements", &self.displacements, out);
+    }
+
+    fn kick(&mut self, impulse: &[f64]) -> Result<()> {
+        let made = Python::attach(|py| {
+            self.kick
+                .call1(py, (PyArray1::from_slice(py, impulse),))
+                .map(drop)
+        });
+        made.map_err(|e| self.about.raised(e))
+    }
+
+    fn accelerations(&self, out: &mut [f64]) -> bool {
+        let method = Python::attach(|py| {
+            let found = optional(self.about.object.bind(py), "accelerations");
+            found.map(|m| m.map(Bound::unbind))
+        });
+        match method {
+            Ok(Some(method)) => {
+                self.told("accelerations", &method, out);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    fn critical_step(&self) -> Option<f64> {
+        self.number("critical_step")
+    }
+
+    fn invariant(&self) -> Option<f64> {
+        self.number("invariant")
+    }
+
+    fn save(&self) -> Result<Record<f64>> {
+        let found = Python::attach(|py| saved(&self.about, py)).map_err(|e| self.about.raised(e))?;
+        found.ok_or_else(|| self.unsupported("saved", "run without snapshots"))
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+        let able = Python::attach(|py| optional(self.about.object.bind(py), "restore").map(|m| m.is_some()));
+        if !able.map_err(|e| self.about.raised(e))? {
+            return Err(self.unsupported("restored", "start the run anew"));
+        }
+        Python::attach(|py| restored(&self.about, py, from)).map_err(|e| self.about.raised(e))
+    }
+}
+
+/// The error of an object that is used twice.
+pub(crate) fn used(what: &str) -> Fault {
+    Fault::of(
+        "Unsupported",
+        format!("this {what} is part of a run already; make another one"),
+    )
+}

@@ -1,0 +1,275 @@
+//! Models with their weights, and what ties them.
+
+use crate::arrays::{Numbers, flat};
+use crate::choices::{Effect, Junction, Weights, time_function};
+use crate::error::Fault;
+use crate::models::NativeModel;
+use crate::plug::{self, Pending};
+use crate::shapes::{field_of, mediator_of};
+use crate::solver::{PythonSolver, used};
+use arlequin::core::{self, InterfaceOptions, Mediator, OwnStep, Partition, PrescribedMotion};
+use pyo3::prelude::*;
+use std::sync::{Arc, Mutex, PoisonError};
+
+type Inner = core::Subdomain<f64>;
+
+/// One model with its weights, supports, effects and initial state; made by `coarse`, `fine` or `participant`.
+///
+/// What is said by `with_…` goes for the subdomain itself, which is returned as well.
+#[pyclass(frozen, module = "arlequin")]
+#[derive(Debug)]
+pub(crate) struct Subdomain {
+    /// Name of the model.
+    #[pyo3(get)]
+    pub(crate) name: String,
+    inner: Mutex<Option<Inner>>,
+    pub(crate) pending: Pending,
+}
+
+impl Subdomain {
+    /// The subdomain for a run.
+    pub(crate) fn give(&self) -> Result<Inner, Fault> {
+        let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
+        inner.take().ok_or_else(|| used("subdomain"))
+    }
+
+    fn change(&self, how: impl FnOnce(Inner) -> Result<Inner, Fault>) -> Result<(), Fault> {
+        let changed = how(self.give()?)?;
+        *self.inner.lock().unwrap_or_else(PoisonError::into_inner) = Some(changed);
+        Ok(())
+    }
+
+    fn of(
+        model: &Bound<'_, PyAny>,
+        weights: Option<&Weights>,
+        field: Option<&Bound<'_, PyAny>>,
+        role: &str,
+    ) -> PyResult<Self> {
+        let (made, own, pending) = match model.cast::<NativeModel>() {
+            Ok(native) => {
+                let native = native.get();
+                let field = native.field()?;
+                (native.give()?, field, Pending::default())
+            }
+            Err(_) => plug::model(model)?,
+        };
+        let field = field.map_or(Ok(own), field_of)?;
+        let name = made.name().to_owned();
+        if role == "coarse" && field.samples().is_some() {
+            let rule = format!(
+                "model '{name}' cannot be the coarse one: its field exists at particles only; give it a field, such as \
+                 arlequin.Field.natural(points), or the fine role"
+            );
+            return Err(Fault::of("Unsupported", rule).into());
+        }
+        let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
+        Ok(Self {
+            name,
+            inner: Mutex::new(Some(Inner::new(made, field, weights))),
+            pending,
+        })
+    }
+}
+
+#[pymethods]
+impl Subdomain {
+    /// A model in the coarse role, which has a continuous field; `field` replaces that of the model.
+    #[staticmethod]
+    #[pyo3(signature = (model, weights = None, *, field = None))]
+    fn coarse(
+        model: &Bound<'_, PyAny>,
+        weights: Option<&Weights>,
+        field: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        Self::of(model, weights, field, "coarse")
+    }
+
+    /// A model in the fine role; `field` replaces that of the model.
+    #[staticmethod]
+    #[pyo3(signature = (model, weights = None, *, field = None))]
+    fn fine(
+        model: &Bound<'_, PyAny>,
+        weights: Option<&Weights>,
+        field: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        Self::of(model, weights, field, "fine")
+    }
+
+    /// A whole solver, which steps itself and brings its own state, supports and loads.
+    #[staticmethod]
+    #[pyo3(signature = (solver, weights = None, *, field = None))]
+    fn participant(
+        solver: &Bound<'_, PyAny>,
+        weights: Option<&Weights>,
+        field: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let (made, own, pending) = PythonSolver::of(solver)?;
+        let field = field.map_or(Ok(own), field_of)?;
+        let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
+        let name = core::Participant::name(&made).to_owned();
+        let inner = Inner::participant(Box::new(made), field, weights).map_err(Fault::from);
+        Ok(Self {
+            name,
+            inner: Mutex::new(Some(pending.take().map_or(inner, |e| Err(e.into()))?)),
+            pending,
+        })
+    }
+
+    /// Initial displacements [m] and velocities [m/s] of all unknowns.
+    fn with_initial<'py>(
+        slf: PyRef<'py, Self>,
+        q: Numbers<'py>,
+        v: Numbers<'py>,
+    ) -> Result<PyRef<'py, Self>, Fault> {
+        let (q, v) = (flat(&q), flat(&v));
+        slf.change(|s| Ok(s.with_initial(q, v)?))?;
+        Ok(slf)
+    }
+
+    /// Holds unknowns, or moves them by `amplitude` [m] times a function of time.
+    #[pyo3(signature = (dofs, amplitude = 0.0, time = None))]
+    fn with_support<'py>(
+        slf: PyRef<'py, Self>,
+        dofs: Vec<usize>,
+        amplitude: f64,
+        time: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<PyRef<'py, Self>> {
+        let time = time_function(time)?;
+        let motion = PrescribedMotion {
+            dofs,
+            amplitude,
+            time,
+        };
+        slf.change(|s| Ok(s.with_support(motion)))?;
+        Ok(slf)
+    }
+
+    /// Adds an effect, such as `BodyForce` or `Load`.
+    fn with_effect<'py>(slf: PyRef<'py, Self>, effect: &Effect) -> Result<PyRef<'py, Self>, Fault> {
+        let made = (effect.0)()?;
+        slf.change(|s| Ok(s.with_effect(made)))?;
+        Ok(slf)
+    }
+
+    /// How it steps between two reflections: in so many steps of its own (`ratio`), in as few as stay below a `fraction` of its
+    /// critical step, or in an `implicit` one.
+    #[pyo3(signature = (*, ratio = None, fraction = None, implicit = false))]
+    fn with_step(
+        slf: PyRef<'_, Self>,
+        ratio: Option<usize>,
+        fraction: Option<f64>,
+        implicit: bool,
+    ) -> Result<PyRef<'_, Self>, Fault> {
+        let own = match (ratio, fraction, implicit) {
+            (Some(n), None, false) => OwnStep::Ratio(n),
+            (None, Some(f), false) => OwnStep::Fraction(f),
+            (None, None, true) => OwnStep::Implicit,
+            (None, None, false) => OwnStep::Same,
+            _ => {
+                let rule = "own step: give one of ratio, fraction and implicit";
+                return Err(Fault::of("InvalidParameter", rule));
+            }
+        };
+        slf.change(|s| Ok(s.with_step(own)))?;
+        Ok(slf)
+    }
+
+    /// "checked" or "unchecked": whether its weights must sum to one with those of the models it is tied to.
+    fn with_partition<'py>(slf: PyRef<'py, Self>, partition: &str) -> Result<PyRef<'py, Self>, Fault> {
+        let partition: Partition = partition.parse()?;
+        slf.change(|s| Ok(s.with_partition(partition)))?;
+        Ok(slf)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Subdomain '{}'>", self.name)
+    }
+}
+
+/// A subdomain by its number or by the name of its model.
+#[derive(Debug, Clone, FromPyObject)]
+pub(crate) enum Which {
+    Number(usize),
+    Name(String),
+}
+
+impl Which {
+    /// Its number among names.
+    pub(crate) fn among(&self, names: &[String], what: &str) -> Result<usize, Fault> {
+        let found = match self {
+            Self::Number(k) => Some(*k).filter(|k| *k < names.len()),
+            Self::Name(n) => names.iter().position(|m| m == n),
+        };
+        found.ok_or_else(|| {
+            let asked = match self {
+                Self::Number(k) => k.to_string(),
+                Self::Name(n) => format!("'{n}'"),
+            };
+            let known = names.join(", ");
+            Fault::of(
+                "UnknownName",
+                format!("there is no {what} {asked}; there are: {known}"),
+            )
+        })
+    }
+}
+
+/// What ties a coarse to a fine subdomain, both given by number or name: `mediator` is a mesh whose nodes carry the multipliers
+/// (or points, for natural neighbours), `junction` by default `L2()`, `sampling` "intersection", "projection" or "particles".
+#[pyclass(frozen, module = "arlequin")]
+pub(crate) struct Interface {
+    #[pyo3(get)]
+    pub(crate) name: String,
+    sides: [Which; 2],
+    mediator: Arc<dyn Mediator<f64>>,
+    junction: Py<Junction>,
+    options: InterfaceOptions<f64>,
+}
+
+#[pymethods]
+impl Interface {
+    #[new]
+    #[pyo3(signature = (name, coarse, fine, mediator, junction = None, *, sampling = "intersection", lumped = false, start_jump = None))]
+    #[allow(clippy::too_many_arguments, reason = "names of Python")]
+    fn new(
+        py: Python<'_>,
+        name: String,
+        coarse: Which,
+        fine: Which,
+        mediator: &Bound<'_, PyAny>,
+        junction: Option<Py<Junction>>,
+        sampling: &str,
+        lumped: bool,
+        start_jump: Option<f64>,
+    ) -> PyResult<Self> {
+        let mut options = InterfaceOptions::default();
+        options.sampling = sampling.parse().map_err(Fault::from)?;
+        options.lumped = lumped;
+        options.start_jump = start_jump.unwrap_or(options.start_jump);
+        Ok(Self {
+            name,
+            sides: [coarse, fine],
+            mediator: mediator_of(mediator)?,
+            junction: junction.map_or_else(|| Py::new(py, Junction::l2()), Ok)?,
+            options,
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Interface '{}'>", self.name)
+    }
+}
+
+impl Interface {
+    pub(crate) fn spec(&self, names: &[String]) -> Result<core::InterfaceSpec<f64>, Fault> {
+        let [coarse, fine] = &self.sides;
+        Ok(core::InterfaceSpec {
+            name: self.name.clone(),
+            coarse: coarse.among(names, "subdomain")?,
+            fine: fine.among(names, "subdomain")?,
+            mediator: self.mediator.clone(),
+            junction: self.junction.get().make()?,
+            options: self.options,
+        })
+    }
+}

@@ -1,0 +1,83 @@
+//! Sweeps: many runs, one after another, in this process.
+
+use crate::border::outside;
+use crate::error::Fault;
+use crate::scene::Watch;
+use arlequin_scene::output::{json, mark};
+use arlequin_scene::sweep::{Member, Outcome, PlannedSweep, Runner};
+use arlequin_scene::{End, RunFolder, Scene, Source};
+use pyo3::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// Makes runs in this process; what ended one of them is kept.
+struct Here(Mutex<Option<Fault>>);
+
+impl Here {
+    fn stop(&self) -> std::sync::MutexGuard<'_, Option<Fault>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Runner for Here {
+    fn run(&self, member: &Member, folder: &Path) -> arlequin_scene::Result<Outcome> {
+        let mut watch = Watch::new(None, None);
+        let scene = Scene::read(&member.scene).and_then(|s| s.assign(&member.set));
+        let made = scene.and_then(|s| {
+            let folder = RunFolder::new(&s, Some(folder), true)?;
+            s.prepare()?.run_into(folder, &mut watch)
+        });
+        Ok(match made {
+            Ok(r) if r.end == End::Interrupted => {
+                *self.stop() = watch.stop;
+                Outcome::Interrupted
+            }
+            Ok(_) => Outcome::Complete,
+            Err(e) => Outcome::Failed(e.to_string()),
+        })
+    }
+
+    fn stopped(&self) -> bool {
+        self.stop().is_some()
+    }
+}
+
+/// Makes the runs of a sweep file into a folder and draws the conclusion: JSON.
+#[pyfunction]
+pub(crate) fn sweep(
+    py: Python<'_>,
+    path: PathBuf,
+    out: PathBuf,
+    fresh: bool,
+    listener: Option<Py<PyAny>>,
+) -> PyResult<String> {
+    outside(py, || {
+        let source = Source::read(&path)?;
+        let fault = |e| Fault::of_scene(e, &source);
+        let planned = PlannedSweep::new(&source).map_err(fault)?;
+        mark::claim("out", &out)?;
+        let here = Here(Mutex::new(None));
+        let tell = |label: &str, done: usize, of: usize| {
+            let Some(listener) = &listener else { return };
+            let told = Python::attach(|py| listener.call_method1(py, "member", (label, done, of)).map(drop));
+            if let Err(e) = told {
+                *here.stop() = Some(e.into());
+            }
+        };
+        let made = planned.make(&out, fresh, &here, &tell).map_err(fault)?;
+        match here.stop().take() {
+            Some(e) => Err(e),
+            None => Ok(json("writing the sweep", &made)?),
+        }
+    })
+}
+
+/// Computes with so many threads from now on.
+#[pyfunction]
+pub(crate) fn set_threads(count: usize) -> PyResult<()> {
+    let built = rayon::ThreadPoolBuilder::new().num_threads(count).build_global();
+    built.map_err(|_| {
+        let rule = "threads have been started already: call set_threads before anything else, or set RAYON_NUM_THREADS";
+        Fault::of("System", rule).into()
+    })
+}
