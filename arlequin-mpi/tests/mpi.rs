@@ -1,6 +1,11 @@
 //! Processes that speak MPI: the bits of one rank, and ends by name. Each test starts this program again under `mpirun`.
 #![cfg(feature = "mpi")]
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "started programs tell their results"
+)]
 
 use arlequin_core::ranks::{Communicator, Division, Reduction};
 use arlequin_core::{Coupled, Model, Partition, Silent, Subdomain, TimeStep, Uniform, Weights};
