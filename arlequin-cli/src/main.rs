@@ -13,7 +13,7 @@ mod verify;
 mod view;
 
 use arlequin_scene::effects::compare;
-use arlequin_scene::{Scene, Source};
+use arlequin_scene::{LinkLine, Scene, Source};
 use clap::{Args, Parser, Subcommand};
 use error::{Located, Result};
 use std::path::PathBuf;
@@ -64,9 +64,14 @@ enum Command {
         repeat: usize,
     },
     /// Read and build a scene, print the plan, run nothing.
+    ///
+    /// A scene with links to other programs is read only, and what it would start or wait for is printed.
     Check {
         #[command(flatten)]
         common: Common,
+        /// Meet the other side of links as well: start their commands, wait at their addresses.
+        #[arg(long)]
+        start: bool,
     },
     /// Measure Young's modulus and Poisson's ratio of packings with the spread over seeds, or find beams for given ones.
     Calibrate(calibrate::Calibrate),
@@ -126,7 +131,13 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
         Command::Run { common, out, force } => with_scene(&common, |scene| {
             run::run(scene, out.as_deref(), force, common.json)
         }),
-        Command::Check { common } => with_scene(&common, |scene| {
+        Command::Check { common, start } => with_scene(&common, |scene| {
+            let links = LinkLine::of(scene);
+            if !start && !links.is_empty() {
+                scene.check_tables()?;
+                report::result(&links, common.json, |l| report::held(l))?;
+                return Ok(ExitCode::SUCCESS);
+            }
             report::result(
                 &scene.prepare_with(&mut report::phase_teller())?.preview(),
                 common.json,

@@ -18,6 +18,8 @@ pub(crate) struct Started {
     command: String,
     /// Whether it was told to leave, and may take a moment for it.
     pub(crate) told: bool,
+    /// How it ended. Its number may be another process's from then on.
+    over: Option<ExitStatus>,
 }
 
 /// A command as a user would type it.
@@ -68,6 +70,7 @@ impl Started {
             child,
             command: text,
             told: false,
+            over: None,
         })
     }
 
@@ -84,8 +87,15 @@ impl Started {
         }
     }
 
-    #[cfg(unix)]
     fn wait(&mut self, within: Duration) -> Option<ExitStatus> {
+        if self.over.is_none() {
+            self.over = self.look(within);
+        }
+        self.over
+    }
+
+    #[cfg(unix)]
+    fn look(&mut self, within: Duration) -> Option<ExitStatus> {
         use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
         let until = Instant::now() + within;
         let pid = Pid::from_child(&self.child);
@@ -102,7 +112,7 @@ impl Started {
     }
 
     #[cfg(not(unix))]
-    fn wait(&mut self, within: Duration) -> Option<ExitStatus> {
+    fn look(&mut self, within: Duration) -> Option<ExitStatus> {
         let until = Instant::now() + within;
         loop {
             if let Ok(Some(status)) = self.child.try_wait() {
@@ -136,7 +146,10 @@ impl Started {
 
 impl Drop for Started {
     fn drop(&mut self) {
-        if self.told && self.wait(GRACE).is_some() {
+        if self
+            .wait(if self.told { GRACE } else { Duration::ZERO })
+            .is_some()
+        {
             return;
         }
         self.ask_to_leave();

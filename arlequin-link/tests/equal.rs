@@ -4,6 +4,7 @@
 
 mod support;
 
+use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{InterfaceOptions, L2, OwnStep, Participant, Sampling, Silent, conformance};
 use arlequin::dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
 use arlequin::fem_ref::{Elastic, ElementKind, FemModel};
@@ -55,7 +56,7 @@ fn tetrahedra() -> FemModel<f64> {
 }
 
 fn particles() -> DemModel {
-    let corner = |x, y| arlequin::core::nalgebra::Vector3::new(x, y, y);
+    let corner = |x, y| Vector3::new(x, y, y);
     let body = Container::cuboid(corner(2.0, 0.0), corner(4.0, 1.0)).unwrap();
     let packing = PackingSpec::quench(body, 500, 1).build().unwrap();
     let beam = BeamMaterial {

@@ -4,8 +4,10 @@
 
 mod support;
 
+use arlequin::core::Uniform;
 use arlequin::core::snapshot::Record;
 use arlequin::core::{DofLayout, OwnStep, Participant, Silent};
+use arlequin::fem_ref::FemField;
 use arlequin::prelude::*;
 use arlequin_link::wire::{HEADER, Header, Kind, Message};
 use arlequin_link::{Address, Description, Fields, Listener, Options, Remote, Shape, Verlet, serve};
@@ -24,9 +26,7 @@ fn hasty() -> Options {
 
 fn description() -> Description {
     let (mut inertia, nodes) = (vec![0.0; BONDS + 1], chain().nodes().to_vec());
-    chain()
-        .lumped_inertia(&arlequin::core::Uniform(1.0), &mut inertia)
-        .unwrap();
+    chain().lumped_inertia(&Uniform(1.0), &mut inertia).unwrap();
     Description {
         limit: 1 << 20,
         offers: Fields::MOTION,
@@ -468,8 +468,9 @@ fn positions_beside_the_overlap_are_refused_as_those_of_a_model_are() {
         serve(&address, &mut solver, &chain_shape()).unwrap();
     });
     let solver = Remote::accept("fine", &listener, patient()).unwrap();
-    let field = arlequin::fem_ref::FemField::on_line(solver.nodes().to_vec(), 1.0).unwrap();
-    let error = support::coupled_in(Some(Box::new(solver)), OwnStep::Same, Arc::new(field)).unwrap_err();
+    let field = FemField::on_line(solver.nodes().to_vec(), 1.0).unwrap();
+    let error =
+        support::coupled_in(Some(Box::new(solver)), OwnStep::Same, Arc::new(field), moving()).unwrap_err();
     other.join().unwrap();
     let error = error.to_string();
     assert!(

@@ -33,6 +33,12 @@ impl Cell {
 
 /// The cells of a model; an error, placed at `key`, where its field has no gradient.
 pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
+    let Some(materials) = &d.materials else {
+        return Err(crate::error::key(
+            key,
+            "needs a material, and a link does not tell its own",
+        ));
+    };
     let mut row = ShapeRow::default();
     let one = |(k, cell): (usize, &[u32])| {
         let sum = cell
@@ -43,7 +49,7 @@ pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
         let row = row.nodes.iter().copied().zip(row.gradients.iter().copied());
         Ok(Cell {
             centre,
-            material: *d.materials.at(k),
+            material: *materials.at(k),
             row: row.collect(),
         })
     };

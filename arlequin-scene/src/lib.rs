@@ -57,7 +57,7 @@ mod wake;
 
 pub use crossing::OverlapBreak;
 pub use error::{Error, Result};
-pub use preview::Preview;
+pub use preview::{LinkLine, Preview};
 pub use recorder::{PhaseClock, Table};
 pub use run::{End, LoadStep, Observer, Prepared, Recorded, Results, Resumed, RunFolder, Silent, resume};
 pub use scene::{Scene, Source};

@@ -7,7 +7,7 @@ use crate::run::Prepared;
 use crate::scene::Scene;
 use crate::setup::zone::ZoneLine;
 use crate::setup::{Built, PhaseTime};
-use arlequin::core::Coupled;
+use arlequin::core::{Coupled, Uniform};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -29,6 +29,9 @@ pub struct Preview {
     /// Widths of the overlaps around zones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub zones: Vec<ZoneLine>,
+    /// Models that are solvers in other processes.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub links: Vec<LinkLine>,
     /// Effects that are on.
     pub effects: Vec<String>,
     /// Step \[s\].
@@ -59,6 +62,48 @@ pub struct Preview {
     /// The same for the time in which a model sleeps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub asleep: Option<Box<Self>>,
+}
+
+/// A model that is a solver in another process.
+#[derive(Debug, Clone, Serialize)]
+pub struct LinkLine {
+    /// Name of the model.
+    pub model: String,
+    /// What the run does to meet it: the command that it starts, or the address at which it waits.
+    pub does: String,
+    /// Mass without weights, as the other side tells it \[kg\]; none before it was met.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mass: Option<f64>,
+}
+
+impl LinkLine {
+    /// Those of a scene, before anything is started.
+    pub fn of(scene: &Scene) -> Vec<Self> {
+        let line = |(model, does)| Self {
+            model,
+            does,
+            mass: None,
+        };
+        scene.links().into_iter().map(line).collect()
+    }
+
+    /// Those of a run, with their masses.
+    fn met(scene: &Scene, run: &Coupled<f64>) -> Vec<Self> {
+        let mut out = Self::of(scene);
+        for line in &mut out {
+            let mut all = run.subdomains().iter();
+            let Some(s) = all.find(|s| s.model().name() == line.model) else {
+                continue;
+            };
+            let layout = s.model().layout();
+            let mut inertia = vec![0.0; layout.dofs()];
+            if s.model().lumped_inertia(&Uniform(1.0), &mut inertia).is_ok() {
+                let total: f64 = inertia[..layout.translations()].iter().sum();
+                line.mass = Some(total / layout.components as f64);
+            }
+        }
+        out
+    }
 }
 
 impl Prepared {
@@ -109,6 +154,7 @@ impl Preview {
             models: summary::models(&run, &packings),
             interface: summary::interfaces(&run, &[]),
             zones,
+            links: LinkLine::met(scene, &run),
             effects: plan.effects.clone(),
             dt: plan.dt,
             critical_dt: plan.critical_dt,

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result, key, meant, value};
 use crate::run::Prepared;
-use crate::setup::zone;
+use crate::setup::{self, zone};
 use crate::spec::SceneSpec;
 use std::fmt::Display;
 use std::ops::Range;
@@ -118,7 +118,7 @@ impl Scene {
         let table: toml::Table = toml::from_str(&source.text).map_err(syntax)?;
         plausible("", &table)?;
         // From the text, as only then errors know their line.
-        let spec = zone::lowered(toml::from_str(&source.text).map_err(syntax)?)?;
+        let spec = lowered(toml::from_str(&source.text).map_err(syntax)?)?;
         Ok(Self {
             source,
             changes: Vec::new(),
@@ -150,6 +150,22 @@ impl Scene {
         Ok(self)
     }
 
+    /// Refuses what can be seen to be wrong from the scene alone; nothing is built, and no program of a link started.
+    ///
+    /// # Errors
+    /// The key, its value, the limit and a way out.
+    pub fn check_tables(&self) -> Result<()> {
+        setup::check(&self.spec, self.folder()).map_err(|e| zone::written(&self.spec, e))
+    }
+
+    /// What [`Self::prepare`] would start or wait for: models and commands or addresses, as a user would type them.
+    pub fn links(&self) -> Vec<(String, String)> {
+        let models = self.spec.model.iter();
+        models
+            .filter_map(|(n, t)| Some((n.clone(), setup::link_of(t)?)))
+            .collect()
+    }
+
     fn change(&mut self, path: &str, value: &str) -> Result<()> {
         let bad = |message: String| Error::Set {
             key: path.to_owned(),
@@ -161,7 +177,7 @@ impl Scene {
         // From its text again: a second way to read all tables would take a tenth of this crate's code.
         let spec = toml::from_str(&self.table.to_string())
             .map_err(|e: toml::de::Error| bad(in_words(e.message())))?;
-        self.spec = zone::lowered(spec)?;
+        self.spec = lowered(spec)?;
         self.changes.push(format!("{path}={value}"));
         Ok(())
     }
@@ -213,6 +229,18 @@ impl Scene {
     pub fn prepare_with(&self, tell: &mut dyn FnMut(&str)) -> Result<Prepared> {
         Prepared::new(self, tell).map_err(|e| zone::written(&self.spec, e))
     }
+}
+
+/// With zones as models and interfaces; refuses models without what only links can do without.
+fn lowered(spec: SceneSpec) -> Result<SceneSpec> {
+    let body = spec.body.iter().map(|t| ("body".to_owned(), t));
+    let models = spec.model.iter().map(|(n, t)| (format!("model.{n}"), t));
+    for (path, table) in body.chain(models) {
+        if let Some(missing) = table.missing() {
+            return Err(key(path, format!("missing field `{missing}`")));
+        }
+    }
+    zone::lowered(spec)
 }
 
 fn collect_files(at: &Value, out: &mut Vec<PathBuf>) {

@@ -19,7 +19,7 @@ pub(crate) mod verify;
 mod work_precision;
 
 pub(crate) use calibrate::text as calibration;
-pub(crate) use run::{comparison, finished, plan, proposal};
+pub(crate) use run::{comparison, finished, held, plan, proposal};
 
 use crate::error::Result;
 pub(crate) use progress::Progress;

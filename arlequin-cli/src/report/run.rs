@@ -1,6 +1,5 @@
 //! Runs, plans of runs, effects and proposals as text.
 
-use arlequin_scene::Preview;
 use arlequin_scene::effects::Comparison;
 use arlequin_scene::output::packing::PackingLine;
 use arlequin_scene::output::summary::{
@@ -8,6 +7,7 @@ use arlequin_scene::output::summary::{
 };
 use arlequin_scene::setup::PhaseTime;
 use arlequin_scene::suggest::Proposal;
+use arlequin_scene::{LinkLine, Preview};
 use std::path::Path;
 
 /// Seconds of a set-up below which its phases are of no interest.
@@ -152,6 +152,7 @@ fn sizes(p: &Preview) {
             z.name, z.width.mean, z.width.least, z.elements, z.fine
         );
     }
+    links(&p.links);
     if p.effects.is_empty() {
         println!("effects    none");
     }
@@ -180,6 +181,23 @@ fn sizes(p: &Preview) {
     }
     phases(&p.setup_phases);
     warnings(&p.warnings);
+}
+
+fn links(all: &[LinkLine]) {
+    for l in all {
+        match l.mass {
+            Some(mass) => println!("link       {:<16} {}, mass {mass:.6e} kg", l.model, l.does),
+            None => println!("link       {:<16} {}", l.model, l.does),
+        }
+    }
+}
+
+/// Prints what a scene would start, and that nothing was.
+pub(crate) fn held(all: &[LinkLine]) {
+    links(all);
+    println!(
+        "The tables of the scene are in order. Nothing was started: check with --start meets the other side."
+    );
 }
 
 /// Prints where the time of a set-up went; nothing of one that no one waits for.

@@ -118,7 +118,10 @@ impl<T: Real> Subdomain<T> {
         let middle = Vector3::new(x, y, z) / n.max(T::one());
         let squares = |range: Range<usize>| {
             let of_node = |k: usize| {
-                let mass: T = m[layout.components * k..][..layout.components].iter().copied().sum();
+                let mass: T = m[layout.components * k..][..layout.components]
+                    .iter()
+                    .copied()
+                    .sum();
                 mass * (nodes[k].coords - middle).norm_squared()
             };
             [range.map(of_node).sum()]

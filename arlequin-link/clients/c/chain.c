@@ -106,10 +106,7 @@ int main(int count, char **arguments) {
         .positions = positions, .shape = ARLEQUIN_LINES, .cells = BONDS, .cell_nodes = bonds, .section = 1,
         .weigh = weigh, .advance = advance, .velocities = velocities, .displacements = displacements, .kick = kick,
         .accelerations = accelerations, .invariant = invariant, .memory = 2 * NODES + 1, .save = save, .restore = restore};
-    for (int i = 0; i < NODES; i++) {
-        positions[3 * i] = start + spacing * i;
-        c.now.v[i] = sin(0.3 * i) + 0.2 * cos(1.9 * i);
-    }
+    for (int i = 0; i < NODES; i++) positions[3 * i] = start + spacing * i;
     for (uint32_t b = 0; b < BONDS; b++) {
         bonds[2 * b] = b;
         bonds[2 * b + 1] = b + 1;

@@ -1,8 +1,8 @@
 """A solver in Python as a participant of an Arlequin run, over a socket: numpy alone (docs/link.md has the protocol).
 
-Derive from Solver, then `serve(MySolver())`. A run with `command = ["python3", "mine.py"]` starts the script and tells it the
-address in ARLEQUIN_LINK; else give the address that the scene names: "unix:PATH" or "tcp:127.0.0.1:PORT".
-Unknowns of all arrays: x0 y0 z0 x1 ... (or x0 x1 ... with one component), then rotations. SI units.
+Derive from Solver and call `serve(MySolver())`. A run whose scene says `command = ["python3", "mine.py"]` starts the script
+and tells it the address in ARLEQUIN_LINK; else pass the address of the scene, "unix:PATH" or "tcp:127.0.0.1:PORT".
+Arrays have one number per unknown: x0 y0 z0 x1 ... (x0 x1 ... with one component), then rotations. SI units.
 """
 import os
 import socket
@@ -18,53 +18,34 @@ V, Q, A, INVARIANT, MEMORY = 1, 2, 4, 8, 16
 CORNERS = {"particles": 2, "line": 2, "tetrahedron": 4, "hexahedron": 8}
 
 
-class LinkError(Exception):
-    """The run sent something that it must not send, or is gone."""
-
-
 class Solver:
-    """What a solver has; those that raise must be written, all others may be."""
+    """What a solver has; it must have these methods, and may have those of the last line.
+
+    weigh(weights): take weights.internal (stiffness) and weights.kinetic (mass) by .at(points) or .mean(cells), and return the
+        lumped inertia of every unknown [kg]; called with weights of one first.
+    advance(time, step): go on from time by step [s]; self.link.working() tells the run to wait on.
+    velocities(), displacements(): arrays; kick(impulse): change every velocity by impulse [kg m/s] over inertia, at once.
+    """
 
     name, kind = "solver", "python"
-    components, rotations = 3, 0  # per node
+    components, rotations = 3, 0  # of every node
     nodes = None  # positions (n, 3) [m]
     shape = "particles"  # or "line", "tetrahedron", "hexahedron"
     cells = ()  # nodes of each element; pairs of neighbours of particles
-    volumes = None  # of particles [m3]
+    volumes = ()  # of particles [m3]
     section = 1.0  # of lines [m2]
     critical_step = np.inf  # largest stable step [s]
-
-    def weigh(self, weights):
-        """Take weights.internal (stiffness) and weights.kinetic (mass), by .at(points) or .mean(cells); return the lumped
-        inertia of every unknown [kg]. Called with weights of one first."""
-        raise NotImplementedError
-
-    def advance(self, time, step):
-        """Go on from time by step [s]."""
-        raise NotImplementedError
-
-    def velocities(self):
-        raise NotImplementedError
-
-    def displacements(self):
-        raise NotImplementedError
-
-    def kick(self, impulse):
-        """Change every velocity by impulse [kg m/s] over inertia, at once."""
-        raise NotImplementedError
-
-    accelerations = invariant = save = restore = None  # methods, if it has them; save returns an array, restore takes it
+    accelerations = invariant = save = restore = None  # save() returns an array, restore(array) takes it
 
 
-class _Weight:
+class Weight:
     def __init__(self, link, share):
         self.link, self.share = link, share
 
     def _ask(self, what, x, section=1.0):
-        x = np.asarray(x, "<f8")
         if self.link is None:
             return np.ones(len(x))
-        self.link.send(ASK, struct.pack("<BBHId", self.share, what, 0, len(x), section), x)
+        self.link.send(ASK, struct.pack("<BBHId", self.share, what, 0, len(x), section), np.asarray(x, float))
         return np.frombuffer(self.link.receive(SHARES)[1], "<f8")
 
     def at(self, points):
@@ -72,45 +53,35 @@ class _Weight:
         return self._ask(0, points)
 
     def mean(self, cells, section=1.0):
-        """Means over lines (n, 2, 3), tetrahedra (n, 4, 3) or hexahedra (n, 8, 3) with plane faces, by their corners."""
+        """Means over lines (n, 2, 3), tetrahedra (n, 4, 3) or hexahedra with plane faces (n, 8, 3), by their corners."""
         return self._ask({2: 1, 4: 2, 8: 3}[np.shape(cells)[1]], cells, section)
 
 
 class Weights:
-    """The shares of a solver: internal (stiffness), kinetic (mass), external (loads); nodal if it is to weight at nodes."""
-
     def __init__(self, link=None, nodal=False):
-        self.internal, self.kinetic, self.external = (_Weight(link, k) for k in range(3))
-        self.nodal = nodal
+        self.nodal = nodal  # whether values at nodes are wanted in place of means over elements
+        self.internal, self.kinetic, self.external = (Weight(link, k) for k in range(3))
 
 
 class Link:
-    """A stream of messages."""
-
     def __init__(self, address, patience=5.0):
         scheme, _, rest = address.partition(":")
         host, _, port = rest.rpartition(":")
-        until = time.monotonic() + patience
-        while True:
-            self.socket = socket.socket(socket.AF_UNIX if scheme == "unix" else socket.AF_INET)
-            try:
-                self.socket.connect(rest if scheme == "unix" else (host, int(port)))
-                break
-            except OSError:
-                self.socket.close()
-                if time.monotonic() > until:
-                    raise
-                time.sleep(0.02)
+        self.socket = socket.socket(socket.AF_UNIX if scheme == "unix" else socket.AF_INET)
+        until, failed = time.monotonic() + patience, True
+        while failed:
+            failed = self.socket.connect_ex(rest if scheme == "unix" else (host, int(port)))
+            if failed and time.monotonic() > until:
+                raise OSError(failed, os.strerror(failed))
+            time.sleep(0.02 if failed else 0)
         if scheme != "unix":
             self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def send(self, kind, *parts):
-        parts = [np.ascontiguousarray(p, "<f8").tobytes() if isinstance(p, np.ndarray) else p for p in parts]
-        body = b"".join(parts)
+        body = b"".join(np.ascontiguousarray(p, "<f8").tobytes() if isinstance(p, np.ndarray) else p for p in parts)
         self.socket.sendall(struct.pack("<4sHHQ", b"ARLQ", VERSION, kind, len(body)) + body)
 
     def working(self):
-        """Tells the run that an answer takes longer than its timeout."""
         self.send(WORKING)
 
     def _read(self, count):
@@ -118,33 +89,31 @@ class Link:
         while at < count:
             n = self.socket.recv_into(memoryview(data)[at:])
             if n == 0:
-                raise LinkError("the run is gone")
+                raise ConnectionError("the run is gone")
             at += n
         return data
 
     def receive(self, *due):
         magic, version, kind, length = struct.unpack("<4sHHQ", self._read(16))
         if magic != b"ARLQ" or version != VERSION or length > LIMIT or (due and kind not in due):
-            self.send(FAILED, _text(f"this side speaks version {VERSION} and cannot take message {kind} of {version}"))
-            raise LinkError(f"message {kind} of version {version}, {length} bytes, where {due} was due")
+            self.send(FAILED, text(f"this side speaks version {VERSION} and cannot take message {kind} of {version}"))
+            raise ConnectionError(f"message {kind} of version {version}, {length} bytes, where {due} was due")
         return kind, self._read(length)
 
 
-def _text(text):
-    data = text.encode()[:1024]
-    return struct.pack("<I", len(data)) + data
+def text(words):
+    return struct.pack("<I", len(words.encode()[:1024])) + words.encode()[:1024]
 
 
-def _describe(s, link):
+def describe(s, link):
     nodes, cells = np.asarray(s.nodes, float), np.asarray(s.cells, "<u4").reshape(-1, CORNERS[s.shape])
     offers = V | Q | (s.accelerations and A or 0) | (s.invariant and INVARIANT or 0) | (s.save and MEMORY or 0)
-    head = struct.pack("<QIBBBBQQ", LIMIT, offers, s.components, s.rotations, list(CORNERS).index(s.shape), 0, len(nodes), len(cells))
-    inertia, volumes = np.asarray(s.weigh(Weights()), float), np.asarray(() if s.volumes is None else s.volumes, float)
-    steps = struct.pack("<dd", s.section, s.critical_step)
-    link.send(DESCRIPTION, head, steps, _text(s.name), _text(s.kind), nodes, inertia, volumes, cells.tobytes())
+    sizes, inertia = (list(CORNERS).index(s.shape), 0, len(nodes), len(cells)), np.asarray(s.weigh(Weights()), float)
+    head = struct.pack("<QIBBBBQQdd", LIMIT, offers, s.components, s.rotations, *sizes, s.section, s.critical_step)
+    link.send(DESCRIPTION, head, text(s.name), text(s.kind), nodes, inertia, np.asarray(s.volumes, float), cells.tobytes())
 
 
-def _answer(s, link, kind, data):
+def answer(s, link, kind, data):
     if kind == ADVANCE:
         s.advance(*struct.unpack_from("<dd", data))
     if kind in (ADVANCE, TELL):
@@ -152,29 +121,29 @@ def _answer(s, link, kind, data):
         told = [f() for bit, f in ((V, s.velocities), (Q, s.displacements), (A, s.accelerations)) if wanted & bit]
         energy = s.invariant() if wanted & INVARIANT else 0.0
         return STATE, struct.pack("<IId", wanted, 0, energy), *(np.asarray(x, float) for x in told)
-    if kind == IMPULSE:
-        s.kick(np.frombuffer(data, "<f8"))
-    elif kind == WEIGH:
-        inertia = np.asarray(s.weigh(Weights(link, nodal=data[0] == 1)), float)
+    if kind == WEIGH:
+        inertia = np.asarray(s.weigh(Weights(link, nodal=data[0] == 1)), float)  # may set the step
         return INERTIA, struct.pack("<d", s.critical_step), inertia
-    elif kind == SAVE:
+    if kind == SAVE:
         numbers = np.asarray(s.save(), float)
         return RECORD, struct.pack("<QQ", len(numbers), 0), numbers
+    if kind == IMPULSE:
+        s.kick(np.frombuffer(data, "<f8"))
     elif kind == RESTORE:
         s.restore(np.frombuffer(data, "<f8", struct.unpack_from("<Q", data)[0], 16))
     return (DONE,)
 
 
-def serve(solver, address=None):
+def serve(solver, address=None, link=None):
     """Does as the run says until it ends; an exception of the solver is told to the run and raised here."""
-    link = solver.link = Link(address or os.environ["ARLEQUIN_LINK"])
+    link = solver.link = link or Link(address or os.environ["ARLEQUIN_LINK"])
     kind, _ = link.receive(HELLO)
     try:
-        _describe(solver, link)
+        describe(solver, link)
         while kind != END:
             kind, data = link.receive()
-            link.send(*_answer(solver, link, kind, data))
+            link.send(*answer(solver, link, kind, data))
     except Exception as error:
-        if not isinstance(error, (LinkError, OSError)):
-            link.send(FAILED, _text(f"{type(error).__name__}: {error}"))
+        if not isinstance(error, OSError):
+            link.send(FAILED, text(f"{type(error).__name__}: {error}"))
         raise

@@ -14,8 +14,7 @@ class Chain(Solver):
         self.nodes[:, 0] = start + spacing * np.arange(bonds + 1)
         self.cells = np.column_stack([np.arange(bonds), np.arange(1, bonds + 1)])
         self.bond_mass, self.stiffness, self.step = mass, stiffness, 0.0
-        k = np.arange(bonds + 1)
-        self.q, self.v = np.zeros(bonds + 1), np.sin(0.3 * k) + 0.2 * np.cos(1.9 * k)
+        self.q, self.v = np.zeros(bonds + 1), np.zeros(bonds + 1)
 
     def weigh(self, weights):
         bonds = self.nodes[self.cells]

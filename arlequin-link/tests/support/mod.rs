@@ -56,14 +56,15 @@ pub(crate) fn chain_shape() -> Shape {
 
 /// A bar from −100 to 0 and a chain from −20 on in motion: as a model here, or whatever solver is given.
 pub(crate) fn coupled(solver: Option<Box<dyn Participant<f64>>>, own: OwnStep<f64>) -> Result<Coupled<f64>> {
-    coupled_in(solver, own, chain().fine_field())
+    coupled_in(solver, own, chain().fine_field(), moving())
 }
 
-/// The same with a field of the solver's.
+/// The same with a field of the solver's, or with velocities of the chain in this process.
 pub(crate) fn coupled_in(
     solver: Option<Box<dyn Participant<f64>>>,
     own: OwnStep<f64>,
     field: Arc<dyn Interpolation<f64>>,
+    v: Vec<f64>,
 ) -> Result<Coupled<f64>> {
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
@@ -73,11 +74,14 @@ pub(crate) fn coupled_in(
     let bar = FemModel::new("bar", mesh, Elastic::new(1.0, 0.0, 1.0)?)?;
     let fine = match solver {
         Some(solver) => Subdomain::participant(solver, field, right)?,
-        None => Subdomain::fine(chain(), right).with_initial(vec![0.0; BONDS + 1], moving())?,
+        None => Subdomain::fine(chain(), right).with_initial(vec![0.0; BONDS + 1], v)?,
     };
     let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
     let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
-    let bodies = vec![Subdomain::coarse(bar, left), fine.with_step(own)];
+    let n = bar.layout().dofs();
+    let running = (0..n).map(|k| 1e-2 * (0.4 * k as f64).cos()).collect();
+    let bar = Subdomain::coarse(bar, left).with_initial(vec![0.0; n], running)?;
+    let bodies = vec![bar, fine.with_step(own)];
     Coupled::new(bodies, vec![tie], TimeStep::Seconds(0.8 * own_steps(own)), None)
 }
 

@@ -187,6 +187,9 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
             young: Some(BeamMaterial::SILICA.young),
             ..DemTable::default()
         },
+        command: None,
+        address: None,
+        timeout: None,
     }
 }
 
@@ -221,7 +224,7 @@ fn bar(at: &str, shape: &Shape) -> Result<Bar> {
             length: high[0] - low[0],
             area: (high[1] - low[1]) * (high[2] - low[2]),
         }),
-        Shape::Bar { .. } | Shape::Ball { .. } | Shape::File(_) | Shape::Piece(_) => {
+        Shape::Bar { .. } | Shape::Ball { .. } | Shape::File(_) | Shape::Piece(_) | Shape::Linked => {
             let rule = "a tension test needs a straight bar along x: a box or a cylinder; or give --periodic";
             Err(value(format!("{at}.shape"), shape.name(), rule))
         }

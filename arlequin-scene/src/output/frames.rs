@@ -50,7 +50,7 @@ pub struct Picture<'a> {
 #[derive(Debug)]
 struct Painter {
     grid: Grid,
-    /// Empty if the energy density is not wanted or the field has no gradient.
+    /// Empty if the energy density is not wanted, the field has no gradient or the material is not known.
     centres: Vec<Cell>,
     weights: Vec<Array>,
     /// What broke, where bonds can.

@@ -82,7 +82,9 @@ pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f
         else {
             continue;
         };
-        let [e, f] = [a, b].map(|m| bodies[m].material.young());
+        let [Some(e), Some(f)] = [a, b].map(|m| bodies[m].material.map(|m| m.young())) else {
+            continue;
+        };
         // Two springs in a row.
         let law = grains::law(2.0 * e * f / (e + f), contact);
         let made = ContactBetween::new(first.clone(), second.clone(), law);

@@ -1,6 +1,6 @@
 //! Supports, loads, effects and initial states.
 
-use super::kinds::Body;
+use super::kinds::{Body, material};
 use super::select;
 use crate::error::{Result, core, key, unknown, value};
 use crate::spec::{
@@ -312,7 +312,7 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
                 let rule = format!("needs {SOLID}, which model '{}' is not", body.model.name());
                 return Err(key(path, rule));
             }
-            let m = &body.material;
+            let m = material(&path, body)?;
             let impedance = (m.p_wave_modulus() * m.density()).sqrt();
             let made = BulkViscosity::new(body.field.clone(), b.coefficient, impedance);
             Ok(Some(Box::new(made.map_err(core(format!("{path}.coefficient")))?)))
@@ -385,7 +385,7 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
                 add(&mut v, field_at(f, x));
             }
             if let Some(w) = &i.wave {
-                let (u, du) = wave_at(w, x, body.material.bar_speed());
+                let (u, du) = wave_at(w, x, material(&path, body)?.bar_speed());
                 add(&mut q, u);
                 add(&mut v, du);
             }

@@ -68,7 +68,7 @@ impl Filling {
                 let made = made.map_err(dem(&format!("{key}.shape.cylinder")))?;
                 Ok(plain(made, Vector3::from(*from)))
             }
-            Shape::Bar { .. } => {
+            Shape::Bar { .. } | Shape::Linked => {
                 let rule = "spheres fill a box, a cylinder, a ball or the surface in a file; choose one, or another kind of model";
                 Err(value(format!("{key}.shape"), table.shape.name(), rule))
             }

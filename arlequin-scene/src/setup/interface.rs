@@ -1,6 +1,6 @@
 //! Interfaces: overlap, weights, mediator, junction, absorber.
 
-use super::kinds::Body;
+use super::kinds::{Body, material};
 use super::mediator::{is_hull, mediator, mediator_shape, within_hull};
 use super::mesh::{Grid, Request};
 use crate::error::{Result, core, key, value};
@@ -412,7 +412,7 @@ fn absorber(
     let path = format!("{path}.absorber");
     let rate = match (table.rate, table.rate_factor) {
         (Some(r), None) => r,
-        (None, Some(f)) => f * fine.material.bar_speed() / fine.spacing,
+        (None, Some(f)) => f * material(&path, fine)?.bar_speed() / fine.spacing,
         _ => return Err(key(path, "needs exactly one of rate [1/s], rate_factor [-]")),
     };
     let resolved: Arc<dyn Interpolation<f64>> = match table.spacing {

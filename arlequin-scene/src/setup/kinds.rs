@@ -5,12 +5,13 @@
 
 use super::clock::SetupClock;
 use super::grains::Grains;
+use super::link;
 use super::materials;
 use super::mesh::{self, Grid};
 use crate::error::{Result, core, fem, value};
 use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
 use arlequin::core::effect::SurfaceFacet;
-use arlequin::core::{CoarseModel, FineModel, Interpolation, Materials, Model};
+use arlequin::core::{CoarseModel, FineModel, Interpolation, Materials, Model, Participant};
 use arlequin::fem_ref::generate::Rim;
 use arlequin::fem_ref::{Elastic, FemModel};
 use spring_chain::Chain;
@@ -22,6 +23,8 @@ use std::sync::Arc;
 pub struct Body {
     /// The model.
     pub model: Box<dyn Model<f64>>,
+    /// The whole solver that stands behind the model, where one does.
+    pub solver: Option<Box<dyn Participant<f64>>>,
     /// Its field.
     pub field: Arc<dyn Interpolation<f64>>,
     /// Its picture.
@@ -34,10 +37,10 @@ pub struct Body {
     pub boundary: Vec<SurfaceFacet<f64>>,
     /// Distance of nodes or particles \[m\].
     pub spacing: f64,
-    /// What it is made of, but for volumes of other materials.
-    pub material: Elastic<f64>,
+    /// What it is made of, but for volumes of other materials; only a link does not say.
+    pub material: Option<Elastic<f64>>,
     /// What its elements are made of.
-    pub materials: Materials<f64>,
+    pub materials: Option<Materials<f64>>,
     /// What it looks like.
     pub shape: Shape,
     /// What only particles have.
@@ -52,6 +55,19 @@ impl std::fmt::Debug for Body {
     }
 }
 
+/// What a body is made of.
+///
+/// # Errors
+/// One behind a link, which does not say.
+pub(super) fn material<'a>(path: &str, body: &'a Body) -> Result<&'a Elastic<f64>> {
+    body.material.as_ref().ok_or_else(|| {
+        let name = body.model.name();
+        let rule =
+            format!("needs the material of model '{name}', which is a link and does not tell it; remove it");
+        crate::error::key(path, rule)
+    })
+}
+
 /// Builds the body of `[model.NAME]`; paths are relative to `folder`.
 /// `effects` are the effects on this model with their numbers in the scene; particles need some of them here.
 pub(super) fn body(
@@ -63,8 +79,11 @@ pub(super) fn body(
 ) -> Result<Body> {
     let key = format!("model.{name}");
     clock.begin(format!("model '{name}'"));
-    elastic(&key, &table.material)?;
+    if table.kind != ModelKind::Link {
+        elastic(&key, &table.material)?;
+    }
     match table.kind {
+        ModelKind::Link => link::body(name, &key, table, folder),
         ModelKind::Fem => finite_elements(name, &key, table, folder),
         ModelKind::Cnem => super::natural::body(name, &key, table, folder, clock),
         ModelKind::Dem => super::particles::body(name, &key, table, (folder, effects), clock),
@@ -121,8 +140,12 @@ pub(super) fn request<'a>(
 /// Refuses what can be seen to be wrong with a table before anything is meshed or packed.
 pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()> {
     let key = format!("model.{name}");
-    elastic(&key, &table.material)?;
+    link::check(&key, table)?;
+    if table.kind != ModelKind::Link {
+        elastic(&key, &table.material)?;
+    }
     match table.kind {
+        ModelKind::Link => Ok(()),
         ModelKind::Fem => request(&key, table, folder)?.check_body(),
         ModelKind::Cnem => super::natural::request(&key, table, folder)?.check_body(),
         ModelKind::Dem => super::particles::check(&key, table, folder),
@@ -169,13 +192,14 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     Ok(Body {
         field: model.coarse_field(),
         model: Box::new(model),
+        solver: None,
         grid,
         groups,
         surfaces,
         boundary,
         spacing,
-        material,
-        materials,
+        material: Some(material),
+        materials: Some(materials),
         shape: table.shape.clone(),
         grains: None,
         warnings,
@@ -225,12 +249,13 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
         field: model.fine_field(),
         grid: Grid::of_line(model.nodes()),
         model: Box::new(model),
+        solver: None,
         groups: ends.map(|(n, k)| (n.to_owned(), k)).into_iter().collect(),
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material,
-        materials: material.into(),
+        material: Some(material),
+        materials: Some(material.into()),
         shape: table.shape.clone(),
         grains: None,
         warnings: Vec::new(),

@@ -114,6 +114,7 @@ impl Request<'_> {
                 self.by_spacing("a ball is meshed by spacing")
             }
             Shape::Piece(piece) => piece.check(self),
+            Shape::Linked => Err(self.nobody()),
             Shape::Bar { from, to, section } => {
                 check_bar(key, *from, *to, *section)?;
                 divisions_of(key, &[to - from], self.spacing, self.divisions).map(|_| ())
@@ -206,8 +207,14 @@ impl Request<'_> {
                 generate::ball(kind, Point3::from(*centre), *radius, size).map_err(fem(key))
             }
             Shape::Piece(piece) => piece.mesh(self),
+            Shape::Linked => Err(self.nobody()),
             Shape::File(path) => self.file(&self.folder.join(path)),
         }
+    }
+
+    /// There is no body that could be meshed.
+    fn nobody(&self) -> crate::Error {
+        crate::error::key(self.key, "missing field `shape`")
     }
 
     fn cylinder(&self, kind: ElementKind, from: [f64; 3], length: f64, radius: f64) -> Result<Mesh<f64>> {

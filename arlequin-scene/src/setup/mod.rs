@@ -10,6 +10,7 @@ mod formula;
 mod grains;
 mod interface;
 mod kinds;
+mod link;
 mod materials;
 mod mediator;
 mod mesh;
@@ -34,6 +35,7 @@ pub use exerted::Readings;
 pub(crate) use exerted::acts;
 pub use grains::cut;
 pub use kinds::Body;
+pub use link::link_of;
 pub use mesh::Grid;
 pub use plausible::Bounds;
 pub use probe::ProbeReader;
@@ -62,10 +64,10 @@ pub struct ModelInfo {
     pub grid: Grid,
     /// Field.
     pub field: Arc<dyn Interpolation<f64>>,
-    /// Material, but for volumes of other ones.
-    pub material: Elastic<f64>,
+    /// Material, but for volumes of other ones, if it is known.
+    pub material: Option<Elastic<f64>>,
     /// Materials of its elements.
-    pub materials: Materials<f64>,
+    pub materials: Option<Materials<f64>>,
     /// What broke, where bonds can.
     pub breaks: Option<SharedLog>,
     /// Distance of nodes or particles \[m\].
@@ -145,6 +147,15 @@ pub struct Built {
 /// Builds everything a scene asks for.
 pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
     build_from(scene, folder, None, &mut |_| ())
+}
+
+/// Refuses what can be seen to be wrong from the scene alone, without building anything.
+pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
+    let scene = &formula::with_tables(scene, folder)?;
+    statics::load_steps(scene, folder)?;
+    check_numbers(scene)?;
+    check_names(scene)?;
+    precheck::scene(scene, folder)
 }
 
 /// The same with a state of its own to start from; `tell` hears of every phase as it begins.
@@ -229,7 +240,7 @@ fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) 
         let name = body.model.name();
         warnings.extend(body.warnings.iter().map(|w| format!("model '{name}': {w}")));
         let small = !may_leave(scene, m);
-        bounds.add(body.model.nodes(), &body.shape, &body.material, small);
+        bounds.add(body.model.nodes(), &body.shape, body.material.as_ref(), small);
     }
     for j in interfaces {
         let name = &j.spec.name;
@@ -474,7 +485,11 @@ fn subdomain(
         .iter()
         .find(free)
         .map_or(Partition::Checked, |j| j.partition);
-    let subdomain = Subdomain::new(body.model, body.field, weights).with_partition(partition);
+    let subdomain = match body.solver {
+        Some(solver) => Subdomain::participant(solver, body.field, weights).map_err(located)?,
+        None => Subdomain::new(body.model, body.field, weights),
+    };
+    let subdomain = subdomain.with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
     subdomain
         .with_initial(q, v)

@@ -130,12 +130,13 @@ pub(super) fn body(
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,
-        material,
-        materials: material.into(),
+        material: Some(material),
+        materials: Some(material.into()),
         shape: table.shape.clone(),
         grains: Some(grains),
         warnings,
         model: Box::new(model),
+        solver: None,
     })
 }
 
@@ -173,7 +174,7 @@ fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String
             layer("x-min", Point3::from(from), -Vector3::x());
             layer("x-max", Point3::from(from) + Vector3::x() * length, Vector3::x());
         }
-        Shape::Bar { .. } | Shape::Ball { .. } => {}
+        Shape::Bar { .. } | Shape::Ball { .. } | Shape::Linked => {}
         Shape::File(_) | Shape::Piece(_) => {
             let faces = filling.faces.iter();
             out.extend(faces.map(|(name, face)| (name.clone(), model.touching(face))));

@@ -134,7 +134,9 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let size = |v: [f64; 3]| Vector3::from(v).norm();
     let names: Vec<&String> = scene.model.keys().collect();
     let mut judge = |what: String, model: usize, stress: f64| {
-        let young = built.models[model].material.young();
+        let Some(young) = built.models[model].material.map(|m| m.young()) else {
+            return;
+        };
         if stress > STRAIN * young {
             out.push(format!(
                 "{what}: gives model '{}' a stress of about {stress:.1e} Pa, a strain of {:.1e}, which no linear elasticity \
@@ -173,7 +175,10 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
         };
         let a = size(b.acceleration);
         for m in effect_models(k, e, scene).unwrap_or_default() {
-            let stress = built.models[m].material.density() * a * built.bounds.0[m].extent;
+            let Some(material) = built.models[m].material else {
+                continue;
+            };
+            let stress = material.density() * a * built.bounds.0[m].extent;
             judge(format!("effect[{k}]: an acceleration of {a:.3e} m/s²"), m, stress);
         }
     }
@@ -229,8 +234,10 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
         let (Some(coarse), Some(fine)) = (at(&i.coarse), at(&i.fine)) else {
             continue;
         };
-        let ratio = coarse.material.young() / fine.material.young();
-        let ratio = ratio.max(1.0 / ratio);
+        let ratio = match (coarse.material, fine.material) {
+            (Some(a), Some(b)) => (a.young() / b.young()).max(b.young() / a.young()),
+            _ => 1.0,
+        };
         if ratio > STIFFNESS {
             out.push(format!(
                 "interface '{name}': Young's moduli of '{}' and '{}' are {ratio:.1e} times apart in one place; check their \
@@ -405,11 +412,18 @@ struct Bound {
 
 impl Bounds {
     /// Adds a model: its nodes, what it is made of, whether its displacements are taken as small.
-    pub(super) fn add(&mut self, nodes: &[Point3<f64>], shape: &Shape, material: &Elastic<f64>, small: bool) {
+    pub(super) fn add(
+        &mut self,
+        nodes: &[Point3<f64>],
+        shape: &Shape,
+        material: Option<&Elastic<f64>>,
+        small: bool,
+    ) {
         let [low, high] = corners(nodes);
         let size = high - low;
         self.0.push(Bound {
-            wave: material.p_wave_speed(),
+            // Of what nobody knows, no speed is too high.
+            wave: material.map_or(f64::INFINITY, Elastic::p_wave_speed),
             extent: size.max(),
             section: match shape {
                 Shape::Bar { section, .. } => *section,

@@ -2,7 +2,7 @@
 
 use super::drive::{self, model_index};
 use super::kinds;
-use super::{between, effects_by_model, exerted, grains, interface, mediator, probe, select, sides_of};
+use super::{between, effects_by_model, exerted, grains, interface, link, mediator, probe, select, sides_of};
 use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{
     Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
@@ -26,6 +26,7 @@ pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
         kinds::check(name, table, folder)?;
         super::time::check_own(name, table)?;
     }
+    link::check_scene(scene)?;
     for (name, table) in &scene.interface {
         let [c, f] = sides_of(name, table, scene)?;
         let models: Vec<&ModelTable> = scene.model.values().collect();
@@ -154,7 +155,7 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
         Selection::Group(name) => name,
     };
     let known: &[&str] = match (&table.shape, table.kind) {
-        (Shape::File(_) | Shape::Piece(_), _) => return Ok(()),
+        (Shape::File(_) | Shape::Piece(_) | Shape::Linked, _) => return Ok(()),
         (Shape::Ball { .. }, ModelKind::Dem) => &BALL[..0],
         (Shape::Ball { .. }, _) => &BALL,
         (Shape::Box { .. }, _) => &BOX,
@@ -179,7 +180,7 @@ fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
         }
         Shape::Bar { from, to, .. } => [[from, 0.0, 0.0], [to, 0.0, 0.0]],
         Shape::Ball { centre, radius } => [centre.map(|c| c - radius), centre.map(|c| c + radius)],
-        Shape::File(_) | Shape::Piece(_) => return None,
+        Shape::File(_) | Shape::Piece(_) | Shape::Linked => return None,
     })
 }
 
@@ -220,6 +221,10 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         return Err(key(format!("{path}.absorber"), rule));
     }
     let at = format!("{path}.mediator");
+    // What a link brings is known once it is there.
+    if table.mediator.shape.is_none() && models.iter().any(|m| m.kind == ModelKind::Link) {
+        return Ok(());
+    }
     let shape = mediator::mediator_shape(&at, table, models.map(|m| &m.shape))?;
     mediator::mediator(&at, table, &shape, 1.0, folder).check()
 }

@@ -1,6 +1,7 @@
 //! Model tables.
 
 use super::choice::choice;
+use super::schema;
 use crate::setup::zone::Piece;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,9 @@ pub enum ModelKind {
     Dem,
     /// Masses `ρ S r` (half at the ends) and springs `E S/r` along x; shape `bar`, role `fine` only.
     Chain,
+    /// A solver in another process, which brings its own nodes, masses and steps; needs `command` or `address`, and takes
+    /// neither `shape` nor `material`.
+    Link,
 }
 
 impl ModelKind {
@@ -31,12 +35,14 @@ impl ModelKind {
 /// `[model.NAME]`.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::but_for_links())]
 pub struct ModelTable {
     /// Which model; exchanging it is this one word.
     pub kind: ModelKind,
     /// Its part in the coupling; needed by a model that takes part in an interface.
     pub role: Option<RoleKind>,
-    /// Its body.
+    /// Its body. Default: needed by all kinds but `link`.
+    #[serde(default = "unsaid_shape")]
     pub shape: Shape,
     /// Target distance of nodes, mean diameter of spheres \[m\]; needed unless `divisions` or a mesh file says it.
     pub spacing: Option<f64>,
@@ -47,7 +53,8 @@ pub struct ModelTable {
     pub scale: f64,
     /// Physical volume of its mesh file that it fills. Default: all of them.
     pub volume: Option<String>,
-    /// What it is made of.
+    /// What it is made of. Default: needed by all kinds but `link`.
+    #[serde(default = "unsaid_material")]
     pub material: Material,
     /// Physical volumes of its mesh file that are made of something else, by name (the first group that a volume belongs
     /// to); `poisson` is that of `material` where it is left out. For `fem` and `dem`: beams of spheres are stiffer or softer in
@@ -65,9 +72,41 @@ pub struct ModelTable {
     /// Choices of particles; read by `kind = "dem"` only.
     #[serde(default)]
     pub dem: DemTable,
+    /// Program and arguments that the run starts, in the folder of the scene; the program finds where to connect in the
+    /// environment variable `ARLEQUIN_LINK`. For `kind = "link"` only: whoever runs the scene runs this.
+    pub command: Option<Vec<String>>,
+    /// Where the run waits for a program that somebody else starts, in place of `command`: `unix:PATH`, `tcp:127.0.0.1:PORT`,
+    /// or `tcp-open:IP:PORT` on a network that is closed to strangers.
+    pub address: Option<String>,
+    /// How long the program may take to connect, and to answer \[s\]; for `kind = "link"`. Default: 4.
+    pub timeout: Option<f64>,
+}
+
+/// That of a link; others are told that it is missing.
+fn unsaid_shape() -> Shape {
+    Shape::Linked
+}
+
+/// The same of its material: numbers that no scene can say.
+fn unsaid_material() -> Material {
+    Material {
+        young: f64::NAN,
+        poisson: None,
+        density: f64::NAN,
+    }
 }
 
 impl ModelTable {
+    /// The key that this kind of model needs and does not have, if there is one.
+    pub(crate) fn missing(&self) -> Option<&'static str> {
+        match self.kind {
+            ModelKind::Link => None,
+            _ if matches!(self.shape, Shape::Linked) => Some("shape"),
+            _ if self.material.young.is_nan() => Some("material"),
+            _ => None,
+        }
+    }
+
     /// Whether it has elements that fill a volume.
     pub fn has_volume(&self) -> bool {
         self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
@@ -168,6 +207,9 @@ pub enum Shape {
     /// What `[body]` and `[zone.NAME]` leave to one of their models.
     #[serde(skip)]
     Piece(Piece),
+    /// What only the program behind a link knows.
+    #[serde(skip)]
+    Linked,
 }
 
 choice!(
@@ -196,6 +238,7 @@ impl Shape {
             Self::Bar { .. } => "bar",
             Self::File(_) => "file",
             Self::Piece(_) => "a part of the body",
+            Self::Linked => "that of a link",
         }
     }
 }

@@ -64,6 +64,17 @@ fn plain(schema: &mut Schema) {
     }
 }
 
+/// A link has a command or an address; all other models need a shape and a material.
+pub(crate) fn but_for_links() -> impl Transform {
+    move |schema: &mut Schema| {
+        let link = json!({ "properties": { "kind": { "const": "link" } } });
+        schema.insert("if".into(), link);
+        let one = json!({ "oneOf": [{ "required": ["command"] }, { "required": ["address"] }] });
+        schema.insert("then".into(), one);
+        schema.insert("else".into(), json!({ "required": ["shape", "material"] }));
+    }
+}
+
 /// Exactly one of these keys must be there.
 pub(crate) fn exactly_one(keys: &'static [&'static str]) -> impl Transform {
     move |schema: &mut Schema| {

@@ -109,9 +109,15 @@ fn check_body(body: &ModelTable, zones: bool) -> Result<()> {
 
 fn check_zone(name: &str, zone: &ZoneTable) -> Result<()> {
     let path = format!("zone.{name}");
-    if zone.kind == ModelKind::Chain {
-        let rule = "a chain is a line and fills no zone; take \"fem\", \"cnem\" or \"dem\"";
-        return Err(value(format!("{path}.kind"), "chain", rule));
+    let rule = match zone.kind {
+        ModelKind::Chain => "a chain is a line and fills no zone; take \"fem\", \"cnem\" or \"dem\"",
+        ModelKind::Link => {
+            "a zone is filled here, and a link brings its own body; write [model.NAME] and [interface.NAME]"
+        }
+        ModelKind::Fem | ModelKind::Cnem | ModelKind::Dem => "",
+    };
+    if !rule.is_empty() {
+        return Err(value(format!("{path}.kind"), kind_name(zone.kind), rule));
     }
     for (key, x) in [
         ("overlap.width", Some(zone.overlap.width)),
@@ -135,6 +141,7 @@ fn kind_name(kind: ModelKind) -> &'static str {
         ModelKind::Cnem => "cnem",
         ModelKind::Dem => "dem",
         ModelKind::Chain => "chain",
+        ModelKind::Link => "link",
     }
 }
 
@@ -156,6 +163,9 @@ fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {
         fem: zone.fem,
         cnem: zone.cnem,
         dem: zone.dem.clone(),
+        command: None,
+        address: None,
+        timeout: None,
     }
 }
 

@@ -1,0 +1,289 @@
+//! `kind = "link"`: a solver in another process as a body.
+
+use super::kinds::Body;
+use super::mesh::Grid;
+use crate::error::{Error, Result, core, fem, key, value};
+use crate::spec::{ModelKind, ModelTable, SceneSpec, Shape};
+use arlequin::core::geometry::bounds_of;
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::{
+    self as arlequin_core, DofLayout, Interpolation, Model, Participant, ParticleField, Weight,
+};
+use arlequin::fem_ref::{ElementKind, FemField, Mesh};
+use arlequin_link::{Address, Element, Options, Remote, Shape as LinkShape};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Longest a program may be waited for \[s\]: a year.
+const LONGEST: f64 = 3.2e7;
+
+/// What a table would start or wait for, in words; none if it is no link.
+pub fn link_of(table: &ModelTable) -> Option<String> {
+    if table.kind != ModelKind::Link {
+        return None;
+    }
+    let command = table.command.as_deref().map(arlequin_link::shown);
+    Some(match (command, &table.address) {
+        (Some(command), _) => format!("starts {command}"),
+        (None, Some(address)) => format!("waits at {address}"),
+        (None, None) => "names nothing".into(),
+    })
+}
+
+/// Refuses keys of a link elsewhere, and of other kinds here.
+pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
+    let own = [
+        ("command", table.command.is_some()),
+        ("address", table.address.is_some()),
+        ("timeout", table.timeout.is_some()),
+    ];
+    if table.kind != ModelKind::Link {
+        return match own.iter().find(|k| k.1) {
+            None => Ok(()),
+            Some((name, _)) => Err(key(format!("{at}.{name}"), "is for kind = \"link\"; remove it")),
+        };
+    }
+    let of_others = [
+        ("shape", !matches!(table.shape, Shape::Linked)),
+        ("material", !table.material.young.is_nan()),
+        ("spacing", table.spacing.is_some()),
+        ("divisions", table.divisions.is_some()),
+        ("volume", table.volume.is_some()),
+        ("materials", !table.materials.is_empty()),
+    ];
+    if let Some((name, _)) = of_others.iter().find(|k| k.1) {
+        let rule = "is the business of the program behind the link; remove it";
+        return Err(key(format!("{at}.{name}"), rule));
+    }
+    match (&table.command, &table.address) {
+        (Some(c), None) if c.is_empty() => Err(key(
+            format!("{at}.command"),
+            "names no program; write command = [\"python3\", \"solver.py\"]",
+        )),
+        (Some(_), None) => Ok(()),
+        (None, Some(_)) => address(at, table).map(|_| ()),
+        _ => Err(key(
+            at,
+            "a link needs exactly one of command = [\"program\", \"argument\"], address = \"unix:PATH\"",
+        )),
+    }?;
+    match table.timeout {
+        Some(t) if !(t > 0.0 && t < LONGEST) => {
+            let rule = "must be positive [s], and at most a year; the default is 4";
+            Err(value(format!("{at}.timeout"), t, rule))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses what a scene with links cannot have.
+pub(super) fn check_scene(scene: &SceneSpec) -> Result<()> {
+    let Some((name, _)) = scene.model.iter().find(|m| m.1.kind == ModelKind::Link) else {
+        return Ok(());
+    };
+    let table = if scene.wake.is_some() {
+        "wake"
+    } else if scene.statics.is_some() {
+        "static"
+    } else {
+        return Ok(());
+    };
+    let rule = format!(
+        "model '{name}' is a link, which steps by itself from the start on; remove {table}, or the link"
+    );
+    Err(key(table, rule))
+}
+
+fn address(at: &str, table: &ModelTable) -> Result<Address> {
+    let text = table.address.as_deref().unwrap_or_default();
+    text.parse().map_err(|e: arlequin_link::Error| {
+        let rule = match e {
+            arlequin_link::Error::Address { rule, .. } => rule,
+            other => other.to_string(),
+        };
+        value(format!("{at}.address"), text, &rule)
+    })
+}
+
+/// Starts or awaits the solver and makes a body of what it says of itself.
+pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+    let mut options = Options::default();
+    if let Some(t) = table.timeout {
+        options.timeout = Duration::from_secs_f64(t);
+    }
+    let met = match &table.command {
+        Some(command) => Remote::start(name, command, folder, options),
+        None => Remote::await_at(name, &address(at, table)?, options),
+    };
+    let solver = met.map_err(|e| failed(at, name, e))?;
+    let (field, grid, shape): (Arc<dyn Interpolation<f64>>, _, _) = match solver.shape() {
+        LinkShape::Particles { volumes, pairs } => particles(at, solver.nodes(), volumes, pairs)?,
+        LinkShape::Mesh {
+            element,
+            connectivity,
+            section,
+        } => {
+            let mesh = Mesh::new(kind_of(*element), solver.nodes().to_vec(), connectivity.clone());
+            let mesh = mesh.and_then(|m| m.with_section(*section)).map_err(fem(at))?;
+            let grid = Grid::of_mesh(&mesh);
+            let shape = extent(solver.nodes(), (*element == Element::Line).then_some(*section));
+            (Arc::new(FemField::new(mesh)), grid, shape)
+        }
+    };
+    Ok(Body {
+        model: Box::new(Linked::of(&solver)),
+        spacing: spacing(&grid),
+        groups: groups(&solver),
+        field,
+        grid,
+        surfaces: BTreeMap::new(),
+        boundary: Vec::new(),
+        material: None,
+        materials: None,
+        shape,
+        grains: None,
+        warnings: Vec::new(),
+        solver: Some(Box::new(solver)),
+    })
+}
+
+fn failed(at: &str, name: &str, e: arlequin_link::Error) -> Error {
+    core(at)(arlequin_core::Error::of_model(name, e))
+}
+
+fn kind_of(element: Element) -> ElementKind {
+    match element {
+        Element::Line => ElementKind::Bar2,
+        Element::Tetrahedron => ElementKind::Tet4,
+        Element::Hexahedron => ElementKind::Hex8,
+    }
+}
+
+/// Field, picture and extent of particles.
+type Parts = (Arc<dyn Interpolation<f64>>, Grid, Shape);
+
+fn particles(at: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]]) -> Result<Parts> {
+    let field = ParticleField::new(nodes.to_vec(), volumes).map_err(core(at))?;
+    let field = if pairs.is_empty() {
+        field
+    } else {
+        field.with_gradients(pairs).map_err(core(at))?
+    };
+    let third = 0.75 / std::f64::consts::PI;
+    let grid = Grid {
+        points: nodes.to_vec(),
+        connectivity: pairs.iter().flatten().copied().collect(),
+        corners: 2,
+        cell_type: 3,
+        radii: volumes.iter().map(|v| (v * third).cbrt()).collect(),
+    };
+    Ok((Arc::new(field), grid, extent(nodes, None)))
+}
+
+/// The box around the nodes, or the line they lie on: what a mediator is derived from. Where the body fills less, the set-up
+/// finds that the mediator sticks out of it.
+fn extent(nodes: &[Point3<f64>], section: Option<f64>) -> Shape {
+    let [low, high] = bounds_of(nodes.iter());
+    match section {
+        Some(section) => Shape::Bar {
+            from: low.x,
+            to: high.x,
+            section,
+        },
+        None => Shape::Box {
+            low: low.coords.into(),
+            high: high.coords.into(),
+            hole: None,
+        },
+    }
+}
+
+/// Mean length of an edge or bond; twice the mean radius of particles without bonds.
+fn spacing(grid: &Grid) -> f64 {
+    if grid.connectivity.is_empty() {
+        return 2.0 * grid.radii.iter().sum::<f64>() / grid.radii.len().max(1) as f64;
+    }
+    let ends = grid.connectivity.chunks_exact(grid.corners);
+    let lengths = ends.map(|e| (grid.points[e[1] as usize] - grid.points[e[0] as usize]).norm());
+    lengths.sum::<f64>() / grid.cells() as f64
+}
+
+/// Both ends of a line, for probes.
+fn groups(solver: &Remote) -> BTreeMap<String, Vec<usize>> {
+    let line = matches!(
+        solver.shape(),
+        LinkShape::Mesh {
+            element: Element::Line,
+            ..
+        }
+    );
+    if !line {
+        return BTreeMap::new();
+    }
+    let x = |k: &usize| solver.nodes()[*k].x;
+    let all = 0..solver.nodes().len();
+    let first = all.clone().min_by(|a, b| x(a).total_cmp(&x(b)));
+    let last = all.max_by(|a, b| x(a).total_cmp(&x(b)));
+    let ends = [("x-min", first), ("x-max", last)];
+    ends.into_iter()
+        .map(|(n, k)| (n.to_owned(), k.into_iter().collect()))
+        .collect()
+}
+
+/// What the scene sees of the solver before the run has it: nodes and unknowns. Nothing asks it for forces.
+struct Linked {
+    name: String,
+    kind: String,
+    layout: DofLayout,
+    nodes: Vec<Point3<f64>>,
+    inertia: Vec<f64>,
+}
+
+impl Linked {
+    fn of(solver: &Remote) -> Self {
+        Self {
+            name: solver.name().to_owned(),
+            kind: solver.kind().to_owned(),
+            layout: solver.layout(),
+            nodes: solver.nodes().to_vec(),
+            inertia: solver.description().inertia.clone(),
+        }
+    }
+
+    fn elsewhere(&self) -> arlequin_core::Error {
+        arlequin_core::Error::Unsupported {
+            model: self.name.clone(),
+            what: "be asked for forces or weights: they are those of the program behind the link".into(),
+        }
+    }
+}
+
+impl Model<f64> for Linked {
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn kind(&self) -> &str {
+        &self.kind
+    }
+    fn layout(&self) -> DofLayout {
+        self.layout
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        &self.nodes
+    }
+    fn lumped_inertia(&self, _: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
+        out.copy_from_slice(&self.inertia);
+        Ok(())
+    }
+    fn set_internal_weight(&mut self, _: &dyn Weight<f64>) -> arlequin_core::Result<()> {
+        Err(self.elsewhere())
+    }
+    fn add_internal_forces(&mut self, _: &[f64], _: &mut [f64]) -> arlequin_core::Result<()> {
+        Err(self.elsewhere())
+    }
+    fn internal_energy(&self, _: &[f64]) -> f64 {
+        0.0
+    }
+}
