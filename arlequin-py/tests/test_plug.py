@@ -369,11 +369,17 @@ CLIENTS = pathlib.Path(__file__).parents[2] / "arlequin-link" / "clients" / "pyt
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links are those of Unix")
-def test_a_solver_in_another_process_moves_like_that_of_the_library():
+def test_a_solver_in_another_process_moves_like_that_of_the_library(tmp_path):
+    script = tmp_path / "moving.py"
+    script.write_text(
+        f"import sys; sys.path.append({str(CLIENTS)!r})\n"
+        "from arlequin_link import serve\nfrom chain import Chain\n"
+        f"chain = Chain(-20.0, 1.0, {BONDS}, 1.0, 1.0)\nchain.v[:] = {V0.tolist()}\nserve(chain)\n"
+    )
     share = aq.Weights.same(aq.Ramp(aq.Slab(fine=0.0, coarse=-20.0), "cubic", 1e-6))
     rest = aq.Weights.complement_of(share)
     bar = aq.FemModel("bar", aq.Mesh.bar(-100.0, 0.0, 10), aq.Elastic(1.0, 0.0, 1.0))
-    there = aq.Subdomain.remote("chain", [sys.executable, str(CLIENTS / "chain.py")], rest, timeout=20.0)
+    there = aq.Subdomain.remote("chain", [sys.executable, str(script)], rest, timeout=20.0)
     tie = aq.Interface("overlap", "bar", "chain", aq.Mesh.bar(-20.0, 0.0, 2))
     theirs = aq.Coupled([aq.Subdomain.coarse(bar, share), there], [tie], seconds=0.8)
     ours = coupled(chain("rust"), ratio=1)

@@ -419,6 +419,14 @@ class Broken(RunError):
     """A link that was used again after an error."""
 
 
+class Rank(InputError):
+    """What went wrong between ranks."""
+
+
+class InParts(InputError):
+    """Something that needs all of a body."""
+
+
 def _make(kind: str, message: str, key: Optional[str], line: Optional[int]) -> Error:
     """The exception of this name; of one that is not listed here, one that shows it."""
     found = globals().get(kind)
