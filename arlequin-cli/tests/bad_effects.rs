@@ -89,6 +89,8 @@ fn effects_of_particles() {
     let mut moved = format!("obstacle.mass = 1.0\nobstacle.{sphere}");
     moved.push_str("\nobstacle.displacement = { amplitude = [0.0, 0.0, 1.0], time = \"step\" }");
     refused(&folder, GRAINS, &moved, "displacement excludes velocity and mass");
+    let driven = format!("obstacle.{sphere}\nobstacle.spin = [0.0, 1.0, 0.0]");
+    refused(&folder, GRAINS, &driven, "only a free sphere turns");
     let skin = format!("obstacle.{sphere}\nobstacle.contact.skin = 1.0");
     refused(&folder, GRAINS, &skin, "an obstacle knows no skin");
     let notch = "dem = { count = 200, protocol = \"quench\", notch = [{ low = [9.0, 9.0, 9.0], high = [9.0, 9.0, 9.0] }] }";

@@ -117,6 +117,18 @@ fn plate_impact() {
 }
 
 #[test]
+fn struck_block() {
+    let s = summary(&run("struck-block", &["time.end=1.5e-6"]));
+    assert_eq!(s["status"], "complete");
+    assert_eq!(s["models"].as_array().map(Vec::len), Some(2));
+    assert!(number(&s, "/energy/h_drift_max") < 1e-11);
+    assert!(number(&s, "/interface/0/max_constraint_residual") < 1e-12);
+    // The zone's beams are the body's; what is left is told.
+    let warnings = s["warnings"].to_string();
+    assert!(warnings.contains("bonds meet at its spheres"), "{warnings}");
+}
+
+#[test]
 fn exchanging_the_kind_is_one_word() {
     let out = scratch("scene-kind").join("out");
     let path = scene("bar-1d.toml");

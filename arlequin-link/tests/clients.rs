@@ -202,7 +202,7 @@ fn a_bar_of_lammps_behind_a_link_is_our_chain_in_one_process_and_in_two() {
         return;
     }
     let prefix = PathBuf::from(String::from_utf8(found.stdout).unwrap().trim());
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/python/lammps_link.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/python/lammps_ranks.py");
     let set = |name: &str, value: &Path| format!("{name}={}", value.display());
     for ranks in [1, 2] {
         let command: Vec<String> = [

@@ -3,7 +3,10 @@
 //! | module | ranks are |
 //! |---|---|
 //! | [`threads`] | threads of this process, each with a pool of its own: for tests |
+//! | `processes` (feature `mpi`) | processes that speak MPI |
 //!
 //! What is shared out, and how results keep their bits, stands in [`arlequin_core::ranks`].
 
+#[cfg(feature = "mpi")]
+pub mod processes;
 pub mod threads;

@@ -7,7 +7,7 @@ use arlequin_core::{
     Coupled, Error, Guard, Model, Partition, PrescribedMotion, Silent, Subdomain, TimeStep, Weight, Weights,
 };
 use arlequin_mpi::threads;
-use dem_beam::{BeamMaterial, Container, DemModel, LoadShare, PackingSpec};
+use dem_beam::{BeamMaterial, Container, DemModel, LoadShare, Packing, PackingSpec};
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ impl Weight<f64> for Along {
 
 /// Six units, the last of them not full.
 fn bar(finite: bool) -> DemModel {
-    static BAR: LazyLock<DemPacking> = LazyLock::new(|| {
+    static BAR: LazyLock<Packing> = LazyLock::new(|| {
         PackingSpec::quench(Container::cylinder(6e-3, 1e-3).unwrap(), 1450, 3)
             .build()
             .unwrap()
@@ -33,7 +33,6 @@ fn bar(finite: bool) -> DemModel {
     let m = DemModel::new("bar", &BAR, BeamMaterial::SILICA, 2200.0).unwrap();
     if finite { m.with_finite_rotations() } else { m }
 }
-type DemPacking = dem_beam::Packing;
 
 /// The part of a body that a rank holds.
 fn part(model: DemModel, communicator: Arc<dyn Communicator>) -> DemModel {

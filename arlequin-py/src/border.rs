@@ -40,3 +40,9 @@ impl Pulse {
         })
     }
 }
+
+/// For tests of the border: the mistake that must not be.
+#[pyfunction]
+pub(crate) fn _mistake(py: Python<'_>, text: String) -> PyResult<()> {
+    outside(py, || std::panic::panic_any(text))
+}

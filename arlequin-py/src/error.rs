@@ -115,6 +115,9 @@ impl From<core::Error> for Fault {
             if let Some(inner) = source.downcast_ref::<cnem::Error>() {
                 return Self::of(&variant(inner), e.to_string());
             }
+            if let Some(inner) = source.downcast_ref::<arlequin_link::Error>() {
+                return Self::of(&variant(inner), e.to_string());
+            }
         }
         Self::named(&e)
     }
@@ -144,6 +147,12 @@ impl From<cnem::Error> for Fault {
             cnem::Error::Core(e) => e.into(),
             e => Self::named(&e),
         }
+    }
+}
+
+impl From<arlequin_link::Error> for Fault {
+    fn from(e: arlequin_link::Error) -> Self {
+        Self::named(&e)
     }
 }
 

@@ -12,6 +12,7 @@ mod error;
 mod frames;
 mod models;
 mod plug;
+mod remote;
 mod scene;
 mod shapes;
 mod solver;
@@ -23,6 +24,8 @@ use pyo3::prelude::*;
 /// The part of the package that is written in Rust.
 #[pymodule]
 mod _native {
+    #[pymodule_export]
+    use crate::border::_mistake;
     #[pymodule_export]
     use crate::choices::{
         Effect, Elastic, Junction, Ramp, Region, Shell, Slab, TimeFunction, Weights, body_force, load,

@@ -89,13 +89,14 @@ impl Scene {
         made
     }
 
-    /// Proposes settings for an error or a time: JSON.
+    /// Proposes settings for an error or a time: JSON; writes the scene with them to `apply`.
     fn suggest(
         &self,
         py: Python<'_>,
         error: Option<f64>,
         time: Option<f64>,
         frequency: Option<f64>,
+        apply: Option<PathBuf>,
     ) -> PyResult<String> {
         let goal = match (error, time) {
             (Some(e), None) => Goal::Error(e),
@@ -107,6 +108,9 @@ impl Scene {
         };
         let made = outside(py, || {
             let found = suggest(&self.0, goal, frequency).map_err(self.fault())?;
+            if let Some(file) = &apply {
+                found.write(&self.0, file).map_err(self.fault())?;
+            }
             Ok(json("writing the proposal", &found)?)
         });
         py.check_signals()?;

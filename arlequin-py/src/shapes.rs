@@ -15,6 +15,9 @@ use std::sync::Arc;
 /// Node numbers as arrays of the border have them.
 pub(crate) type Connectivity<'py> = PyArrayLike2<'py, i64, AllowTypeChange>;
 
+/// Nodes and values.
+type Row<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+
 /// A finite element mesh: bars along x, tetrahedra or hexahedra of corner nodes.
 ///
 /// `kind` is "bar", "tet" or "hex", `points` are nodes [m], `cells` the corners of each element, `section` the cross-section
@@ -193,11 +196,7 @@ impl Field {
     }
 
     /// Nodes and values of the shape functions at a point [m]: the field there is `values @ u[nodes]`.
-    fn shape_at<'py>(
-        &self,
-        py: Python<'py>,
-        x: Numbers<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>)> {
+    fn shape_at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Row<'py>> {
         let mut row = ShapeRow::default();
         let found = self.0.shape_at(&point("x", &x)?, false, &mut row);
         found.map_err(Fault::from)?;

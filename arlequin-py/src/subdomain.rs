@@ -1,10 +1,12 @@
 //! Models with their weights, and what ties them.
 
 use crate::arrays::{Numbers, flat};
+use crate::border::outside;
 use crate::choices::{Effect, Junction, Weights, time_function};
 use crate::error::Fault;
 use crate::models::NativeModel;
 use crate::plug::{self, Pending};
+use crate::remote::{Place, meet};
 use crate::shapes::{field_of, mediator_of};
 use crate::solver::{PythonSolver, used};
 use arlequin::core::{self, InterfaceOptions, Mediator, OwnStep, Partition, PrescribedMotion};
@@ -112,6 +114,31 @@ impl Subdomain {
             name,
             inner: Mutex::new(Some(pending.take().map_or(inner, |e| Err(e.into()))?)),
             pending,
+        })
+    }
+
+    /// A whole solver in another process, as `name`: started by a `command`, such as `["python3", "solver.py"]`, or awaited at an
+    /// `address`, such as "unix:/tmp/solver". It must answer within `timeout` [s].
+    #[staticmethod]
+    #[pyo3(signature = (name, command = None, weights = None, *, address = None, timeout = 4.0))]
+    fn remote(
+        py: Python<'_>,
+        name: String,
+        command: Option<Vec<String>>,
+        weights: Option<&Weights>,
+        address: Option<String>,
+        timeout: f64,
+    ) -> PyResult<Self> {
+        let place = Place::of(command, address)?;
+        let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
+        let inner = outside(py, || {
+            let (solver, field) = meet(&name, &place, timeout)?;
+            Ok(Inner::participant(Box::new(solver), field, weights)?)
+        })?;
+        Ok(Self {
+            name,
+            inner: Mutex::new(Some(inner)),
+            pending: Pending::default(),
         })
     }
 

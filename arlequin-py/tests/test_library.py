@@ -11,7 +11,8 @@ def test_a_bar_of_three_kinds_of_models_is_one_body():
     """Natural elements, finite elements and particles side by side keep energy and momentum."""
     silica = aq.Elastic(72.5e9, 0.17, 2200.0)
     rng = np.random.default_rng(3)
-    grid = np.array([(x, y, z) for z in np.linspace(0, 1e-3, 4) for y in np.linspace(0, 1e-3, 4) for x in np.linspace(0, 3e-3, 9)])
+    across = np.linspace(0, 1e-3, 4)
+    grid = np.array([(x, y, z) for z in across for y in across for x in np.linspace(0, 3e-3, 9)])
     left = aq.CnemModel("left", grid, silica)
     packing = aq.Packing.block((2e-3, 0, 0), (5e-3, 1e-3, 1e-3), 800, seed=2, quench=True)
     right = aq.DemModel("right", packing, 2200.0)
@@ -21,7 +22,8 @@ def test_a_bar_of_three_kinds_of_models_is_one_body():
     bodies = [aq.Subdomain.coarse(left, share), aq.Subdomain.fine(right, aq.Weights.complement_of(share))]
     v = np.concatenate([rng.normal(size=3 * particles), np.zeros(3 * particles)])
     bodies[1].with_initial(0 * v, v).with_partition("unchecked")
-    tie = aq.Interface("tie", "left", "right", aq.Mesh.block("hex", (2e-3, 0, 0), (3e-3, 1e-3, 1e-3), (2, 2, 2)), sampling="particles")
+    overlap = aq.Mesh.block("hex", (2e-3, 0, 0), (3e-3, 1e-3, 1e-3), (2, 2, 2))
+    tie = aq.Interface("tie", "left", "right", overlap, sampling="particles")
     run = aq.Coupled(bodies, [tie], chosen=0.8)
     before = run.momentum
     run.run(200)
@@ -111,7 +113,8 @@ def test_particles_of_ones_own_are_bonded():
     points = np.array([(i, j, k) for i in range(4) for j in range(3) for k in range(3)], float)
     d = np.linalg.norm(points[:, None] - points[None], axis=2)
     pairs = np.argwhere(np.triu((d > 0) & (d < 1.5)))
-    model = aq.DemModel("grains", (points, np.full(len(points), 0.5), pairs, 36.0), 2.0, young=1.0, poisson=0.3, radius_ratio=0.7)
+    spheres = points, np.full(len(points), 0.5), pairs, 36.0
+    model = aq.DemModel("grains", spheres, 2.0, young=1.0, poisson=0.3, radius_ratio=0.7)
     assert abs(model.lumped_inertia()[: 3 * len(points)].sum() / 3 - 72.0) < 1e-10
     assert sorted(model.order) == list(range(len(points)))
     assert np.allclose(model.nodes, points[model.order])
@@ -147,7 +150,7 @@ def test_every_kind_of_error_in_rust_has_its_exception():
     root = pathlib.Path(__file__).parents[2]
     # Those that only carry others.
     carried = {"Core", "Fem", "Dem", "Cnem", "Kept", "InBody"}
-    for crate in ("arlequin-scene", "arlequin-core", "fem-ref", "dem-beam", "cnem"):
+    for crate in ("arlequin-scene", "arlequin-core", "arlequin-link", "fem-ref", "dem-beam", "cnem"):
         text = (root / crate / "src" / "error.rs").read_text()
         body = text[text.index("pub enum Error") :]
         names = re.findall(r"^    ([A-Z]\w+)(?: \{|\(|,)", body[: body.index("\n}")], re.M)

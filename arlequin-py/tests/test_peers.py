@@ -55,6 +55,12 @@ def test_particles_of_lammps_on_two_processes_move_the_same(lammps):
         assert float(drift) < 1e-9 and float(gap) < 1e-9 * abs(lammps.PULSE).max()
 
 
+def test_particles_of_lammps_in_another_process_move_the_same(lammps, monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    drift, gap = example("lammps_link").main(2_000)
+    assert drift < 1e-9 and gap < 1e-9 * abs(lammps.PULSE).max()
+
+
 def test_a_pulse_of_our_particles_goes_through_a_mesh_of_scikit_fem():
     pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install scikit-fem")
     bar = example("scikit_fem_bar")

@@ -1,6 +1,8 @@
 """Models and solvers written in Python, held against those of the library."""
 
 import inspect
+import pathlib
+import sys
 import time
 
 import numpy as np
@@ -361,3 +363,40 @@ def test_an_observer_sees_the_run_and_ends_it():
     assert run.run(1000, observer, every=10) == 50
     assert [s for s, _ in seen] == [10, 20, 30, 40, 50]
     assert run.run_until(run.time + 24.0) == 10 and run.steps == 60
+
+
+CLIENTS = pathlib.Path(__file__).parents[2] / "arlequin-link" / "clients" / "python"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links are those of Unix")
+def test_a_solver_in_another_process_moves_like_that_of_the_library(tmp_path):
+    script = tmp_path / "moving.py"
+    script.write_text(
+        f"import sys; sys.path.append({str(CLIENTS)!r})\n"
+        "from arlequin_link import serve\nfrom chain import Chain\n"
+        f"chain = Chain(-20.0, 1.0, {BONDS}, 1.0, 1.0)\nchain.v[:] = {V0.tolist()}\nserve(chain)\n"
+    )
+    share = aq.Weights.same(aq.Ramp(aq.Slab(fine=0.0, coarse=-20.0), "cubic", 1e-6))
+    rest = aq.Weights.complement_of(share)
+    bar = aq.FemModel("bar", aq.Mesh.bar(-100.0, 0.0, 10), aq.Elastic(1.0, 0.0, 1.0))
+    there = aq.Subdomain.remote("chain", [sys.executable, str(script)], rest, timeout=20.0)
+    tie = aq.Interface("overlap", "bar", "chain", aq.Mesh.bar(-20.0, 0.0, 2))
+    theirs = aq.Coupled([aq.Subdomain.coarse(bar, share), there], [tie], seconds=0.8)
+    ours = coupled(chain("rust"), ratio=1)
+    for run in (ours, theirs):
+        run.run(500)
+        assert run.drift < 1e-12
+    assert gap(states(ours), states(theirs)) < 1e-12
+
+
+def test_a_solver_that_does_not_come_is_named():
+    begin = time.monotonic()
+    with pytest.raises(errors.Command, match="before it connected"):
+        aq.Subdomain.remote("nobody", [sys.executable, "-c", "pass"], timeout=2.0)
+    with pytest.raises(errors.InputError):
+        aq.Subdomain.remote("nobody", ["no-such-program-at-all"])
+    with pytest.raises(errors.Key, match="command="):
+        aq.Subdomain.remote("nobody")
+    with pytest.raises(errors.InvalidParameter, match="timeout"):
+        aq.Subdomain.remote("nobody", ["true"], timeout=-1.0)
+    assert time.monotonic() - begin < 5.0

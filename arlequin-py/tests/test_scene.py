@@ -215,12 +215,14 @@ def test_probes_are_drawn_where_matplotlib_is(run):
     assert run.energy.plot("kinetic", "internal").get_xlabel() == "time [s]"
 
 
-def test_suggestions_are_records_whose_values_can_be_set():
+def test_suggestions_are_records_and_scenes(tmp_path):
     # Narrower overlaps are among the proposals.
     scene = Scene(SCENES / "bar-1d.toml", **{"probe.overlap.at": [0.51, 0.0, 0.0]})
-    found = scene.suggest(error=0.05)
+    found = scene.suggest(error=0.05, apply=tmp_path / "better.toml")
     assert found.proposed.errors.displacement < 0.05
     assert found["set"] and found.proposed.seconds > 0.0
+    better, given = Scene(tmp_path / "better.toml"), scene.check()
+    assert better.check().models[0].unknowns != given.models[0].unknowns
 
 
 def test_a_sweep_holds_runs_against_each_other(tmp_path):
@@ -253,3 +255,10 @@ def test_a_waking_scene_has_both_of_its_parts():
     assert done.summary.wake.woken
     assert done.asleep is not None and done.asleep.summary.status == "woken"
     assert done.asleep.asleep is None
+
+
+def test_a_panic_becomes_an_exception():
+    from arlequin import _native
+
+    with pytest.raises(errors.InternalError, match="a mistake in arlequin itself: seven.*report"):
+        _native._mistake("seven")

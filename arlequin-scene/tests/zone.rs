@@ -245,16 +245,33 @@ fn ell_pulled(zone: &str) -> String {
 }
 
 /// Elements of any form leave the gradient of the weights to vary from one to the next, which multipliers cannot follow: nodes
-/// that are next to weightless move most, the energy hardly knows.
+/// that are next to weightless move most, the energy hardly knows. 2.1 % with the linear weight of zones, 10.6 % with the cubic one.
 #[test]
 fn uniform_strain_of_a_gmsh_body_with_a_zone_has_nearly_its_energy() {
-    for zone in [
-        "kind = \"fem\"\nspacing = 3.5e-3\nweight = { profile = \"linear\", epsilon = 0.0 }",
-        "kind = \"fem\"\nspacing = 3.5e-3",
-    ] {
-        let [off, energy] = off_uniform_tension(&mut built(&ell_pulled(zone)), 27_648e-9);
-        eprintln!("patch {zone}: {off:e} {energy:e}");
-        assert!(off < 0.15 && energy < 0.05, "{off:e} {energy:e}");
+    let zone = "kind = \"fem\"\nspacing = 3.5e-3";
+    let [off, energy] = off_uniform_tension(&mut built(&ell_pulled(zone)), 27_648e-9);
+    eprintln!("patch {zone}: {off:e} {energy:e}");
+    assert!(off < 0.025 && energy < 1e-3, "{off:e} {energy:e}");
+}
+
+/// With multipliers as fine as the zone's elements `σ grad f` is tested by all of them, and every weight passes: on tetrahedra, around
+/// corners, with the cubic weight as with the linear one.
+#[test]
+fn uniform_strain_passes_a_zone_exactly_with_a_mediator_as_fine_as_its_elements() {
+    let block = |zone: &str| {
+        let text = format!(
+            "[body]\nkind = \"fem\"\nfem.element = \"tet4\"\nspacing = 1.0\nmaterial = {STEEL}\n\
+             shape.box = {{ low = [0.0, 0.0, 0.0], high = [14.0, 8.0, 1.0] }}\n\
+             [zone.middle]\nkind = \"fem\"\nspacing = 0.9\n{zone}\n\
+             shape.box = {{ low = [6.0, 3.0, -1.0], high = [8.0, 5.0, 3.0] }}\noverlap.width = 2.0\n"
+        );
+        off_uniform_tension(&mut built(&block_pulled(&text, "body", "middle")), 112.0)[0]
+    };
+    let coarse = block("");
+    for profile in ["linear", "cubic"] {
+        let fine = block(&format!("mediator.spacing = 0.9\nweight.profile = \"{profile}\""));
+        eprintln!("fine mediator, {profile}: {fine:e}, coarse, linear: {coarse:e}");
+        assert!(fine < 1e-10 && coarse > 1e-4, "{fine:e} {coarse:e}");
     }
 }
 
@@ -302,11 +319,11 @@ fn uniform_strain_passes_a_zone_at_least_as_well_as_the_explicit_shell() {
         eprintln!("shell {weight}: explicit {written:e} zone {derived:e}");
         found.push([written, derived]);
     }
-    // Corners of the zone's overlap are round, those of the shell are not: a flat weight feels it more than a linear one.
-    let [[_, cubic], [written, linear]] = found[..] else {
+    // Without a word a zone has the linear weight, which feels its round corners less than the cubic one of the shell its own.
+    let [[flat, by_default], [written, linear]] = found[..] else {
         unreachable!()
     };
-    assert!(linear <= written && cubic < 1.5e-2, "{found:?}");
+    assert!(linear <= written && by_default <= flat, "{found:?}");
 }
 
 /// A bar with a zone at its end.
@@ -363,6 +380,16 @@ const REFUSED: &[[&str; 3]] = &[
     [
         "zone.tip.spacing=1e-3",
         "zone.tip.spacing",
+        "times finer than the body's elements",
+    ],
+    [
+        "zone.tip.mediator={ spacing = -1.0 }",
+        "zone.tip.mediator.spacing",
+        "must be positive",
+    ],
+    [
+        "zone.tip.mediator={ spacing = 1e-3 }",
+        "zone.tip.mediator.spacing",
         "times finer than the body's elements",
     ],
     [

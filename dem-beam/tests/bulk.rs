@@ -127,3 +127,23 @@ fn periodic_packings_come_back_from_the_cache() {
     let inside = |x: &Vector3<f64>| x.iter().all(|c| *c > -1e-4 && *c < 1.1e-3);
     assert!(first.positions.iter().all(inside));
 }
+
+/// The table of beams against packings that it was not made from: other seed, fewer spheres.
+#[test]
+fn beams_of_bulk_packings_give_the_modulus_and_the_ratio_that_were_asked_for() {
+    let packing = sample(1500, 7);
+    let [low, high] = BeamMaterial::BULK_POISSON;
+    for poisson in [0.05, 0.1, 0.22, 0.3, 0.35] {
+        let beam = BeamMaterial::of_bulk(70e9, poisson).unwrap();
+        let found = bulk(&packing, beam).unwrap();
+        eprintln!("{poisson}: {:e} {}", found.young, found.poisson);
+        assert_relative_eq!(found.young, 70e9, max_relative = 0.03);
+        assert_abs_diff_eq!(found.poisson, poisson, epsilon = 0.01);
+        let [young, ratio] = beam.bulk();
+        assert_relative_eq!(young, 70e9, max_relative = 1e-12);
+        assert_abs_diff_eq!(ratio, poisson, epsilon = 1e-12);
+    }
+    for (young, poisson) in [(70e9, low - 0.01), (70e9, high + 0.01), (-1.0, 0.2)] {
+        assert!(BeamMaterial::of_bulk(young, poisson).is_err());
+    }
+}

@@ -97,12 +97,14 @@ PULSE = np.where(abs(X - 20) < 15, 1e-2 * np.cos(np.pi * (X - 20) / 30) ** 2, 0.
 
 
 def couple(fine, own_steps=1):
-    """A coarse bar of ours from -100 to 0, and particles from -20 on: LAMMPS, or a model of ours."""
+    """A coarse bar of ours from -100 to 0, and particles from -20 on: LAMMPS, a model of ours, or what makes a subdomain."""
     share = aq.Weights.same(aq.Ramp(aq.Slab(fine=0.0, coarse=-20.0), "cubic", 1e-3))
     rest = aq.Weights.complement_of(share)
     bar = aq.FemModel("bar", aq.Mesh.bar(-100.0, 0.0, 10), aq.Elastic(1.0, 0.0, 1.0))
     if isinstance(fine, aq.Participant):
         right = aq.Subdomain.participant(fine, rest)
+    elif callable(fine):
+        right = fine(rest)
     else:
         right = aq.Subdomain.fine(fine, rest).with_initial(0 * PULSE, PULSE).with_step(ratio=own_steps)
     tie = aq.Interface("overlap", "bar", right.name, aq.Mesh.bar(-20.0, 0.0, 2))

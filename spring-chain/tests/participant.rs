@@ -67,6 +67,62 @@ fn a_solver_in_the_place_of_a_model_gives_the_same_motion_and_the_same_ledger() 
     assert!((energy(&model) / energy(&solver) - 1.0).abs() < 1e-12);
 }
 
+/// The chain between two bars whose overlaps meet in one of its nodes, so that their multipliers are solved for together.
+fn between(solver: bool) -> Coupled<f64> {
+    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let share = |end: f64| {
+        let slab = Arc::new(Slab::between(at(0.0), at(end)).unwrap());
+        Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6).unwrap()))
+    };
+    let shares = [-20.0, 20.0].map(share);
+    let middle = Weights::complement_of(&shares);
+    let bar = |name: &str, from: f64, to: f64| {
+        let mesh = generate::bar(from, to, 10, 1.0).unwrap();
+        FemModel::new(name, mesh, Elastic::new(1.0, 0.0, 1.0).unwrap()).unwrap()
+    };
+    let [left, right] = shares;
+    let chain = Chain::new("chain", -20.0, 1.0, 40, 1.0, 1.0).unwrap();
+    let v: Vec<f64> = (0..=40)
+        .map(|k| (0.3 * f64::from(k)).sin() + 0.2 * (1.9 * f64::from(k)).cos())
+        .collect();
+    let (q, field) = (vec![0.0; v.len()], chain.fine_field());
+    let chain = if solver {
+        Subdomain::participant(Box::new(ChainSolver::new(chain, q, v).unwrap()), field, middle).unwrap()
+    } else {
+        Subdomain::fine(chain, middle).with_initial(q, v).unwrap()
+    };
+    let bodies = vec![
+        Subdomain::coarse(bar("west", -100.0, 0.0), left),
+        chain.with_step(OwnStep::Ratio(3)),
+        Subdomain::coarse(bar("east", 0.0, 100.0), right),
+    ];
+    let tie = |name: &str, coarse, from: f64| {
+        let mediator = Arc::new(FemField::new(generate::bar(from, from + 20.0, 2, 1.0).unwrap()));
+        InterfaceSpec::new(name, coarse, 1, mediator, L2)
+    };
+    let ties = vec![tie("left", 0, -20.0), tie("right", 2, 0.0)];
+    Coupled::new(bodies, ties, TimeStep::Seconds(2.4), None).unwrap()
+}
+
+#[test]
+fn a_solver_in_two_interfaces_that_are_solved_for_together_moves_as_the_model_does() {
+    let [mut model, mut solver] = [false, true].map(between);
+    assert_eq!(solver.interfaces()[0].report().together, ["right"]);
+    for run in [&mut model, &mut solver] {
+        run.run(1000, &mut Silent).unwrap();
+        assert!(run.drift() < 1e-13, "{:e}", run.drift());
+        assert!(
+            run.constraint_residual() < 1e-12,
+            "{:e}",
+            run.constraint_residual()
+        );
+    }
+    let (a, b) = (states(&model), states(&solver));
+    let top = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let gap = a.iter().zip(&b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs()));
+    assert!(gap < 1e-12 * top, "{gap:e} of {top}");
+}
+
 #[test]
 fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
     let mut run = coupled(true, OwnStep::Ratio(3), false).unwrap();

@@ -164,11 +164,3 @@ pub fn agree(communicator: &dyn Communicator, what: &str, digest: u64) -> Result
         what: what.to_owned(),
     })
 }
-
-/// The result of work on one rank; an error is told to all others before it is returned.
-///
-/// # Errors
-/// That of the work.
-pub fn told<R, E: std::fmt::Display>(communicator: &dyn Communicator, of: Result<R, E>) -> Result<R, E> {
-    of.inspect_err(|e| communicator.abandon(&e.to_string()))
-}

@@ -107,7 +107,7 @@ impl Portion {
     ///
     /// # Errors
     /// That failure.
-    pub fn keep<R>(&self, of: Result<R, RankError>) -> Result<R, RankError> {
+    pub(super) fn keep<R>(&self, of: Result<R, RankError>) -> Result<R, RankError> {
         of.inspect_err(|e| {
             self.failure.get_or_init(|| e.clone());
         })

@@ -33,7 +33,11 @@ class Scene:
     def changes(self) -> list[str]: ...
     def check(self) -> str: ...
     def suggest(
-        self, error: Optional[float] = None, time: Optional[float] = None, frequency: Optional[float] = None
+        self,
+        error: Optional[float] = None,
+        time: Optional[float] = None,
+        frequency: Optional[float] = None,
+        apply: Optional[PathLike] = None,
     ) -> str: ...
     def run(
         self,
@@ -62,6 +66,7 @@ class Results:
 
 def resume(folder: PathLike, listener: Any = None) -> tuple[Results, Optional[BaseException]]: ...
 def sweep(path: PathLike, out: PathLike, fresh: bool, listener: Any = None) -> str: ...
+def _mistake(text: str) -> None: ...
 def set_threads(count: int) -> None: ...
 
 class Mesh:
@@ -247,6 +252,15 @@ class Subdomain:
     @staticmethod
     def participant(
         solver: Any, weights: Optional[Weights] = None, *, field: Optional[AnyField] = None
+    ) -> Subdomain: ...
+    @staticmethod
+    def remote(
+        name: str,
+        command: Optional[Sequence[str]] = None,
+        weights: Optional[Weights] = None,
+        *,
+        address: Optional[str] = None,
+        timeout: float = 4.0,
     ) -> Subdomain: ...
     def with_initial(self, q: npt.ArrayLike, v: npt.ArrayLike) -> Subdomain: ...
     def with_support(self, dofs: Sequence[int], amplitude: float = 0.0, time: AnyTime = None) -> Subdomain: ...

@@ -217,15 +217,17 @@ class Scene:
         error: Optional[float] = None,
         time: Optional[float] = None,
         frequency: Optional[float] = None,
+        apply: Optional[PathLike] = None,
     ) -> Record:
-        """Proposes settings of the coupling for an error or a time; ``proposed.scene`` has them.
+        """Proposes settings of the coupling for an error or a time: ``given`` and ``proposed`` with what is predicted of
+        them, ``set`` with the values to change.
 
         :param error: largest relative error against the fine model everywhere, such as 0.02.
         :param time: longest time of set-up and steps [s].
         :param frequency: highest frequency of interest [Hz], if loads do not tell.
+        :param apply: file to write the scene with the proposed values to.
         """
-        found = record(self._native.suggest(error, time, frequency))
-        return found
+        return record(self._native.suggest(error, time, frequency, None if apply is None else os.fspath(apply)))
 
     def __repr__(self) -> str:
         changes = "".join(f", {c}" for c in self.changes)

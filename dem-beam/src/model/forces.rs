@@ -233,7 +233,7 @@ impl<W: Screened> Gather<W> {
         let (own, foreign) = self.rows.split_at_mut(first);
         let told = |i: usize| std::array::from_fn(|k| own[i].0[k]);
         halo.exchange::<{ Ghosts::TOLD }>(messages, told, |g, x| {
-            foreign[g].0[..Ghosts::TOLD].copy_from_slice(&x)
+            foreign[g].0[..Ghosts::TOLD].copy_from_slice(&x);
         })
     }
 

@@ -55,6 +55,7 @@ use arlequin_core::{
 use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 /// Spheres joined by cohesive beams, ready to be coupled.
@@ -79,6 +80,8 @@ pub struct DemModel {
     log: SharedLog,
     /// Bonds of every particle, once stresses are asked for.
     around: OnceLock<Adjacency<[u32; 2]>>,
+    /// Bonds of every unit, by their first particles.
+    of_units: Vec<Range<usize>>,
     /// Particles of other ranks, in a part of a body.
     halo: Option<Halo>,
 }
@@ -186,6 +189,7 @@ impl DemModel {
             watched: None,
             log: SharedLog::default(),
             around: OnceLock::new(),
+            of_units: portion::bonds_of_units(body.pairs(), body.len()),
             halo: None,
             body,
         })

@@ -87,6 +87,7 @@ impl DemModel {
         let volumes: Vec<f64> = own.iter().map(|i| samples[*i]).collect();
         self.field = Arc::new(ParticleField::new(self.nodes.clone(), &volumes)?);
         self.kernel = self.kernel.shared(&body, halo.clone());
+        self.of_units = bonds_of_units(body.pairs(), own.len());
         self.body = body;
         self.halo = Some(halo);
         Ok(self)
@@ -136,29 +137,13 @@ impl DemModel {
             ghosts: &ghosts,
             ..self.reader(q)
         };
-        let bonds = self.bonds_of_units();
         let part = |particles: Range<usize>| {
-            let bonds = bonds[particles.start / UNIT].clone();
+            let bonds = self.of_units[particles.start / UNIT].clone();
             [bonds.map(|b| reader.energy(&self.body, b)).sum()]
         };
         let portion = self.halo.as_ref().map(|h| &**h.portion());
         let [sum] = ranks::sum(self.nodes.len(), portion, &part);
         sum
-    }
-
-    /// Bonds whose first particle is in a unit: bonds are in the order of these.
-    fn bonds_of_units(&self) -> Vec<Range<usize>> {
-        let mut out = vec![0..0; self.nodes.len().div_ceil(UNIT)];
-        for (b, [first, _]) in self.body.pairs().iter().enumerate() {
-            let Some(range) = out.get_mut(*first as usize / UNIT) else {
-                continue;
-            };
-            if (*first as usize) < self.nodes.len() {
-                let start = if range.end == 0 { b } else { range.start };
-                *range = start..b + 1;
-            }
-        }
-        out
     }
 
     /// What other ranks tell of their particles; a failure is kept for [`Portion::failure`], and no energy is then a number.
@@ -174,4 +159,17 @@ impl DemModel {
         }
         out
     }
+}
+
+/// Bonds whose first particle is in a unit of `own` particles: bonds are in the order of these.
+pub(super) fn bonds_of_units(pairs: &[[u32; 2]], own: usize) -> Vec<Range<usize>> {
+    let mut out = vec![0..0; own.div_ceil(UNIT)];
+    for (b, first) in pairs.iter().map(|p| p[0] as usize).enumerate() {
+        if first < own {
+            let range: &mut Range<usize> = &mut out[first / UNIT];
+            let start = if range.end == 0 { b } else { range.start };
+            *range = start..b + 1;
+        }
+    }
+    out
 }

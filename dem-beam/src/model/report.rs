@@ -32,7 +32,7 @@ pub struct DemReport {
 }
 
 impl DemModel {
-    /// Facts about the model.
+    /// Facts about the model; of a part of a body, about that part and all bonds of its particles.
     #[must_use]
     pub fn report(&self) -> DemReport {
         let (n, bonds) = (self.nodes.len(), self.body.pairs().len());

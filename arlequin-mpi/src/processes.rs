@@ -1,0 +1,256 @@
+//! Ranks as processes that speak MPI.
+//!
+//! MPI knows no time-outs, and after an error of its own promises nothing. So everything is sent and received without waiting and
+//! then looked after until a limit of time; a rank that meets its limit, an error or a panic tells the others, says what happened,
+//! and ends the whole job ([`run`]). Waiting ranks yield their core: more ranks than cores are slow, but not stuck.
+
+use ::mpi::Threading;
+use ::mpi::collective::SystemOperation;
+use ::mpi::point_to_point::Status;
+use ::mpi::request::{LocalScope, Request, scope};
+use ::mpi::topology::SimpleCommunicator;
+use ::mpi::traits::{
+    Communicator as _, CommunicatorCollectives as _, Destination as _, Equivalence as _, Source as _,
+};
+use arlequin_core::ranks::{Communicator, Message, RankError, Reduction};
+use std::fmt::Display;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Tags: nodes of other ranks, and the last word of a rank.
+const DATA: i32 = 1;
+const LAST_WORD: i32 = 2;
+
+/// How long a rank that ends the job leaves others to say their part.
+const GRACE: Duration = Duration::from_millis(300);
+
+/// Looks at open messages before the core is yielded.
+const EAGER: u32 = 200;
+
+/// How a job of several processes ends when one of them fails.
+#[derive(Debug, Clone, Copy)]
+pub struct Ending {
+    /// Longest wait for another rank.
+    pub wait: Duration,
+    /// Exit code of the job.
+    pub code: i32,
+    /// Says what happened, on every rank that gets to it.
+    pub report: fn(&str),
+}
+
+/// Does `work` as one rank of the job that `mpirun` started, or alone without it. Where work fails on a rank, or a rank waits too long,
+/// each says why through [`Ending::report`] and the job ends with its code: this function does not return then.
+///
+/// # Errors
+/// [`RankError::Transport`] where MPI is in use already, or an MPI library that lets one thread alone call it.
+pub fn run<R, E: Display>(
+    ending: Ending,
+    work: impl FnOnce(Arc<dyn Communicator>) -> Result<R, E>,
+) -> Result<R, RankError> {
+    let transport = |what: &str| RankError::Transport {
+        rank: 0,
+        what: what.to_owned(),
+    };
+    // Calls come from whichever thread steps the model, one at a time.
+    let started = ::mpi::initialize_with_threading(Threading::Serialized);
+    let (_universe, threads) = started.ok_or_else(|| transport("MPI is in use already; start it once"))?;
+    if !matches!(threads, Threading::Serialized | Threading::Multiple) {
+        return Err(transport(
+            "this MPI library lets one thread alone call it; take one with MPI_THREAD_SERIALIZED",
+        ));
+    }
+    let world = SimpleCommunicator::world();
+    let own = Arc::new(Process {
+        rank: world.rank() as usize,
+        ranks: world.size() as usize,
+        ending,
+    });
+    let panics = Panics(&own);
+    match work(own.clone()) {
+        Ok(done) => {
+            std::mem::forget(panics);
+            Ok(done)
+        }
+        Err(e) => own.end(&e.to_string(), true),
+    }
+}
+
+/// Ends the job where work panics: to finalise MPI would wait for ranks that wait for this one.
+struct Panics<'a>(&'a Process);
+
+impl Drop for Panics<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0
+                .end(&format!("rank {}: the program panicked", self.0.rank), true);
+        }
+    }
+}
+
+/// One rank.
+#[derive(Debug)]
+struct Process {
+    rank: usize,
+    ranks: usize,
+    ending: Ending,
+}
+
+type Open<'a, 'b, B> = Request<'a, B, &'b LocalScope<'a>>;
+
+impl Process {
+    /// Says why, tells the others if they do not know, and ends the job.
+    fn end(&self, why: &str, tell: bool) -> ! {
+        (self.ending.report)(why);
+        if tell {
+            self.abandon(why);
+        } else {
+            std::thread::sleep(GRACE);
+        }
+        SimpleCommunicator::world().abort(self.ending.code)
+    }
+
+    /// Looks after `step` until it is done; the job ends if that takes too long, or when another rank says its last word.
+    fn look_after(&self, what: &'static str, peer: impl Fn() -> String, mut step: impl FnMut() -> bool) {
+        let (mut looks, mut until) = (0_u32, None);
+        while !step() {
+            looks += 1;
+            if looks < EAGER {
+                std::hint::spin_loop();
+                continue;
+            }
+            let now = Instant::now();
+            if now > *until.get_or_insert(now + self.ending.wait) {
+                let silent = RankError::Silent {
+                    rank: self.rank,
+                    peer: peer(),
+                    what,
+                    seconds: self.ending.wait.as_secs_f64(),
+                };
+                self.end(&silent.to_string(), true);
+            }
+            if let Some((by, why)) = last_word() {
+                let rank = self.rank;
+                self.end(&RankError::GaveUp { rank, by, why }.to_string(), false);
+            }
+            std::thread::yield_now();
+        }
+    }
+}
+
+/// The last word of another rank, if there is one.
+fn last_word() -> Option<(usize, String)> {
+    let world = SimpleCommunicator::world();
+    let (message, status) = world.any_process().immediate_matched_probe_with_tag(LAST_WORD)?;
+    let mut words = vec![0_u8; usize::try_from(status.count(u8::equivalent_datatype())).unwrap_or_default()];
+    message.matched_receive_into(&mut words[..]);
+    let why = String::from_utf8_lossy(&words).into_owned();
+    Some((status.source_rank() as usize, why))
+}
+
+/// Whether a request is done; its status then.
+fn is_done<'a, B: ?Sized>(request: &mut Option<Open<'a, '_, B>>, done: &mut dyn FnMut(Status)) -> bool {
+    match request.take().map(Request::test) {
+        Some(Ok(status)) => {
+            done(status);
+            true
+        }
+        Some(Err(open)) => {
+            *request = Some(open);
+            false
+        }
+        None => true,
+    }
+}
+
+impl Communicator for Process {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn ranks(&self) -> usize {
+        self.ranks
+    }
+
+    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError> {
+        let world = SimpleCommunicator::world();
+        let mut odd = None;
+        scope(|scope| {
+            let mut sends = Vec::with_capacity(messages.len());
+            let mut receives = Vec::with_capacity(messages.len());
+            for Message { peer, out, into } in messages.iter_mut() {
+                let to = world.process_at_rank(*peer as i32);
+                let expected = into.len();
+                let receive = to.immediate_receive_into_with_tag(scope, &mut into[..], DATA);
+                receives.push((*peer, expected, Some(receive)));
+                sends.push((*peer, Some(to.immediate_send_with_tag(scope, &out[..], DATA))));
+            }
+            meanwhile();
+            for (peer, expected, request) in &mut receives {
+                let (peer, expected) = (*peer, *expected);
+                let mut check = |status: Status| {
+                    let found = usize::try_from(status.count(f64::equivalent_datatype())).unwrap_or_default();
+                    if found != expected {
+                        odd.get_or_insert(RankError::Length {
+                            rank: self.rank,
+                            peer,
+                            expected,
+                            found,
+                        });
+                    }
+                };
+                self.look_after(
+                    "a message",
+                    || format!("rank {peer}"),
+                    || is_done(request, &mut check),
+                );
+            }
+            for (peer, request) in &mut sends {
+                let peer = *peer;
+                let taken = || is_done(request, &mut |_| ());
+                self.look_after("a message to be taken", || format!("rank {peer}"), taken);
+            }
+        });
+        odd.map_or(Ok(()), Err)
+    }
+
+    fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
+        let world = SimpleCommunicator::world();
+        let own = words.to_vec();
+        let operation = match how {
+            Reduction::Sum => SystemOperation::sum(),
+            Reduction::Largest => SystemOperation::max(),
+        };
+        scope(|scope| {
+            let mut request = Some(world.immediate_all_reduce_into(scope, &own[..], &mut *words, operation));
+            let others = || "other ranks".to_owned();
+            self.look_after("a sum over all ranks", others, || {
+                is_done(&mut request, &mut |_| ())
+            });
+        });
+        Ok(())
+    }
+
+    fn abandon(&self, why: &str) {
+        let world = SimpleCommunicator::world();
+        let words = why.as_bytes();
+        let until = Instant::now() + GRACE;
+        scope(|scope| {
+            let others = (0..self.ranks).filter(|r| *r != self.rank);
+            let send = |r: usize| {
+                let to = world.process_at_rank(r as i32);
+                Some(to.immediate_send_with_tag(scope, words, LAST_WORD))
+            };
+            let mut open: Vec<_> = others.map(send).collect();
+            while Instant::now() < until {
+                for o in &mut open {
+                    is_done(o, &mut |_| ());
+                }
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            if open.iter().any(Option::is_some) {
+                // A rank that takes no message of a line will take nothing: to wait for it is what must not happen.
+                world.abort(self.ending.code);
+            }
+        });
+    }
+}

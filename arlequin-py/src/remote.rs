@@ -1,0 +1,84 @@
+//! Solvers in other processes as participants.
+
+use crate::error::Fault;
+use arlequin::core::{Interpolation, ParticleField};
+use arlequin::fem_ref::{ElementKind, FemField, Mesh};
+use arlequin_link::{Address, Description, Element, Options, Remote, Shape};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Where a solver is found.
+pub(crate) enum Place {
+    /// It is started.
+    Command(Vec<String>),
+    /// Somebody else starts it.
+    Address(String),
+}
+
+impl Place {
+    /// The one that is given.
+    pub(crate) fn of(command: Option<Vec<String>>, address: Option<String>) -> Result<Self, Fault> {
+        match (command, address) {
+            (Some(c), None) if !c.is_empty() => Ok(Self::Command(c)),
+            (None, Some(a)) => Ok(Self::Address(a)),
+            _ => {
+                let rule = "a solver elsewhere needs either command=[\"python3\", \"solver.py\"] or address=\"unix:PATH\"";
+                Err(Fault::of("Key", rule))
+            }
+        }
+    }
+}
+
+/// Meets a solver that answers within a time [s], and its field.
+pub(crate) fn meet(
+    name: &str,
+    place: &Place,
+    timeout: f64,
+) -> Result<(Remote, Arc<dyn Interpolation<f64>>), Fault> {
+    let timeout = Duration::try_from_secs_f64(timeout).map_err(|e| {
+        Fault::of(
+            "InvalidParameter",
+            format!("timeout = {timeout} s: {e}; give a positive time, such as 4.0"),
+        )
+    })?;
+    let options = Options {
+        timeout,
+        ..Options::default()
+    };
+    let solver = match place {
+        Place::Command(command) => Remote::start(name, command, Path::new("."), options)?,
+        Place::Address(address) => Remote::await_at(name, &address.parse::<Address>()?, options)?,
+    };
+    let field = field_of(solver.description())?;
+    Ok((solver, field))
+}
+
+fn field_of(d: &Description) -> Result<Arc<dyn Interpolation<f64>>, Fault> {
+    match &d.shape {
+        Shape::Particles { volumes, pairs } => {
+            let field = ParticleField::new(d.nodes.clone(), volumes)?;
+            let field = if pairs.is_empty() {
+                field
+            } else {
+                field.with_gradients(pairs)?
+            };
+            Ok(Arc::new(field))
+        }
+        Shape::Mesh {
+            element,
+            connectivity,
+            section,
+        } => {
+            let kind = match element {
+                Element::Line => ElementKind::Bar2,
+                Element::Tetrahedron => ElementKind::Tet4,
+                Element::Hexahedron => ElementKind::Hex8,
+            };
+            let mesh = Mesh::new(kind, d.nodes.clone(), connectivity.clone())?;
+            let lines = kind == ElementKind::Bar2;
+            let mesh = if lines { mesh.with_section(*section)? } else { mesh };
+            Ok(Arc::new(FemField::new(mesh)))
+        }
+    }
+}
