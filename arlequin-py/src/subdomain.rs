@@ -118,7 +118,7 @@ impl Subdomain {
     }
 
     /// A whole solver in another process, as `name`: started by a `command`, such as `["python3", "solver.py"]`, or awaited at an
-    /// `address`, such as "unix:/tmp/solver". It must answer within `timeout` [s].
+    /// `address`, such as `unix:solver.sock`. It must answer within `timeout` [s].
     #[staticmethod]
     #[pyo3(signature = (name, command = None, weights = None, *, address = None, timeout = 4.0))]
     fn remote(
