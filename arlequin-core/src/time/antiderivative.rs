@@ -98,11 +98,14 @@ impl Formula {
 mod tests {
     use super::*;
 
+    /// A formula and its integral in closed form.
+    type Exact = (Formula, fn(f64) -> f64);
+
     /// Steps, kinks and thousands of periods: values and, as runs take them, differences over a step.
     #[test]
     fn integrals_of_rough_and_fast_formulas_are_smooth_in_time() {
         let (dt, rate) = (1e-8, 2.0 * std::f64::consts::PI * 1e6);
-        let formulas: [(Formula, fn(f64) -> f64); 3] = [
+        let formulas: [Exact; 3] = [
             (Formula::new("step", |t| f64::from(u8::from(t >= 1e-4))), |t| {
                 (t - 1e-4).max(0.0)
             }),
