@@ -160,7 +160,7 @@ pub struct Support {
 /// A prescribed motion.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one(&["amplitude", "speed"]))]
+#[schemars(transform = schema::exactly_one("amplitude speed"))]
 pub struct Motion {
     /// Displacement `amplitude · time` \[m\]; exactly one of `amplitude` and `speed`.
     pub amplitude: Option<f64>,
@@ -174,7 +174,7 @@ pub struct Motion {
 /// `[[load]]`.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one(&["traction", "force", "pressure", "torque"]))]
+#[schemars(transform = schema::exactly_one("traction force pressure torque"))]
 pub struct Load {
     /// Line in the ledger. Default: `load-1`, `load-2`, …
     pub name: Option<String>,

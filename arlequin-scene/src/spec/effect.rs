@@ -59,7 +59,7 @@ macro_rules! effects {
         /// Exactly one effect, and on what it acts.
         #[derive(Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields)]
-        #[schemars(rename = "Effect", transform = schema::exactly_one(EffectKind::KEYS))]
+        #[schemars(rename = "Effect", transform = schema::exactly_one(EffectKind::KEYS.join(" ")))]
         pub(super) struct Table {
             /// On which models. Default: all that can have it.
             models: Option<Vec<String>>,
@@ -178,7 +178,7 @@ fn usual() -> f64 {
 /// Bonds that break.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::at_most_one(&["weibull", "deviation"]))]
+#[schemars(transform = schema::at_most_one("weibull deviation"))]
 pub struct Fracture {
     /// What is compared with the strength.
     pub criterion: CriterionKind,
@@ -243,7 +243,7 @@ pub struct Contact {
 /// A rigid body.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::at_most_one(&["velocity", "displacement"]))]
+#[schemars(transform = schema::at_most_one("velocity displacement"))]
 pub struct Obstacle {
     /// Line in the ledger. Default: `obstacle-1`, …
     pub name: Option<String>,

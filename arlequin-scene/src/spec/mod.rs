@@ -34,7 +34,7 @@ use std::collections::BTreeMap;
 /// A scene.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one(&["time", "static"]))]
+#[schemars(transform = schema::exactly_one("time static"))]
 pub struct SceneSpec {
     /// One line for reports and plots.
     pub title: Option<String>,
@@ -84,7 +84,7 @@ pub struct SceneSpec {
 /// Length of the run and of its steps.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one(&["end", "steps"]))]
+#[schemars(transform = schema::exactly_one("end steps"))]
 pub struct Time {
     /// End of the run \[s\], rounded up to whole steps; `end` or `steps` is needed.
     pub end: Option<f64>,
@@ -120,7 +120,7 @@ impl Default for StepChoice {
 /// What is written, and how often.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-#[schemars(transform = schema::at_most_one(&["every", "interval"]))]
+#[schemars(transform = schema::at_most_one("every interval"))]
 pub struct Output {
     /// Steps between two frames. Default: about 20 frames in all.
     pub every: Option<usize>,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// `[probe.NAME]`: a value over time.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one(&["at", "where", "of"]))]
+#[schemars(transform = schema::exactly_one("at where of"))]
 pub struct Probe {
     /// Model that is looked at. With `of`: only what acts on this model counts; all by default.
     pub model: Option<String>,

@@ -76,18 +76,21 @@ pub(crate) fn but_for_links() -> impl Transform {
     }
 }
 
-/// Exactly one of these keys must be there.
-pub(crate) fn exactly_one(keys: &'static [&'static str]) -> impl Transform {
+/// Exactly one of these keys, parted by spaces, must be there.
+// Words in one text: a list in the attribute would need all of syn, which `derive` of schemars alone does not have.
+pub(crate) fn exactly_one(keys: impl Into<String>) -> impl Transform {
+    let keys = keys.into();
     move |schema: &mut Schema| {
-        let one = |key: &&str| json!({ "required": [key] });
-        schema.insert("oneOf".into(), keys.iter().map(one).collect());
+        let one = |key: &str| json!({ "required": [key] });
+        schema.insert("oneOf".into(), keys.split(' ').map(one).collect());
     }
 }
 
-/// Not more than one of these keys may be there.
-pub(crate) fn at_most_one(keys: &'static [&'static str]) -> impl Transform {
+/// Not more than one of these keys, parted by spaces, may be there.
+pub(crate) fn at_most_one(keys: &'static str) -> impl Transform {
     move |schema: &mut Schema| {
-        let pair = |(k, a): (usize, &&'static str)| {
+        let keys: Vec<&str> = keys.split(' ').collect();
+        let pair = |(k, a): (usize, &&str)| {
             let later = keys[k + 1..].iter();
             later.map(|b| json!({ "required": [a, b] })).collect::<Vec<_>>()
         };

@@ -9,7 +9,7 @@ use serde::Deserialize;
 /// (contact, bonds that break, large rotations) is relaxed.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one(&["times", "file", "steps"]))]
+#[schemars(transform = schema::exactly_one("times file steps"))]
 pub struct Static {
     /// Times of the load steps \[s\], rising; exactly one of `times`, `file` and `steps`.
     pub times: Option<Vec<f64>>,

@@ -33,7 +33,7 @@ fn ten() -> usize {
 /// Exactly one of the two.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one(&["strain", "stress"]))]
+#[schemars(transform = schema::exactly_one("strain stress"))]
 pub struct WakeCriterion {
     /// Largest principal strain of `by` at its element centres, tension positive \[–\].
     pub strain: Option<f64>,
