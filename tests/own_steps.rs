@@ -102,15 +102,10 @@ impl Reference {
     }
 }
 
-#[test]
-fn one_own_step_each_is_the_one_step_scheme_to_round_off() {
-    let line = Line {
-        step: TimeStep::Seconds(0.9),
-        ..short()
-    };
-    let mut c = waves::random_state(&line, [2, 1]).unwrap();
+/// Makes steps with a run and as one writes them down, to the same motion.
+fn follow(mut c: Coupled<f64>, steps: usize) {
     let mut reference = Reference::new(&c);
-    for _ in 0..1000 {
+    for _ in 0..steps {
         c.run(1, &mut Silent).unwrap();
         reference.step();
     }
@@ -123,6 +118,32 @@ fn one_own_step_each_is_the_one_step_scheme_to_round_off() {
     let worst = |a: &DVector<f64>, b: &DVector<f64>| (a - b).amax() / b.amax();
     assert!(worst(&q, &reference.q) < 1e-12, "{:e}", worst(&q, &reference.q));
     assert!(worst(&v, &reference.v) < 1e-12, "{:e}", worst(&v, &reference.v));
+}
+
+#[test]
+fn one_own_step_each_is_the_one_step_scheme_to_round_off() {
+    let line = Line {
+        step: TimeStep::Seconds(0.9),
+        ..short()
+    };
+    follow(waves::random_state(&line, [2, 1]).unwrap(), 1000);
+}
+
+/// Models that are strained at rest: accelerations of the start part them, and half a reflection is due before the first step.
+#[test]
+fn a_start_with_accelerations_is_that_of_the_one_step_scheme_to_round_off() {
+    let line = Line {
+        step: TimeStep::Seconds(0.9),
+        ..short()
+    };
+    let bump = |x: f64| ((-((x + 15.0) / 30.0).powi(2)).exp(), 0.0);
+    let start = || line.build(&bump, &bump).unwrap();
+    let reference = Reference::new(&start());
+    let due = reference.projected(&reference.free()).amax() / reference.free().amax();
+    assert!(due > 0.1, "{due}");
+    for steps in [1, 2, 500] {
+        follow(start(), steps);
+    }
 }
 
 /// A random state of high frequency in both models over 20 000 units of time, and what came of it. Velocities are differences of
@@ -412,6 +433,27 @@ fn own_steps_that_cannot_be_are_refused_by_name() {
         TimeStep::Fraction(0.9),
         &["no model has a critical step", "seconds"],
     );
+}
+
+#[test]
+fn an_explicit_step_is_refused_as_soon_as_it_exceeds_the_critical_one() {
+    for m in [1, 3] {
+        let build = |dt| {
+            let (own, step) = ([OwnStep::Same, OwnStep::Ratio(m)], TimeStep::Seconds(dt));
+            Line { own, step, ..short() }.build(&rest, &rest)
+        };
+        let limit = build(0.5).unwrap().critical_steps()[FINE] * m as f64;
+        for below in [1.0 - 1e-12, 1.0] {
+            build(below * limit).unwrap();
+        }
+        for above in [1.0 + 1e-12, 1.0 + 1e-6, 1.04] {
+            let e = build(above * limit).map(|_| ()).unwrap_err();
+            let Error::UnstableStep { model, steps, .. } = &e else {
+                panic!("{e}");
+            };
+            assert_eq!((model.as_str(), *steps), ("chain", m), "{above}");
+        }
+    }
 }
 
 #[test]

@@ -2,7 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-use arlequin::core::{L2, OwnStep, Silent, conformance};
+use arlequin::core::snapshot::Record;
+use arlequin::core::{L2, OwnStep, Participant, Silent, conformance};
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use arlequin::prelude::*;
 use spring_chain::{Chain, ChainSolver};
@@ -13,8 +14,58 @@ fn chain() -> Chain {
     Chain::new("chain", -20.0, 1.0, BONDS, 1.0, 1.0).unwrap()
 }
 
-/// A bar from −100 to 0 and a chain from −20 on in motion; the chain as a model or as a solver.
-fn coupled(solver: bool, own: OwnStep<f64>, weight: bool) -> Result<Coupled<f64>> {
+/// The chain as a solver that knows no energy of its own.
+struct Mute(ChainSolver);
+
+impl Participant<f64> for Mute {
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+    fn layout(&self) -> DofLayout {
+        self.0.layout()
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        self.0.nodes()
+    }
+    fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
+        self.0.weigh(weights, inertia)
+    }
+    fn advance(&mut self, from: f64, step: f64) -> Result<()> {
+        self.0.advance(from, step)
+    }
+    fn velocities(&self, out: &mut [f64]) {
+        self.0.velocities(out);
+    }
+    fn displacements(&self, out: &mut [f64]) {
+        self.0.displacements(out);
+    }
+    fn kick(&mut self, impulse: &[f64]) -> Result<()> {
+        self.0.kick(impulse)
+    }
+    fn accelerations(&self, out: &mut [f64]) -> bool {
+        self.0.accelerations(out)
+    }
+    fn critical_step(&self) -> Option<f64> {
+        self.0.critical_step()
+    }
+    fn save(&self) -> Result<Record<f64>> {
+        self.0.save()
+    }
+    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+        self.0.restore(from)
+    }
+}
+
+/// What the chain is to the coupling.
+#[derive(Debug, Clone, Copy)]
+enum Part {
+    Model,
+    Solver,
+    Mute,
+}
+
+/// A bar from −100 to 0 and a chain from −20 on in motion.
+fn coupled(part: Part, own: OwnStep<f64>, weight: bool) -> Result<Coupled<f64>> {
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
     // A solver that cannot weight itself takes nearly all.
@@ -35,10 +86,10 @@ fn coupled(solver: bool, own: OwnStep<f64>, weight: bool) -> Result<Coupled<f64>
         .collect();
     let q = vec![0.0; v.len()];
     let field = chain().fine_field();
-    let chain = if solver {
-        Subdomain::participant(Box::new(ChainSolver::new(chain(), q, v)?), field, right)?
-    } else {
-        Subdomain::fine(chain(), right).with_initial(q, v)?
+    let chain = match part {
+        Part::Model => Subdomain::fine(chain(), right).with_initial(q, v)?,
+        Part::Solver => Subdomain::participant(Box::new(ChainSolver::new(chain(), q, v)?), field, right)?,
+        Part::Mute => Subdomain::participant(Box::new(Mute(ChainSolver::new(chain(), q, v)?)), field, right)?,
     };
     let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
     let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
@@ -54,7 +105,7 @@ fn states(c: &Coupled<f64>) -> Vec<f64> {
 #[test]
 fn a_solver_in_the_place_of_a_model_gives_the_same_motion_and_the_same_ledger() {
     let own = OwnStep::Ratio(3);
-    let [mut model, mut solver] = [false, true].map(|s| coupled(s, own, true).unwrap());
+    let [mut model, mut solver] = [Part::Model, Part::Solver].map(|p| coupled(p, own, true).unwrap());
     for run in [&mut model, &mut solver] {
         run.run(1000, &mut Silent).unwrap();
         assert!(run.drift() < 1e-13, "{:e}", run.drift());
@@ -125,7 +176,7 @@ fn a_solver_in_two_interfaces_that_are_solved_for_together_moves_as_the_model_do
 
 #[test]
 fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
-    let mut run = coupled(true, OwnStep::Ratio(3), false).unwrap();
+    let mut run = coupled(Part::Solver, OwnStep::Ratio(3), false).unwrap();
     run.run(1000, &mut Silent).unwrap();
     assert!(run.drift() < 1e-12, "{:e}", run.drift());
     // Masses under a multiplier differ by 1e6 here, and with them the digits it has.
@@ -136,19 +187,49 @@ fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
     );
 }
 
+/// The bar is at rest at first, so that impulses bring it all it has. Of a solver that does not know its energy they tell as much.
+#[test]
+fn impulses_tell_the_energy_of_a_solver_that_does_not_know_it() {
+    let own = OwnStep::Ratio(3);
+    let [mut known, mut mute] = [Part::Solver, Part::Mute].map(|p| coupled(p, own, true).unwrap());
+    for _ in 0..10 {
+        for run in [&mut known, &mut mute] {
+            run.run(100, &mut Silent).unwrap();
+            assert!(run.drift() < 1e-12, "{:e}", run.drift());
+        }
+        let [a, b] = [&known, &mute].map(|c| c.last_energy().unwrap());
+        assert!((a.invariant / b.invariant - 1.0).abs() < 1e-12);
+        let held = |c: &Coupled<f64>| c.subdomains()[1].internal_energy();
+        let gap = (held(&known) - held(&mute)).abs() / a.invariant;
+        assert!(gap < 1e-12, "{gap:e}");
+    }
+    assert_eq!(states(&known), states(&mute));
+    let bar = mute.subdomains()[0].kinetic_energy() + mute.subdomains()[0].internal_energy();
+    let share = bar / mute.last_energy().unwrap().invariant;
+    assert!(share > 1e-3, "{share} went over");
+}
+
 #[test]
 fn a_run_with_a_solver_goes_on_with_the_same_bits() {
-    let build = || coupled(true, OwnStep::Ratio(3), true).unwrap();
-    let mut whole = build();
-    whole.run(40, &mut Silent).unwrap();
-    let kept = whole.snapshot().unwrap();
-    whole.run(40, &mut Silent).unwrap();
-    let mut second = build();
-    second.run(3, &mut Silent).unwrap();
-    second.restore(&kept).unwrap();
-    second.run(40, &mut Silent).unwrap();
-    let bits = |c: &Coupled<f64>| states(c).iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-    assert_eq!(bits(&whole), bits(&second));
+    for part in [Part::Solver, Part::Mute] {
+        let build = || coupled(part, OwnStep::Ratio(3), true).unwrap();
+        let mut whole = build();
+        whole.run(40, &mut Silent).unwrap();
+        let kept = whole.snapshot().unwrap();
+        whole.run(40, &mut Silent).unwrap();
+        let mut second = build();
+        second.run(3, &mut Silent).unwrap();
+        second.restore(&kept).unwrap();
+        second.run(40, &mut Silent).unwrap();
+        let bits = |c: &Coupled<f64>| {
+            let energy = c.last_energy().unwrap();
+            let energies = [energy.invariant, energy.drift, energy.internal];
+            let all = states(c).into_iter().chain(energies);
+            all.map(f64::to_bits).collect::<Vec<_>>()
+        };
+        assert_eq!(bits(&whole), bits(&second), "{part:?}");
+        assert!(second.drift() < 1e-12, "{part:?}: {:e}", second.drift());
+    }
 }
 
 #[test]
@@ -165,7 +246,12 @@ fn the_solver_keeps_what_the_coupling_relies_on() {
 
 #[test]
 fn what_a_solver_cannot_have_of_the_core_and_a_step_above_its_own_are_refused_by_name() {
-    let build = |own| coupled(true, own, true).map(|_| ()).unwrap_err().to_string();
+    let build = |own| {
+        coupled(Part::Solver, own, true)
+            .map(|_| ())
+            .unwrap_err()
+            .to_string()
+    };
     let text = build(OwnStep::Ratio(2));
     for word in [
         "1.2e0 s exceeds the critical step",

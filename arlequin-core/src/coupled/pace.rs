@@ -282,3 +282,22 @@ fn refuse_unstable<T: Real>(
         needed: w.least(run, T::one()),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::TimeStep;
+
+    /// Critical steps that are whole parts of the step of the run but for round-off.
+    #[test]
+    fn round_off_asks_for_no_further_own_step() {
+        for k in 1..=60 {
+            for share in [0.1, 0.2, 0.3, 0.4, 0.5] {
+                let c = 0.07 * f64::from(k);
+                let chosen = |critical: &[f64]| TimeStep::chosen(share, critical).unwrap().1;
+                assert_eq!(chosen(&[c, 1.5 * c, 3.0 * c]), [3, 2, 1], "{c}, {share}");
+                let [third, half, whole] = [4.0 * c / 3.0, 2.0 * c, 4.0 * c];
+                assert_eq!(chosen(&[c, third, half, whole]), [4, 3, 2, 1], "{c}, {share}");
+            }
+        }
+    }
+}

@@ -190,6 +190,30 @@ mod tests {
         t.to_csc()
     }
 
+    /// Pairs of rows, each with eigenvalues `2 − e` and `e`.
+    #[test]
+    fn modes_just_below_the_tolerance_act_on_nothing_and_those_just_above_on_something() {
+        let tolerance = 1e-8;
+        let shares = [0.3, 0.7, 0.9, 1.1, 1.5, 4.0, 30.0, 1e3];
+        let n = 2 * shares.len();
+        let mut t = TriMat::new((n, n));
+        for (k, share) in shares.iter().enumerate() {
+            let (a, b, e) = (2 * k, 2 * k + 1, 2.0 * tolerance * share);
+            for (i, j, v) in [(a, a, 1.0), (b, b, 1.0), (a, b, 1.0 - e), (b, a, 1.0 - e)] {
+                t.add_triplet(i, j, v);
+            }
+        }
+        let s: CsMat<f64> = t.to_csc();
+        let found = modes(&s, tolerance, 2).unwrap();
+        assert_eq!(found.modes.len(), (n - 3) * n);
+        assert!((found.condition * 1.1 * tolerance - 1.0).abs() < 1e-6);
+        for null in [found.null_modes, counted(&s, tolerance, 2).unwrap()] {
+            let mut pairs: Vec<_> = null.iter().map(|m| m.node).collect();
+            pairs.sort_unstable();
+            assert_eq!(pairs, [0, 1, 2]);
+        }
+    }
+
     #[test]
     fn as_many_null_modes_are_counted_as_resolved() {
         for (rows, columns) in [(60, 90), (60, 20), (300, 50), (700, 400)] {
