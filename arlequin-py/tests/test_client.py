@@ -24,6 +24,8 @@ def test_the_client_in_python_says_what_is_wrong(tmp_path, monkeypatch):
     for address in (None, "localhost:7"):
         with pytest.raises(ValueError, match="unix:PATH or tcp:IP:PORT"):
             arlequin_link.serve(None, address)
+    # Cut at a whole character.
+    assert arlequin_link.text("a" + "ü" * 600)[4:].decode() == "a" + "ü" * 511
     script = tmp_path / "mine.py"
     script.write_text(
         f"import sys\nsys.path.insert(0, {str(CLIENT)!r})\nfrom chain import Chain, serve\n"

@@ -104,7 +104,7 @@ class Link:
 
 
 def text(words):
-    return struct.pack("<I", len(words.encode()[:1024])) + words.encode()[:1024]
+    return struct.pack("<I", len(cut := words.encode(errors="replace")[:1024].decode(errors="ignore").encode())) + cut
 
 
 def describe(s, link):
