@@ -4,8 +4,8 @@ use crate::error::{Error, Result};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 #[cfg(unix)]
-use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::PathBuf;
+use std::os::unix::net::{UnixDatagram, UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Environment variable in which a command that a run starts finds the address.
@@ -148,6 +148,26 @@ impl Write for Stream {
     }
 }
 
+/// Listens at a path, also where the socket of a run lies that was killed: nobody listens at it any more.
+#[cfg(unix)]
+fn bind(path: &Path) -> std::io::Result<UnixListener> {
+    use std::io::ErrorKind::{AddrInUse, ConnectionRefused};
+    use std::os::unix::fs::FileTypeExt;
+    let in_use = match UnixListener::bind(path) {
+        Err(e) if e.kind() == AddrInUse => e,
+        other => return other,
+    };
+    let is_socket = std::fs::symlink_metadata(path).is_ok_and(|m| m.file_type().is_socket());
+    // Of another type than what listens there, which so does not hear of it.
+    match UnixDatagram::unbound()?.connect(path) {
+        Err(e) if is_socket && e.kind() == ConnectionRefused => {
+            std::fs::remove_file(path)?;
+            UnixListener::bind(path)
+        }
+        _ => Err(in_use),
+    }
+}
+
 #[derive(Debug)]
 enum Door {
     #[cfg(unix)]
@@ -180,7 +200,7 @@ impl Listener {
         let door = match address {
             #[cfg(unix)]
             Address::Unix(path) => {
-                let listener = UnixListener::bind(path).map_err(&failed)?;
+                let listener = bind(path).map_err(&failed)?;
                 left = Some(path.clone());
                 listener.set_nonblocking(true).map_err(&failed)?;
                 Door::Unix(listener)

@@ -2,7 +2,9 @@
 
 use crate::error::Fault;
 use pyo3::prelude::*;
+use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time between two looks for Ctrl-C: no one waits that long, and no step is slowed down by it.
@@ -38,6 +40,54 @@ impl Pulse {
             py.check_signals()?;
             then(py)
         })
+    }
+}
+
+/// An exception raised where the core takes none: the run looks here once it has stopped.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Pending(Arc<Mutex<Option<PyErr>>>);
+
+impl Pending {
+    pub(crate) fn keep(&self, e: PyErr) {
+        let mut slot = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        slot.get_or_insert(e);
+    }
+
+    pub(crate) fn take(&self) -> Option<PyErr> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    pub(crate) fn waits(&self) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
+}
+
+/// An object of Python that keeps weights or a state, for as long as one run has it: a second run would change them behind
+/// the back of the first.
+pub(crate) struct Claim(usize);
+
+static CLAIMED: Mutex<BTreeSet<usize>> = Mutex::new(BTreeSet::new());
+
+impl Claim {
+    pub(crate) fn of(name: &str, object: &Py<PyAny>) -> Result<Self, Fault> {
+        let at = object.as_ptr() as usize;
+        let mut all = CLAIMED.lock().unwrap_or_else(PoisonError::into_inner);
+        if all.insert(at) {
+            return Ok(Self(at));
+        }
+        let text = format!(
+            "'{name}' is part of a subdomain or run that is still there; make another one, or delete that first"
+        );
+        Err(Fault::of("Unsupported", text))
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        CLAIMED
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .remove(&self.0);
     }
 }
 

@@ -8,6 +8,7 @@ use arlequin::core::{Formula, JunctionKind, Overlap, Primitive, ProfileKind, Wei
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A linear elastic isotropic material: Young's modulus [Pa], Poisson's ratio [-], density [kg/m3].
 #[pyclass(frozen, module = "arlequin")]
@@ -256,9 +257,18 @@ impl TimeFunction {
 
     /// Linear between times [s] and values, constant outside.
     #[staticmethod]
-    fn table(times: Numbers<'_>, values: Numbers<'_>) -> Self {
-        let pairs = flat(&times).into_iter().zip(flat(&values)).collect();
-        Self(arlequin::core::TimeFunction::Table(pairs))
+    fn table(times: Numbers<'_>, values: Numbers<'_>) -> Result<Self, Fault> {
+        let (times, values) = (flat(&times), flat(&values));
+        if times.len() != values.len() {
+            let text = format!(
+                "table of a time function: {} times and {} values",
+                times.len(),
+                values.len()
+            );
+            return Err(Fault::of("SizeMismatch", text));
+        }
+        let pairs = times.into_iter().zip(values).collect();
+        Ok(Self(arlequin::core::TimeFunction::Table(pairs)))
     }
 
     /// Its value at time `t` [s].
@@ -283,9 +293,20 @@ pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<arlequi
     // What fails shows at once: later it is not a number, which ends the run by name.
     from.call1((0.0,))?.extract::<f64>()?;
     let (text, function) = (from.str()?.to_string(), from.clone().unbind());
+    let failed = AtomicBool::new(false);
     let at = move |t: f64| {
-        let value = Python::attach(|py| function.call1(py, (t,))?.extract::<f64>(py));
-        value.unwrap_or(f64::NAN)
+        if failed.load(Ordering::Relaxed) {
+            return f64::NAN;
+        }
+        Python::attach(|py| {
+            let value = function.call1(py, (t,)).and_then(|v| v.extract::<f64>(py));
+            value.unwrap_or_else(|e| {
+                // The core takes no exception here: it is shown once, and the run ends.
+                failed.store(true, Ordering::Relaxed);
+                e.write_unraisable(py, Some(function.bind(py)));
+                f64::NAN
+            })
+        })
     };
     Ok(arlequin::core::TimeFunction::Formula(Formula::new(&text, at)))
 }

@@ -1,9 +1,8 @@
 //! Coupled runs.
 
 use crate::arrays::{Numbers, array, points, rows};
-use crate::border::{Pulse, outside};
+use crate::border::{Pending, Pulse, outside};
 use crate::error::Fault;
-use crate::plug::Pending;
 use crate::subdomain::{Interface, Subdomain, Which};
 use arlequin::core::snapshot::Snapshot as State;
 use arlequin::core::{self, Guard, Observer, Parts, Phase, StepReport, TimeStep, Weighting};
@@ -11,6 +10,7 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 type Inner = core::Coupled<f64>;
@@ -40,6 +40,8 @@ pub(crate) struct Coupled {
     interfaces: Vec<String>,
     pending: Vec<Pending>,
     drawn: Mutex<Vec<[f64; 9]>>,
+    /// Whether an exception ended it, perhaps within a step: models are then at different instants.
+    torn: AtomicBool,
 }
 
 /// The state of a run, to go back to.
@@ -119,6 +121,16 @@ impl Coupled {
                 "this run computes already, in another thread or around the model that asks; wait until it has ended",
             )),
         }
+    }
+
+    /// Refuses to go on from a state that is none of one instant.
+    fn whole(&self) -> Result<(), Fault> {
+        if !self.torn.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        let rule = "an exception ended this run, perhaps within a step, and its models may be at different instants: go back \
+                    with restore(snapshot), or build it anew";
+        Err(Fault::of("Unsupported", rule))
     }
 
     /// Computes; an exception of a model that waits comes before what it led to.
@@ -201,11 +213,13 @@ impl Coupled {
             interfaces: interfaces.iter().map(|i| i.name.clone()).collect(),
             pending,
             drawn: Mutex::new(Vec::new()),
+            torn: AtomicBool::new(false),
         })
     }
 
     /// Makes so many steps, or fewer if `observer(run)` answers False, which is called every `every` steps; returns how many
-    /// were made. Ctrl-C ends it between two steps.
+    /// were made. Ctrl-C ends it between two steps, and the next call goes on; but within a model written in Python, Ctrl-C is
+    /// an exception like others: after it, a run goes on from a snapshot only.
     #[pyo3(signature = (steps, observer = None, every = 1))]
     fn run(
         slf: &Bound<'_, Self>,
@@ -221,12 +235,16 @@ impl Coupled {
                 None => steps - made,
             };
             let (done, stop) = this.compute(py, |run| {
+                this.whole()?;
+                this.torn.store(true, Ordering::Relaxed);
                 let mut watch = Watch {
                     drawn: &this.drawn,
                     pulse: Pulse::new(),
                     stop: None,
                 };
                 let done = run.run(ahead, &mut watch)?;
+                let torn = this.pending.iter().any(Pending::waits);
+                this.torn.store(torn, Ordering::Relaxed);
                 Ok((done, watch.stop))
             })?;
             made += done;
@@ -369,12 +387,20 @@ impl Coupled {
 
     /// The present state.
     fn snapshot(&self, py: Python<'_>) -> PyResult<Snapshot> {
-        self.compute(py, |run| Ok(Snapshot(run.snapshot()?)))
+        self.compute(py, |run| {
+            self.whole()?;
+            Ok(Snapshot(run.snapshot()?))
+        })
     }
 
     /// Goes back to a state of this run, or of one that was built in the same way.
     fn restore(&self, py: Python<'_>, snapshot: &Snapshot) -> PyResult<()> {
-        self.compute(py, |run| Ok(run.restore(&snapshot.0)?))
+        self.compute(py, |run| {
+            self.torn.store(true, Ordering::Relaxed);
+            run.restore(&snapshot.0)?;
+            self.torn.store(false, Ordering::Relaxed);
+            Ok(())
+        })
     }
 
     /// Force and moment that multipliers exert on both sides together, relative to the force on one.

@@ -254,7 +254,7 @@ impl CnemModel {
         let surface = match surface {
             None => Surface::convex_hull(),
             Some(s) => {
-                let all: Vec<usize> = node_numbers("the surface", &s)?
+                let all: Vec<usize> = node_numbers("the surface", &s, 3)?
                     .into_iter()
                     .map(|k| k as usize)
                     .collect();
@@ -387,7 +387,7 @@ impl DemModel {
             Particles::Given(centres, radii, pairs, volume) => {
                 let centres: Vec<Vector3<f64>> =
                     points("points", &centres)?.iter().map(|p| p.coords).collect();
-                let pairs = node_numbers("pairs", &pairs)?;
+                let pairs = node_numbers("pairs", &pairs, 2)?;
                 let matter = Matter {
                     beam,
                     density,

@@ -1,6 +1,7 @@
 //! Models written in Python behind the traits of the core.
 
 use crate::arrays::{Numbers, array};
+use crate::border::{Claim, Pending};
 use crate::error::{Fault, raised};
 use crate::shapes::{Connectivity, Mesh, field_of, node_numbers};
 use arlequin::core::geometry::Cell;
@@ -10,22 +11,7 @@ use arlequin::core::sprs::CsMat;
 use arlequin::core::{DofLayout, Error, Interpolation, LinearModel, Model, Result, Weight, parallel};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
-use std::sync::{Arc, Mutex, PoisonError};
-
-/// An exception raised where the core takes none: the run looks here once it has stopped.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Pending(Arc<Mutex<Option<PyErr>>>);
-
-impl Pending {
-    pub(crate) fn keep(&self, e: PyErr) {
-        let mut slot = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        slot.get_or_insert(e);
-    }
-
-    pub(crate) fn take(&self) -> Option<PyErr> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
-    }
-}
+use std::sync::Arc;
 
 /// Where the numbers of a weight belong.
 enum Places {
@@ -69,12 +55,21 @@ impl Described {
         let field = field_of(&field)?;
         let nodes = field.nodes().to_vec();
         let mesh = mesh.map(|m| Ok::<_, PyErr>(m.cast_into::<Mesh>()?)).transpose()?;
-        let number = |name| optional(object, name)?.map(|x| x.extract::<usize>()).transpose();
+        let number = |what, default, allowed: &[usize]| {
+            let Some(x) = optional(object, what)? else {
+                return Ok::<_, PyErr>(default);
+            };
+            let found = x.extract::<usize>().ok().filter(|n| allowed.contains(n));
+            found.ok_or_else(|| {
+                let rule = format!("{what} of '{name}' = {x}: a node has one of {allowed:?}");
+                Fault::of("InvalidParameter", rule).into()
+            })
+        };
         let plain = mesh.as_ref().map_or(3, |m| m.get().0.mesh().kind().components());
         let layout = DofLayout {
             nodes: nodes.len(),
-            components: number("components")?.unwrap_or(plain),
-            rotations: number("rotations")?.unwrap_or(0),
+            components: number("components", plain, &[1, 2, 3])?,
+            rotations: number("rotations", 0, &[0, 3])?,
         };
         let places = match (optional(object, "bonds")?, mesh) {
             (Some(bonds), _) => Places::Bonds(bonds_of(&name, &bonds, &nodes)?),
@@ -143,19 +138,26 @@ impl Described {
         out: &mut [f64],
         take: impl Fn(&mut f64, f64),
     ) -> PyResult<()> {
+        let finite = |bad: Option<usize>| match bad {
+            None => Ok(()),
+            Some(index) => Err(PyErr::from(Fault::from(Error::NotFinite {
+                what: format!("{what} of '{}'", self.name),
+                index,
+            }))),
+        };
         // The way of every step: a plain vector.
         if let Ok(plain) = answer.cast::<PyArray1<f64>>() {
             let plain = plain.readonly();
             if let (Ok(values), true) = (plain.as_slice(), plain.len()? == out.len()) {
                 out.iter_mut().zip(values).for_each(|(o, x)| take(o, *x));
-                return Ok(());
+                return finite(values.iter().position(|x| !x.is_finite()));
             }
         }
         let any = answer.extract::<Numbers<'_>>()?;
         let any = any.as_array();
         if any.len() == out.len() {
             out.iter_mut().zip(any.iter()).for_each(|(o, x)| take(o, *x));
-            return Ok(());
+            return finite(any.iter().position(|x| !x.is_finite()));
         }
         Err(Fault::of(
             "SizeMismatch",
@@ -189,10 +191,12 @@ impl Described {
 }
 
 fn bonds_of(name: &str, bonds: &Bound<'_, PyAny>, nodes: &[Point3<f64>]) -> PyResult<Vec<Cell<f64>>> {
-    let numbers = node_numbers(
-        &format!("bonds of '{name}'"),
-        &bonds.extract::<Connectivity<'_>>()?,
-    )?;
+    let what = format!("bonds of '{name}'");
+    let numbers = bonds.extract::<Connectivity<'_>>().map_err(|_| {
+        let rule = format!("{what} are no pairs of node numbers; give an array of whole numbers, (n, 2)");
+        Fault::of("SizeMismatch", rule)
+    })?;
+    let numbers = node_numbers(&what, &numbers, 2)?;
     let one = |pair: &[u32; 2]| {
         let [a, b] = pair.map(|k| nodes.get(k as usize).copied());
         let ends = [a?, b?];
@@ -207,6 +211,7 @@ fn bonds_of(name: &str, bonds: &Bound<'_, PyAny>, nodes: &[Point3<f64>]) -> PyRe
 
 /// A model whose forces are found in Python.
 pub(crate) struct PythonModel {
+    _claim: Claim,
     about: Described,
     forces: Py<PyAny>,
     energy: Py<PyAny>,
@@ -219,6 +224,7 @@ impl PythonModel {
         let object = about.object.bind(py);
         let more = |name| Ok::<_, PyErr>(optional(object, name)?.map(Bound::unbind));
         Ok(Self {
+            _claim: Claim::of(&about.name, &about.object)?,
             forces: about.method(py, "internal_forces")?,
             energy: about.method(py, "internal_energy")?,
             advance: more("advance")?,
@@ -304,7 +310,13 @@ impl Model<f64> for PythonModel {
             let answer = method.call1(py, (PyArray1::from_slice(py, inverse_inertia),))?;
             answer.extract::<f64>(py)
         });
-        found.map_err(|e| self.about.raised(e))
+        let found = found.map_err(|e| self.about.raised(e))?;
+        if found > 0.0 {
+            return Ok(found);
+        }
+        let name = format!("critical_step of '{}'", self.about.name);
+        let rule = "must be positive [s], or infinite for a model that takes any step";
+        Err(arlequin::core::invalid(&name, found, rule))
     }
 
     fn save(&self) -> Record<f64> {
@@ -327,7 +339,15 @@ pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record
     let Some(save) = optional(about.object.bind(py), "save")? else {
         return Ok(None);
     };
-    let numbers = save.call0()?.extract::<Numbers<'_>>()?;
+    let answer = save.call0()?;
+    if answer.is_none() {
+        let rule = format!(
+            "save of '{}' answers None; give numbers, or have no save",
+            about.name
+        );
+        return Err(Fault::of("InvalidParameter", rule).into());
+    }
+    let numbers = answer.extract::<Numbers<'_>>()?;
     Ok(Some(Record {
         numbers: crate::arrays::flat(&numbers),
         integers: Vec::new(),

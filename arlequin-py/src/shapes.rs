@@ -44,9 +44,16 @@ impl Mesh {
     }
 }
 
-/// Node numbers that numpy has as signed ones.
-pub(crate) fn node_numbers(what: &str, from: &Connectivity<'_>) -> Result<Vec<u32>, Fault> {
+/// Node numbers that numpy has as signed ones, so many in a row.
+pub(crate) fn node_numbers(what: &str, from: &Connectivity<'_>, columns: usize) -> Result<Vec<u32>, Fault> {
     let all = from.as_array();
+    if all.ncols() != columns {
+        let rule = format!(
+            "{what}: node numbers have the shape {:?}; give (n, {columns})",
+            all.shape()
+        );
+        return Err(Fault::of("SizeMismatch", rule));
+    }
     let number = |k: &i64| {
         u32::try_from(*k).map_err(|_| {
             let rule = format!("{what} has the node number {k}; they go from 0 to {}", u32::MAX);
@@ -65,7 +72,8 @@ impl Mesh {
             kind_of(kind)?,
             crate::arrays::points("points of the mesh", &points)?,
         );
-        let mesh = arlequin::fem_ref::Mesh::new(kind, nodes, node_numbers("the mesh", &cells)?)?;
+        let cells = node_numbers("the mesh", &cells, kind.corners())?;
+        let mesh = arlequin::fem_ref::Mesh::new(kind, nodes, cells)?;
         Ok(Self::of(if kind == ElementKind::Bar2 {
             mesh.with_section(section)?
         } else {
@@ -183,7 +191,7 @@ impl Field {
         let nodes = crate::arrays::points("points", &points)?;
         let mut field = ParticleField::new(nodes, &crate::arrays::flat(&volumes))?;
         if let Some(pairs) = pairs {
-            let numbers = node_numbers("pairs", &pairs)?;
+            let numbers = node_numbers("pairs", &pairs, 2)?;
             field = field.with_gradients(numbers.as_chunks::<2>().0)?;
         }
         Ok(Self(Arc::new(field)))

@@ -1,8 +1,9 @@
 //! Whole solvers written in Python as participants.
 
 use crate::arrays::array;
+use crate::border::{Claim, Pending};
 use crate::error::Fault;
-use crate::plug::{Described, Pending, optional, restored, saved};
+use crate::plug::{Described, optional, restored, saved};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::snapshot::Record;
 use arlequin::core::{DofLayout, Error, Interpolation, Participant, Result, Weights};
@@ -24,6 +25,7 @@ pub(crate) struct Shares {
 
 /// A solver whose methods are Python's.
 pub(crate) struct PythonSolver {
+    _claim: Claim,
     about: Described,
     advance: Py<PyAny>,
     velocities: Py<PyAny>,
@@ -38,6 +40,7 @@ impl PythonSolver {
         about.method(py, "weigh")?;
         let (field, pending) = (about.field.clone(), about.pending.clone());
         let solver = Self {
+            _claim: Claim::of(&about.name, &about.object)?,
             advance: about.method(py, "advance")?,
             velocities: about.method(py, "velocities")?,
             displacements: about.method(py, "displacements")?,
@@ -65,7 +68,18 @@ impl PythonSolver {
             let Some(method) = optional(self.about.object.bind(py), name)? else {
                 return Ok(None);
             };
-            method.call0()?.extract::<Option<f64>>()
+            let found = method.call0()?.extract::<Option<f64>>()?;
+            let sound = |x: &f64| *x > 0.0 || (name != "critical_step" && !x.is_nan());
+            match found.filter(|x| !sound(x)) {
+                None => Ok(found),
+                Some(x) => {
+                    let rule = format!(
+                        "{name} of '{}' = {x}: no number that it may answer",
+                        self.about.name
+                    );
+                    Err(Fault::of("InvalidParameter", rule).into())
+                }
+            }
         });
         told.unwrap_or_else(|e: PyErr| {
             self.about.pending.keep(e);
@@ -143,7 +157,11 @@ impl Participant<f64> for PythonSolver {
                 self.told("accelerations", &method, out);
                 true
             }
-            _ => false,
+            Ok(None) => false,
+            Err(e) => {
+                self.about.pending.keep(e);
+                false
+            }
         }
     }
 

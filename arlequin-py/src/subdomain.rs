@@ -1,11 +1,11 @@
 //! Models with their weights, and what ties them.
 
 use crate::arrays::{Numbers, flat};
-use crate::border::outside;
+use crate::border::{Pending, outside};
 use crate::choices::{Effect, Junction, Weights, time_function};
 use crate::error::Fault;
 use crate::models::NativeModel;
-use crate::plug::{self, Pending};
+use crate::plug;
 use crate::remote::{Place, meet};
 use crate::shapes::{field_of, mediator_of};
 use crate::solver::{PythonSolver, used};
@@ -225,7 +225,16 @@ impl Which {
     pub(crate) fn among(&self, names: &[String], what: &str) -> Result<usize, Fault> {
         let found = match self {
             Self::Number(k) => Some(*k).filter(|k| *k < names.len()),
-            Self::Name(n) => names.iter().position(|m| m == n),
+            Self::Name(n) => {
+                let mut of_name = (0..names.len()).filter(|k| names[*k] == *n);
+                let first = of_name.next();
+                if of_name.next().is_some() {
+                    let rule =
+                        format!("several are named '{n}'; set other names, or give the number of the {what}");
+                    return Err(Fault::of("UnknownName", rule));
+                }
+                first
+            }
         };
         found.ok_or_else(|| {
             let asked = match self {

@@ -37,8 +37,16 @@ struct arlequin_link {
 static char reason[NAME];
 static struct arlequin_link *current;
 
+/* Bytes of a text, of a long one as many as end with a whole character of UTF-8. */
+static size_t length_of(const char *text, size_t most) {
+    size_t n = strlen(text);
+    if (n <= most) return n;
+    for (n = most; n && (text[n] & 0xc0) == 0x80;) n--;
+    return n;
+}
+
 int arlequin_fail(const char *text) {
-    snprintf(reason, sizeof reason, "%s", text);
+    snprintf(reason, sizeof reason, "%.*s", (int)length_of(text, sizeof reason - 1), text);
     return 1;
 }
 const char *arlequin_reason(void) { return reason; }
@@ -93,8 +101,7 @@ static int put_numbers(struct buffer *b, const double *x, size_t count) {
     return 0;
 }
 static int put_text(struct buffer *b, const char *text) {
-    size_t n = strlen(text);
-    if (n > NAME) n = NAME;
+    size_t n = length_of(text, NAME);
     if (put(b, n, 4) || reserve(b, b->length + n)) return 1;
     memcpy(b->bytes + b->length, text, n);
     b->length += n;
@@ -281,7 +288,7 @@ int arlequin_serve(const char *address, struct arlequin_solver *s) {
         while (!failed && kind != END) {
             if ((kind = receive(&link)) < 0) {
                 failed = 1;
-            } else if (answer(&link, s, kind, work)) {
+            } else if (arlequin_fail("no reason was given") && answer(&link, s, kind, work)) {
                 failed = 1;
                 if (!begin(&link, FAILED) && !put_text(&link.out, reason)) send_out(&link);
             } else {

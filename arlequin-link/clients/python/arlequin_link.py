@@ -43,6 +43,8 @@ class Weight:
         self.link, self.share = link, share
 
     def _ask(self, what, x, section=1.0):
+        if np.ndim(x) < 2 or np.shape(x)[-1] != 3:
+            raise ValueError(f"places of weights have the shape {np.shape(x)}: give coordinates, nodes or nodes[cells]")
         if self.link is None:
             return np.ones(len(x))
         self.link.send(ASK, struct.pack("<BBHId", self.share, what, 0, len(x), section), np.asarray(x, float))
@@ -53,7 +55,7 @@ class Weight:
         return self._ask(0, points)
 
     def mean(self, cells, section=1.0):
-        """Means over lines (n, 2, 3), tetrahedra (n, 4, 3) or hexahedra with plane faces (n, 8, 3), by their corners."""
+        """Means over lines (n, 2, 3), tetrahedra (n, 4, 3) or hexahedra with plane faces (n, 8, 3): nodes[cells]."""
         return self._ask({2: 1, 4: 2, 8: 3}[np.shape(cells)[1]], cells, section)
 
 
@@ -66,6 +68,8 @@ class Weights:
 class Link:
     def __init__(self, address, patience=5.0):
         scheme, _, rest = address.partition(":")
+        if scheme not in ("unix", "tcp", "tcp-open"):
+            raise ValueError(f"{address!r} is no address: give unix:PATH or tcp:IP:PORT, or let ARLEQUIN_LINK say it")
         host, _, port = rest.rpartition(":")
         self.socket = socket.socket(socket.AF_UNIX if scheme == "unix" else socket.AF_INET)
         until, failed = time.monotonic() + patience, True
@@ -76,6 +80,7 @@ class Link:
             time.sleep(0.02 if failed else 0)
         if scheme != "unix":
             self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.file = self.socket.makefile("rb")
 
     def send(self, kind, *parts):
         body = b"".join(np.ascontiguousarray(p, "<f8").tobytes() if isinstance(p, np.ndarray) else p for p in parts)
@@ -85,12 +90,9 @@ class Link:
         self.send(WORKING)
 
     def _read(self, count):
-        data, at = bytearray(count), 0
-        while at < count:
-            n = self.socket.recv_into(memoryview(data)[at:])
-            if n == 0:
-                raise ConnectionError("the run is gone")
-            at += n
+        data = bytearray(count)
+        if self.file.readinto(data) < count:
+            raise ConnectionError("the run is gone")
         return data
 
     def receive(self, *due):
@@ -102,7 +104,7 @@ class Link:
 
 
 def text(words):
-    return struct.pack("<I", len(words.encode()[:1024])) + words.encode()[:1024]
+    return struct.pack("<I", len(cut := words.encode(errors="replace")[:1024].decode(errors="ignore").encode())) + cut
 
 
 def describe(s, link):
@@ -125,8 +127,7 @@ def answer(s, link, kind, data):
         inertia = np.asarray(s.weigh(Weights(link, nodal=data[0] == 1)), float)  # may set the step
         return INERTIA, struct.pack("<d", s.critical_step), inertia
     if kind == SAVE:
-        numbers = np.asarray(s.save(), float)
-        return RECORD, struct.pack("<QQ", len(numbers), 0), numbers
+        return RECORD, struct.pack("<QQ", len(numbers := np.asarray(s.save(), float)), 0), numbers
     if kind == IMPULSE:
         s.kick(np.frombuffer(data, "<f8"))
     elif kind == RESTORE:
@@ -136,7 +137,7 @@ def answer(s, link, kind, data):
 
 def serve(solver, address=None, link=None):
     """Does as the run says until it ends; an exception of the solver is told to the run and raised here."""
-    link = solver.link = link or Link(address or os.environ["ARLEQUIN_LINK"])
+    link = solver.link = link or Link(address or os.environ.get("ARLEQUIN_LINK", ""))
     kind, _ = link.receive(HELLO)
     try:
         describe(solver, link)
@@ -144,6 +145,6 @@ def serve(solver, address=None, link=None):
             kind, data = link.receive()
             link.send(*answer(solver, link, kind, data))
     except Exception as error:
-        if not isinstance(error, OSError):
+        if not isinstance(error, ConnectionError):
             link.send(FAILED, text(f"{type(error).__name__}: {error}"))
         raise

@@ -26,6 +26,8 @@ __all__ = [
 def participant(solver: Any, step: float, steps: int = 100) -> Record:
     """Kicks a solver, which should be in motion, and lets it make so many steps of ``step`` [s].
 
+    The solver stands elsewhere afterwards: take a fresh one for a run.
+
     Defects: ``kick`` of velocities after an impulse, ``moved`` by it at once, ``drift`` of the invariant over the steps,
     ``work`` of the impulse, ``resumed`` the same steps again from what was saved.
     """

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Optional
 
-from . import _native
+from . import _native, errors
 from ._native import Junction, Weights
 from .results import Table
 
@@ -41,6 +42,8 @@ class Coupled(_native.Coupled):
 
     def run_until(self, time: float, observer: Any = None, every: int = 1) -> int:
         """Makes as many steps as reach ``time`` [s]; returns how many were made."""
+        if not math.isfinite(time):
+            raise errors.InvalidParameter(f"time = {time}: must be finite [s]")
         left = max(0, -int(-(time - self.time) * (1 - 1e-12) // self.dt))
         return self.run(left, observer, every)
 

@@ -313,6 +313,8 @@ class Run:
         times = self.times
         if len(times) == 0:
             raise errors.Key("this run kept no frames; run the scene with frames=20, or look into its folder")
+        if t is not None and not np.isfinite(t):
+            raise errors.Value(f"t = {t}: must be finite [s]")
         k = len(times) - 1 if t is None else int(np.argmin(np.abs(times - t)))
         models = self._native.fields(k)
         return Frame(float(times[k]), {n: Fields(m["points"], m["cells"]) for n, m in models.items()})
