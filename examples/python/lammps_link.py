@@ -5,9 +5,6 @@ LAMMPS then shares neither memory nor licence with the run; a round trip costs s
 
 import pathlib
 import sys
-from types import SimpleNamespace
-
-import numpy as np
 
 import lammps_bar
 
@@ -16,26 +13,10 @@ sys.path.append(str(HERE.parents[2] / "arlequin-link" / "clients" / "python"))
 
 
 def serve():
-    from arlequin_link import Solver
-    from arlequin_link import serve as answer
+    import arlequin_link
+    from lammps_ranks import Bar
 
-    class Behind(Solver):
-        name, kind, components, shape = "particles", "lammps", 1, "line"
-
-        def __init__(self):
-            x, n = lammps_bar.X, len(lammps_bar.X)
-            self.bar = bar = lammps_bar.LammpsBar(x, 1.0, 1.0, lammps_bar.PULSE)
-            self.nodes = np.column_stack([x, 0 * x, 0 * x])
-            self.cells = np.column_stack([np.arange(n - 1), np.arange(1, n)])
-            self.advance, self.velocities, self.displacements = bar.advance, bar.velocities, bar.displacements
-            self.kick, self.accelerations, self.invariant = bar.kick, bar.accelerations, bar.invariant
-
-        def weigh(self, weights):
-            bonds = self.nodes[self.cells]
-            shares = SimpleNamespace(internal=weights.internal.mean(bonds), kinetic=weights.kinetic.mean(bonds))
-            return self.bar.weigh(shares)
-
-    answer(Behind())
+    arlequin_link.serve(Bar(lammps_bar.X, 1.0, 1.0, lammps_bar.PULSE))
 
 
 def main(steps=10_000):
