@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+#[allow(dead_code, reason = "each test binary uses its part")]
+mod support;
+
 use arlequin::core::nalgebra::{self, Vector3};
 use arlequin::core::{
     Coupled, H1Strain, Junction, L2, OwnStep, Profile, Ramp, Silent, Slab, Subdomain, TimeStep, Weights,
@@ -10,18 +13,7 @@ use arlequin::fem_ref::{ElementKind, FemField, FemModel};
 use arlequin_studies::line::{FINE, Line, pulse, rest};
 use arlequin_studies::solid;
 use std::sync::Arc;
-
-/// Bar and chain of the acceptance checks, short.
-fn short() -> Line {
-    Line {
-        coarse_elements: 20,
-        fine_bonds: 120,
-        overlap: 40.0,
-        profile: Profile::Cubic,
-        epsilon: 1e-6,
-        ..Line::default()
-    }
-}
+use support::line::short;
 
 /// A pulse of 40 coarse elements from the chain into the bar: share of the kinetic energy that comes back, jump of
 /// displacements over the pulse's amplitude of one and over the deformation of the overlap, drift of H.

@@ -2,28 +2,20 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+#[allow(dead_code, reason = "each test binary uses its part")]
+mod support;
+
 use arlequin::core::effect::{BodyForce, Load, MassDamping};
 use arlequin::core::nalgebra::{self, DMatrix, DVector, Vector3};
 use arlequin::core::{
-    Coupled, Error, InterfaceOptions, OwnStep, PrescribedMotion, Profile, Silent, Solver, Subdomain,
-    TimeFunction, TimeStep, Weighting, Weights,
+    Coupled, Error, InterfaceOptions, OwnStep, PrescribedMotion, Silent, Solver, Subdomain, TimeFunction,
+    TimeStep, Weighting, Weights,
 };
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, DemModel};
 use arlequin_studies::line::{COARSE, FINE, Line, rest};
 use arlequin_studies::{cantilever, waves};
-
-/// Bar and chain of the acceptance checks, short.
-fn short() -> Line {
-    Line {
-        coarse_elements: 20,
-        fine_bonds: 120,
-        overlap: 40.0,
-        profile: Profile::Cubic,
-        epsilon: 1e-6,
-        ..Line::default()
-    }
-}
+use support::line::short;
 
 fn dense(c: &Coupled<f64>, side: usize) -> DMatrix<f64> {
     let k = c.subdomains()[side].model().as_linear().unwrap().stiffness();

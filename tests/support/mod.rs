@@ -1,4 +1,5 @@
 //! Settings shared by the test binaries.
 
 pub(crate) mod chain;
+pub(crate) mod line;
 pub(crate) mod solid;
