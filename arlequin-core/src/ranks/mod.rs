@@ -10,11 +10,13 @@
 
 mod division;
 mod exact;
+mod gather;
 mod halo;
 mod portion;
 
 pub use division::{Division, Unit};
 pub use exact::{Exact, WORDS};
+pub use gather::Gather;
 pub use halo::Halo;
 pub(crate) use portion::largest;
 pub use portion::{Portion, sum};

@@ -209,7 +209,13 @@ impl<T: Real> Subdomain<T> {
         of_model.chain(added).collect()
     }
 
+    /// Whether velocities are numbers, on all ranks: all of them must ask.
     pub(crate) fn is_finite(&self) -> bool {
-        self.state.v.iter().all(|v| v.is_finite())
+        let own = if self.state.v.iter().all(|v| v.is_finite()) {
+            T::zero()
+        } else {
+            T::one()
+        };
+        ranks::largest(self.portion(), own) <= T::zero()
     }
 }

@@ -12,6 +12,7 @@ mod prepare;
 mod reaction;
 mod record;
 mod rest;
+mod share;
 mod step;
 mod stride;
 
@@ -25,7 +26,7 @@ use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
 use crate::named::named;
-use crate::ranks::Portion;
+use crate::ranks::{Communicator, Portion};
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
@@ -78,6 +79,8 @@ pub struct Subdomain<T: Real> {
     effects: Vec<Attached<T, dyn Effect<T>>>,
     /// What the model is to remember from the start.
     memory: Option<Record<T>>,
+    /// Ranks among which the run shares its model out.
+    ranks: Option<Arc<dyn Communicator>>,
     state: State<T>,
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
@@ -127,6 +130,7 @@ impl<T: Real> Subdomain<T> {
             chosen: Vec::new(),
             effects: Vec::new(),
             memory: None,
+            ranks: None,
             state: State::zero(n),
             inertia: vec![T::zero(); n],
             inverse_inertia: vec![T::zero(); n],

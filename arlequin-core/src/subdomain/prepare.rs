@@ -24,6 +24,15 @@ impl<T: Real> Subdomain<T> {
         check_finite("weighted inertia", &self.inertia)?;
         let prescribed = self.prescribed()?;
         self.invert(&prescribed)?;
+        if self.is_to_be_shared() {
+            // To its part.
+            return Ok(());
+        }
+        self.attach(paired)
+    }
+
+    /// Attaches the effects.
+    pub(super) fn attach(&mut self, paired: bool) -> Result<()> {
         // Loads must stay out of the invariant's internal forces.
         self.forces.expect_loads(!self.chosen.is_empty(), paired);
         let chosen = std::mem::take(&mut self.chosen);
