@@ -14,13 +14,15 @@ pub(crate) fn bounded(wanted: Option<usize>) -> Result<usize> {
         return Err(value("--threads", 0, "must be at least 1"));
     }
     let cores = std::thread::available_parallelism().map_or(1, NonZero::get);
+    // Ranks share the cores of their machine.
+    let share = (cores / crate::ranks::on_this_machine()).max(1);
     let most = PER_CORE * cores;
     let variable = std::env::var("RAYON_NUM_THREADS").ok();
     let variable = variable.and_then(|v| v.trim().parse().ok()).filter(|n| *n > 0);
     let (name, n) = match (wanted, variable) {
         (Some(n), _) => ("--threads", n),
         (None, Some(n)) => ("RAYON_NUM_THREADS", n),
-        (None, None) => return Ok(cores),
+        (None, None) => return Ok(share),
     };
     if n > most {
         report::warning(&format!(

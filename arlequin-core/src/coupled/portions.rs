@@ -4,6 +4,7 @@ use super::apart::Overlap;
 use crate::effect::PairSpec;
 use crate::interface::joint::Joint;
 use crate::interface::{Interface, InterfaceSpec};
+use crate::ranks::agree as agree_on;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
@@ -76,6 +77,20 @@ pub(super) fn share_out<T: Real>(
 pub(super) fn heard<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
     let mut failures = subdomains.iter().filter_map(|s| s.portion()?.failure());
     failures.next().map_or(Ok(()), |e| Err(e.clone().into()))
+}
+
+/// Whether all ranks have the same energy: what each of them computes by itself, such as whole models, must have the same bits.
+pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize) -> Result<()> {
+    let mut all = subdomains.iter().filter_map(Subdomain::portion);
+    let Some(portion) = all.next() else {
+        return Ok(());
+    };
+    let what = format!("the energy of step {step} (processors of different kinds)");
+    Ok(agree_on(
+        portion.communicator(),
+        &what,
+        energy.as_f64().to_bits(),
+    )?)
 }
 
 /// Refuses to do what needs all of every model here.
