@@ -54,7 +54,7 @@ def mpiexec():
 
 
 def test_particles_of_lammps_on_two_processes_move_the_same(lammps):
-    call = [mpiexec(), "-n", "2", sys.executable, str(EXAMPLES / "lammps_bar.py"), "5", "1000"]
+    call = [mpiexec(), "-n", "2", sys.executable, str(EXAMPLES / "lammps_bar.py"), "1", "10000"]
     done = subprocess.run(call, capture_output=True, text=True, timeout=120)
     assert done.stdout.count("with 2 processes") == 2, done.stdout + done.stderr
     found = re.findall(r"drift (\S+), apart from our chain by (\S+)", done.stdout)
@@ -64,7 +64,7 @@ def test_particles_of_lammps_on_two_processes_move_the_same(lammps):
 
 
 def test_particles_of_lammps_in_another_process_move_the_same(lammps):
-    drift, gap = example("lammps_link").main(2_000)
+    drift, gap = example("lammps_link").main(10_000)
     assert drift < 1e-9 and gap < 1e-9 * abs(lammps.PULSE).max()
 
 
