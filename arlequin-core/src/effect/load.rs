@@ -30,6 +30,8 @@ impl<T: Real> SurfaceFacet<T> {
 enum Spread<T: Real> {
     /// Forces \[N\] (moments \[N m\]) on unknowns.
     Dofs(Vec<(usize, T)>),
+    /// The same, weighted already.
+    Shares(Vec<(usize, T)>),
     /// Tractions \[Pa\], one per facet.
     Facets(Vec<(SurfaceFacet<T>, Vector3<T>)>),
 }
@@ -58,6 +60,16 @@ impl<T: Real> Load<T> {
     pub fn on_dofs(name: &str, forces: Vec<(usize, T)>, time: TimeFunction<T>) -> Result<Self> {
         let good = !forces.is_empty() && forces.iter().all(|(_, f)| f.is_finite());
         Self::checked(name, good, forces.len(), Spread::Dofs(forces), time)
+    }
+
+    /// Forces \[N\] or moments \[N m\] on unknowns that are the share of this model already: `γ` is not applied. For who
+    /// deals one load out to several models and knows what they must add up to.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
+    pub fn shared(name: &str, forces: Vec<(usize, T)>, time: TimeFunction<T>) -> Result<Self> {
+        let good = !forces.is_empty() && forces.iter().all(|(_, f)| f.is_finite());
+        Self::checked(name, good, forces.len(), Spread::Shares(forces), time)
     }
 
     /// A traction field `t(x)` \[Pa\], sampled at the facet centres.
@@ -110,7 +122,8 @@ impl<T: Real> EffectSpec<T> for Load<T> {
         let weigh = |dof: usize| gamma.at(&to.model.nodes()[layout.node_of(dof)]);
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
         match &self.spread {
-            Spread::Dofs(forces) => {
+            Spread::Dofs(forces) | Spread::Shares(forces) => {
+                let shared = matches!(self.spread, Spread::Shares(_));
                 for &(dof, f) in forces {
                     if dof >= layout.dofs() {
                         let what = format!("unknowns of '{}' in load '{}'", to.model.name(), self.name);
@@ -120,7 +133,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                             found: dof + 1,
                         });
                     }
-                    *sum.entry(dof).or_default() += f * weigh(dof);
+                    *sum.entry(dof).or_default() += if shared { f } else { f * weigh(dof) };
                 }
             }
             Spread::Facets(facets) => {
