@@ -6,7 +6,7 @@ use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::materials;
 use super::mesh::Grid;
-use crate::error::{Result, cnem};
+use crate::error::{Error, Result, cnem};
 use crate::output::packing::PackingLine;
 use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
@@ -14,7 +14,7 @@ use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Error as Core, Interpolation, Model, ParticleField, ShapeRow};
-use arlequin::dem_beam::DemModel;
+use arlequin::dem_beam::{DemModel, Error as Dem};
 use arlequin::fem_ref::FemField;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -74,6 +74,20 @@ pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> 
     beam(key, table).map(|_| ())
 }
 
+/// Spheres that do not fit into their body are blamed on what says how large they are.
+fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
+    match &e {
+        Error::Dem {
+            source: Dem::ContainerTooSmall { .. } | Dem::TooFewAcross { .. },
+            ..
+        } => {
+            let name = table.spacing.map_or("dem.count", |_| "spacing");
+            e.at_key(|_| Some(format!("{key}.{name}")))
+        }
+        _ => e,
+    }
+}
+
 /// Builds a bonded packing that fills the shape.
 pub(super) fn body(
     name: &str,
@@ -85,7 +99,8 @@ pub(super) fn body(
     clock.begin(format!("packing of '{name}'"));
     grains::check_loose(key, table, effects)?;
     let filling = Filling::of(key, table, folder)?;
-    let mut packing = Recipe::of(key, table, folder, &filling)?.packing(key)?;
+    let made = Recipe::of(key, table, folder, &filling)?.packing(key);
+    let mut packing = made.map_err(|e| too_large(key, table, e))?;
     clock.begin(format!("model of '{name}'"));
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
     grains::cut(key, &table.dem.notch, &mut packing)?;
