@@ -13,7 +13,8 @@ pub(crate) fn bounded(wanted: Option<usize>) -> Result<usize> {
     let (name, n) = match (wanted, threads::asked()) {
         (Some(n), _) => ("--threads", n),
         (None, Some(n)) => ("RAYON_NUM_THREADS", n),
-        (None, None) => return Ok(threads::cores()),
+        // Ranks share the cores of their machine.
+        (None, None) => return Ok((threads::cores() / crate::ranks::on_this_machine()).max(1)),
     };
     if n > threads::most() {
         report::warning(&threads::too_many(name, n));

@@ -86,6 +86,11 @@ impl Origin {
         })
     }
 
+    /// What tells the files apart that it reads.
+    pub(crate) fn fingerprints(&self) -> impl Iterator<Item = (u64, u32)> {
+        self.files.iter().map(|f| (f.1, f.2))
+    }
+
     /// The scene again; refuses files that changed since.
     pub(crate) fn scene(&self) -> Result<Scene> {
         for (name, length, sum) in &self.files {
