@@ -253,7 +253,10 @@ fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Re
     let effects = effects_by_model(scene)?;
     let tables = scene.model.iter().zip(&effects);
     tables
-        .map(|((name, table), e)| kinds::body(name, table, folder, e, clock))
+        .map(|((name, table), e)| {
+            let supports: Vec<_> = scene.support.iter().filter(|s| s.model == **name).collect();
+            kinds::body(name, table, folder, (e, &supports), clock)
+        })
         .collect()
 }
 

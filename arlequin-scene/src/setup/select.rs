@@ -7,7 +7,7 @@ use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::Point3;
 
 /// Whether a point lies in the closed box, up to round-off of its own size.
-fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>) -> bool {
+pub(super) fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>) -> bool {
     let largest = low.iter().chain(high).fold(0.0f64, |s, c| s.max(c.abs()));
     let slack = 1e-9 * largest;
     (0..3).all(|c| x[c] >= low[c] - slack && x[c] <= high[c] + slack)
