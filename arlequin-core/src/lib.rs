@@ -100,14 +100,14 @@ pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
-    CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State, Stepping,
-    Stride, Watching, check_size,
+    CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, Shared, State,
+    Stepping, Stride, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;
 pub use observer::{Observer, Phase, SetupPhase, Silent, StepReport};
 pub use overlap::{CellPlace, Overlap, Place, Primitive, Region, Shell, Slab};
-pub use participant::Participant;
+pub use participant::{Outline, Participant};
 pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
 pub use recovery::{LinkForce, Links, Patches, Recovered, Recovery, SymmetricTensor};
 pub use scalar::{Real, check_finite};

@@ -2,6 +2,8 @@
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant};
 use crate::error::invalid;
+use crate::model::DofLayout;
+use crate::ranks::Exact;
 use crate::time::TimeFunction;
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
@@ -30,6 +32,8 @@ impl<T: Real> SurfaceFacet<T> {
 enum Spread<T: Real> {
     /// Forces \[N\] (moments \[N m\]) on unknowns.
     Dofs(Vec<(usize, T)>),
+    /// The same, weighted already.
+    Shares(Vec<(usize, T)>),
     /// Tractions \[Pa\], one per facet.
     Facets(Vec<(SurfaceFacet<T>, Vector3<T>)>),
 }
@@ -51,13 +55,23 @@ struct WeightedLoad<T: Real> {
 }
 
 impl<T: Real> Load<T> {
-    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`.
+    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`, those of the whole model where it is in parts.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
     pub fn on_dofs(name: &str, forces: Vec<(usize, T)>, time: TimeFunction<T>) -> Result<Self> {
         let good = !forces.is_empty() && forces.iter().all(|(_, f)| f.is_finite());
         Self::checked(name, good, forces.len(), Spread::Dofs(forces), time)
+    }
+
+    /// Forces \[N\] or moments \[N m\] on unknowns that are the share of this model already: `γ` is not applied. For who
+    /// deals one load out to several models and knows what they must add up to.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
+    pub fn shared(name: &str, forces: Vec<(usize, T)>, time: TimeFunction<T>) -> Result<Self> {
+        let good = !forces.is_empty() && forces.iter().all(|(_, f)| f.is_finite());
+        Self::checked(name, good, forces.len(), Spread::Shares(forces), time)
     }
 
     /// A traction field `t(x)` \[Pa\], sampled at the facet centres.
@@ -108,19 +122,23 @@ impl<T: Real> EffectSpec<T> for Load<T> {
         let layout = to.model.layout();
         let gamma = &*to.weights.external;
         let weigh = |dof: usize| gamma.at(&to.model.nodes()[layout.node_of(dof)]);
+        let whole = to.unknowns();
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
         match &self.spread {
-            Spread::Dofs(forces) => {
+            Spread::Dofs(forces) | Spread::Shares(forces) => {
+                let shared = matches!(self.spread, Spread::Shares(_));
                 for &(dof, f) in forces {
-                    if dof >= layout.dofs() {
+                    if dof >= whole {
                         let what = format!("unknowns of '{}' in load '{}'", to.model.name(), self.name);
                         return Err(Error::SizeMismatch {
                             what,
-                            expected: layout.dofs(),
+                            expected: whole,
                             found: dof + 1,
                         });
                     }
-                    *sum.entry(dof).or_default() += f * weigh(dof);
+                    if let Some(dof) = to.unknown(dof) {
+                        *sum.entry(dof).or_default() += if shared { f } else { f * weigh(dof) };
+                    }
                 }
             }
             Spread::Facets(facets) => {
@@ -128,7 +146,9 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                     let w = gamma.at(&facet.centre);
                     for (node, share) in facet.nodes.iter().zip(&facet.shares) {
                         for c in 0..layout.components {
-                            *sum.entry(node * layout.components + c).or_default() += traction[c] * *share * w;
+                            if let Some(dof) = to.unknown(node * layout.components + c) {
+                                *sum.entry(dof).or_default() += traction[c] * *share * w;
+                            }
                         }
                     }
                 }
@@ -159,6 +179,12 @@ impl<T: Real> Effect<T> for WeightedLoad<T> {
     }
 
     fn is_dead(&self) -> bool {
+        true
+    }
+
+    fn add_power(&self, _: &DofLayout, v: &[T], to: &mut Exact) -> bool {
+        let terms = self.forces.iter().map(|&(dof, a)| a * v[dof] * self.factor);
+        terms.for_each(|x| to.add(x.as_f64()));
         true
     }
 

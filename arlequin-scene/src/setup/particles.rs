@@ -6,16 +6,16 @@ use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::materials;
 use super::mesh::Grid;
-use super::zone::Twin;
-use crate::error::{Result, cnem};
+use super::zone::{Supports, Twin};
+use crate::error::{Error, Result, cnem};
 use crate::output::packing::PackingLine;
-use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape, Support};
+use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Error as Core, Interpolation, Model, ParticleField, ShapeRow};
-use arlequin::dem_beam::{DemModel, Packing};
+use arlequin::dem_beam::{DemModel, Error as Dem, Packing};
 use arlequin::fem_ref::FemField;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -75,18 +75,33 @@ pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> 
     beam(key, table).map(|_| ())
 }
 
+/// Spheres that do not fit into their body are blamed on what says how large they are.
+fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
+    match &e {
+        Error::Dem {
+            source: Dem::ContainerTooSmall { .. } | Dem::TooFewAcross { .. },
+            ..
+        } => {
+            let name = table.spacing.map_or("dem.count", |_| "spacing");
+            e.at_key(|_| Some(format!("{key}.{name}")))
+        }
+        _ => e,
+    }
+}
+
 /// Builds a bonded packing that fills the shape.
 pub(super) fn body(
     name: &str,
     key: &str,
     table: &ModelTable,
-    (folder, effects, supports): (&Path, &[(usize, &Effect)], &[&Support]),
+    (folder, effects, supports): (&Path, &[(usize, &Effect)], Supports<'_>),
     clock: &mut SetupClock<'_>,
 ) -> Result<Body> {
     clock.begin(format!("packing of '{name}'"));
     grains::check_loose(key, table, effects)?;
     let filling = Filling::of(key, table, folder)?;
-    let mut packing = Recipe::of(key, table, folder, &filling)?.packing(key)?;
+    let made = Recipe::of(key, table, folder, &filling)?.packing(key);
+    let mut packing = made.map_err(|e| too_large(key, table, e))?;
     clock.begin(format!("model of '{name}'"));
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
     let make = |packing: &Packing, beam| {
@@ -101,7 +116,7 @@ pub(super) fn body(
         let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
         let group = |model: &DemModel, name: &str| {
             let mut all = groups(model, &table.shape, &filling);
-            all.remove(name).unwrap_or_default()
+            all.remove(name)
         };
         likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
         beam.young *= likeness.map_or(1.0, |like| like.beams);
