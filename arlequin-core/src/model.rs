@@ -3,7 +3,7 @@
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::geometry::Sample;
-use crate::ranks::Portion;
+use crate::ranks::{Communicator, Portion};
 use crate::record::Record;
 use crate::recovery::{Links, Recovery};
 use crate::weight::Weight;
@@ -11,6 +11,23 @@ use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use sprs::CsMat;
 use std::sync::Arc;
+
+/// What a model became that was shared out among ranks.
+#[derive(Clone)]
+pub struct Shared<T: Real> {
+    /// What this rank holds of it.
+    pub portion: Arc<Portion>,
+    /// Its field there.
+    pub field: Arc<dyn Interpolation<T>>,
+}
+
+impl<T: Real> std::fmt::Debug for Shared<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Shared")
+            .field("portion", &self.portion)
+            .finish_non_exhaustive()
+    }
+}
 
 /// How the degrees of freedom are arranged: `components` displacements per node (`x0 y0 z0 x1 …`), then `rotations` per node
 /// in the same order, which the coupling never touches.
@@ -223,6 +240,21 @@ pub trait Model<T: Real>: Send {
     /// The model as one whose nodes are joined by bonds, if they are: for output.
     fn links(&self) -> Option<&dyn Links<T>> {
         None
+    }
+
+    /// Becomes the part of the model that the rank of `communicator` holds, before it has gone anywhere: weights are set, all of the model
+    /// is the same on every rank.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] for a model that cannot be in parts, as most cannot; what the transport says.
+    fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
+        let ranks = communicator.ranks();
+        Err(Error::Unsupported {
+            model: self.name().to_owned(),
+            what: format!(
+                "be in parts on {ranks} ranks; leave it whole, which is then the same on every rank"
+            ),
+        })
     }
 
     /// What this rank holds of the model, if it is a part of one: nodes, unknowns, weights and forces are then those of the

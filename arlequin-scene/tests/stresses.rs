@@ -157,7 +157,7 @@ fn frames_have_tensors_in_the_order_and_with_the_shears_that_they_say() {
         rigid: built.rigid,
     };
     let fields = &scene.spec().output.fields;
-    let frames = Frames::new(PathBuf::new(), fields, &built.run, pictures);
+    let frames = Frames::new(None, fields, &built.run, pictures);
     let picture = frames
         .picture(&built.run, 0)
         .expect("a picture")

@@ -14,8 +14,10 @@
 use super::ledger::DisplacementJump;
 use crate::Real;
 use crate::interface::{Interface, coupled_nodes};
+use crate::ranks::{Gather, Portion};
 use crate::subdomain::Subdomain;
 use nalgebra::{Matrix3, Matrix4, Quaternion, SymmetricEigen, UnitQuaternion, Vector3};
+use std::sync::Arc;
 
 /// Last digits by which displacements differ that are the same but for round-off, per own step.
 const DIGITS: f64 = 16.0;
@@ -34,6 +36,8 @@ pub(super) struct Overlap<T: Real> {
     spread: Matrix3<T>,
     /// Inverse of `tr G − G`; zero about axes on which all nodes lie.
     inverse: Matrix3<T>,
+    /// Of a side in parts, whose nodes are numbered by their places here.
+    parts: [Option<Gather>; 2],
 }
 
 #[derive(Debug)]
@@ -85,7 +89,18 @@ impl<T: Real> Overlap<T> {
             components,
             mass,
             spread,
+            parts: [None, None],
         }
+    }
+
+    /// From now on the model of a side is in parts.
+    pub(super) fn share_out(&mut self, side: usize, portion: &Arc<Portion>) {
+        let nodes = &mut self.nodes[side];
+        self.parts[side] = Some(Gather::new(portion.clone(), 1, nodes.iter().map(|n| n.index)));
+        nodes
+            .iter_mut()
+            .enumerate()
+            .for_each(|(place, n)| n.index = place);
     }
 
     /// Jump, amplitude and digits of the present state join those so far; `steps`: own steps so far of the side that makes
@@ -97,7 +112,12 @@ impl<T: Real> Overlap<T> {
         steps: usize,
         so_far: &mut DisplacementJump<T>,
     ) {
-        let of = |m: usize, n: &Node<T>| self.displacement(sides[m], n);
+        let seen = [0, 1].map(|m| {
+            let gather = self.parts[m].as_ref()?;
+            Some(gather.gathered(self.components, &sides[m].state().q))
+        });
+        let q = [0, 1].map(|m| seen[m].as_deref().unwrap_or(&sides[m].state().q));
+        let of = |m: usize, n: &Node<T>| self.displacement(q[m], n);
         let none = Rigid {
             base: Vector3::zeros(),
             turn: Matrix3::zeros(),
@@ -108,10 +128,10 @@ impl<T: Real> Overlap<T> {
         so_far.digits = so_far.digits.max(digits);
     }
 
-    fn displacement(&self, s: &Subdomain<T>, n: &Node<T>) -> Vector3<T> {
+    fn displacement(&self, q: &[T], n: &Node<T>) -> Vector3<T> {
         let d = self.components;
         let mut u = Vector3::zeros();
-        let q = &s.state().q[n.index * d..(n.index + 1) * d];
+        let q = &q[n.index * d..(n.index + 1) * d];
         (0..d).for_each(|c| u[c] = q[c]);
         u
     }

@@ -1,7 +1,10 @@
 //! What a run asks of models that are in parts on several ranks.
 
+use super::apart::Overlap;
 use crate::effect::PairSpec;
-use crate::interface::InterfaceSpec;
+use crate::interface::joint::Joint;
+use crate::interface::{Interface, InterfaceSpec};
+use crate::ranks::agree as agree_on;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
@@ -12,24 +15,27 @@ pub(super) fn check<T: Real>(
     pairs: &[PairSpec<T>],
 ) -> Result<()> {
     for (k, s) in subdomains.iter().enumerate() {
-        let Some(portion) = s.portion() else {
+        let held = s.portion().map(|p| p.division().ranks());
+        let Some(ranks) = held.or_else(|| s.ranks()) else {
             continue;
         };
         let tied = interfaces.iter().find(|i| [i.coarse, i.fine].contains(&k));
+        let tied = tied.filter(|_| held.is_some());
         let why = if let Some(i) = tied {
-            format!("be tied by interface '{}'", i.name)
+            let (name, how) = (&i.name, "the run must share it out itself (Subdomain::shared)");
+            return Err(Error::Unsupported {
+                model: s.model().name().to_owned(),
+                what: format!("be tied by interface '{name}' where it is in parts already; {how}"),
+            });
+        } else if s.remembers() {
+            "go on from what it remembers".to_owned()
         } else if pairs.iter().any(|p| p.sides.contains(&k)) {
             "touch another model".to_owned()
-        } else if s.has_effects() {
-            "have effects".to_owned()
-        } else if s.moving().next().is_some() {
-            "have supports that move".to_owned()
         } else if s.step_choice() == OwnStep::Implicit {
             "step implicitly".to_owned()
         } else {
             continue;
         };
-        let ranks = portion.division().ranks();
         return Err(Error::Unsupported {
             model: s.model().name().to_owned(),
             what: format!("{why} while it is in parts on {ranks} ranks; run it on one"),
@@ -38,10 +44,49 @@ pub(super) fn check<T: Real>(
     Ok(())
 }
 
+/// Shares out the models that are to be, and tells what acts on their nodes.
+pub(super) fn share_out<T: Real>(
+    subdomains: &mut [Subdomain<T>],
+    interfaces: &mut [Interface<T>],
+    joints: &mut [Joint<T>],
+    overlaps: &mut [Overlap<T>],
+) -> Result<()> {
+    for (k, s) in subdomains.iter_mut().enumerate() {
+        let components = s.model().layout().components;
+        let Some(portion) = s.share_out()? else {
+            continue;
+        };
+        for (i, overlap) in interfaces.iter_mut().zip(&mut *overlaps) {
+            for side in (0..2).filter(|m| i.sides()[*m] == k).collect::<Vec<_>>() {
+                i.share_out(side, &portion);
+                overlap.share_out(side, &portion);
+            }
+        }
+        joints
+            .iter_mut()
+            .for_each(|j| j.share_out(k, &portion, components));
+    }
+    Ok(())
+}
+
 /// Whether ranks still hear of each other.
 pub(super) fn heard<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
     let mut failures = subdomains.iter().filter_map(|s| s.portion()?.failure());
     failures.next().map_or(Ok(()), |e| Err(e.clone().into()))
+}
+
+/// Whether all ranks have the same energy: what each of them computes by itself, such as whole models, must have the same bits.
+pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize) -> Result<()> {
+    let mut all = subdomains.iter().filter_map(Subdomain::portion);
+    let Some(portion) = all.next() else {
+        return Ok(());
+    };
+    let what = format!("the energy of step {step} (processors of different kinds)");
+    Ok(agree_on(
+        portion.communicator(),
+        &what,
+        energy.as_f64().to_bits(),
+    )?)
 }
 
 /// Refuses to do what needs all of every model here.

@@ -154,13 +154,16 @@ impl<T: Real> Coupled<T> {
         }
         announce(SetupPhase::Partition);
         let (partition, outside) = partition::check(&subdomains, &interfaces)?;
-        let (mut built, joints) = interfaces_of(&interfaces, outside, &subdomains, announce)?;
+        let (mut built, mut joints) = interfaces_of(&interfaces, outside, &subdomains, announce)?;
         announce(SetupPhase::Step);
         built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
         for i in &mut built {
             let told = motions::one_sided(i, &subdomains);
             i.report.warnings.extend(told);
         }
+        let mut overlaps: Vec<_> = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
+        let held = built.iter().map(|i| Held::new(i, &subdomains)).collect();
+        portions::share_out(&mut subdomains, &mut built, &mut joints, &mut overlaps)?;
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
         for (k, s) in subdomains.iter_mut().enumerate() {
@@ -172,8 +175,6 @@ impl<T: Real> Coupled<T> {
         for (s, steps) in subdomains.iter_mut().zip(pace.steps) {
             s.set_pace(pace.dt, steps)?;
         }
-        let held = built.iter().map(|i| Held::new(i, &subdomains)).collect();
-        let overlaps = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
         let guard = checked_guard(guard, &subdomains)?;
         let mut run = Self {
             subdomains,
@@ -209,8 +210,8 @@ impl<T: Real> Coupled<T> {
             (
                 s.model().name().to_owned(),
                 s.model().kind().to_owned(),
-                layout.nodes,
-                layout.dofs(),
+                s.nodes_in_all(),
+                s.nodes_in_all() * (layout.components + layout.rotations),
                 c.as_f64(),
             )
         });

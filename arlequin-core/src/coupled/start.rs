@@ -3,7 +3,7 @@
 use super::ledger::DisplacementJump;
 use super::{Coupled, ROUND_OFF, pair};
 use crate::subdomain::Subdomain;
-use crate::{Error, Real, Result};
+use crate::{Error, Real, Result, ranks};
 
 /// Largest jump of the initial displacements beside a solver whose displacements are its own, relative to the largest.
 const GUEST_JUMP: f64 = 1e-6;
@@ -99,7 +99,7 @@ impl<T: Real> Coupled<T> {
                 let layout = s.model().layout();
                 let q = s.state().q[..layout.translations()].chunks_exact(layout.components);
                 let squares = q.map(|u| u.iter().map(|x| *x * *x).sum::<T>());
-                squares.fold(T::zero(), |m, x| m.max(x)).sqrt()
+                ranks::largest(s.portion(), squares.fold(T::zero(), |m, x| m.max(x))).sqrt()
             });
             let largest = largest[0].max(largest[1]);
             i.report.start_jump = jump.as_f64();
@@ -125,7 +125,8 @@ impl<T: Real> Coupled<T> {
     fn moved(&mut self, members: &[usize], models: &[usize], before: &[Vec<T>]) {
         let of = |(s, before): (&usize, &Vec<T>)| {
             let all = self.subdomains[*s].state().q.iter().zip(before);
-            all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))
+            let own = all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()));
+            ranks::largest(self.subdomains[*s].portion(), own)
         };
         let most = models.iter().zip(before).map(of).fold(T::zero(), |a, b| a.max(b));
         for &k in members {

@@ -8,8 +8,10 @@ use super::operator::Wanted;
 use super::system::System;
 use super::transfer::Transfer;
 use super::{Coupling, Draft, Interface, InterfaceOptions, InterfaceSpec, Solver, coupled_nodes};
+use crate::ranks::Portion;
 use crate::{Real, Result};
 use sprs::TriMat;
+use std::sync::Arc;
 
 /// Interfaces that are solved for together.
 #[derive(Debug)]
@@ -111,6 +113,13 @@ impl<T: Real> Joint<T> {
         all.for_each(|(s, m)| s.load(x(*m)));
         self.system
             .find(&mut self.sides, &|_| (), scale, &mut self.impulse);
+    }
+
+    /// From now on a model is in parts: `components` displacements per node.
+    pub(crate) fn share_out(&mut self, model: usize, portion: &Arc<Portion>, components: usize) {
+        let all = self.sides.iter_mut().zip(&self.models);
+        all.filter(|(_, m)| **m == model)
+            .for_each(|(s, _)| s.share_out(portion, components));
     }
 
     /// What the multipliers change of every model.

@@ -33,6 +33,7 @@ use crate::field::Interpolation;
 use crate::junction::{Components, Junction, Needs};
 use crate::mediator::Mediator;
 use crate::model::DofLayout;
+use crate::ranks::Portion;
 use crate::weight::Weight;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
@@ -308,6 +309,11 @@ impl<T: Real> Interface<T> {
     /// Whether each component of a multiplier acts on that component alone.
     pub(crate) fn splits(&self) -> bool {
         self.components == 1 || self.coupling[0].shared() == self.components
+    }
+
+    /// From now on the model of a side is in parts.
+    pub(crate) fn share_out(&mut self, side: usize, portion: &Arc<Portion>) {
+        self.coupling[side].share_out(portion, self.components);
     }
 
     /// Whether its multipliers are solved for without others.

@@ -5,10 +5,12 @@
 //! added together, nothing is allocated.
 
 use super::Coupling;
+use crate::ranks::{Gather, Message, Portion};
 use crate::{Real, parallel};
 use rayon::prelude::*;
 use sprs::TriMat;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Stored entries per unit of work.
 const GRAIN: usize = 4_096;
@@ -120,6 +122,15 @@ pub(crate) struct Transfer<T> {
     inertia: Vec<T>,
     /// Velocities of the coupled columns, then what multipliers change, `δ = ∓M⁻¹ Bᵀ μ`.
     local: Vec<T>,
+    /// Of a model in parts: who holds which coupled column.
+    parts: Option<Parts>,
+}
+
+/// Coupled columns of a model in parts: all ranks know the values of all of them, each changes its own.
+#[derive(Debug)]
+struct Parts {
+    gather: Gather,
+    messages: Vec<Message>,
 }
 
 impl<T: Real> Transfer<T> {
@@ -150,7 +161,16 @@ impl<T: Real> Transfer<T> {
                 .collect(),
             local: vec![T::zero(); coupled.len() * shared],
             coupled: coupled.into_iter().map(|j| j as u32).collect(),
+            parts: None,
         }
+    }
+
+    /// From now on the model is in parts: `components` displacements per node.
+    pub(crate) fn share_out(&mut self, portion: &Arc<Portion>, components: usize) {
+        let columns = self.coupled.iter().map(|j| *j as usize);
+        let gather = Gather::new(portion.clone(), components / self.shared, columns);
+        let messages = gather.messages(self.shared);
+        self.parts = Some(Parts { gather, messages });
     }
 
     /// Components that share the matrix; 1 if it holds all of them.
@@ -194,6 +214,9 @@ impl<T: Real> Transfer<T> {
 
     /// Takes the values of the coupled columns.
     pub(super) fn load(&mut self, x: &[T]) {
+        if let Some(Parts { gather, messages }) = &mut self.parts {
+            return gather.gather(self.shared, messages, x, &mut self.local);
+        }
         match self.shared {
             1 => copy_at::<T, 1>(&self.coupled, x.as_chunks().0, self.local.as_chunks_mut().0),
             2 => copy_at::<T, 2>(&self.coupled, x.as_chunks().0, self.local.as_chunks_mut().0),
@@ -234,6 +257,9 @@ impl<T: Real> Transfer<T> {
 
     /// Adds a vector on the coupled columns.
     fn add(&self, change: &[T], x: &mut [T]) {
+        if let Some(parts) = &self.parts {
+            return self.own(parts, |from, to| x[to] += change[from]);
+        }
         match self.shared {
             1 => add_at::<T, 1>(&self.coupled, nodes(change), 0, x.as_chunks_mut().0),
             2 => add_at::<T, 2>(&self.coupled, nodes(change), 0, x.as_chunks_mut().0),
@@ -241,15 +267,32 @@ impl<T: Real> Transfer<T> {
         }
     }
 
+    /// Own coupled unknowns: place among all coupled ones, and number on this rank.
+    fn own(&self, parts: &Parts, mut one: impl FnMut(usize, usize)) {
+        let d = self.shared;
+        for [place, here] in parts.gather.own().iter().map(|own| own.map(|k| k as usize)) {
+            (0..d).for_each(|c| one(place * d + c, here * d + c));
+        }
+    }
+
+    /// Values of all coupled columns, of a model in parts.
+    fn gathered(&self, x: &[T]) -> Option<Vec<T>> {
+        Some(self.parts.as_ref()?.gather.gathered(self.shared, x))
+    }
+
     /// `f += scale Bᵀ λ`; for set-up and the few steps that need the force itself.
     pub(crate) fn add_force(&self, scale: T, multipliers: &[T], f: &mut [T]) {
         let d = self.shared;
-        for (k, j) in self.coupled.iter().enumerate() {
+        let mut add = |k: usize, j: usize| {
             let (rows, values) = self.scatter.row(k);
             for (i, v) in rows.iter().zip(values) {
-                let (from, to) = (*i as usize * d, *j as usize * d);
+                let (from, to) = (*i as usize * d, j * d);
                 (0..d).for_each(|c| f[to + c] += scale * *v * multipliers[from + c]);
             }
+        };
+        match &self.parts {
+            Some(parts) => (parts.gather.own().iter()).for_each(|[k, j]| add(*k as usize, *j as usize)),
+            None => (self.coupled.iter().enumerate()).for_each(|(k, j)| add(k, *j as usize)),
         }
     }
 
@@ -278,8 +321,14 @@ pub(super) fn jump<T: Real>(sides: &[Transfer<T>; 2], x: [&[T]; 2], out: &mut [T
 }
 
 fn jump_of<T: Real, const N: usize>(sides: &[Transfer<T>; 2], x: [&[T]; 2], out: &mut [T]) {
-    let ([b, c], [x, y]) = (sides, x.map(nodes::<T, N>));
-    let of = |s: &Transfer<T>, x: &[[T; N]], k: usize| s.gather.times(k, |j| x[s.coupled[j] as usize]);
+    let [b, c] = sides;
+    // All ranks in the same order.
+    let seen = [b.gathered(x[0]), c.gathered(x[1])];
+    let [x, y] = [0, 1].map(|m| nodes::<T, N>(seen[m].as_deref().unwrap_or(x[m])));
+    let of = |s: &Transfer<T>, x: &[[T; N]], k: usize| match s.parts {
+        Some(_) => s.gather.times(k, |j| x[j]),
+        None => s.gather.times(k, |j| x[s.coupled[j] as usize]),
+    };
     rows_of(sides, out, &|k| minus(of(b, x, k), of(c, y, k)));
 }
 

@@ -12,6 +12,7 @@ mod prepare;
 mod reaction;
 mod record;
 mod rest;
+mod share;
 mod step;
 mod stride;
 
@@ -19,13 +20,14 @@ pub use motion::PrescribedMotion;
 pub use own::OwnStep;
 pub use reaction::Resultant;
 pub use record::SubdomainSnapshot;
+pub(crate) use share::local;
 pub(crate) use step::{Announce, Reached};
 
 use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
 use crate::named::named;
-use crate::ranks::Portion;
+use crate::ranks::{Communicator, Exact, Portion};
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
@@ -78,6 +80,10 @@ pub struct Subdomain<T: Real> {
     effects: Vec<Attached<T, dyn Effect<T>>>,
     /// What the model is to remember from the start.
     memory: Option<Record<T>>,
+    /// Ranks among which the run shares its model out.
+    ranks: Option<Arc<dyn Communicator>>,
+    /// What this rank holds, once it was shared out.
+    portion: Option<Arc<Portion>>,
     state: State<T>,
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
@@ -89,6 +95,8 @@ pub struct Subdomain<T: Real> {
     /// Line of the ledger of a model that evolves.
     evolved: Option<Evolved<T>>,
     energies: Energies<T>,
+    /// Scratch: powers of effects and supports.
+    powers: Vec<Exact>,
 }
 
 impl<T: Real> std::fmt::Debug for Subdomain<T> {
@@ -127,6 +135,8 @@ impl<T: Real> Subdomain<T> {
             chosen: Vec::new(),
             effects: Vec::new(),
             memory: None,
+            ranks: None,
+            portion: None,
             state: State::zero(n),
             inertia: vec![T::zero(); n],
             inverse_inertia: vec![T::zero(); n],
@@ -139,6 +149,7 @@ impl<T: Real> Subdomain<T> {
             stepper: Stepper::Verlet,
             evolved: model.evolving().map(|e| Evolved::new(e.effect())),
             energies: Energies::unknown(),
+            powers: Vec::new(),
             model,
         }
     }
@@ -236,11 +247,6 @@ impl<T: Real> Subdomain<T> {
     /// Supports and prescribed motions.
     pub fn supports(&self) -> &[PrescribedMotion<T>] {
         &self.supports
-    }
-
-    /// Whether it has effects, attached or not.
-    pub(crate) fn has_effects(&self) -> bool {
-        !(self.chosen.is_empty() && self.effects.is_empty())
     }
 
     /// Supports that move.

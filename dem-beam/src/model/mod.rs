@@ -45,12 +45,12 @@ use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::effect::Finding;
 use arlequin_core::geometry::Sample;
-use arlequin_core::ranks::{Halo, Portion};
+use arlequin_core::ranks::{Communicator, Halo, Portion};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
-    Model, ParticleField, Recovery, State, Stepping, Stride, Watching, Weight, check_size, spectrum,
+    Model, ParticleField, Recovery, Shared, State, Stepping, Stride, Watching, Weight, check_size, spectrum,
 };
 use forces::{BondForces, Gather};
 use nalgebra::{Point3, Vector3};
@@ -401,6 +401,11 @@ impl Model<f64> for DemModel {
 
     fn watching(&self) -> Option<&dyn Watching<f64>> {
         self.halo.is_none().then_some(self as _)
+    }
+
+    /// Weights stay; orientations begin from rest.
+    fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<f64>> {
+        self.bisect(communicator).map_err(|e| self.named(&e))
     }
 
     fn portion(&self) -> Option<&Portion> {

@@ -8,8 +8,8 @@ use super::DemModel;
 use super::poses::Reader;
 use crate::error::{Error, Result};
 use crate::kernel::lanes::LANES;
-use arlequin_core::ParticleField;
 use arlequin_core::ranks::{self, Communicator, Division, Halo, Portion, UNIT, Unit};
+use arlequin_core::{ParticleField, Shared};
 use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
@@ -52,6 +52,24 @@ impl DemModel {
     /// [`Error::InParts`] for a body that breaks or is a part already; [`arlequin_core::ranks::RankError`], as an error of the
     /// core, for bodies that differ, a division of another body or for another number of ranks, and what the transport says.
     pub fn share_out(mut self, division: &Division, communicator: Arc<dyn Communicator>) -> Result<Self> {
+        self.keep_part(division, communicator)?;
+        Ok(self)
+    }
+
+    /// Becomes the part of the rank of `communicator`, of a division by the work of units.
+    pub(super) fn bisect(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<f64>> {
+        let division = Division::bisect(self.nodes.len(), &self.units(), communicator.ranks());
+        let division = division.map_err(|e| Error::Core(arlequin_core::Error::Rank(e)))?;
+        let portion = self.keep_part(&division, communicator.clone())?;
+        let field = self.field.clone();
+        Ok(Shared { portion, field })
+    }
+
+    fn keep_part(
+        &mut self,
+        division: &Division,
+        communicator: Arc<dyn Communicator>,
+    ) -> Result<Arc<Portion>> {
         self.whole("sharing out")?;
         if self.fracture.is_some() || self.watched.is_some() {
             return Err(Error::InParts {
@@ -75,7 +93,7 @@ impl DemModel {
         }
         let portion = Arc::new(portion);
         let own: Vec<usize> = (0..portion.nodes()).map(|i| portion.global(i)).collect();
-        let halo = Halo::of_links(portion, self.body.pairs().iter().copied());
+        let halo = Halo::of_links(portion.clone(), self.body.pairs().iter().copied());
         let numbers: Vec<u32> = own.iter().map(|i| *i as u32).collect();
         let body = self.body.part(&numbers, halo.ghosts());
         self.nodes = own.iter().map(|i| self.nodes[*i]).collect();
@@ -90,7 +108,7 @@ impl DemModel {
         self.of_units = bonds_of_units(body.pairs(), own.len());
         self.body = body;
         self.halo = Some(halo);
-        Ok(self)
+        Ok(portion)
     }
 
     /// Volumes that the particles stand for \[m³\].

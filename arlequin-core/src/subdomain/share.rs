@@ -1,0 +1,131 @@
+//! A subdomain whose model is shared out among ranks in the middle of a set-up.
+
+use super::Subdomain;
+use super::step::Forces;
+use crate::model::{DofLayout, Shared};
+use crate::ranks::{Communicator, Portion};
+use crate::{Real, Result};
+use std::sync::Arc;
+
+impl<T: Real> Subdomain<T> {
+    /// Lets the run share its model out among ranks once interfaces are made. Until then it is whole and the same on every rank:
+    /// supports, effects and initial states name nodes and unknowns of the whole model. All ranks make the same subdomain.
+    #[must_use]
+    pub fn shared(mut self, communicator: Arc<dyn Communicator>) -> Self {
+        self.ranks = Some(communicator);
+        self
+    }
+
+    /// Among how many ranks it is to be shared out.
+    pub(crate) fn ranks(&self) -> Option<usize> {
+        self.ranks.as_ref().map(|c| c.ranks())
+    }
+
+    pub(crate) fn is_to_be_shared(&self) -> bool {
+        self.ranks.is_some()
+    }
+
+    /// Whether it was given what a model remembers.
+    pub(crate) fn remembers(&self) -> bool {
+        self.memory.is_some()
+    }
+
+    /// What this rank holds of a model that the run shared out.
+    pub fn shared_portion(&self) -> Option<&Arc<Portion>> {
+        self.portion.as_ref()
+    }
+
+    /// Numbers of all unknowns of the model, of which `x` are those here: on rank 0 of a model in parts, none on its others, as they are of
+    /// one that is whole. All ranks must ask.
+    ///
+    /// # Errors
+    /// What the transport says.
+    pub fn in_all(&self, x: &[T]) -> Result<Option<Vec<T>>> {
+        let Some(portion) = self.portion() else {
+            return Ok(Some(x.to_vec()));
+        };
+        let layout = self.model.layout();
+        let (first, behind) = x.split_at(layout.translations().min(x.len()));
+        let mut out = portion.collect(layout.components, first)?;
+        if layout.rotations > 0 {
+            let turns = portion.collect(layout.rotations, behind)?;
+            out = out.zip(turns).map(|(a, b)| [a, b].concat());
+        }
+        Ok(out)
+    }
+
+    /// The unknowns of this rank among those of the whole model.
+    pub(crate) fn here(&self, x: &[T]) -> Vec<T> {
+        let Some(portion) = self.portion() else {
+            return x.to_vec();
+        };
+        let layout = self.model.layout();
+        let whole = DofLayout {
+            nodes: portion.division().nodes(),
+            ..layout
+        };
+        part_of(portion, &whole, x)
+    }
+
+    /// Nodes of the whole model, on whatever ranks they are.
+    pub fn nodes_in_all(&self) -> usize {
+        let here = self.model.layout().nodes;
+        self.portion().map_or(here, |p| p.division().nodes())
+    }
+
+    /// Keeps what this rank holds of the model, if it is to be shared out, and attaches the effects to that.
+    ///
+    /// # Errors
+    /// Those of [`crate::Model::share_out`] and of the effects.
+    pub(crate) fn share_out(&mut self) -> Result<Option<Arc<Portion>>> {
+        let Some(communicator) = self.ranks.take() else {
+            return Ok(None);
+        };
+        let whole = self.model.layout();
+        let Shared { portion, field } = self.model.share_out(&communicator)?;
+        self.field = field;
+        let state = &mut self.state;
+        for x in [
+            &mut state.q,
+            &mut state.v,
+            &mut state.a,
+            &mut self.inertia,
+            &mut self.inverse_inertia,
+        ] {
+            *x = part_of(&portion, &whole, x);
+        }
+        for motion in &mut self.supports {
+            motion.dofs = motion
+                .dofs
+                .iter()
+                .filter_map(|d| local(&portion, &whole, *d))
+                .collect();
+        }
+        self.forces = Forces::zero(self.inertia.len());
+        self.attach(false)?;
+        self.portion = Some(portion.clone());
+        Ok(Some(portion))
+    }
+}
+
+/// Unknowns of a rank among those of the whole model.
+pub(crate) fn part_of<T: Real>(portion: &Portion, whole: &DofLayout, x: &[T]) -> Vec<T> {
+    let (first, behind) = x.split_at(whole.translations());
+    let all = [(first, whole.components), (behind, whole.rotations)];
+    let of = |(x, count): (&[T], usize)| -> Vec<T> {
+        let nodes = 0..portion.nodes();
+        nodes
+            .flat_map(|k| x[portion.global(k) * count..][..count].to_vec())
+            .collect()
+    };
+    all.map(of).concat()
+}
+
+/// Number on this rank of an unknown of the whole model, if it is here.
+pub(crate) fn local(portion: &Portion, whole: &DofLayout, unknown: usize) -> Option<usize> {
+    let (first, count, start) = match unknown.checked_sub(whole.translations()) {
+        None => (unknown, whole.components, 0),
+        Some(behind) => (behind, whole.rotations, portion.nodes() * whole.components),
+    };
+    Some(start + portion.local(first / count)? * count + first % count)
+}
