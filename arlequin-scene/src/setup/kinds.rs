@@ -9,6 +9,7 @@ use super::link;
 use super::materials;
 use super::mesh::{self, Grid};
 use crate::error::{Result, core, fem, value};
+use crate::spec::Support;
 use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::{CoarseModel, FineModel, Interpolation, Materials, Model, Participant};
@@ -98,12 +99,13 @@ pub(super) fn bar_speeds(path: &str, body: &Body) -> Result<Vec<f64>> {
 }
 
 /// Builds the body of `[model.NAME]`; paths are relative to `folder`.
-/// `effects` are the effects on this model with their numbers in the scene; particles need some of them here.
+/// `effects` are the effects on this model with their numbers in the scene, `supports` what holds it; particles need some of
+/// them here.
 pub(super) fn body(
     name: &str,
     table: &ModelTable,
     folder: &Path,
-    effects: &[(usize, &Effect)],
+    (effects, supports): (&[(usize, &Effect)], &[&Support]),
     clock: &mut SetupClock<'_>,
 ) -> Result<Body> {
     let key = format!("model.{name}");
@@ -115,7 +117,7 @@ pub(super) fn body(
         ModelKind::Link => link::body(name, &key, table, folder),
         ModelKind::Fem => finite_elements(name, &key, table, folder),
         ModelKind::Cnem => super::natural::body(name, &key, table, folder, clock),
-        ModelKind::Dem => super::particles::body(name, &key, table, (folder, effects), clock),
+        ModelKind::Dem => super::particles::body(name, &key, table, (folder, effects, supports), clock),
         ModelKind::Chain => chain(name, &key, table),
     }
 }

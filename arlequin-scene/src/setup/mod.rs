@@ -48,7 +48,7 @@ pub use statics::LoadSteps;
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
 use crate::ranks::{RankLine, Ranks};
-use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec};
+use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec, Support};
 use arlequin::core::snapshot::Record;
 use arlequin::core::{
     Coupled, Elastic, Guard, Interpolation, Materials, Partition, Parts, Subdomain, Weighting,
@@ -268,7 +268,15 @@ fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Re
     let effects = effects_by_model(scene)?;
     let tables = scene.model.iter().zip(&effects);
     tables
-        .map(|((name, table), e)| kinds::body(name, table, folder, e, clock))
+        .enumerate()
+        .map(|(own, ((name, table), e))| {
+            let holds = |s: &&Support| {
+                let m = scene.model.keys().position(|n| *n == s.model);
+                m.is_some_and(|m| zone::parts(scene, m).contains(&own))
+            };
+            let supports: Vec<_> = scene.support.iter().filter(holds).collect();
+            kinds::body(name, table, folder, (e, &supports), clock)
+        })
         .collect()
 }
 

@@ -4,13 +4,17 @@
 //! elements outside of the zones, a model per zone of the elements in and around it, and an interface between the two
 //! whose mediator is made of the elements that both have. Decision 0037.
 
+mod around;
 mod divide;
 mod faces;
+mod likeness;
 mod lower;
 mod place;
 mod region;
 
 pub(super) use faces::Faces;
+pub use likeness::Likeness;
+pub(super) use likeness::Twin;
 pub(crate) use lower::{lowered, written};
 
 use super::kinds::{self, Body};
@@ -260,6 +264,14 @@ impl Piece {
             }
         }
         Ok(out)
+    }
+
+    /// The surface of a zone's elements and of those around them, as far as spheres may lie up to `margin` \[m\] beyond.
+    /// And the faces between the two.
+    pub(super) fn around(&self, folder: &Path, margin: f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
+        let division = self.cut.division(folder)?;
+        let (mesh, border) = around::around(division, self.number(), margin)?;
+        Ok((triangles_of(&mesh), border))
     }
 
     /// Where points lie with respect to the overlap.
