@@ -24,6 +24,7 @@
 //! `mises`. [`crate::strength`] measures it, docs/calibration.md has a table.
 
 pub(crate) mod criterion;
+pub(crate) mod parts;
 mod scatter;
 pub(crate) mod state;
 
@@ -92,7 +93,7 @@ impl Fracture {
 pub struct Break {
     /// When \[s\].
     pub time: f64,
-    /// Number of the bond in the model.
+    /// Number of the bond in the model; in the whole one where it is in parts, as those of particles.
     pub bond: u32,
     /// Its particles, in the model's numbers.
     pub pair: [u32; 2],
@@ -119,7 +120,7 @@ pub struct BreakLog {
 }
 
 impl BreakLog {
-    /// Whether a bond is broken; all are whole at the start.
+    /// Whether a bond is broken, of a model in parts one of those here; all are whole at the start.
     #[must_use]
     pub fn is_broken(&self, bond: usize) -> bool {
         self.broken.get(bond).copied().unwrap_or(false)
@@ -149,6 +150,15 @@ impl BreakLog {
         self.checks
     }
 
+    /// Marks bonds here that broke before.
+    pub(crate) fn mark(&mut self, broken: &[u32]) {
+        for b in broken {
+            if let Some(here) = self.broken.get_mut(*b as usize) {
+                *here = true;
+            }
+        }
+    }
+
     pub(crate) fn begin(&mut self, bonds: usize) {
         self.broken = vec![false; bonds];
     }
@@ -163,46 +173,45 @@ impl BreakLog {
         }
     }
 
-    /// Undoes [`Self::save`]; `false` for a record that is not of this model. `at` knows the place of a bond and whether it
-    /// lies in an overlap.
+    /// Undoes [`Self::save`]; `false` for a record that is not of this model, of which so many `bonds` are here. `known` is what is
+    /// known of a bond between two particles.
     pub(crate) fn restore(
         &mut self,
         from: &Record<f64>,
-        pairs: &[[u32; 2]],
-        at: &dyn Fn(usize) -> (Vector3<f64>, bool),
+        bonds: usize,
+        known: &dyn Fn(u64, [u64; 2]) -> Option<Known>,
     ) -> bool {
         let Some((checks, integers)) = from.integers.split_first() else {
             return false;
         };
         let (numbers, _) = from.numbers.as_chunks::<3>();
-        let (bonds, _) = integers.as_chunks::<4>();
-        self.begin(pairs.len());
+        let (broken, _) = integers.as_chunks::<4>();
+        self.begin(bonds);
         self.events.clear();
         self.into_overlap = None;
         self.released = 0.0;
         self.checks = *checks as usize;
-        for (&[time, released, distance], &[bond, i, j, mode]) in numbers.iter().zip(bonds) {
-            let known = pairs.get(bond as usize).map(|p| p.map(u64::from)) == Some([i, j]);
-            let mode = BreakMode::ALL.get(mode as usize).filter(|_| known);
-            let Some(&mode) = mode.filter(|_| !self.broken[bond as usize]) else {
+        for (&[time, released, distance], &[bond, i, j, mode]) in numbers.iter().zip(broken) {
+            let again = |k: &Known| k.here.is_some_and(|b| self.is_broken(b));
+            let known = known(bond, [i, j]).filter(|k| !again(k));
+            let (Some(known), Some(&mode)) = (known, BreakMode::ALL.get(mode as usize)) else {
                 return false;
             };
-            let pair = pairs[bond as usize];
-            let (place, overlap) = at(bond as usize);
-            self.push(Break {
+            let event = Break {
                 time,
                 bond: bond as u32,
-                pair,
+                pair: [i as u32, j as u32],
                 released,
                 distance,
-                place,
-                overlap,
+                place: known.place,
+                overlap: known.overlap,
                 mode,
-            });
+            };
+            self.push_as(event, known.here);
         }
         numbers.len() * 3 == from.numbers.len()
-            && bonds.len() * 4 == integers.len()
-            && numbers.len() == bonds.len()
+            && broken.len() * 4 == integers.len()
+            && numbers.len() == broken.len()
     }
 
     pub(crate) fn checked(&mut self) {
@@ -210,7 +219,13 @@ impl BreakLog {
     }
 
     pub(crate) fn push(&mut self, event: Break) {
-        if let Some(b) = self.broken.get_mut(event.bond as usize) {
+        let here = event.bond as usize;
+        self.push_as(event, Some(here));
+    }
+
+    /// The same for a bond of the whole model that has another number here, or is not here.
+    pub(crate) fn push_as(&mut self, event: Break, here: Option<usize>) {
+        if let Some(b) = here.and_then(|b| self.broken.get_mut(b)) {
             *b = true;
         }
         self.released += event.released;
@@ -219,6 +234,15 @@ impl BreakLog {
         }
         self.events.push(event);
     }
+}
+
+/// What is known of a bond that broke.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Known {
+    /// Its number here, if it is here.
+    here: Option<usize>,
+    place: Vector3<f64>,
+    overlap: bool,
 }
 
 /// A log in several hands.
