@@ -54,6 +54,7 @@ pub mod spec;
 pub mod spectrum;
 pub mod suggest;
 pub mod sweep;
+pub mod threads;
 mod wake;
 
 pub use crossing::OverlapBreak;

@@ -31,10 +31,6 @@ pub(super) fn check<T: Real>(
             "go on from what it remembers".to_owned()
         } else if pairs.iter().any(|p| p.sides.contains(&k)) {
             "touch another model".to_owned()
-        } else if s.has_effects() {
-            "have effects".to_owned()
-        } else if s.moving().next().is_some() {
-            "have supports that move".to_owned()
         } else if s.step_choice() == OwnStep::Implicit {
             "step implicitly".to_owned()
         } else {

@@ -1,7 +1,8 @@
 //! Effects that are known by a formula for their force on every unknown.
 
 use super::{AnyEffect, Effect, Instant, StepDemand};
-use crate::model::Arms;
+use crate::model::{Arms, DofLayout};
+use crate::ranks::{self, Exact};
 use crate::record::Record;
 use crate::scalar::dot;
 use crate::{Real, Result};
@@ -47,6 +48,9 @@ pub struct ForceLaw<T: Real, L> {
     pub dead: bool,
     /// Whether its last forces belong to the state of a run: for laws that read them.
     pub remembers: bool,
+    /// Whether the force on an unknown follows from numbers of its own node alone: such a law acts on models in parts as well;
+    /// `false` unless set.
+    pub local: bool,
 }
 
 impl<T: Real, L> ForceLaw<T, L> {
@@ -61,6 +65,7 @@ impl<T: Real, L> ForceLaw<T, L> {
             supplied: None,
             dead: false,
             remembers: false,
+            local: false,
         }
     }
 
@@ -114,6 +119,12 @@ impl<T: Real, L: FnMut(&Instant<'_, T>, &mut [T], &mut [T]) + Send> Effect<T> fo
     }
     fn power(&self, v: &[T]) -> T {
         dot(&self.force, v)
+    }
+    fn add_power(&self, layout: &DofLayout, v: &[T], to: &mut Exact) -> bool {
+        if self.local {
+            ranks::add_products(layout, &self.force, v, to);
+        }
+        self.local
     }
     fn is_dead(&self) -> bool {
         self.dead

@@ -2,6 +2,8 @@
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant};
 use crate::error::invalid;
+use crate::model::DofLayout;
+use crate::ranks::Exact;
 use crate::time::TimeFunction;
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
@@ -51,7 +53,7 @@ struct WeightedLoad<T: Real> {
 }
 
 impl<T: Real> Load<T> {
-    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`.
+    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`, those of the whole model where it is in parts.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
@@ -108,19 +110,22 @@ impl<T: Real> EffectSpec<T> for Load<T> {
         let layout = to.model.layout();
         let gamma = &*to.weights.external;
         let weigh = |dof: usize| gamma.at(&to.model.nodes()[layout.node_of(dof)]);
+        let whole = to.unknowns();
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
         match &self.spread {
             Spread::Dofs(forces) => {
                 for &(dof, f) in forces {
-                    if dof >= layout.dofs() {
+                    if dof >= whole {
                         let what = format!("unknowns of '{}' in load '{}'", to.model.name(), self.name);
                         return Err(Error::SizeMismatch {
                             what,
-                            expected: layout.dofs(),
+                            expected: whole,
                             found: dof + 1,
                         });
                     }
-                    *sum.entry(dof).or_default() += f * weigh(dof);
+                    if let Some(dof) = to.unknown(dof) {
+                        *sum.entry(dof).or_default() += f * weigh(dof);
+                    }
                 }
             }
             Spread::Facets(facets) => {
@@ -128,7 +133,9 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                     let w = gamma.at(&facet.centre);
                     for (node, share) in facet.nodes.iter().zip(&facet.shares) {
                         for c in 0..layout.components {
-                            *sum.entry(node * layout.components + c).or_default() += traction[c] * *share * w;
+                            if let Some(dof) = to.unknown(node * layout.components + c) {
+                                *sum.entry(dof).or_default() += traction[c] * *share * w;
+                            }
                         }
                     }
                 }
@@ -159,6 +166,12 @@ impl<T: Real> Effect<T> for WeightedLoad<T> {
     }
 
     fn is_dead(&self) -> bool {
+        true
+    }
+
+    fn add_power(&self, _: &DofLayout, v: &[T], to: &mut Exact) -> bool {
+        let terms = self.forces.iter().map(|&(dof, a)| a * v[dof] * self.factor);
+        terms.for_each(|x| to.add(x.as_f64()));
         true
     }
 

@@ -22,13 +22,16 @@ pub use load::{Load, SurfaceFacet};
 pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
 pub use simple::*;
 
-use crate::model::{Arms, Model};
+use crate::model::{Arms, DofLayout, Model};
+use crate::ranks::Exact;
 use crate::record::Record;
+use crate::subdomain::local;
 use crate::weight::Weights;
 use crate::{Real, Result};
 use nalgebra::Vector3;
 
-/// The subdomain that an effect acts on, as the effect sees it when it is attached.
+/// The subdomain that an effect acts on, as the effect sees it when it is attached. Of a model in parts all of it is of the part
+/// that is here; unknowns that a specification names are those of the whole model ([`Host::unknown`]).
 #[derive(Clone, Copy)]
 pub struct Host<'a, T: Real> {
     /// The model.
@@ -39,6 +42,35 @@ pub struct Host<'a, T: Real> {
     pub inertia: &'a [T],
     /// Its inverse, zero for prescribed unknowns.
     pub inverse_inertia: &'a [T],
+}
+
+impl<T: Real> Host<'_, T> {
+    /// Unknowns of the whole model.
+    #[must_use]
+    pub fn unknowns(&self) -> usize {
+        self.whole().dofs()
+    }
+
+    /// Number here of an unknown of the whole model; none if another rank holds it.
+    ///
+    /// # Panics
+    /// For an unknown that is not there.
+    #[must_use]
+    pub fn unknown(&self, of_whole: usize) -> Option<usize> {
+        match self.model.portion() {
+            Some(portion) => local(portion, &self.whole(), of_whole),
+            None => Some(of_whole),
+        }
+    }
+
+    fn whole(&self) -> DofLayout {
+        let layout = self.model.layout();
+        let nodes = self
+            .model
+            .portion()
+            .map_or(layout.nodes, |p| p.division().nodes());
+        DofLayout { nodes, ..layout }
+    }
 }
 
 impl<T: Real> std::fmt::Debug for Host<'_, T> {
@@ -181,7 +213,14 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     /// Power of the last added forces on the velocities `v` \[W\]: negative where energy is dissipated.
     fn power(&self, v: &[T]) -> T;
 
-    /// What the effect demands of the time step.
+    /// Adds the power of the last added forces on `v`, each term of the forces on one unknown, node or unit of nodes, so that
+    /// the sum over all ranks that hold a model in parts does not depend on who holds what. `false` for an effect that cannot:
+    /// it then acts on whole models only.
+    fn add_power(&self, _layout: &DofLayout, _v: &[T], _to: &mut Exact) -> bool {
+        false
+    }
+
+    /// What the effect demands of the time step; of a model in parts, of the nodes here.
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::none()
     }

@@ -54,6 +54,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
             return Ok(Box::new(ForceLaw {
                 force,
                 dead: true,
+                local: true,
                 ..ForceLaw::new("body-force", 0, add)
             }));
         }
@@ -67,6 +68,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
         };
         Ok(Box::new(ForceLaw {
             dead: true,
+            local: true,
             ..ForceLaw::new("body-force", dofs, add)
         }))
     }
@@ -98,6 +100,7 @@ impl<T: Real> EffectSpec<T> for MassDamping<T> {
         };
         Ok(Box::new(ForceLaw {
             demand: StepDemand::damping(rate),
+            local: true,
             ..ForceLaw::dissipating("mass-damping", dofs, law)
         }))
     }
@@ -141,6 +144,7 @@ impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
         Ok(Box::new(ForceLaw {
             demand,
             arms: Some(Arms::Reference),
+            local: true,
             ..ForceLaw::dissipating("stiffness-damping", to.inertia.len(), law)
         }))
     }
@@ -187,6 +191,7 @@ impl<T: Real> EffectSpec<T> for LocalDamping<T> {
         };
         Ok(Box::new(ForceLaw {
             demand,
+            local: true,
             ..ForceLaw::dissipating("local-damping", to.inertia.len(), law)
         }))
     }
@@ -211,6 +216,7 @@ impl<T: Real> EffectSpec<T> for Prestress {
             arms: Some(Arms::Reference),
             dead: true,
             remembers: true,
+            local: true,
             ..ForceLaw::new("prestress", to.inertia.len(), law)
         }))
     }

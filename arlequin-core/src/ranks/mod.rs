@@ -20,7 +20,7 @@ pub use exact::{Exact, WORDS};
 pub use gather::Gather;
 pub use halo::Halo;
 pub(crate) use portion::largest;
-pub use portion::{Portion, sum};
+pub use portion::{Portion, add_products, sum};
 
 /// Nodes in a unit: what a rank holds at least, and what sums are formed over first.
 pub const UNIT: usize = 256;

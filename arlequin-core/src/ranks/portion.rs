@@ -1,7 +1,8 @@
 //! What one rank holds of a model, and sums over all of it.
 
 use super::{Communicator, Division, Exact, RankError, Reduction, UNIT, WORDS};
-use crate::{Real, parallel};
+use crate::scalar::dot;
+use crate::{DofLayout, Real, parallel};
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
@@ -88,6 +89,18 @@ impl Portion {
         words.map(|w| Exact::from_words(w).value())
     }
 
+    /// Any number of sums over all ranks at once, in place of what each holds; as [`Self::total`].
+    pub fn totals(&self, sums: &mut [Exact]) {
+        let mut words: Vec<_> = sums.iter().map(|e| e.words()).collect();
+        let heard = self.reduce(words.as_flattened_mut(), Reduction::Sum);
+        for (sum, words) in sums.iter_mut().zip(words) {
+            *sum = Exact::from_words(words);
+            if !heard {
+                sum.add(f64::NAN);
+            }
+        }
+    }
+
     /// Largest of numbers of all ranks that are not negative; not a number where one of them is not, or as [`Self::total`].
     pub fn largest(&self, own: f64) -> f64 {
         // Such numbers are in the order of their bits, those that are not numbers behind all others.
@@ -145,6 +158,32 @@ pub fn sum<T: Real, const N: usize>(
         None => own.map(Exact::value),
     };
     total.map(T::of)
+}
+
+/// Adds `Σ x y` over the unknowns of the nodes here, one term per unit: of displacements and rotations.
+///
+/// ```
+/// use arlequin_core::DofLayout;
+/// use arlequin_core::ranks::{Exact, add_products};
+/// let layout = DofLayout { nodes: 2, components: 1, rotations: 0 };
+/// let mut sum = Exact::zero();
+/// add_products(&layout, &[1.0, 2.0], &[3.0, 4.0], &mut sum);
+/// assert_eq!(sum.value(), 11.0);
+/// ```
+pub fn add_products<T: Real>(layout: &DofLayout, x: &[T], y: &[T], to: &mut Exact) {
+    let (d, r, first) = (layout.components, layout.rotations, layout.translations());
+    let part = |n: Range<usize>| {
+        let moving = d * n.start..d * n.end;
+        let turning = first + r * n.start..first + r * n.end;
+        [dot(&x[moving.clone()], &y[moving]) + dot(&x[turning.clone()], &y[turning])]
+    };
+    let [sum] = units(
+        layout.nodes,
+        0..layout.nodes.div_ceil(UNIT),
+        &part,
+        parallel::pays(x.len()),
+    );
+    *to += sum;
 }
 
 /// Sums over a range of units.

@@ -3,6 +3,7 @@
 use super::{Stepper, Subdomain};
 use crate::effect::EffectLine;
 use crate::phase::Phase;
+use crate::ranks::Exact;
 use crate::{Real, parallel, ranks};
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -154,20 +155,42 @@ impl<T: Real> Subdomain<T> {
         if !matches!(self.stepper, Stepper::Verlet) {
             return T::zero();
         }
-        let dt = self.pace.dt;
-        for e in &mut self.effects {
-            let work = dt * e.effect.power(&self.state.v);
-            e.add(work);
+        if self.effects.is_empty() && self.moving().next().is_none() {
+            return T::zero();
         }
-        let total = self.forces.total();
-        let mut support = T::zero();
-        for motion in self.moving() {
-            for &d in &motion.dofs {
-                let reaction = self.inertia[d] * self.state.a[d] - total[d];
-                support += dt * reaction * self.state.v[d];
+        // Of every effect, then of the supports.
+        let mut powers = std::mem::take(&mut self.powers);
+        powers.clear();
+        let layout = self.model.layout();
+        for e in &self.effects {
+            let mut power = Exact::zero();
+            if !e.effect.add_power(&layout, &self.state.v, &mut power) {
+                power.add(e.effect.power(&self.state.v).as_f64());
             }
+            powers.push(power);
         }
+        powers.push(self.support_power());
+        if let Some(portion) = self.portion() {
+            portion.totals(&mut powers);
+        }
+        let mut works = powers.iter().map(|p| self.pace.dt * T::of(p.value()));
+        self.effects
+            .iter_mut()
+            .zip(&mut works)
+            .for_each(|(e, w)| e.add(w));
+        let support = works.next().unwrap_or_else(T::zero);
+        self.powers = powers;
         support
+    }
+
+    /// Power of the moving supports here \[W\], but for coupling forces on them.
+    fn support_power(&self) -> Exact {
+        let (mut sum, total) = (Exact::zero(), self.forces.total());
+        for d in self.moving().flat_map(|m| m.dofs.iter().copied()) {
+            let reaction = self.inertia[d] * self.state.a[d] - total[d];
+            sum.add((reaction * self.state.v[d]).as_f64());
+        }
+        sum
     }
 
     /// Work of the moving supports in a step whose works are known as it is made, and not at its end.

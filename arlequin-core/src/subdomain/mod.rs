@@ -20,13 +20,14 @@ pub use motion::PrescribedMotion;
 pub use own::OwnStep;
 pub use reaction::Resultant;
 pub use record::SubdomainSnapshot;
+pub(crate) use share::local;
 pub(crate) use step::{Announce, Reached};
 
 use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
 use crate::named::named;
-use crate::ranks::{Communicator, Portion};
+use crate::ranks::{Communicator, Exact, Portion};
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
@@ -94,6 +95,8 @@ pub struct Subdomain<T: Real> {
     /// Line of the ledger of a model that evolves.
     evolved: Option<Evolved<T>>,
     energies: Energies<T>,
+    /// Scratch: powers of effects and supports.
+    powers: Vec<Exact>,
 }
 
 impl<T: Real> std::fmt::Debug for Subdomain<T> {
@@ -146,6 +149,7 @@ impl<T: Real> Subdomain<T> {
             stepper: Stepper::Verlet,
             evolved: model.evolving().map(|e| Evolved::new(e.effect())),
             energies: Energies::unknown(),
+            powers: Vec::new(),
             model,
         }
     }
@@ -243,11 +247,6 @@ impl<T: Real> Subdomain<T> {
     /// Supports and prescribed motions.
     pub fn supports(&self) -> &[PrescribedMotion<T>] {
         &self.supports
-    }
-
-    /// Whether it has effects, attached or not.
-    pub(crate) fn has_effects(&self) -> bool {
-        !(self.chosen.is_empty() && self.effects.is_empty())
     }
 
     /// Supports that move.

@@ -1,10 +1,12 @@
 //! What a subdomain needs before the first step: weights, inertia, attached effects, its critical step.
 
 use super::Subdomain;
-use crate::effect::{Attached, Host, StepDemand, shortened};
+use crate::effect::{Attached, Effect, Host, StepDemand, shortened};
 use crate::error::invalid;
+use crate::ranks::Exact;
 use crate::scalar::check_finite;
 use crate::{Error, Real, Result, ranks};
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 impl<T: Real> Subdomain<T> {
     /// Weights the model, computes its inertia and attaches the effects; `paired` where effects between two subdomains act
@@ -39,7 +41,36 @@ impl<T: Real> Subdomain<T> {
         let host = self.host();
         let attached = chosen.into_iter().map(|e| e.attach(&host).map(Attached::new));
         self.effects = attached.collect::<Result<_>>()?;
-        Ok(())
+        self.powers.reserve_exact(self.effects.len() + 1);
+        self.check_parts()
+    }
+
+    /// Refuses effects that need the whole of a model that is in parts here, and ranks that do not have the same.
+    fn check_parts(&self) -> Result<()> {
+        let Some(portion) = self.portion() else {
+            return Ok(());
+        };
+        let model = self.model.name();
+        let mut told = DefaultHasher::new();
+        for e in &self.effects {
+            e.effect.name().hash(&mut told);
+        }
+        for m in &self.supports {
+            m.amplitude.as_f64().to_bits().hash(&mut told);
+        }
+        let what = format!("the effects on '{model}' and its supports");
+        ranks::agree(portion.communicator(), &what, told.finish())?;
+        let (layout, v) = (self.model.layout(), &self.state.v);
+        let whole = |e: &&Attached<T, _>| !Effect::add_power(&*e.effect, &layout, v, &mut Exact::zero());
+        self.effects.iter().find(whole).map_or(Ok(()), |e| {
+            let (effect, ranks) = (e.effect.name(), portion.division().ranks());
+            Err(Error::Unsupported {
+                model: model.to_owned(),
+                what: format!(
+                    "have the effect '{effect}' while it is in parts on {ranks} ranks; run it on one"
+                ),
+            })
+        })
     }
 
     /// The unknowns whose motion is prescribed.
@@ -126,7 +157,21 @@ impl<T: Real> Subdomain<T> {
         if self.effects.is_empty() && between.is_empty() {
             return Ok(free);
         }
-        let own = self.effects.iter().map(|e| e.effect.step_demand());
+        let own = self
+            .effects
+            .iter()
+            .map(|e| self.of_all_ranks(e.effect.step_demand()));
         Ok(shortened(free, own.chain(between.iter().copied())))
+    }
+
+    /// What an effect demands on any rank.
+    fn of_all_ranks(&self, d: StepDemand<T>) -> StepDemand<T> {
+        let largest = |x: T| ranks::largest(self.portion(), x);
+        StepDemand {
+            stiffness: largest(d.stiffness),
+            gain: largest(d.gain),
+            damping: largest(d.damping),
+            viscosity: largest(d.viscosity),
+        }
     }
 }

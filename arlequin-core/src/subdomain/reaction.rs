@@ -1,7 +1,9 @@
 //! What holds a subdomain: the balance of its prescribed unknowns, and resultants of forces on it.
 
 use super::{Stepper, Subdomain, average};
+use crate::effect::Effect;
 use crate::model::Arms;
+use crate::ranks::Exact;
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
@@ -94,42 +96,67 @@ impl<T: Real> Subdomain<T> {
         about: &Point3<T>,
     ) -> Resultant<T> {
         let layout = self.model.layout();
-        let mut out = Resultant::zero();
+        let mut sums = [Exact::zero(); 6];
+        let mut add = |k: usize, x: T| sums[k].add(x.as_f64());
         for d in unknowns {
             match d.checked_sub(layout.translations()) {
-                Some(behind) => out.moment[behind % 3] += forces[d],
+                Some(behind) => add(3 + behind % 3, forces[d]),
                 None => {
                     let mut force = Vector3::zeros();
                     force[d % layout.components] = forces[d];
-                    out.force += force;
+                    add(d % layout.components, forces[d]);
                     let arm = self.arm(d / layout.components, about, self.model.arms());
-                    out.moment += arm.cross(&force);
+                    let moment = arm.cross(&force);
+                    (0..3).for_each(|c| add(3 + c, moment[c]));
                 }
             }
         }
-        out
+        self.resultant_of(sums)
+    }
+
+    /// Sums of all ranks: force, then moment.
+    fn resultant_of(&self, sums: [Exact; 6]) -> Resultant<T> {
+        let all = match self.portion() {
+            Some(p) => p.total(sums),
+            None => sums.map(Exact::value),
+        };
+        let [a, b, c, x, y, z] = all.map(T::of);
+        Resultant {
+            force: Vector3::new(a, b, c),
+            moment: Vector3::new(x, y, z),
+        }
+    }
+
+    /// Force and moment about a point of the last forces of an effect.
+    pub(crate) fn resultant_of_effect(&self, about: &Point3<T>, effect: &dyn Effect<T>) -> Resultant<T> {
+        let layout = self.model.layout();
+        self.resultant_by_power(about, effect.arms(), &|v, to| {
+            if !effect.add_power(&layout, v, to) {
+                to.add(effect.power(v).as_f64());
+            }
+        })
     }
 
     /// Force and moment about a point of the last forces of an effect, by their power in unit motions.
     ///
-    /// `power` is that of [`crate::effect::Effect::power`] or of one side of a pair effect, `arms` what the effect says.
+    /// `power` adds that of an effect or of one side of a pair effect, `arms` is what the effect says.
     pub(crate) fn resultant_by_power(
         &self,
         about: &Point3<T>,
         arms: Option<Arms>,
-        power: impl Fn(&[T]) -> T,
+        power: &dyn Fn(&[T], &mut Exact),
     ) -> Resultant<T> {
         let layout = self.model.layout();
         let arms = arms.unwrap_or_else(|| self.model.arms());
         let mut motion = vec![T::zero(); layout.dofs()];
-        let mut out = Resultant::zero();
+        let mut sums = [Exact::zero(); 6];
         for c in 0..3 {
             let axis = Vector3::ith(c, T::one());
             if c < layout.components {
                 motion.fill(T::zero());
                 let translations = motion[..layout.translations()].chunks_exact_mut(layout.components);
                 translations.for_each(|v| v[c] = T::one());
-                out.force[c] = power(&motion);
+                power(&motion, &mut sums[c]);
             }
             motion.fill(T::zero());
             for node in 0..layout.nodes {
@@ -139,9 +166,9 @@ impl<T: Real> Subdomain<T> {
                     motion[layout.translations() + 3 * node + c] = T::one();
                 }
             }
-            out.moment[c] = power(&motion);
+            power(&motion, &mut sums[3 + c]);
         }
-        out
+        self.resultant_of(sums)
     }
 
     /// From a point to a node, where its forces act.
