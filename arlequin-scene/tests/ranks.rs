@@ -40,6 +40,17 @@ components = ["z"]
 model = "left"
 where.box = { low = [5e-3, -1e-3, -1e-3], high = [6e-3, 3e-3, 0.1e-3] }
 components = ["z"]
+[[support]]
+model = "right"
+where = "x-max"
+components = ["y"]
+motion = { amplitude = 1e-7, time.ramp = { duration = 1e-6 } }
+[[effect]]
+mass_damping = { rate = 1e4 }
+[[load]]
+model = "right"
+where = "x-max"
+force = [0.0, 0.0, 1.0]
 [[load]]
 model = "left"
 where = "x-min"
@@ -62,10 +73,14 @@ model = "right"
 where.box = { low = [8e-3, -1e-3, -1e-3], high = [9e-3, 3e-3, 3e-3] }
 quantity = "rotation"
 component = "x"
+[probe.held]
+of = "support-1"
+quantity = "force"
+component = "z"
 [output]
 interval = 0.5e-6
 energy_every = 5
-fields = ["displacement", "velocity", "weights", "energy-density", "multipliers"]
+fields = ["displacement", "velocity", "weights", "energy-density", "multipliers", "stress", "von-mises"]
 "#;
 
 fn scratch(name: &str) -> PathBuf {
@@ -148,6 +163,81 @@ fn files_and_summaries_are_those_of_one_rank() {
             assert_eq!(parts, wanted);
         }
         assert_same_files(&folder.join("one"), &place, &format!("{ranks} ranks"));
+    }
+}
+
+/// Shipped scenes with bodies in parts, coarser and shorter.
+const SHIPPED: [(&str, &[&str]); 6] = [
+    (
+        "beam-a-alone",
+        &[
+            "model.whole.spacing=0.3e-3",
+            "time.end=3e-7",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-a",
+        &[
+            "model.right.spacing=0.3e-3",
+            "time.end=1e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-b-alone",
+        &[
+            "model.whole.spacing=2e-3",
+            "time.end=2e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-b",
+        &[
+            "model.left.spacing=5e-3",
+            "model.right.spacing=1.8e-3",
+            "time.end=6e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "dem-fem-beam",
+        &[
+            "model.left.spacing=0.5e-3",
+            "model.right.spacing=0.28e-3",
+            "time.end=6e-7",
+        ],
+    ),
+    ("three-levels", &["model.near.spacing=0.5e-3", "time.end=2e-6"]),
+];
+
+#[test]
+fn shipped_scenes_have_the_probes_of_one_rank() {
+    for (name, changes) in SHIPPED {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../examples/scenes/{name}.toml"));
+        let changes: Vec<String> = changes.iter().map(|c| (*c).to_owned()).collect();
+        let scene = Scene::read(path)
+            .and_then(|s| s.assign(&changes))
+            .expect("a scene");
+        let one = scene.prepare().expect("built").run(&mut Silent).expect("runs");
+        assert!(one.recorded.probes.times.len() > 10, "{name}");
+        let on_ranks = threads::run(3, 1, WAIT, |c| {
+            scene.clone().on_ranks(c)?.prepare()?.run(&mut Silent)
+        });
+        for r in on_ranks {
+            let r = r.expect("there").expect("runs");
+            assert!(
+                r.summary().ranks.iter().any(|l| l.parts),
+                "{name}: {:?}",
+                r.summary().ranks
+            );
+            assert!(
+                r.recorded.probes == one.recorded.probes,
+                "{name}: {:?}",
+                r.recorded.probes
+            );
+        }
     }
 }
 
@@ -282,11 +372,6 @@ fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
         assert!(!l.parts && l.words.contains(why), "{more}: {}", l.words);
     };
     whole("", 40, "fewer than ranks");
-    whole(
-        "[probe.held]\nof = \"support-1\"\nquantity = \"force\"\ncomponent = \"z\"",
-        2,
-        "probe.held",
-    );
     whole(
         "[probe.stress]\nmodel = \"right\"\nat = [9e-3, 1e-3, 1e-3]\nquantity = \"stress\"\ncomponent = \"xx\"",
         2,

@@ -196,7 +196,12 @@ impl Frames {
     /// Writes the current state.
     pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
         let Some(folder) = self.folder.clone() else {
-            return run.subdomains().iter().try_for_each(|s| Seen::of(s).map(|_| ()));
+            // What the first rank asks of models in parts, in its order.
+            for s in run.subdomains().iter().filter(|s| s.portion().is_some()) {
+                Seen::of(s)?;
+                fields::recovered(&self.fields, s)?;
+            }
+            return Ok(());
         };
         let mut part = 0;
         while let Some(p) = self.picture(run, part)? {

@@ -100,6 +100,82 @@ fn processes_write_the_files_of_one_rank_and_speak_once() {
     }
 }
 
+/// Shipped scenes with bodies in parts, coarser and shorter.
+const SHIPPED: [(&str, &[&str]); 6] = [
+    (
+        "beam-a-alone",
+        &[
+            "model.whole.spacing=0.3e-3",
+            "time.end=3e-7",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-a",
+        &[
+            "model.right.spacing=0.3e-3",
+            "time.end=1e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-b-alone",
+        &[
+            "model.whole.spacing=2e-3",
+            "time.end=2e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-b",
+        &[
+            "model.left.spacing=5e-3",
+            "model.right.spacing=1.8e-3",
+            "time.end=6e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "dem-fem-beam",
+        &[
+            "model.left.spacing=0.5e-3",
+            "model.right.spacing=0.28e-3",
+            "time.end=6e-7",
+        ],
+    ),
+    ("three-levels", &["model.near.spacing=0.5e-3", "time.end=2e-6"]),
+];
+
+#[test]
+fn shipped_scenes_have_the_probes_of_one_rank() {
+    let folder = scratch("ranks-shipped");
+    for (name, changes) in SHIPPED {
+        let file = scene(&format!("{name}.toml"));
+        let mut arguments = vec!["run", text(&file)];
+        changes.iter().for_each(|c| arguments.extend(["--set", c]));
+        let one = folder.join(format!("{name}-one"));
+        let alone = command(&[&arguments[..], &["--out", text(&one)]].concat())
+            .output()
+            .expect("runs");
+        assert!(alone.status.success(), "{name}: {}", said(&alone));
+        for ranks in 1..=4 {
+            let out = folder.join(format!("{name}-{ranks}"));
+            let done = on_ranks(ranks, &[&arguments[..], &["--out", text(&out)]].concat());
+            let words = said(&done);
+            assert!(done.status.success(), "{name} on {ranks} ranks: {words}");
+            assert_eq!(
+                words.contains("in parts: "),
+                ranks > 1,
+                "{name} on {ranks} ranks: {words}"
+            );
+            assert!(
+                bytes(&one, "probes.csv") == bytes(&out, "probes.csv"),
+                "{name} on {ranks} ranks"
+            );
+        }
+    }
+}
+
 #[test]
 fn errors_are_said_once_with_the_code_of_one_rank() {
     let folder = scratch("ranks-errors");
