@@ -198,7 +198,8 @@ def test_a_model_in_python_costs_little_per_step():
             best = min(best, (time.process_time() - begin) / steps)
         taken[name] = 1e6 * best
     print({k: f"{v:.1f} us per step" for k, v in taken.items()})
-    assert taken["general"] < 200.0 and taken["linear"] < 50.0, taken
+    # 40 us are promised and 25 measured; other programs load the machines of tests.
+    assert taken["general"] < 80.0 and taken["linear"] < 20.0, taken
 
 
 def test_a_matrix_as_it_is_goes_with_weights_that_do_not_vary():
