@@ -5,13 +5,15 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
+use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
-    Coupled, H1Gradient, InterfaceOptions, Junction, L2, OwnStep, PrescribedMotion, Profile, Silent, Solver,
-    TimeFunction, TimeStep,
+    Coupled, H1Gradient, InterfaceOptions, InterfaceSpec, Junction, L2, OwnStep, PrescribedMotion, Profile,
+    Ramp, Silent, Slab, Solver, Subdomain, TimeFunction, TimeStep, Weights,
 };
-use arlequin::fem_ref::ElementKind;
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::Line;
 use arlequin_studies::noise;
+use std::sync::Arc;
 use support::solid;
 
 fn gradients(tolerance: f64, max_iterations: usize) -> Solver<f64> {
@@ -208,4 +210,44 @@ fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
     let [a, b] = [&exact, &near].map(velocities);
     let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
     assert!(apart < 1e-9, "velocities differ by {apart:e}");
+}
+
+/// The section of a mediator's bars scales multipliers, and moves nothing.
+#[test]
+fn a_mediator_of_bars_of_any_section_ties_alike() {
+    let elastic = Elastic::new(1.0, 0.0, 1.0).unwrap();
+    let run = |section: f64| {
+        let bar = |name: &str, from: f64, count| {
+            let mesh = generate::bar(from, from + 3.0, count, 2.0).unwrap();
+            FemModel::new(name, mesh, elastic).unwrap()
+        };
+        let point = |x: f64| Point3::new(x, 0.0, 0.0);
+        let slab = Slab::between(point(3.0), point(2.0)).unwrap();
+        let left = Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()));
+        let right = Weights::complement_of(std::slice::from_ref(&left));
+        let v: Vec<f64> = (0..=75).map(|k| (0.2 * f64::from(k)).sin()).collect();
+        let fine = Subdomain::fine(bar("fine", 2.0, 75), right);
+        let bodies = vec![
+            Subdomain::coarse(bar("coarse", 0.0, 15), left),
+            fine.with_initial(vec![0.0; 76], v).unwrap(),
+        ];
+        let space = FemField::new(generate::bar(2.0, 3.0, 5, section).unwrap());
+        let tie = InterfaceSpec::new("overlap", 0, 1, Arc::new(space), L2);
+        let mut run = Coupled::new(bodies, vec![tie], TimeStep::Fraction(0.8), None).unwrap();
+        run.run(300, &mut Silent).unwrap();
+        assert!(
+            run.drift() < 1e-12 && run.constraint_residual() < 1e-11,
+            "{section}"
+        );
+        let states = run.subdomains().iter().map(|s| s.state().v.clone());
+        states.flatten().collect::<Vec<_>>()
+    };
+    let own = run(2.0);
+    for section in [1e-6, 1.0, 1e6] {
+        let gap = run(section)
+            .iter()
+            .zip(&own)
+            .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+        assert!(gap < 1e-12, "{section}: {gap:e}");
+    }
 }

@@ -29,7 +29,36 @@ impl Located {
     /// Shows the error; the code to exit with.
     pub(crate) fn report(&self) -> ExitCode {
         crate::report::error(&render(&self.error, self.source.as_deref()));
+        self.code()
+    }
+
+    /// The code to exit with.
+    pub(crate) fn code(&self) -> ExitCode {
         ExitCode::from(if self.error.is_input() { 2 } else { 1 })
+    }
+}
+
+/// On several ranks.
+#[cfg(feature = "mpi")]
+impl Located {
+    /// Whether all ranks know of it.
+    pub(crate) fn is_everywhere(&self) -> bool {
+        self.error.is_everywhere()
+    }
+
+    /// Shows an error that all ranks know of, on the one whose it is; the code to exit with.
+    pub(crate) fn report_once(&self) -> ExitCode {
+        let own = match self.error {
+            Error::Agreed(_) => true,
+            Error::Elsewhere { .. } => false,
+            _ => crate::ranks::leads(),
+        };
+        if own { self.report() } else { self.code() }
+    }
+
+    /// In one line, for other ranks too.
+    pub(crate) fn plain(&self) -> String {
+        self.error.to_string()
     }
 }
 

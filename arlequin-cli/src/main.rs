@@ -4,6 +4,7 @@ mod calibrate;
 mod describe;
 mod error;
 mod new;
+mod ranks;
 mod report;
 mod run;
 mod suggest;
@@ -43,6 +44,8 @@ enum Command {
         /// Replace earlier results; nothing but results is ever replaced.
         #[arg(long)]
         force: bool,
+        #[command(flatten)]
+        waiting: ranks::Waiting,
     },
     /// Go on with a run that was killed or interrupted, from its last checkpoint.
     Resume {
@@ -54,6 +57,8 @@ enum Command {
         /// Print the summary as JSON.
         #[arg(long)]
         json: bool,
+        #[command(flatten)]
+        waiting: ranks::Waiting,
     },
     /// Run a scene as given and with each effect off; print what each one changes and costs.
     Effects {
@@ -72,6 +77,9 @@ enum Command {
         /// Meet the other side of links as well: start their commands, wait at their addresses.
         #[arg(long)]
         start: bool,
+        /// Tell also which models would be in parts on so many ranks.
+        #[arg(long, value_name = "N")]
+        ranks: Option<usize>,
     },
     /// Measure Young's modulus and Poisson's ratio of packings with the spread over seeds, or find beams for given ones.
     Calibrate(calibrate::Calibrate),
@@ -105,6 +113,18 @@ enum Command {
     },
 }
 
+impl Command {
+    /// Its name on the command line, for those that one process alone can do.
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Check { .. } => "check",
+            Self::Sweep(_) => "sweep",
+            Self::Effects { .. } => "effects",
+            _ => "this command",
+        }
+    }
+}
+
 #[derive(Debug, Args)]
 struct Common {
     /// Scene file.
@@ -121,17 +141,59 @@ struct Common {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    report::speak(cli.loudness);
+    let cli = Cli::try_parse().unwrap_or_else(|e| {
+        // Said once, whatever the number of ranks.
+        if ranks::leads() {
+            e.exit()
+        }
+        std::process::exit(e.exit_code())
+    });
+    report::speak(cli.loudness.of_rank(ranks::leads()));
     run_command(cli.command).unwrap_or_else(|e| e.report())
 }
 
 fn run_command(command: Command) -> Result<ExitCode, Located> {
     match command {
-        Command::Run { common, out, force } => with_scene(&common, |scene| {
-            run::run(scene, out.as_deref(), force, common.json)
+        Command::Run {
+            common,
+            out,
+            force,
+            waiting,
+        } => ranks::run(waiting, |others| {
+            with_scene(&common, &others, |scene| {
+                run::run(scene, out.as_deref(), force, common.json)
+            })
         }),
-        Command::Check { common, start } => with_scene(&common, |scene| {
+        Command::Resume {
+            folder,
+            threads,
+            json,
+            waiting,
+        } => ranks::run(waiting, |others| {
+            let started = threads::start(threads).map(|_| ());
+            arlequin_scene::together(others.as_ref(), started)?;
+            Ok(run::resume(&folder, others, json)?)
+        }),
+        other => {
+            if let Err(e) = ranks::refuse_several(other.name()) {
+                return if ranks::leads() {
+                    Err(e.into())
+                } else {
+                    Ok(Located::from(e).code())
+                };
+            }
+            run_alone(other)
+        }
+    }
+}
+
+/// Commands of one process.
+fn run_alone(command: Command) -> Result<ExitCode, Located> {
+    match command {
+        Command::Run { .. } | Command::Resume { .. } => Ok(ExitCode::SUCCESS),
+        Command::Check { common, start, ranks } => with_scene(&common, &None, |scene| {
+            let planned = ranks.map(|n| scene.clone().for_ranks(n));
+            let scene = planned.as_ref().unwrap_or(scene);
             let links = LinkLine::of(scene);
             if !start && !links.is_empty() {
                 scene.check_tables()?;
@@ -145,7 +207,7 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             )?;
             Ok(ExitCode::SUCCESS)
         }),
-        Command::Effects { common, repeat } => with_scene(&common, |scene| {
+        Command::Effects { common, repeat } => with_scene(&common, &None, |scene| {
             report::result(&compare(scene, repeat)?, common.json, report::comparison)?;
             Ok(ExitCode::SUCCESS)
         }),
@@ -153,7 +215,7 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
         Command::Verify(args) => Ok(verify::verify(&args)?),
         Command::Sweep(a) => sweep::sweep(&a),
         Command::SweepDocs(a) => sweep::document(&a),
-        Command::Suggest { common, wish } => with_scene(&common, |scene| {
+        Command::Suggest { common, wish } => with_scene(&common, &None, |scene| {
             suggest::suggest(scene, &wish, common.json)?;
             Ok(ExitCode::SUCCESS)
         }),
@@ -165,26 +227,26 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Man { folder } => Ok(describe::man(folder.as_deref()).map(|()| ExitCode::SUCCESS)?),
-        Command::Resume {
-            folder,
-            threads,
-            json,
-        } => {
-            threads::start(threads)?;
-            Ok(run::resume(&folder, json)?)
-        }
     }
 }
 
 /// Runs a command on a scene; errors point into its text.
 fn with_scene(
     common: &Common,
+    others: &ranks::Others,
     command: impl FnOnce(&Scene) -> Result<ExitCode>,
 ) -> Result<ExitCode, Located> {
-    let source = Source::read(&common.scene)?;
+    let source = arlequin_scene::together(others.as_ref(), Source::read(&common.scene))?;
     let run = || {
-        threads::start(common.threads)?;
-        command(&Scene::of(source.clone())?.assign(&common.set)?)
+        let read = || {
+            threads::start(common.threads)?;
+            Scene::of(source.clone())?.assign(&common.set)
+        };
+        let scene = arlequin_scene::together(others.as_ref(), read())?;
+        match others {
+            Some(c) => command(&scene.on_ranks(c.clone())?),
+            None => command(&scene),
+        }
     };
     run().map_err(Located::within(&source))
 }

@@ -1,6 +1,7 @@
 //! `arlequin run` and `arlequin resume`.
 
 use crate::error::{Error, Result};
+use crate::ranks::{self, Others};
 use crate::report::{self, Progress};
 use arlequin::core::Coupled;
 use arlequin_scene::output::curves::CurveLine;
@@ -19,21 +20,24 @@ pub(crate) const INTERRUPTED: u8 = 130;
 pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool) -> Result<ExitCode> {
     let folder = RunFolder::new(scene, out, force)?;
     let prepared = scene.prepare_with(&mut report::phase_teller())?;
+    report::holdings(&prepared.built().holdings, as_json);
     finished(&prepared.run_into(folder, &mut Terminal::new(as_json)?)?, as_json)
 }
 
 /// Goes on with the run of a folder from its last checkpoint.
-pub(crate) fn resume(target: &Path, as_json: bool) -> Result<ExitCode> {
-    let resumed = arlequin_scene::resume(target)?;
+pub(crate) fn resume(target: &Path, others: Others, as_json: bool) -> Result<ExitCode> {
+    let resumed = arlequin_scene::resume_on(target, others)?;
     finished(&resumed.run(&mut Terminal::new(as_json)?)?, as_json)
 }
 
 /// Reports what a run left.
 fn finished(done: &Results, as_json: bool) -> Result<ExitCode> {
     let summary = done.summary();
-    if as_json {
+    // Other ranks have the same summary.
+    let leads = ranks::leads();
+    if as_json && leads {
         report::line(&json("writing summary.json", summary)?);
-    } else if let Some(folder) = &done.folder {
+    } else if let Some(folder) = done.folder.as_ref().filter(|_| leads && !as_json) {
         report::finished(summary, folder, done.planned);
     }
     Ok(if done.end == End::Interrupted {

@@ -2,10 +2,7 @@
 
 use crate::error::{Error, Result, value};
 use crate::report;
-use std::num::NonZero;
-
-/// Most threads per core: a few more than cores do no harm, many stop the machine.
-const PER_CORE: usize = 4;
+use arlequin_scene::threads;
 
 /// Number of threads for a wish, of the command line or else of `RAYON_NUM_THREADS`; one per core without a wish. Says
 /// so where the machine bounds it.
@@ -13,22 +10,16 @@ pub(crate) fn bounded(wanted: Option<usize>) -> Result<usize> {
     if wanted == Some(0) {
         return Err(value("--threads", 0, "must be at least 1"));
     }
-    let cores = std::thread::available_parallelism().map_or(1, NonZero::get);
-    let most = PER_CORE * cores;
-    let variable = std::env::var("RAYON_NUM_THREADS").ok();
-    let variable = variable.and_then(|v| v.trim().parse().ok()).filter(|n| *n > 0);
-    let (name, n) = match (wanted, variable) {
+    let (name, n) = match (wanted, threads::asked()) {
         (Some(n), _) => ("--threads", n),
         (None, Some(n)) => ("RAYON_NUM_THREADS", n),
-        (None, None) => return Ok(cores),
+        // Ranks share the cores of their machine.
+        (None, None) => return Ok((threads::cores() / crate::ranks::on_this_machine()).max(1)),
     };
-    if n > most {
-        report::warning(&format!(
-            "{name} = {n}: {most} are used, {PER_CORE} for each of the {cores} cores of this machine; more only slow \
-             it down"
-        ));
+    if n > threads::most() {
+        report::warning(&threads::too_many(name, n));
     }
-    Ok(n.min(most))
+    Ok(n.min(threads::most()))
 }
 
 /// Starts the threads of this process; how many there are.

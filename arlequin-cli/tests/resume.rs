@@ -213,6 +213,8 @@ fn interrupted_it_goes_on_with_the_same_bits() {
     );
     assert_same(&whole, &out);
     assert!(!out.join("checkpoint.bin").exists());
+    let message = refusal(&["resume", text(&out)]);
+    assert!(message.contains("has a run that has ended"), "{message}");
 }
 
 /// A killed run of which only the checkpoint matters.

@@ -47,6 +47,7 @@ mod address;
 mod channel;
 mod child;
 mod error;
+mod link;
 mod message;
 mod remote;
 mod serve;

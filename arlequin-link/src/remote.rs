@@ -4,8 +4,9 @@ use crate::address::{Address, Listener};
 use crate::channel::Channel;
 use crate::child::{Started, shown};
 use crate::error::{Error, Result};
+use crate::link::{Link, ROUNDED};
 use crate::message::{Ask, Description, Fields, Shape, check_inertia, check_step, read_record, write_record};
-use crate::wire::{Header, Kind, LIMIT, SMALL};
+use crate::wire::{Kind, LIMIT};
 use arlequin_core::nalgebra::Point3;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{DofLayout, Participant, Weighting, Weights};
@@ -13,10 +14,8 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Relative difference of a change of velocity from impulse over inertia that is let pass: a solver in single precision.
-const KICK: f64 = 1e-6;
-/// Difference of weighted from unweighted inertia that is round-off.
-const WEIGHED: f64 = 1e-9;
+/// Difference of weighted from unweighted inertia that is round-off, of a solver in single precision as well.
+const WEIGHED: f64 = ROUNDED;
 /// Questions for weights that a solver may ask before it answers, beside some for each of its nodes.
 const QUESTIONS: usize = 10_000;
 /// The same per node: elements and bonds, for each of three weights.
@@ -56,25 +55,6 @@ pub struct Remote {
     description: Description,
     link: RefCell<Link>,
     critical_step: f64,
-}
-
-/// What changes when the other side is asked.
-#[derive(Debug)]
-struct Link {
-    channel: Channel,
-    child: Option<Started>,
-    offers: Fields,
-    /// What is known of the state that the other side is in.
-    known: Fields,
-    v: Vec<f64>,
-    q: Vec<f64>,
-    a: Vec<f64>,
-    invariant: f64,
-    /// Under the weights it has.
-    inertia: Vec<f64>,
-    /// Whether an impulse was seen to do what it must.
-    trusted: bool,
-    broken: Option<Error>,
 }
 
 impl Remote {
@@ -129,19 +109,7 @@ impl Remote {
             });
         };
         let channel = Channel::new(stream, peer, Some(options.timeout), options.limit);
-        let mut link = Link {
-            channel,
-            child,
-            offers: Fields::default(),
-            known: Fields::default(),
-            v: Vec::new(),
-            q: Vec::new(),
-            a: Vec::new(),
-            invariant: 0.0,
-            inertia: Vec::new(),
-            trusted: false,
-            broken: None,
-        };
+        let mut link = Link::new(channel, child);
         let greet = |link: &mut Link| {
             let message = link.channel.out.begin(Kind::Hello);
             message.u64(options.limit).text(name, crate::wire::NAME);
@@ -149,13 +117,7 @@ impl Remote {
             Description::read(link.channel.content(header))
         };
         let description = link.guarded(greet)?;
-        let n = description.layout.dofs();
-        link.channel.peer_limit = description.limit;
-        link.offers = description.offers;
-        link.inertia.clone_from(&description.inertia);
-        [&mut link.v, &mut link.q, &mut link.a]
-            .into_iter()
-            .for_each(|x| x.resize(n, 0.0));
+        link.know_of(&description);
         Ok(Self {
             name: name.to_owned(),
             critical_step: description.critical_step,
@@ -217,156 +179,6 @@ impl Remote {
             link.trusted = false;
             Ok(critical)
         })
-    }
-}
-
-impl Link {
-    /// Does something, unless an earlier error broke the link; an error breaks it.
-    fn guarded<V>(&mut self, what: impl FnOnce(&mut Self) -> Result<V>) -> Result<V> {
-        if let Some(earlier) = &self.broken {
-            return Err(Error::Broken {
-                peer: self.channel.peer.clone(),
-                earlier: earlier.to_string(),
-            });
-        }
-        what(self).map_err(|e| {
-            let e = self.explained(e);
-            self.broken = Some(e.clone());
-            e
-        })
-    }
-
-    /// A link that was closed because its process ended: how it did so.
-    fn explained(&mut self, e: Error) -> Error {
-        let (Some(child), Error::Closed { expected, .. }) = (&mut self.child, &e) else {
-            return e;
-        };
-        // The stream closes a moment before the process is gone.
-        match child.ended(Duration::from_millis(200)) {
-            Some(how) => child.early(&how, &format!("its {expected}")),
-            None => e,
-        }
-    }
-
-    /// Sends the message that was written and receives its answer.
-    fn exchange(&mut self, due: Kind, lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
-        self.exchange_of(&[due], lengths)
-    }
-
-    fn exchange_of(&mut self, due: &[Kind], lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
-        self.channel.send()?;
-        self.channel.receive(due, lengths)
-    }
-
-    fn done(&mut self) -> Result<()> {
-        self.exchange(Kind::Done, 0..=0).map(|_| ())
-    }
-
-    /// Bytes of a state with these fields.
-    fn state_length(&self, fields: Fields) -> u64 {
-        let arrays = [Fields::VELOCITIES, Fields::DISPLACEMENTS, Fields::ACCELERATIONS];
-        let arrays = arrays.iter().filter(|f| fields.has(**f)).count();
-        16 + 8 * (arrays * self.v.len()) as u64
-    }
-
-    /// Sends the request that was written, receives the state and keeps it.
-    fn read_state(&mut self, wanted: Fields) -> Result<()> {
-        let length = self.state_length(wanted);
-        let header = self.exchange(Kind::State, length..=length)?;
-        // Taken out while the content borrows the channel.
-        let [mut v, mut q, mut a] = [&mut self.v, &mut self.q, &mut self.a].map(std::mem::take);
-        let mut content = self.channel.content(header);
-        let mut read = || {
-            let has = Fields(content.u32()?);
-            if has != wanted {
-                let (a, b) = (has.0, wanted.0);
-                return Err(content.wrong(format!("the fields are {a:#b}, and {b:#b} were asked for")));
-            }
-            content.u32()?;
-            let invariant = content.f64()?;
-            let all = [
-                (Fields::VELOCITIES, "velocities", &mut v),
-                (Fields::DISPLACEMENTS, "displacements", &mut q),
-                (Fields::ACCELERATIONS, "accelerations", &mut a),
-            ];
-            for (field, name, out) in all {
-                if wanted.has(field) {
-                    content.numbers(name, out)?;
-                }
-            }
-            if wanted.has(Fields::INVARIANT) && !invariant.is_finite() {
-                return Err(content.wrong(format!("the invariant is {invariant} J, not a finite number")));
-            }
-            Ok(invariant)
-        };
-        let read = read();
-        (self.v, self.q, self.a) = (v, q, a);
-        self.invariant = read?;
-        self.known = self.known.and(wanted);
-        Ok(())
-    }
-
-    /// Asks for what is not known of these fields.
-    fn know(&mut self, fields: Fields) -> Result<()> {
-        if self.known.has(fields) {
-            return Ok(());
-        }
-        self.guarded(|link| {
-            let wanted = Fields(fields.0 & !link.known.0);
-            link.channel.out.begin(Kind::Tell).u32(wanted.0).u32(0);
-            link.read_state(wanted)
-        })
-    }
-
-    /// What a step tells.
-    fn of_step(&self) -> Fields {
-        Fields::MOTION.and(Fields::INVARIANT.among(self.offers))
-    }
-
-    fn kick(&mut self, impulse: &[f64]) -> Result<()> {
-        // The first impulse shows whether the mass that was told is the one that moves.
-        let test = !self.trusted && impulse.iter().any(|p| *p != 0.0);
-        let before = if test {
-            self.know(Fields::VELOCITIES)?;
-            self.v.clone()
-        } else {
-            Vec::new()
-        };
-        self.guarded(|link| {
-            link.channel.out.begin(Kind::Impulse).numbers(impulse);
-            link.done()?;
-            // Positions stay where they are.
-            link.known = link.known.among(Fields::DISPLACEMENTS);
-            Ok(())
-        })?;
-        if test {
-            self.know(Fields::VELOCITIES)?;
-            self.guarded(|link| link.check_kick(impulse, &before))?;
-            self.trusted = true;
-        }
-        Ok(())
-    }
-
-    fn check_kick(&self, impulse: &[f64], before: &[f64]) -> Result<()> {
-        let wanted = |i: usize| {
-            let m = self.inertia[i];
-            if m > 0.0 { impulse[i] / m } else { 0.0 }
-        };
-        let n = impulse.len();
-        let top = (0..n).map(|i| wanted(i).abs()).fold(0.0, f64::max);
-        let fast = before.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        let allowed = KICK * top + 16.0 * f64::EPSILON * fast;
-        let off = |i: &usize| (self.v[*i] - before[*i] - wanted(*i)).abs() > allowed;
-        match (0..n).find(off) {
-            None => Ok(()),
-            Some(unknown) => Err(Error::Mass {
-                peer: self.channel.peer.clone(),
-                unknown,
-                inertia: self.inertia[unknown],
-                found: self.v[unknown] - before[unknown],
-                wanted: wanted(unknown),
-            }),
-        }
     }
 }
 
@@ -480,19 +292,5 @@ impl Participant<f64> for Remote {
         });
         drop(link);
         self.of_model(outcome)
-    }
-}
-
-impl Drop for Link {
-    fn drop(&mut self) {
-        if self.broken.is_some() {
-            return;
-        }
-        self.channel.out.begin(Kind::End);
-        // An answer is not waited for: who does not leave by itself is ended.
-        let told = self.channel.send().is_ok() && self.channel.receive(&[Kind::Done], 0..=SMALL).is_ok();
-        if let Some(child) = &mut self.child {
-            child.told = told;
-        }
     }
 }

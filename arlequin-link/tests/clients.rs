@@ -11,7 +11,7 @@ mod support;
 
 use arlequin::core::{OwnStep, Silent, conformance};
 use arlequin::prelude::*;
-use arlequin_link::{Element, Remote, Shape};
+use arlequin_link::{Element, Listener, Remote, Shape};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use support::{BONDS, chain, coupled_in, gap, patient};
@@ -139,6 +139,29 @@ fn the_chain_in_c_is_ours() {
     let folder = folder("c");
     let Some(command) = c_chain(&folder) else { return };
     as_ours(&command, "c-chain");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Both clients connect to a port under the names that a run takes.
+#[test]
+fn clients_find_a_port_of_this_machine_by_name() {
+    let folder = folder("port");
+    for command in [python_chain(), c_chain(&folder)].into_iter().flatten() {
+        for host in ["127.0.0.1", "localhost"] {
+            let door = Listener::at(&"tcp:127.0.0.1:0".parse().unwrap()).unwrap();
+            let port = door.address().to_string().rsplit_once(':').unwrap().1.to_owned();
+            let address = format!("tcp:{host}:{port}");
+            let mut client = Command::new(&command[0])
+                .args(&command[1..])
+                .arg(&address)
+                .spawn()
+                .unwrap();
+            let solver = Remote::accept("fine", &door, patient()).unwrap();
+            assert_eq!(solver.nodes().len(), BONDS + 1);
+            drop(solver);
+            assert!(client.wait().unwrap().success(), "{command:?} {address}");
+        }
+    }
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

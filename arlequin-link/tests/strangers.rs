@@ -409,6 +409,20 @@ fn a_chain_that_leaves() {
 }
 
 #[test]
+#[ignore = "the other side of tests in this file"]
+fn a_chain_that_leaves_soon() {
+    let Some(address) = arlequin_link::given() else {
+        return;
+    };
+    std::thread::spawn(|| {
+        std::thread::sleep(Duration::from_millis(200));
+        std::process::exit(3)
+    });
+    let mut solver = faulty(Fault::Leaves);
+    serve(&address.parse().unwrap(), &mut solver, &chain_shape()).unwrap();
+}
+
+#[test]
 fn a_process_that_ends_too_early_is_named_with_the_way_it_ended() {
     let command = other_side("a_chain_that_leaves");
     let solver = Remote::start("fine", &command, "".as_ref(), patient()).unwrap();
@@ -419,6 +433,23 @@ fn a_process_that_ends_too_early_is_named_with_the_way_it_ended() {
         "{error}"
     );
     assert_eq!(run.steps(), 2);
+    // It leaves while nothing is asked of it: then it does not read any more.
+    let mut solver = Remote::start(
+        "fine",
+        &other_side("a_chain_that_leaves_soon"),
+        "".as_ref(),
+        patient(),
+    )
+    .unwrap();
+    let mut mass = vec![0.0; BONDS + 1];
+    solver.weigh(&Weights::uncoupled(), &mut mass).unwrap();
+    std::thread::sleep(Duration::from_millis(400));
+    let error = solver.advance(0.0, 0.1).unwrap_err().to_string();
+    let due = [
+        "status: 3 before its reading of 'advance'",
+        "status: 3 before its 'state'",
+    ];
+    assert!(due.iter().any(|d| error.contains(d)), "{error}");
     let start = |command: &[&str]| {
         let command: Vec<_> = command.iter().map(|w| (*w).to_owned()).collect();
         Remote::start("fine", &command, "".as_ref(), hasty())

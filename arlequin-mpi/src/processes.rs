@@ -36,6 +36,8 @@ pub struct Ending {
     pub code: i32,
     /// Says what happened, on every rank that gets to it.
     pub report: fn(&str),
+    /// Whether a rank says so too that ends because of another, which has said why.
+    pub echo: bool,
 }
 
 /// Does `work` as one rank of the job that `mpirun` started, or alone without it. Where work fails on a rank, or a rank waits too long,
@@ -100,7 +102,9 @@ type Open<'a, 'b, B> = Request<'a, B, &'b LocalScope<'a>>;
 impl Process {
     /// Says why, tells the others if they do not know, and ends the job.
     fn end(&self, why: &str, tell: bool) -> ! {
-        (self.ending.report)(why);
+        if tell || self.ending.echo {
+            (self.ending.report)(why);
+        }
         if tell {
             self.abandon(why);
         } else {

@@ -97,6 +97,7 @@ fn worker_of_the_other_tests() {
         wait: Duration::from_secs(if work == "hangs" { 2 } else { 60 }),
         code: 3,
         report: |why| eprintln!("told: {why}"),
+        echo: true,
     };
     processes::run(ending, |c| worker(&work, c)).unwrap();
 }

@@ -2,6 +2,7 @@
 
 use crate::error::Fault;
 use pyo3::prelude::*;
+use pyo3::{PyTraverseError, PyVisit};
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,8 +17,9 @@ pub(crate) fn outside<V: Send>(
     work: impl FnOnce() -> Result<V, Fault> + Send,
 ) -> PyResult<V> {
     let made = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
-    made.unwrap_or_else(|payload| Err(Fault::panic(&*payload)))
-        .map_err(PyErr::from)
+    let made = made.unwrap_or_else(|payload| Err(Fault::panic(&*payload)));
+    // Who gave up waiting wants to know that he did, not what was waited for.
+    made.map_err(|e| py.check_signals().err().unwrap_or_else(|| e.into()))
 }
 
 /// Looks into the interpreter now and then.
@@ -40,6 +42,52 @@ impl Pulse {
             py.check_signals()?;
             then(py)
         })
+    }
+}
+
+/// A reference to an object of Python: that of a model in the core, which the subdomain or run around it shows to the
+/// interpreter's garbage collector. One reference for both: the collector counts.
+pub(crate) type Shared = Arc<Py<PyAny>>;
+
+/// What a subdomain or a run has in Python: objects that it asks, and where their exceptions wait.
+#[derive(Debug, Default)]
+pub(crate) struct Heard {
+    objects: Vec<Shared>,
+    pending: Vec<Pending>,
+}
+
+impl Heard {
+    pub(crate) fn of(object: Option<Shared>, pending: Pending) -> Self {
+        Self {
+            objects: object.into_iter().collect(),
+            pending: vec![pending],
+        }
+    }
+
+    /// Exceptions of a function wait there as well.
+    pub(crate) fn hear(&mut self, pending: Option<&Pending>) {
+        self.pending.extend(pending.cloned());
+    }
+
+    /// Takes over what another has.
+    pub(crate) fn take(&mut self, other: Self) {
+        self.objects.extend(other.objects);
+        self.pending.extend(other.pending);
+    }
+
+    /// The exception that waits.
+    pub(crate) fn raised(&self) -> Option<PyErr> {
+        self.pending.iter().find_map(Pending::take)
+    }
+
+    pub(crate) fn waits(&self) -> bool {
+        self.pending.iter().any(Pending::waits)
+    }
+
+    /// Shows the objects to the garbage collector. There is nothing to clear: whatever refers back to a run is an object of
+    /// Python that the collector can empty.
+    pub(crate) fn show(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.objects.iter().try_for_each(|o| visit.call(&**o))
     }
 }
 

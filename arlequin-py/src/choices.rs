@@ -1,14 +1,15 @@
 //! Materials, weights, junctions, functions of time, effects.
 
 use crate::arrays::{Numbers, array, flat, point, points};
+use crate::border::Pending;
 use crate::error::Fault;
 use arlequin::core::effect::{BodyForce, EffectSpec, Load, LocalDamping, MassDamping, StiffnessDamping};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{Formula, JunctionKind, Overlap, Primitive, ProfileKind, Weighting};
 use numpy::PyArray1;
+use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A linear elastic isotropic material: Young's modulus [Pa], Poisson's ratio [-], density [kg/m3].
 #[pyclass(frozen, module = "arlequin")]
@@ -277,52 +278,64 @@ impl TimeFunction {
     }
 }
 
+/// A function of time, and where its exceptions wait if it is one of Python's.
+pub(crate) type OverTime = (arlequin::core::TimeFunction<f64>, Option<Pending>);
+
 /// A function of time that is one of this module or any of Python's; none is one from time zero on.
-pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<arlequin::core::TimeFunction<f64>> {
+pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<OverTime> {
     let Some(from) = from else {
-        return Ok(arlequin::core::TimeFunction::Step);
+        return Ok((arlequin::core::TimeFunction::Step, None));
     };
     if let Ok(f) = from.cast::<TimeFunction>() {
-        return Ok(f.get().0.clone());
+        return Ok((f.get().0.clone(), None));
     }
     if !from.is_callable() {
         let rule =
             format!("{from} is no function of time: give an arlequin.TimeFunction or a function of t [s]");
         return Err(Fault::of("InvalidParameter", rule).into());
     }
-    // What fails shows at once: later it is not a number, which ends the run by name.
+    // What fails shows at once; later the value is not a number, and the exception waits for the run to stop.
     from.call1((0.0,))?.extract::<f64>()?;
     let (text, function) = (from.str()?.to_string(), from.clone().unbind());
-    let failed = AtomicBool::new(false);
+    let pending = Pending::default();
+    let kept = pending.clone();
     let at = move |t: f64| {
-        if failed.load(Ordering::Relaxed) {
+        if kept.waits() {
             return f64::NAN;
         }
         Python::attach(|py| {
             let value = function.call1(py, (t,)).and_then(|v| v.extract::<f64>(py));
             value.unwrap_or_else(|e| {
-                // The core takes no exception here: it is shown once, and the run ends.
-                failed.store(true, Ordering::Relaxed);
-                e.write_unraisable(py, Some(function.bind(py)));
+                // Before time zero the core takes the value at zero where there is none; Ctrl-C counts at any time.
+                if t >= 0.0 || !e.is_instance_of::<PyException>(py) {
+                    kept.keep(e);
+                }
                 f64::NAN
             })
         })
     };
-    Ok(arlequin::core::TimeFunction::Formula(Formula::new(&text, at)))
+    let formula = arlequin::core::TimeFunction::Formula(Formula::new(&text, at));
+    Ok((formula, Some(pending)))
 }
 
 type Made = Result<Box<dyn EffectSpec<f64>>, Fault>;
 
 /// Something that acts on a model; made by `Load`, `BodyForce`, `MassDamping`, `StiffnessDamping` and `LocalDamping`.
 #[pyclass(frozen, module = "arlequin")]
-pub(crate) struct Effect(pub(crate) Box<dyn Fn() -> Made + Send + Sync>);
+pub(crate) struct Effect {
+    pub(crate) make: Box<dyn Fn() -> Made + Send + Sync>,
+    /// Where exceptions of its function of time wait.
+    pub(crate) pending: Option<Pending>,
+}
 
 impl Effect {
     fn of<E: EffectSpec<f64> + 'static>(
         make: impl Fn() -> arlequin::core::Result<E> + Send + Sync + 'static,
+        pending: Option<Pending>,
     ) -> Result<Self, Fault> {
         make()?;
-        Ok(Self(Box::new(move || Ok(Box::new(make()?)))))
+        let make = Box::new(move || -> Made { Ok(Box::new(make()?)) });
+        Ok(Self { make, pending })
     }
 }
 
@@ -335,7 +348,7 @@ pub(crate) fn load(
     forces: Numbers<'_>,
     time: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Effect> {
-    let (time, mut forces) = (time_function(time)?, flat(&forces));
+    let ((time, pending), mut forces) = (time_function(time)?, flat(&forces));
     if forces.len() == 1 {
         forces.resize(dofs.len(), forces[0]);
     }
@@ -348,37 +361,36 @@ pub(crate) fn load(
         return Err(Fault::of("SizeMismatch", text).into());
     }
     let pairs: Vec<_> = dofs.into_iter().zip(forces).collect();
-    Ok(Effect::of(move || {
-        Load::on_dofs(&name, pairs.clone(), time.clone())
-    })?)
+    let make = move || Load::on_dofs(&name, pairs.clone(), time.clone());
+    Ok(Effect::of(make, pending)?)
 }
 
 /// An acceleration of every point [m/s2], such as that of gravity, times a function of time.
 #[pyfunction]
 #[pyo3(name = "BodyForce", signature = (acceleration, time = None))]
 pub(crate) fn body_force(acceleration: [f64; 3], time: Option<&Bound<'_, PyAny>>) -> PyResult<Effect> {
-    let time = time_function(time)?;
+    let (time, pending) = time_function(time)?;
     let make = move || BodyForce::new(Vector3::from(acceleration))?.over_time(time.clone());
-    Ok(Effect::of(make)?)
+    Ok(Effect::of(make, pending)?)
 }
 
 /// Damping by velocity at a rate [1/s].
 #[pyfunction]
 #[pyo3(name = "MassDamping")]
 pub(crate) fn mass_damping(rate: f64) -> Result<Effect, Fault> {
-    Effect::of(move || MassDamping::new(rate))
+    Effect::of(move || MassDamping::new(rate), None)
 }
 
 /// Damping by rate of strain with a time [s].
 #[pyfunction]
 #[pyo3(name = "StiffnessDamping")]
 pub(crate) fn stiffness_damping(time: f64) -> Result<Effect, Fault> {
-    Effect::of(move || StiffnessDamping::new(time))
+    Effect::of(move || StiffnessDamping::new(time), None)
 }
 
 /// Damping by a share of the unbalanced force, 0.1 to 0.8 in use: for ways to rest, not for waves.
 #[pyfunction]
 #[pyo3(name = "LocalDamping")]
 pub(crate) fn local_damping(share: f64) -> Result<Effect, Fault> {
-    Effect::of(move || LocalDamping::new(share))
+    Effect::of(move || LocalDamping::new(share), None)
 }

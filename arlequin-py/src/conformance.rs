@@ -20,12 +20,12 @@ fn with(
         let native = native.get();
         return outside(object.py(), || native.with(ask));
     }
-    let (mut model, _, pending) = plug::model(object)?;
+    let (mut model, _, heard) = plug::model(object)?;
     let made = outside(object.py(), move || {
         model.set_internal_weight(&Uniform(1.0))?;
         ask(&mut *model)
     });
-    pending.take().map_or(made, Err)
+    heard.raised().map_or(made, Err)
 }
 
 /// Largest force under a rigid motion, relative to that under a random one.
@@ -84,12 +84,14 @@ pub(crate) fn participant<'py>(
     step: f64,
     steps: usize,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (mut solver, _, pending) = PythonSolver::of(solver)?;
+    let (mut solver, _, heard) = PythonSolver::of(solver)?;
     let made = outside(py, move || {
         Ok(conformance::participant(&mut solver, step, steps)?)
     });
-    let found = pending.take().map_or(made, Err)?;
+    let found = heard.raised().map_or(made, Err)?;
     let out = PyDict::new(py);
+    out.set_item("travelled", found.travelled)?;
+    out.set_item("gained", found.gained)?;
     out.set_item("kick", found.kick)?;
     out.set_item("moved", found.moved)?;
     out.set_item("drift", found.drift)?;

@@ -1,7 +1,7 @@
 //! Coupled runs.
 
 use crate::arrays::{Numbers, array, points, rows};
-use crate::border::{Pending, Pulse, outside};
+use crate::border::{Heard, Pulse, outside};
 use crate::error::Fault;
 use crate::subdomain::{Interface, Subdomain, Which};
 use arlequin::core::snapshot::Snapshot as State;
@@ -9,6 +9,7 @@ use arlequin::core::{self, Guard, Observer, Parts, Phase, StepReport, TimeStep, 
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use pyo3::{PyTraverseError, PyVisit};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
@@ -38,7 +39,7 @@ pub(crate) struct Coupled {
     run: Mutex<Inner>,
     names: Vec<String>,
     interfaces: Vec<String>,
-    pending: Vec<Pending>,
+    heard: Heard,
     drawn: Mutex<Vec<[f64; 9]>>,
     /// Whether an exception ended it, perhaps within a step: models are then at different instants.
     torn: AtomicBool,
@@ -61,6 +62,7 @@ impl Snapshot {
 /// Draws up the energy and looks for Ctrl-C.
 struct Watch<'a> {
     drawn: &'a Mutex<Vec<[f64; 9]>>,
+    heard: &'a Heard,
     pulse: Pulse,
     stop: Option<PyErr>,
 }
@@ -90,7 +92,10 @@ impl Observer<f64> for Watch<'_> {
             self.stop = Some(e);
             return Ok(ControlFlow::Break(()));
         }
-        Ok(ControlFlow::Continue(()))
+        Ok(match self.heard.waits() {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        })
     }
 }
 
@@ -104,11 +109,6 @@ fn step_of(fraction: Option<f64>, seconds: Option<f64>, chosen: Option<f64>) -> 
             Err(Fault::of("InvalidParameter", rule))
         }
     }
-}
-
-/// What waits for one of several objects.
-fn waiting(pending: &[Pending]) -> Option<PyErr> {
-    pending.iter().find_map(Pending::take)
 }
 
 impl Coupled {
@@ -140,7 +140,7 @@ impl Coupled {
         work: impl FnOnce(&mut Inner) -> Result<V, Fault> + Send,
     ) -> PyResult<V> {
         let made = outside(py, || work(&mut *self.lock()?));
-        waiting(&self.pending).map_or(made, Err)
+        self.heard.raised().map_or(made, Err)
     }
 
     /// Values of a model: (nodes, components), and of its rotations.
@@ -183,14 +183,14 @@ impl Coupled {
     ) -> PyResult<Self> {
         let step = step_of(fraction, seconds, chosen)?;
         let names: Vec<String> = subdomains.iter().map(|s| s.name.clone()).collect();
-        let pending: Vec<Pending> = subdomains.iter().map(|s| s.pending.clone()).collect();
         let specs = interfaces
             .iter()
             .map(|i| i.spec(&names))
             .collect::<Result<Vec<_>, Fault>>()?;
+        let mut heard = Heard::default();
         let all = subdomains
             .iter()
-            .map(|s| s.give())
+            .map(|s| s.give(&mut heard))
             .collect::<Result<Vec<_>, Fault>>()?;
         let nodal = all.iter().any(|s| s.weights().weighting == Weighting::Nodal);
         let mut guard = Guard::for_weighting(if nodal {
@@ -208,10 +208,10 @@ impl Coupled {
         };
         let made = outside(py, || Ok(Inner::of(parts, step, Some(guard))?));
         Ok(Self {
-            run: Mutex::new(waiting(&pending).map_or(made, Err)?),
+            run: Mutex::new(heard.raised().map_or(made, Err)?),
             names,
             interfaces: interfaces.iter().map(|i| i.name.clone()).collect(),
-            pending,
+            heard,
             drawn: Mutex::new(Vec::new()),
             torn: AtomicBool::new(false),
         })
@@ -239,12 +239,12 @@ impl Coupled {
                 this.torn.store(true, Ordering::Relaxed);
                 let mut watch = Watch {
                     drawn: &this.drawn,
+                    heard: &this.heard,
                     pulse: Pulse::new(),
                     stop: None,
                 };
                 let done = run.run(ahead, &mut watch)?;
-                let torn = this.pending.iter().any(Pending::waits);
-                this.torn.store(torn, Ordering::Relaxed);
+                this.torn.store(this.heard.waits(), Ordering::Relaxed);
                 Ok((done, watch.stop))
             })?;
             made += done;
@@ -401,6 +401,10 @@ impl Coupled {
             self.torn.store(false, Ordering::Relaxed);
             Ok(())
         })
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.heard.show(&visit)
     }
 
     /// Force and moment that multipliers exert on both sides together, relative to the force on one.

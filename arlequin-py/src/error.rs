@@ -2,7 +2,7 @@
 
 use arlequin::{cnem, core, dem_beam, fem_ref};
 use arlequin_scene::Source;
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError};
 use pyo3::prelude::*;
 use std::any::Any;
 use std::fmt::Debug;
@@ -190,6 +190,14 @@ impl From<Fault> for PyErr {
             let make = py.import("arlequin.errors")?.getattr("_make")?;
             Ok(Self::from_value(make.call1((&kind, &message, key, line))?))
         };
-        Python::attach(|py| made(py).unwrap_or_else(|_| PyRuntimeError::new_err(message.clone())))
+        Python::attach(|py| {
+            made(py).unwrap_or_else(|e| {
+                // Ctrl-C while Rust computed is noticed here.
+                if e.is_instance_of::<PyKeyboardInterrupt>(py) {
+                    return e;
+                }
+                PyRuntimeError::new_err(message.clone())
+            })
+        })
     }
 }

@@ -48,7 +48,7 @@ mod _native {
     #[pymodule_export]
     use crate::subdomain::{Interface, Subdomain};
     #[pymodule_export]
-    use crate::sweep::{set_threads, sweep};
+    use crate::sweep::{_bound_threads, set_threads, sweep};
 
     use pyo3::prelude::*;
 

@@ -1,7 +1,7 @@
 //! Models written in Python behind the traits of the core.
 
 use crate::arrays::{Numbers, array};
-use crate::border::{Claim, Pending};
+use crate::border::{Claim, Heard, Pending, Shared};
 use crate::error::{Fault, raised};
 use crate::shapes::{Connectivity, Mesh, field_of, node_numbers};
 use arlequin::core::geometry::Cell;
@@ -10,6 +10,7 @@ use arlequin::core::snapshot::Record;
 use arlequin::core::sprs::CsMat;
 use arlequin::core::{DofLayout, Error, Interpolation, LinearModel, Model, Result, Weight, parallel};
 use numpy::{PyArray1, PyArrayMethods};
+use pyo3::intern;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
@@ -31,7 +32,7 @@ pub(crate) struct Described {
     pub(crate) nodes: Vec<Point3<f64>>,
     pub(crate) field: Arc<dyn Interpolation<f64>>,
     places: Places,
-    pub(crate) object: Py<PyAny>,
+    pub(crate) object: Shared,
     pub(crate) pending: Pending,
 }
 
@@ -42,7 +43,15 @@ pub(crate) fn optional<'py>(of: &Bound<'py, PyAny>, name: &str) -> PyResult<Opti
 
 impl Described {
     pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let text = |name| optional(object, name)?.map(|x| x.extract::<String>()).transpose();
+        let text = |what: &str| -> PyResult<Option<String>> {
+            let Some(found) = optional(object, what)? else {
+                return Ok(None);
+            };
+            found.extract().map(Some).or_else(|_| {
+                let rule = format!("{what} = {}: that of a model or solver is a text", found.repr()?);
+                Err(Fault::of("InvalidParameter", rule).into())
+            })
+        };
         let name = text("name")?.unwrap_or_else(|| "python".into());
         let mesh = optional(object, "mesh")?;
         let Some(field) = optional(object, "field")?.or_else(|| mesh.clone()) else {
@@ -90,7 +99,7 @@ impl Described {
             nodes,
             field,
             places,
-            object: object.clone().unbind(),
+            object: Arc::new(object.clone().unbind()),
             pending: Pending::default(),
         })
     }
@@ -114,15 +123,22 @@ impl Described {
         }
     }
 
-    /// A method that must be there.
-    pub(crate) fn method(&self, py: Python<'_>, name: &str) -> PyResult<Py<PyAny>> {
-        self.object.getattr(py, name).map_err(|_| {
-            let rule = format!(
-                "'{}' has no method {name}; docs/plug-in.md lists what is needed",
-                self.name
-            );
-            Fault::of("Unsupported", rule).into()
-        })
+    /// Refuses an object without one of these methods.
+    pub(crate) fn needs(&self, py: Python<'_>, methods: &[&str]) -> PyResult<()> {
+        let missing = |name: &&&str| self.object.getattr(py, **name).is_err();
+        let Some(name) = methods.iter().find(missing) else {
+            return Ok(());
+        };
+        let rule = format!(
+            "'{}' has no method {name}; docs/plug-in.md lists what is needed",
+            self.name
+        );
+        Err(Fault::of("Unsupported", rule).into())
+    }
+
+    /// What a run has of the object.
+    pub(crate) fn heard(&self) -> Heard {
+        Heard::of(Some(self.object.clone()), self.pending.clone())
     }
 
     /// An exception of the object on its way through the core.
@@ -209,33 +225,57 @@ fn bonds_of(name: &str, bonds: &Bound<'_, PyAny>, nodes: &[Point3<f64>]) -> PyRe
     })
 }
 
+/// What an object says of itself, for the traits of the core that ask it.
+macro_rules! as_described {
+    () => {
+        fn name(&self) -> &str {
+            &self.about.name
+        }
+        fn kind(&self) -> &str {
+            &self.about.kind
+        }
+        fn layout(&self) -> DofLayout {
+            self.about.layout
+        }
+        fn nodes(&self) -> &[Point3<f64>] {
+            &self.about.nodes
+        }
+    };
+}
+pub(crate) use as_described;
+
 /// A model whose forces are found in Python.
 pub(crate) struct PythonModel {
     _claim: Claim,
     about: Described,
-    forces: Py<PyAny>,
-    energy: Py<PyAny>,
-    advance: Option<Py<PyAny>>,
-    critical: Option<Py<PyAny>>,
+    /// Whether it has methods that it need not have.
+    advances: bool,
+    knows_its_step: bool,
 }
 
 impl PythonModel {
     pub(crate) fn new(about: Described, py: Python<'_>) -> PyResult<Self> {
-        let object = about.object.bind(py);
-        let more = |name| Ok::<_, PyErr>(optional(object, name)?.map(Bound::unbind));
+        about.needs(py, &["set_internal_weight", "internal_forces", "internal_energy"])?;
+        let has = |name| Ok::<_, PyErr>(optional(about.object.bind(py), name)?.is_some());
         Ok(Self {
             _claim: Claim::of(&about.name, &about.object)?,
-            forces: about.method(py, "internal_forces")?,
-            energy: about.method(py, "internal_energy")?,
-            advance: more("advance")?,
-            critical: more("critical_step")?,
+            advances: has("advance")?,
+            knows_its_step: has("critical_step")?,
             about,
         })
     }
 
-    fn ask(&self, method: &Py<PyAny>, q: &[f64], f: &mut [f64]) -> Result<()> {
+    fn ask(&self, advances: bool, q: &[f64], f: &mut [f64]) -> Result<()> {
         Python::attach(|py| {
-            let answer = method.call1(py, (PyArray1::from_slice(py, q),))?;
+            let method = if advances {
+                intern!(py, "advance")
+            } else {
+                intern!(py, "internal_forces")
+            };
+            let answer = self
+                .about
+                .object
+                .call_method1(py, method, (PyArray1::from_slice(py, q),))?;
             self.about
                 .read("internal_forces", answer.bind(py), f, |f, x| *f += x)
         })
@@ -254,18 +294,7 @@ fn inertia(about: &Described, weight: &dyn Weight<f64>, out: &mut [f64]) -> Resu
 }
 
 impl Model<f64> for PythonModel {
-    fn name(&self) -> &str {
-        &self.about.name
-    }
-    fn kind(&self) -> &str {
-        &self.about.kind
-    }
-    fn layout(&self) -> DofLayout {
-        self.about.layout
-    }
-    fn nodes(&self) -> &[Point3<f64>] {
-        &self.about.nodes
-    }
+    as_described!();
 
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
         inertia(&self.about, weight, out)
@@ -283,16 +312,20 @@ impl Model<f64> for PythonModel {
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
-        self.ask(&self.forces, q, f)
+        self.ask(false, q, f)
     }
 
     fn advance(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
-        self.ask(self.advance.as_ref().unwrap_or(&self.forces), q, f)
+        self.ask(self.advances, q, f)
     }
 
     fn internal_energy(&self, q: &[f64]) -> f64 {
         let found = Python::attach(|py| {
-            let answer = self.energy.call1(py, (PyArray1::from_slice(py, q),))?;
+            let q = (PyArray1::from_slice(py, q),);
+            let answer = self
+                .about
+                .object
+                .call_method1(py, intern!(py, "internal_energy"), q)?;
             answer.extract::<f64>(py)
         });
         found.unwrap_or_else(|e| {
@@ -302,13 +335,16 @@ impl Model<f64> for PythonModel {
     }
 
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> Result<f64> {
-        let Some(method) = &self.critical else {
-            let forces = &mut |q: &[f64], f: &mut [f64]| self.ask(&self.forces, q, f);
+        if !self.knows_its_step {
+            let forces = &mut |q: &[f64], f: &mut [f64]| self.ask(false, q, f);
             return arlequin::core::spectrum::critical_step(inverse_inertia, forces);
-        };
+        }
         let found = Python::attach(|py| {
-            let answer = method.call1(py, (PyArray1::from_slice(py, inverse_inertia),))?;
-            answer.extract::<f64>(py)
+            let inverse = (PyArray1::from_slice(py, inverse_inertia),);
+            self.about
+                .object
+                .call_method1(py, "critical_step", inverse)?
+                .extract::<f64>(py)
         });
         let found = found.map_err(|e| self.about.raised(e))?;
         if found > 0.0 {
@@ -416,18 +452,7 @@ fn asymmetry(k: &CsMat<f64>) -> f64 {
 }
 
 impl Model<f64> for MatrixModel {
-    fn name(&self) -> &str {
-        &self.about.name
-    }
-    fn kind(&self) -> &str {
-        &self.about.kind
-    }
-    fn layout(&self) -> DofLayout {
-        self.about.layout
-    }
-    fn nodes(&self) -> &[Point3<f64>] {
-        &self.about.nodes
-    }
+    as_described!();
 
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
         inertia(&self.about, weight, out)
@@ -479,19 +504,18 @@ impl LinearModel<f64> for MatrixModel {
     }
 }
 
-/// A model of the core, its field, and where its exceptions may wait.
-pub(crate) type Made = (Box<dyn Model<f64>>, Arc<dyn Interpolation<f64>>, Pending);
+/// A model of the core, its field, and what it has in Python.
+pub(crate) type Made = (Box<dyn Model<f64>>, Arc<dyn Interpolation<f64>>, Heard);
 
 /// Any model written in Python.
 pub(crate) fn model(object: &Bound<'_, PyAny>) -> PyResult<Made> {
     let about = Described::of(object)?;
-    let (field, pending) = (about.field.clone(), about.pending.clone());
-    about.method(object.py(), "inertia")?;
+    let (field, heard) = (about.field.clone(), about.heard());
+    about.needs(object.py(), &["inertia"])?;
     let model: Box<dyn Model<f64>> = if optional(object, "stiffness")?.is_some() {
         Box::new(MatrixModel::new(about))
     } else {
-        about.method(object.py(), "set_internal_weight")?;
         Box::new(PythonModel::new(about, object.py())?)
     };
-    Ok((model, field, pending))
+    Ok((model, field, heard))
 }

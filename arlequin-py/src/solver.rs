@@ -1,9 +1,9 @@
 //! Whole solvers written in Python as participants.
 
 use crate::arrays::array;
-use crate::border::{Claim, Pending};
+use crate::border::{Claim, Heard};
 use crate::error::Fault;
-use crate::plug::{Described, optional, restored, saved};
+use crate::plug::{Described, as_described, optional, restored, saved};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::snapshot::Record;
 use arlequin::core::{DofLayout, Error, Interpolation, Participant, Result, Weights};
@@ -27,34 +27,27 @@ pub(crate) struct Shares {
 pub(crate) struct PythonSolver {
     _claim: Claim,
     about: Described,
-    advance: Py<PyAny>,
-    velocities: Py<PyAny>,
-    displacements: Py<PyAny>,
-    kick: Py<PyAny>,
 }
 
 impl PythonSolver {
-    /// A solver, its field, and where its exceptions may wait.
-    pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<(Self, Arc<dyn Interpolation<f64>>, Pending)> {
-        let (about, py) = (Described::of(object)?, object.py());
-        about.method(py, "weigh")?;
-        let (field, pending) = (about.field.clone(), about.pending.clone());
+    /// A solver, its field, and what it has in Python.
+    pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<(Self, Arc<dyn Interpolation<f64>>, Heard)> {
+        let about = Described::of(object)?;
+        let needed = ["weigh", "advance", "velocities", "displacements", "kick"];
+        about.needs(object.py(), &needed)?;
+        let (field, heard) = (about.field.clone(), about.heard());
         let solver = Self {
             _claim: Claim::of(&about.name, &about.object)?,
-            advance: about.method(py, "advance")?,
-            velocities: about.method(py, "velocities")?,
-            displacements: about.method(py, "displacements")?,
-            kick: about.method(py, "kick")?,
             about,
         };
-        Ok((solver, field, pending))
+        Ok((solver, field, heard))
     }
 
     /// What a method without arguments answers; what goes wrong waits, and the numbers are none.
-    fn told(&self, what: &str, method: &Py<PyAny>, out: &mut [f64]) {
+    fn told(&self, method: &str, out: &mut [f64]) {
         let told = Python::attach(|py| {
-            let answer = method.call0(py)?;
-            self.about.read(what, answer.bind(py), out, |o, x| *o = x)
+            let answer = self.about.object.call_method0(py, method)?;
+            self.about.read(method, answer.bind(py), out, |o, x| *o = x)
         });
         if let Err(e) = told {
             self.about.pending.keep(e);
@@ -96,18 +89,7 @@ impl PythonSolver {
 }
 
 impl Participant<f64> for PythonSolver {
-    fn name(&self) -> &str {
-        &self.about.name
-    }
-    fn kind(&self) -> &str {
-        &self.about.kind
-    }
-    fn layout(&self) -> DofLayout {
-        self.about.layout
-    }
-    fn nodes(&self) -> &[Point3<f64>] {
-        &self.about.nodes
-    }
+    as_described!();
 
     fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
         let shares =
@@ -126,43 +108,42 @@ impl Participant<f64> for PythonSolver {
     }
 
     fn advance(&mut self, from: f64, step: f64) -> Result<()> {
-        let made = Python::attach(|py| self.advance.call1(py, (from, step)).map(drop));
-        made.map_err(|e| self.about.raised(e))
-    }
-
-    fn velocities(&self, out: &mut [f64]) {
-        self.told("velocities", &self.velocities, out);
-    }
-
-    fn displacements(&self, out: &mut [f64]) {
-        self.told("displacements", &self.displacements, out);
-    }
-
-    fn kick(&mut self, impulse: &[f64]) -> Result<()> {
         let made = Python::attach(|py| {
-            self.kick
-                .call1(py, (PyArray1::from_slice(py, impulse),))
+            self.about
+                .object
+                .call_method1(py, "advance", (from, step))
                 .map(drop)
         });
         made.map_err(|e| self.about.raised(e))
     }
 
-    fn accelerations(&self, out: &mut [f64]) -> bool {
-        let method = Python::attach(|py| {
-            let found = optional(self.about.object.bind(py), "accelerations");
-            found.map(|m| m.map(Bound::unbind))
+    fn velocities(&self, out: &mut [f64]) {
+        self.told("velocities", out);
+    }
+
+    fn displacements(&self, out: &mut [f64]) {
+        self.told("displacements", out);
+    }
+
+    fn kick(&mut self, impulse: &[f64]) -> Result<()> {
+        let made = Python::attach(|py| {
+            let impulse = (PyArray1::from_slice(py, impulse),);
+            self.about.object.call_method1(py, "kick", impulse).map(drop)
         });
-        match method {
-            Ok(Some(method)) => {
-                self.told("accelerations", &method, out);
-                true
-            }
-            Ok(None) => false,
-            Err(e) => {
-                self.about.pending.keep(e);
-                false
-            }
+        made.map_err(|e| self.about.raised(e))
+    }
+
+    fn accelerations(&self, out: &mut [f64]) -> bool {
+        let found =
+            Python::attach(|py| optional(self.about.object.bind(py), "accelerations").map(|m| m.is_some()));
+        let has = found.unwrap_or_else(|e| {
+            self.about.pending.keep(e);
+            false
+        });
+        if has {
+            self.told("accelerations", out);
         }
+        has
     }
 
     fn critical_step(&self) -> Option<f64> {

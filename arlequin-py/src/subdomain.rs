@@ -1,7 +1,7 @@
 //! Models with their weights, and what ties them.
 
 use crate::arrays::{Numbers, flat};
-use crate::border::{Pending, outside};
+use crate::border::{Heard, outside};
 use crate::choices::{Effect, Junction, Weights, time_function};
 use crate::error::Fault;
 use crate::models::NativeModel;
@@ -11,7 +11,8 @@ use crate::shapes::{field_of, mediator_of};
 use crate::solver::{PythonSolver, used};
 use arlequin::core::{self, InterfaceOptions, Mediator, OwnStep, Partition, PrescribedMotion};
 use pyo3::prelude::*;
-use std::sync::{Arc, Mutex, PoisonError};
+use pyo3::{PyTraverseError, PyVisit};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 type Inner = core::Subdomain<f64>;
 
@@ -25,18 +26,36 @@ pub(crate) struct Subdomain {
     #[pyo3(get)]
     pub(crate) name: String,
     inner: Mutex<Option<Inner>>,
-    pub(crate) pending: Pending,
+    heard: Mutex<Heard>,
 }
 
 impl Subdomain {
-    /// The subdomain for a run.
-    pub(crate) fn give(&self) -> Result<Inner, Fault> {
+    fn made(name: String, inner: Inner, heard: Heard) -> Self {
+        Self {
+            name,
+            inner: Mutex::new(Some(inner)),
+            heard: Mutex::new(heard),
+        }
+    }
+
+    fn heard(&self) -> MutexGuard<'_, Heard> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn take(&self) -> Result<Inner, Fault> {
         let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         inner.take().ok_or_else(|| used("subdomain"))
     }
 
+    /// The subdomain for a run, which hears of its objects in Python from then on.
+    pub(crate) fn give(&self, to: &mut Heard) -> Result<Inner, Fault> {
+        let inner = self.take()?;
+        to.take(std::mem::take(&mut *self.heard()));
+        Ok(inner)
+    }
+
     fn change(&self, how: impl FnOnce(Inner) -> Result<Inner, Fault>) -> Result<(), Fault> {
-        let changed = how(self.give()?)?;
+        let changed = how(self.take()?)?;
         *self.inner.lock().unwrap_or_else(PoisonError::into_inner) = Some(changed);
         Ok(())
     }
@@ -47,11 +66,11 @@ impl Subdomain {
         field: Option<&Bound<'_, PyAny>>,
         role: &str,
     ) -> PyResult<Self> {
-        let (made, own, pending) = match model.cast::<NativeModel>() {
+        let (made, own, heard) = match model.cast::<NativeModel>() {
             Ok(native) => {
                 let native = native.get();
                 let field = native.field()?;
-                (native.give()?, field, Pending::default())
+                (native.give()?, field, Heard::default())
             }
             Err(_) => plug::model(model)?,
         };
@@ -65,11 +84,7 @@ impl Subdomain {
             return Err(Fault::of("Unsupported", rule).into());
         }
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
-        Ok(Self {
-            name,
-            inner: Mutex::new(Some(Inner::new(made, field, weights))),
-            pending,
-        })
+        Ok(Self::made(name, Inner::new(made, field, weights), heard))
     }
 }
 
@@ -105,16 +120,13 @@ impl Subdomain {
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let (made, own, pending) = PythonSolver::of(solver)?;
+        let (made, own, heard) = PythonSolver::of(solver)?;
         let field = field.map_or(Ok(own), field_of)?;
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
         let name = core::Participant::name(&made).to_owned();
         let inner = Inner::participant(Box::new(made), field, weights).map_err(Fault::from);
-        Ok(Self {
-            name,
-            inner: Mutex::new(Some(pending.take().map_or(inner, |e| Err(e.into()))?)),
-            pending,
-        })
+        let inner = heard.raised().map_or(inner, |e| Err(e.into()))?;
+        Ok(Self::made(name, inner, heard))
     }
 
     /// A whole solver in another process, as `name`: started by a `command`, such as `["python3", "solver.py"]`, or awaited at an
@@ -135,11 +147,7 @@ impl Subdomain {
             let (solver, field) = meet(&name, &place, timeout)?;
             Ok(Inner::participant(Box::new(solver), field, weights)?)
         })?;
-        Ok(Self {
-            name,
-            inner: Mutex::new(Some(inner)),
-            pending: Pending::default(),
-        })
+        Ok(Self::made(name, inner, Heard::default()))
     }
 
     /// Initial displacements [m] and velocities [m/s] of all unknowns.
@@ -161,20 +169,22 @@ impl Subdomain {
         amplitude: f64,
         time: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<PyRef<'py, Self>> {
-        let time = time_function(time)?;
+        let (time, pending) = time_function(time)?;
         let motion = PrescribedMotion {
             dofs,
             amplitude,
             time,
         };
         slf.change(|s| Ok(s.with_support(motion)))?;
+        slf.heard().hear(pending.as_ref());
         Ok(slf)
     }
 
     /// Adds an effect, such as `BodyForce` or `Load`.
     fn with_effect<'py>(slf: PyRef<'py, Self>, effect: &Effect) -> Result<PyRef<'py, Self>, Fault> {
-        let made = (effect.0)()?;
+        let made = (effect.make)()?;
         slf.change(|s| Ok(s.with_effect(made)))?;
+        slf.heard().hear(effect.pending.as_ref());
         Ok(slf)
     }
 
@@ -211,12 +221,16 @@ impl Subdomain {
     fn __repr__(&self) -> String {
         format!("<Subdomain '{}'>", self.name)
     }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.heard().show(&visit)
+    }
 }
 
 /// A subdomain by its number or by the name of its model.
 #[derive(Debug, Clone, FromPyObject)]
 pub(crate) enum Which {
-    Number(usize),
+    Number(i64),
     Name(String),
 }
 
@@ -224,7 +238,7 @@ impl Which {
     /// Its number among names.
     pub(crate) fn among(&self, names: &[String], what: &str) -> Result<usize, Fault> {
         let found = match self {
-            Self::Number(k) => Some(*k).filter(|k| *k < names.len()),
+            Self::Number(k) => usize::try_from(*k).ok().filter(|k| *k < names.len()),
             Self::Name(n) => {
                 let mut of_name = (0..names.len()).filter(|k| names[*k] == *n);
                 let first = of_name.next();

@@ -1,7 +1,9 @@
 """The client in Python of a link: what its users do by mistake is named."""
 
 import pathlib
+import signal
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -34,3 +36,12 @@ def test_the_client_in_python_says_what_is_wrong(tmp_path, monkeypatch):
     )
     with pytest.raises(errors.Error, match="failed: FileNotFoundError"):
         aq.Subdomain.remote("mine", [sys.executable, str(script)])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals there")
+def test_ctrl_c_while_a_solver_is_awaited_is_not_lost():
+    timer = threading.Timer(0.1, signal.raise_signal, [signal.SIGINT])
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        aq.Subdomain.remote("mine", [sys.executable, "-c", "import time; time.sleep(9)"], timeout=0.3)
+    timer.join()

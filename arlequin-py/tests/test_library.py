@@ -122,6 +122,21 @@ def test_particles_of_ones_own_are_bonded():
         aq.Subdomain.coarse(model)
 
 
+def test_a_mediator_of_bars_needs_no_section():
+    """The section of the mediator scales multipliers alone."""
+    share = aq.Weights.same(aq.Ramp(aq.Slab(fine=1.0, coarse=0.0), "cubic"))
+    moved = []
+    for section in (1e-4, 1.0):
+        models = [aq.FemModel(n, aq.Mesh.bar(*x, 1e-4), aq.Elastic(1.0, 0.0, 1.0)) for n, x in (("a", (-9, 1, 20)), ("b", (0, 10, 80)))]
+        right = aq.Subdomain.fine(models[1], aq.Weights.complement_of(share)).with_initial(np.zeros(81), np.sin(np.arange(81.0)))
+        tie = aq.Interface("tie", "a", "b", aq.Mesh.bar(0.0, 1.0, 2, section))
+        run = aq.Coupled([aq.Subdomain.coarse(models[0], share), right], [tie])
+        run.run(200)
+        assert run.drift < 1e-12
+        moved.append(run.velocity("a"))
+    assert abs(moved[0] - moved[1]).max() < 1e-12
+
+
 def test_choices_that_contradict_are_refused():
     bar = aq.FemModel("bar", aq.Mesh.bar(0.0, 1.0, 10), aq.Elastic(1.0, 0.0, 1.0))
     with pytest.raises(errors.InvalidParameter, match="one of fraction, seconds and chosen"):

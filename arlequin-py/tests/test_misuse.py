@@ -121,18 +121,60 @@ def test_a_table_of_time_has_as_many_values_as_times_and_runs_end_at_a_time():
             run.run_until(time)
 
 
-def test_an_exception_in_a_function_of_time_is_shown_once_and_one_that_saves_nothing_is_named(monkeypatch):
-    shown = []
-    monkeypatch.setattr("sys.unraisablehook", lambda found: shown.append(found.exc_type))
-    bar = aq.FemModel("bar", aq.Mesh.bar(0.0, 10.0, 10), aq.Elastic(1.0, 0.0, 1.0))
-    held = aq.Subdomain.fine(bar).with_support([0], 1e-3, lambda t: 0.0 if t < 3.0 else [][0])
-    with pytest.raises(errors.Diverged):
-        aq.Coupled([held], seconds=0.5).run(100)
-    assert shown == [IndexError]
+def bar_under(time):
+    bar = aq.Subdomain.fine(aq.FemModel("bar", aq.Mesh.bar(0.0, 10.0, 10), aq.Elastic(1.0, 0.0, 1.0)))
+    return bar.with_support([0], 1e-3, time), bar.with_effect(aq.Load("pull", [10], [1e-3], time))
+
+
+@pytest.mark.parametrize("raised", [IndexError, KeyboardInterrupt])
+@pytest.mark.parametrize("where", [0, 1])
+def test_an_exception_in_a_function_of_time_comes_back_as_it_is(raised, where):
+    healed = []
+
+    def time(t):
+        if t >= 3.0 and not healed:
+            raise raised
+        return 1e-3 * t
+
+    run = aq.Coupled([bar_under(time)[where]], seconds=0.5)
+    kept = run.snapshot()
+    with pytest.raises(raised):
+        run.run(100)
+    assert run.time < 5.0
+    with pytest.raises(errors.Unsupported, match="restore"):
+        run.run(1)
+    run.restore(kept)
+    healed.append(True)
+    assert run.run(100) == 100
+
+
+def test_a_function_of_time_need_not_make_sense_before_time_zero():
+    import math
+
+    assert aq.Coupled([bar_under(lambda t: 1e-3 * math.sqrt(t))[0]], seconds=0.5).run(10) == 10
+
+
+def test_a_solver_that_saves_nothing_is_named():
     solver = Verlet(Chain(X, 1.0, 1.0), V0)
     solver.save = lambda: None
     with pytest.raises(errors.InvalidParameter, match="save of 'chain' answers None"):
         coupled(solver).snapshot()
+
+
+@pytest.mark.parametrize("what", ["name", "kind"])
+def test_names_and_kinds_are_texts(what):
+    for make, part in ((lambda: Chain(X, 1.0, 1.0), aq.Subdomain.fine), (lambda: Verlet(Chain(X, 1.0, 1.0), V0), aq.Subdomain.participant)):
+        object = make()
+        setattr(object, what, 3)
+        with pytest.raises(errors.InvalidParameter, match=f"{what} = 3: .* a text"):
+            part(object)
+
+
+def test_models_are_counted_from_zero():
+    run = coupled(Chain(X, 1.0, 1.0))
+    for number in (-1, 2):
+        with pytest.raises(errors.UnknownName, match="there is no subdomain .*; there are: bar, chain"):
+            run.velocity(number)
 
 
 def test_a_name_that_two_models_have_names_none():

@@ -1,9 +1,11 @@
 """Models and solvers written in Python, held against those of the library."""
 
+import gc
 import inspect
 import pathlib
 import sys
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -196,7 +198,8 @@ def test_a_model_in_python_costs_little_per_step():
             best = min(best, (time.process_time() - begin) / steps)
         taken[name] = 1e6 * best
     print({k: f"{v:.1f} us per step" for k, v in taken.items()})
-    assert taken["general"] < 200.0 and taken["linear"] < 50.0, taken
+    # 40 us are promised and 25 measured; other programs load the machines of tests.
+    assert taken["general"] < 80.0 and taken["linear"] < 20.0, taken
 
 
 def test_a_matrix_as_it_is_goes_with_weights_that_do_not_vary():
@@ -256,6 +259,44 @@ def test_conformance_says_what_is_wrong():
         conformance.check(Shifted(Chain(X, 1.0, 1.0), V0), step=0.8)
     with pytest.raises(errors.Key, match="step="):
         conformance.check(chain("solver"))
+
+
+@pytest.mark.parametrize("shares", [[], [0.5], [1.0, 1.0], [1.1]])
+def test_conformance_sees_steps_that_are_not_made_or_of_another_length(shares):
+    class Other(Verlet):
+        def advance(self, time, step):
+            for share in shares:
+                super().advance(time, share * step)
+
+    with pytest.raises(errors.Unsupported, match="by velocity times step"):
+        conformance.check(Other(Chain(X, 1.0, 1.0), V0), step=0.4)
+
+
+def test_conformance_sees_accelerations_that_are_forces():
+    solver = Verlet(Chain(X, 1.0, 3.0), V0)
+    solver.accelerations = lambda: solver.f
+    with pytest.raises(errors.Unsupported, match="by acceleration times step"):
+        conformance.check(solver, step=0.4)
+
+
+@pytest.mark.parametrize("kind", ["general", "solver"])
+def test_a_model_that_keeps_its_run_is_forgotten_with_it(kind):
+    model = chain(kind)
+    model.run = coupled(model)
+    model.run.run(10)
+    gc.collect()
+    assert model.run.run(1) == 1, "who is asked for is kept"
+    left = [weakref.ref(model), weakref.ref(model.run)]
+    del model
+    gc.collect()
+    assert [r() for r in left] == [None, None]
+    # The same before there is a run.
+    model = chain(kind)
+    model.part = aq.Subdomain.participant(model) if kind == "solver" else aq.Subdomain.fine(model)
+    left = weakref.ref(model)
+    del model
+    gc.collect()
+    assert left() is None
 
 
 class Tired(Exception):

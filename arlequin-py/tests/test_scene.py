@@ -4,6 +4,8 @@ import json
 import os
 import pathlib
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -110,6 +112,8 @@ def test_a_results_folder_is_what_the_command_line_writes(bar, tmp_path):
     with pytest.raises(errors.Exists, match="--force"):
         Scene(source).run(out=tmp_path / "out")
     Scene(source).run(out=tmp_path / "out", force=True)
+    with pytest.raises(errors.Checkpoint, match="has a run that has ended"):
+        arlequin.resume(tmp_path / "out")
 
 
 def test_mistakes_are_exceptions_with_name_key_and_line(tmp_path):
@@ -150,6 +154,24 @@ def test_ctrl_c_ends_a_run_at_once_and_keeps_what_was_computed(bar):
     part = caught.value.run
     assert part.summary.status == "interrupted" and 0 < part.summary.steps
     assert len(part.probes["tip"].u) == part.summary.steps + 1
+
+
+@pytest.mark.parametrize("count", [0, 10**6])
+def test_threads_are_bounded_by_the_machine(count):
+    with pytest.raises(errors.InvalidParameter, match=f"threads = {count}: must be from 1 to"):
+        arlequin.set_threads(count)
+
+
+def test_the_variable_for_threads_is_bounded_by_the_machine():
+    code = "import warnings; warnings.simplefilter('error'); import arlequin"
+    env = {**os.environ, "RAYON_NUM_THREADS": "1000000"}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=60)
+    assert "RAYON_NUM_THREADS = 1000000" in done.stderr and "cores of this machine" in done.stderr
+    if pathlib.Path("/proc/self/task").exists():
+        code = "import arlequin, os; print(len(os.listdir('/proc/self/task')))"
+        call = [sys.executable, "-W", "ignore", "-c", code]
+        done = subprocess.run(call, env=env, capture_output=True, text=True, timeout=60)
+        assert 1 < int(done.stdout) < 100 + 8 * (os.cpu_count() or 1), done.stderr
 
 
 def test_other_threads_go_on_while_a_scene_runs(bar):
@@ -206,6 +228,28 @@ def test_a_mesh_of_pyvista_has_the_fields(run):
     mesh = run.mesh("bar")
     assert isinstance(mesh, pyvista.UnstructuredGrid) and mesh.n_cells == 100
     assert mesh.point_data["displacement [m]"].shape == (101, 3)
+    assert (mesh.celltypes == pyvista.CellType.LINE).all()
+    # Moved by its displacements, as its own documentation does.
+    tip = mesh.warp_by_vector("displacement [m]").points[-1, 0]
+    assert abs(tip - 1.0 - run.probes["tip"].u[-1]) < 1e-7
+    early, late = (run.mesh("bar", t)["displacement [m]"] for t in run.times[1:3])
+    assert (early != late).any()
+
+
+def test_meshes_of_solids_and_particles_fill_their_bodies():
+    pyvista = pytest.importorskip("pyvista")
+    scene = Scene(SCENES / "dem-fem-beam.toml", **{"time.end": 1e-7})
+    run = scene.run(frames=1)
+    kinds = {n: {int(k) for k in run.mesh(n).celltypes} for n in run.grids}
+    solid = {pyvista.CellType.TETRA, pyvista.CellType.HEXAHEDRON}
+    filled = [n for n, k in kinds.items() if k <= solid]
+    assert filled and len(filled) < len(kinds), kinds
+    for name, model in run.grids.items():
+        mesh = run.mesh(name)
+        assert np.array_equal(mesh.points, model.points.astype(mesh.points.dtype))
+        if name in filled:
+            length = np.ptp(model.points[:, 0])
+            assert abs(mesh.volume / (np.pi * 1e-3**2 * length) - 1) < 1e-6, "a rod of 2 mm"
 
 
 def test_probes_are_drawn_where_matplotlib_is(run):
@@ -216,11 +260,12 @@ def test_probes_are_drawn_where_matplotlib_is(run):
 
 
 def test_suggestions_are_records_and_scenes(tmp_path):
-    # Narrower overlaps are among the proposals.
-    scene = Scene(SCENES / "bar-1d.toml", **{"probe.overlap.at": [0.51, 0.0, 0.0]})
+    # A probe in the overlap does not keep narrower ones from being proposed, but those that end before it.
+    scene = Scene(SCENES / "bar-1d.toml")
     found = scene.suggest(error=0.05, apply=tmp_path / "better.toml")
     assert found.proposed.errors.displacement < 0.05
     assert found["set"] and found.proposed.seconds > 0.0
+    assert any("a probe looks at 'chain'" in n for n in found.notes)
     better, given = Scene(tmp_path / "better.toml"), scene.check()
     assert better.check().models[0].unknowns != given.models[0].unknowns
 

@@ -86,6 +86,11 @@ impl Origin {
         })
     }
 
+    /// What tells the files apart that it reads.
+    pub(crate) fn fingerprints(&self) -> impl Iterator<Item = (u64, u32)> {
+        self.files.iter().map(|f| (f.1, f.2))
+    }
+
     /// The scene again; refuses files that changed since.
     pub(crate) fn scene(&self) -> Result<Scene> {
         for (name, length, sum) in &self.files {
@@ -151,9 +156,17 @@ impl Checkpoint {
     /// Reads the file of a folder.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(NAME);
-        let bytes = std::fs::read(&path).map_err(|source| Error::Read {
-            path: path.clone(),
-            source,
+        let bytes = std::fs::read(&path).map_err(|source| match folder.join("summary.json").exists() {
+            true if source.kind() == std::io::ErrorKind::NotFound => Error::Checkpoint {
+                path: folder.to_owned(),
+                reason: "has a run that has ended, and no checkpoint to go on from; run its scene anew, to a later end if \
+                         that is what is missing"
+                    .into(),
+            },
+            _ => Error::Read {
+                path: path.clone(),
+                source,
+            },
         })?;
         Self::decode(&bytes).map_err(|reason| Error::Checkpoint { path, reason })
     }

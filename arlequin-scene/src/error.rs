@@ -155,6 +155,17 @@ pub enum Error {
         /// The system's words.
         message: String,
     },
+    /// An error of this rank that all ranks know of, and none goes on.
+    #[error("{0}")]
+    Agreed(Box<Self>),
+    /// Another rank of the run has an error, and says it.
+    #[error("rank {rank} has an error, which it says")]
+    Elsewhere {
+        /// That rank.
+        rank: usize,
+        /// Whether the input is to blame.
+        input: bool,
+    },
     /// What watches a run, or shows its results, failed at its own work.
     #[error("{0}")]
     Observer(Box<dyn std::error::Error + Send + Sync>),
@@ -183,7 +194,7 @@ impl Error {
         match self {
             Self::Syntax { span, .. } => (None, span.clone()),
             keyed!(key) => (Some(key), None),
-            Self::Kept { source, .. } => source.place(),
+            Self::Kept { source, .. } | Self::Agreed(source) => source.place(),
             _ => (None, None),
         }
     }
@@ -209,9 +220,46 @@ impl Error {
         }
     }
 
+    /// Whether ranks do not hear of each other any more.
+    pub fn is_of_ranks(&self) -> bool {
+        let source = |e: &arlequin::core::Error| matches!(e, arlequin::core::Error::Rank(_));
+        match self {
+            Self::Core { source: e, .. } => source(e),
+            Self::Kept { source, .. } => source.is_of_ranks(),
+            _ => false,
+        }
+    }
+
+    /// Whether every rank of a run knows of the error: that of sums over all of them, or one that they have told each other.
+    pub fn is_everywhere(&self) -> bool {
+        use arlequin::core::Error as Core;
+        use arlequin::core::ranks::RankError;
+        match self {
+            Self::Core { source, .. } => matches!(
+                source,
+                Core::Diverged { .. } | Core::EnergyGrowth { .. } | Core::Rank(RankError::Differ { .. })
+            ),
+            Self::Kept { source, .. } => source.is_everywhere(),
+            Self::Agreed(_) | Self::Elsewhere { .. } => true,
+            _ => false,
+        }
+    }
+
     /// Whether the input is to blame (exit code 2) rather than the run (1).
     pub fn is_input(&self) -> bool {
         use arlequin::core::Error as Core;
+        use arlequin::core::ranks::RankError;
+        match self {
+            Self::Agreed(source) => return source.is_input(),
+            Self::Elsewhere { input, .. } => return *input,
+            _ => {}
+        }
+        // Ranks with different input.
+        if let Self::Core { source, .. } = self
+            && matches!(source, Core::Rank(RankError::Differ { .. }))
+        {
+            return true;
+        }
         let run = matches!(
             self,
             Self::Write { .. }
@@ -220,7 +268,10 @@ impl Error {
                 | Self::Observer(_)
                 | Self::Kept { .. }
                 | Self::Core {
-                    source: Core::Diverged { .. } | Core::EnergyGrowth { .. } | Core::NotSettled { .. },
+                    source: Core::Diverged { .. }
+                        | Core::EnergyGrowth { .. }
+                        | Core::NotSettled { .. }
+                        | Core::Rank(_),
                     ..
                 }
         );

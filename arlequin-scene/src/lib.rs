@@ -45,6 +45,7 @@ pub mod effects;
 pub mod error;
 pub mod output;
 mod preview;
+mod ranks;
 mod recorder;
 mod run;
 mod scene;
@@ -53,13 +54,17 @@ pub mod spec;
 pub mod spectrum;
 pub mod suggest;
 pub mod sweep;
+pub mod threads;
 mod wake;
 
 pub use crossing::OverlapBreak;
 pub use error::{Error, Result};
 pub use preview::{LinkLine, Preview};
+pub use ranks::{RankLine, together};
 pub use recorder::{PhaseClock, Table};
-pub use run::{End, LoadStep, Observer, Prepared, Recorded, Results, Resumed, RunFolder, Silent, resume};
+pub use run::{
+    End, LoadStep, Observer, Prepared, Recorded, Results, Resumed, RunFolder, Silent, resume, resume_on,
+};
 pub use scene::{Scene, Source};
 pub use spec::SceneSpec;
 

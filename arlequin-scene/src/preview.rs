@@ -2,6 +2,7 @@
 
 use crate::output::summary::{self, InterfaceLine, ModelLine};
 use crate::output::{Frames, Pictures};
+use crate::ranks::RankLine;
 use crate::recorder::PhaseClock;
 use crate::run::Prepared;
 use crate::scene::Scene;
@@ -9,7 +10,6 @@ use crate::setup::zone::ZoneLine;
 use crate::setup::{Built, PhaseTime};
 use arlequin::core::{Coupled, Uniform};
 use serde::Serialize;
-use std::path::PathBuf;
 use std::time::Instant;
 
 /// Seconds that trial steps may take to estimate the time of a run.
@@ -29,6 +29,9 @@ pub struct Preview {
     /// Widths of the overlaps around zones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub zones: Vec<ZoneLine>,
+    /// How models are held on the ranks that are planned for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ranks: Vec<RankLine>,
     /// Models that are solvers in other processes.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub links: Vec<LinkLine>,
@@ -130,6 +133,7 @@ impl Preview {
             warnings,
             phases,
             zones,
+            holdings,
             ..
         } = built;
         let packings: Vec<_> = models.iter().map(|d| d.packing.clone()).collect();
@@ -140,7 +144,7 @@ impl Preview {
             mediators,
             rigid,
         };
-        let frames = Frames::new(PathBuf::new(), fields, &run, pictures);
+        let frames = Frames::new(None, fields, &run, pictures);
         let last = load_steps.and_then(|s| s.times.last().copied());
         let resting = last.map(|_| match run.solves_directly() {
             Ok(()) => "directly".to_owned(),
@@ -154,6 +158,7 @@ impl Preview {
             models: summary::models(&run, &packings),
             interface: summary::interfaces(&run, &[]),
             zones,
+            ranks: holdings,
             links: LinkLine::met(scene, &run),
             effects: plan.effects.clone(),
             dt: plan.dt,

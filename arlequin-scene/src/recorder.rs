@@ -213,7 +213,7 @@ impl Recorder {
     /// Records the state before the first step, but for scenes at rest: it is no equilibrium.
     pub fn new(
         run: &mut Coupled<f64>,
-        readers: Vec<ProbeReader>,
+        mut readers: Vec<ProbeReader>,
         mut frames: Option<Frames>,
         mut fragments: Fragments,
         [probe_every, frame_every]: [usize; 2],
@@ -225,6 +225,9 @@ impl Recorder {
                 frames.write(run)?;
             }
             fragments.look(run);
+        }
+        for r in &mut readers {
+            r.share_out(run);
         }
         let works: Vec<String> = run.works().into_iter().map(|w| w.name).collect();
         let bodies: Vec<String> = run.bodies().iter().map(|b| b.models.join(" + ")).collect();
@@ -385,7 +388,9 @@ impl Recorder {
         }
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
-            self.top_speed = moving.iter().fold(self.top_speed, |m, v| m.max(v.abs()));
+            let own = moving.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            let top = d.portion().map_or(own, |p| p.largest(own));
+            self.top_speed = self.top_speed.max(top);
         }
         self.residuals.resize(run.interfaces().len(), 0.0);
         for k in 0..run.interfaces().len() {

@@ -1,12 +1,15 @@
 //! A scene: the text of its file, the changes made to it, and what both say.
 
 use crate::error::{Error, Result, key, meant, value};
+use crate::ranks::Ranks;
 use crate::run::Prepared;
 use crate::setup::{self, zone};
 use crate::spec::SceneSpec;
+use arlequin::core::ranks::Communicator;
 use std::fmt::Display;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
@@ -87,6 +90,7 @@ pub struct Scene {
     changes: Vec<String>,
     table: toml::Table,
     spec: SceneSpec,
+    ranks: Ranks,
 }
 
 impl Scene {
@@ -124,6 +128,7 @@ impl Scene {
             changes: Vec::new(),
             table,
             spec,
+            ranks: Ranks::default(),
         })
     }
 
@@ -134,6 +139,29 @@ impl Scene {
     pub fn set(mut self, path: &str, value: impl Display) -> Result<Self> {
         self.change(path.trim(), value.to_string().trim())?;
         Ok(self)
+    }
+
+    /// Runs as one rank of several, all of which read the same scene: see [`crate::RankLine`]. Rank 0 alone writes files and hears
+    /// warnings; [`Observer::step`](crate::Observer::step) is asked on every rank, and one of them ends the steps of all.
+    ///
+    /// # Errors
+    /// Scenes, or files that they name, that differ between ranks: on every rank.
+    pub fn on_ranks(mut self, communicator: Arc<dyn Communicator>) -> Result<Self> {
+        self.ranks = Ranks::of(Some(communicator));
+        self.ranks.read(&self)?;
+        Ok(self)
+    }
+
+    /// Plans for so many ranks: [`Scene::prepare`] tells how models would be held there ([`crate::setup::Built::holdings`]).
+    #[must_use]
+    pub fn for_ranks(mut self, ranks: usize) -> Self {
+        self.ranks = Ranks::planned(ranks);
+        self
+    }
+
+    /// What ranks agree on.
+    pub(crate) fn ranks(&self) -> &Ranks {
+        &self.ranks
     }
 
     /// Applies assignments `PATH=VALUE` in their order.
@@ -227,7 +255,8 @@ impl Scene {
     /// # Errors
     /// Those of [`Self::prepare`].
     pub fn prepare_with(&self, tell: &mut dyn FnMut(&str)) -> Result<Prepared> {
-        Prepared::new(self, tell).map_err(|e| zone::written(&self.spec, e))
+        let made = Prepared::new(self, tell).map_err(|e| zone::written(&self.spec, e));
+        self.ranks.together(made)
     }
 }
 

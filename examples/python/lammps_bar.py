@@ -45,14 +45,20 @@ def couple(fine, own_steps=1):
     return aq.Coupled([aq.Subdomain.coarse(bar, share), right], [tie], seconds=0.5 * own_steps)
 
 
-def main(own_steps=1, steps=10_000):
-    theirs = couple(LammpsBar(X, 1.0, 1.0, PULSE, own_steps), own_steps)
+def beside_ours(theirs, how, steps, own_steps=1):
+    """Drift of a run, and how far its velocities are from those with a chain of ours after so many steps."""
     ours = couple(aq.ChainModel("particles", -20.0, 1.0, 60, 1.0, 1.0), own_steps)
     for run in (theirs, ours):
         run.run(steps)
     gap = max(abs(theirs.velocity(n) - ours.velocity(n)).max() for n in ours.names)
-    print(f"{steps} steps of {own_steps} own ones: drift {theirs.drift:.1e}, apart from our chain by {gap:.1e}")
+    print(f"{steps} steps {how}: drift {theirs.drift:.1e}, apart from our chain by {gap:.1e}")
     return theirs.drift, gap
+
+
+def main(own_steps=1, steps=10_000):
+    bar = LammpsBar(X, 1.0, 1.0, PULSE, own_steps)
+    how = f"of {own_steps} own ones with {bar.lmp.extract_setting('world_size')} processes"
+    return beside_ours(couple(bar, own_steps), how, steps, own_steps)
 
 
 if __name__ == "__main__":

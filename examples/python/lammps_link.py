@@ -25,13 +25,7 @@ def main(steps=10_000):
     def there(weights):
         return aq.Subdomain.remote("particles", [sys.executable, str(HERE), "serve"], weights, timeout=20.0)
 
-    theirs = lammps_bar.couple(there)
-    ours = lammps_bar.couple(aq.ChainModel("particles", -20.0, 1.0, 60, 1.0, 1.0))
-    for run in (theirs, ours):
-        run.run(steps)
-    gap = max(abs(theirs.velocity(n) - ours.velocity(n)).max() for n in ours.names)
-    print(f"{steps} steps behind a socket: drift {theirs.drift:.1e}, apart from our chain by {gap:.1e}")
-    return theirs.drift, gap
+    return lammps_bar.beside_ours(lammps_bar.couple(there), "behind a socket", steps)
 
 
 if __name__ == "__main__":

@@ -56,6 +56,49 @@ impl Participant<f64> for Mute {
     }
 }
 
+/// The chain as a solver that makes other steps than it is told to, or tells other accelerations than it has.
+struct Changed {
+    solver: ChainSolver,
+    steps: &'static [f64],
+    force: f64,
+}
+
+impl Participant<f64> for Changed {
+    fn name(&self) -> &str {
+        self.solver.name()
+    }
+    fn layout(&self) -> DofLayout {
+        self.solver.layout()
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        self.solver.nodes()
+    }
+    fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
+        self.solver.weigh(weights, inertia)
+    }
+    fn advance(&mut self, from: f64, step: f64) -> Result<()> {
+        let mut steps = self.steps.iter();
+        steps.try_for_each(|share| self.solver.advance(from, share * step))
+    }
+    fn velocities(&self, out: &mut [f64]) {
+        self.solver.velocities(out);
+    }
+    fn displacements(&self, out: &mut [f64]) {
+        self.solver.displacements(out);
+    }
+    fn kick(&mut self, impulse: &[f64]) -> Result<()> {
+        self.solver.kick(impulse)
+    }
+    fn accelerations(&self, out: &mut [f64]) -> bool {
+        let told = self.solver.accelerations(out);
+        out.iter_mut().for_each(|a| *a *= self.force);
+        told
+    }
+    fn invariant(&self) -> Option<f64> {
+        self.solver.invariant()
+    }
+}
+
 /// What the chain is to the coupling.
 #[derive(Debug, Clone, Copy)]
 enum Part {
@@ -236,12 +279,52 @@ fn a_run_with_a_solver_goes_on_with_the_same_bits() {
 fn the_solver_keeps_what_the_coupling_relies_on() {
     let v: Vec<f64> = (0..=BONDS).map(|k| (0.7 * k as f64).sin()).collect();
     let mut solver = ChainSolver::new(chain(), vec![0.0; v.len()], v).unwrap();
-    let d = conformance::participant(&mut solver, 0.8, 200).unwrap();
-    assert!(
-        d.kick < 1e-15 && d.moved == 0.0 && d.drift < 1e-13 && d.work < 1e-13,
-        "{d:?}"
-    );
-    assert!(d.resumed == 0.0, "{d:?}");
+    // 1 is the critical step.
+    for step in [0.8, 0.999] {
+        let d = conformance::participant(&mut solver, step, 200).unwrap();
+        assert!(
+            d.kick < 1e-15 && d.moved == 0.0 && d.drift < 1e-13 && d.work < 1e-13,
+            "{d:?}"
+        );
+        assert!(d.resumed == 0.0, "{d:?}");
+        assert!(d.travelled < 0.04 && d.gained < 1e-12, "{d:?}");
+    }
+}
+
+#[test]
+fn steps_that_are_not_made_made_by_half_or_made_twice_are_seen() {
+    let v: Vec<f64> = (0..=BONDS).map(|k| (0.7 * k as f64).sin()).collect();
+    for (steps, travelled) in [(&[][..], 1.0), (&[0.5], 0.5), (&[1.0, 1.0], 1.0), (&[1.1], 0.1)] {
+        let solver = ChainSolver::new(chain(), vec![0.0; v.len()], v.clone()).unwrap();
+        let d = conformance::participant(
+            &mut Changed {
+                solver,
+                steps,
+                force: 1.0,
+            },
+            0.4,
+            20,
+        )
+        .unwrap();
+        assert!((d.travelled - travelled).abs() < 0.03, "{steps:?}: {d:?}");
+        // What is kept is kept, and shows nothing.
+        assert!(d.drift < 1e-13 && d.kick < 1e-15, "{steps:?}: {d:?}");
+    }
+    // Accelerations that are none: a force, or of the other sign.
+    for (force, gained) in [(2.0, 0.5), (-1.0, 2.0)] {
+        let solver = ChainSolver::new(chain(), vec![0.0; v.len()], v.clone()).unwrap();
+        let d = conformance::participant(
+            &mut Changed {
+                solver,
+                steps: &[1.0],
+                force,
+            },
+            0.4,
+            20,
+        )
+        .unwrap();
+        assert!((d.gained - gained).abs() < 1e-12, "{force}: {d:?}");
+    }
 }
 
 #[test]

@@ -19,7 +19,7 @@ pub(crate) mod verify;
 mod work_precision;
 
 pub(crate) use calibrate::text as calibration;
-pub(crate) use run::{comparison, finished, held, plan, proposal};
+pub(crate) use run::{comparison, finished, held, holdings, plan, proposal};
 
 use crate::error::Result;
 pub(crate) use progress::Progress;
@@ -35,6 +35,19 @@ pub(crate) struct Loudness {
     /// Say nothing but errors and what was asked for with --json.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub(crate) quiet: bool,
+}
+
+impl Loudness {
+    /// Of ranks one speaks.
+    pub(crate) fn of_rank(self, leads: bool) -> Self {
+        if leads {
+            return self;
+        }
+        Self {
+            verbose: false,
+            quiet: true,
+        }
+    }
 }
 
 static LOUDNESS: OnceLock<Loudness> = OnceLock::new();

@@ -7,7 +7,7 @@ use arlequin_scene::output::summary::{
 };
 use arlequin_scene::setup::PhaseTime;
 use arlequin_scene::suggest::Proposal;
-use arlequin_scene::{LinkLine, Preview};
+use arlequin_scene::{LinkLine, Preview, RankLine};
 use std::path::Path;
 
 /// Seconds of a set-up below which its phases are of no interest.
@@ -152,6 +152,7 @@ fn sizes(p: &Preview) {
             z.name, z.width.mean, z.width.least, z.elements, z.fine
         );
     }
+    ranks(&p.ranks);
     links(&p.links);
     if p.effects.is_empty() {
         println!("effects    none");
@@ -181,6 +182,24 @@ fn sizes(p: &Preview) {
     }
     phases(&p.setup_phases);
     warnings(&p.warnings);
+}
+
+/// Says before the first step how models are held on several ranks.
+pub(crate) fn holdings(all: &[RankLine], json: bool) {
+    if !json && !super::loudness().quiet {
+        ranks(all);
+    }
+}
+
+fn ranks(all: &[RankLine]) {
+    for r in all {
+        let how = if r.parts {
+            "in parts"
+        } else {
+            "whole on every rank"
+        };
+        println!("ranks      {:<16} {how}: {}", r.model, r.words);
+    }
 }
 
 fn links(all: &[LinkLine]) {

@@ -321,6 +321,7 @@ impl<T: Real> Coupled<T> {
         if !kinetic.is_finite() {
             return Err(self.diverged("velocity"));
         }
+        portions::agree(&self.subdomains, invariant, self.step)?;
         let mut residual = T::zero();
         let speed = |s: &Subdomain<T>| {
             let own = parallel::largest(&s.state().v[..s.model().layout().translations()]);

@@ -1,9 +1,11 @@
 //! What a run asks of models that are in parts on several ranks.
 
 use super::apart::Overlap;
+use super::own_steps::Held;
 use crate::effect::PairSpec;
 use crate::interface::joint::Joint;
 use crate::interface::{Interface, InterfaceSpec};
+use crate::ranks::agree as agree_on;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
@@ -49,16 +51,18 @@ pub(super) fn share_out<T: Real>(
     interfaces: &mut [Interface<T>],
     joints: &mut [Joint<T>],
     overlaps: &mut [Overlap<T>],
+    held: &mut [Held<T>],
 ) -> Result<()> {
     for (k, s) in subdomains.iter_mut().enumerate() {
         let components = s.model().layout().components;
         let Some(portion) = s.share_out()? else {
             continue;
         };
-        for (i, overlap) in interfaces.iter_mut().zip(&mut *overlaps) {
+        for ((i, overlap), held) in interfaces.iter_mut().zip(&mut *overlaps).zip(&mut *held) {
             for side in (0..2).filter(|m| i.sides()[*m] == k).collect::<Vec<_>>() {
                 i.share_out(side, &portion);
                 overlap.share_out(side, &portion);
+                held.share_out(side, &portion, components);
             }
         }
         joints
@@ -72,6 +76,20 @@ pub(super) fn share_out<T: Real>(
 pub(super) fn heard<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
     let mut failures = subdomains.iter().filter_map(|s| s.portion()?.failure());
     failures.next().map_or(Ok(()), |e| Err(e.clone().into()))
+}
+
+/// Whether all ranks have the same energy: what each of them computes by itself, such as whole models, must have the same bits.
+pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize) -> Result<()> {
+    let mut all = subdomains.iter().filter_map(Subdomain::portion);
+    let Some(portion) = all.next() else {
+        return Ok(());
+    };
+    let what = format!("the energy of step {step} (processors of different kinds)");
+    Ok(agree_on(
+        portion.communicator(),
+        &what,
+        energy.as_f64().to_bits(),
+    )?)
 }
 
 /// Refuses to do what needs all of every model here.

@@ -3,7 +3,7 @@
 //! A snapshot holds the state, not the models: whoever restores one builds the same run first. Half of the last reflection is
 //! still to come; it is found again from the impulses, with the same bits.
 
-use super::{Coupled, portions};
+use super::Coupled;
 use crate::record::same;
 use crate::scalar::check_finite;
 use crate::{Real, Result, Subdomain};
@@ -44,12 +44,12 @@ pub struct Snapshot<T> {
 }
 
 impl<T: Real> Coupled<T> {
-    /// The present state.
+    /// The present state. Of models in parts it is that of the whole models, on rank 0 alone: it may be restored on any number of
+    /// ranks. All ranks must ask.
     ///
     /// # Errors
-    /// [`crate::Error::Unsupported`] for a participant that cannot be saved, or is in parts on several ranks.
+    /// [`crate::Error::Unsupported`] for a participant that cannot be saved; what ranks say who do not hear of each other.
     pub fn snapshot(&self) -> Result<Snapshot<T>> {
-        portions::whole(&self.subdomains, "be saved")?;
         Ok(Snapshot {
             step: self.step,
             dt: self.dt,
@@ -73,7 +73,8 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// Goes to a state that the same run had: from here on it makes the same steps, bit by bit.
+    /// Goes to a state that the same run had: from here on it makes the same steps, bit by bit. Models in parts take what is
+    /// theirs, from the same snapshot on every rank.
     ///
     /// # Errors
     /// [`crate::Error::SizeMismatch`] or [`crate::Error::InvalidParameter`] where the snapshot does not fit, [`crate::Error::NotFinite`];

@@ -217,7 +217,7 @@ impl<T: Real> CellSet<T> {
             let (number, other) = &self.cells[k];
             let piece = match (&body, other) {
                 (Some(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k], &bounds),
-                (_, other) => cell.intersection(other),
+                (_, other) => cell.intersection(other).map(|piece| of_section(cell, piece)),
             };
             if let Some(piece) = piece {
                 outcome = visit(*number, &piece);
@@ -226,6 +226,14 @@ impl<T: Real> CellSet<T> {
         });
         outcome
     }
+}
+
+/// A piece of a line with the line's own section, whatever that of the model: it only scales multipliers.
+fn of_section<T: Real>(line: &Cell<T>, mut piece: Cell<T>) -> Cell<T> {
+    if let (Cell::Segment { section, .. }, Cell::Segment { section: own, .. }) = (line, &mut piece) {
+        *own = *section;
+    }
+    piece
 }
 
 fn nonempty<T: Real>(p: &Body<T>, planes: &[HalfSpace<T>], [low, high]: &[Point3<T>; 2]) -> Option<Cell<T>> {

@@ -8,6 +8,7 @@
 //!
 //! The core knows a transport by [`Communicator`] alone.
 
+mod collect;
 mod division;
 mod exact;
 mod gather;

@@ -112,6 +112,18 @@ impl Portion {
         }
     }
 
+    /// Highest of numbers of all ranks, of either sign; not a number once ranks do not hear of each other any more.
+    pub fn highest(&self, own: f64) -> f64 {
+        // Integers in the order of the numbers; the same undoes it.
+        let ordered = |bits: i64| bits ^ ((bits >> 63).cast_unsigned() >> 1).cast_signed();
+        let mut words = [ordered(own.to_bits().cast_signed())];
+        if self.reduce(&mut words, Reduction::Largest) {
+            f64::from_bits(ordered(words[0]).cast_unsigned())
+        } else {
+            f64::NAN
+        }
+    }
+
     fn reduce(&self, words: &mut [i64], how: Reduction) -> bool {
         self.failure.get().is_none() && self.keep(self.communicator.reduce(words, how)).is_ok()
     }

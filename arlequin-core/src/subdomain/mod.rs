@@ -82,6 +82,8 @@ pub struct Subdomain<T: Real> {
     memory: Option<Record<T>>,
     /// Ranks among which the run shares its model out.
     ranks: Option<Arc<dyn Communicator>>,
+    /// What this rank holds, once it was shared out.
+    portion: Option<Arc<Portion>>,
     state: State<T>,
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
@@ -134,6 +136,7 @@ impl<T: Real> Subdomain<T> {
             effects: Vec::new(),
             memory: None,
             ranks: None,
+            portion: None,
             state: State::zero(n),
             inertia: vec![T::zero(); n],
             inverse_inertia: vec![T::zero(); n],

@@ -33,10 +33,14 @@ pub struct SubdomainSnapshot<T> {
 impl<T: Real> Subdomain<T> {
     pub(crate) fn snapshot(&self) -> Result<SubdomainSnapshot<T>> {
         Ok(SubdomainSnapshot {
-            q: self.state.q.clone(),
-            v: self.state.v.clone(),
-            a: self.state.a.clone(),
-            internal: self.forces.internal().to_vec(),
+            q: self.recorded(&self.state.q)?,
+            v: self.recorded(&self.state.v)?,
+            a: self.recorded(&self.state.a)?,
+            internal: if self.forces.internal().is_empty() {
+                Vec::new()
+            } else {
+                self.recorded(self.forces.internal())?
+            },
             energy: self.energies.now,
             works: self.effects.iter().map(|e| e.work()).collect(),
             evolved: self.evolved.map(|e| e.work),
@@ -45,7 +49,14 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
+    /// Unknowns of the whole model; none on ranks but the first.
+    fn recorded(&self, x: &[T]) -> Result<Vec<T>> {
+        Ok(self.in_all(x)?.unwrap_or_default())
+    }
+
     pub(crate) fn restore(&mut self, from: &SubdomainSnapshot<T>) -> Result<()> {
+        let layout = self.model.layout();
+        let all = self.nodes_in_all() * (layout.components + layout.rotations);
         let name = self.model().name().to_owned();
         let parts = [
             ("displacements", &from.q),
@@ -58,7 +69,7 @@ impl<T: Real> Subdomain<T> {
             .chain((!from.internal.is_empty()).then_some(forces));
         for (what, x) in parts {
             let what = format!("{what} of '{name}' in the snapshot");
-            same(&what, self.state.q.len(), x.len())?;
+            same(&what, all, x.len())?;
             check_finite(&what, x)?;
         }
         same(
@@ -71,10 +82,15 @@ impl<T: Real> Subdomain<T> {
             self.effects.len(),
             from.effects.len(),
         )?;
-        self.state.q.copy_from_slice(&from.q);
-        self.state.v.copy_from_slice(&from.v);
-        self.state.a.copy_from_slice(&from.a);
-        self.forces.restore(&from.internal);
+        self.state.q = self.here(&from.q);
+        self.state.v = self.here(&from.v);
+        self.state.a = self.here(&from.a);
+        if from.internal.is_empty() {
+            self.forces.restore(&[]);
+        } else {
+            let internal = self.here(&from.internal);
+            self.forces.restore(&internal);
+        }
         self.energies = Energies {
             now: from.energy,
             ..Energies::unknown()

@@ -30,6 +30,43 @@ impl<T: Real> Subdomain<T> {
         self.memory.is_some()
     }
 
+    /// What this rank holds of a model that the run shared out.
+    pub fn shared_portion(&self) -> Option<&Arc<Portion>> {
+        self.portion.as_ref()
+    }
+
+    /// Numbers of all unknowns of the model, of which `x` are those here: on rank 0 of a model in parts, none on its others, as they are of
+    /// one that is whole. All ranks must ask.
+    ///
+    /// # Errors
+    /// What the transport says.
+    pub fn in_all(&self, x: &[T]) -> Result<Option<Vec<T>>> {
+        let Some(portion) = self.portion() else {
+            return Ok(Some(x.to_vec()));
+        };
+        let layout = self.model.layout();
+        let (first, behind) = x.split_at(layout.translations().min(x.len()));
+        let mut out = portion.collect(layout.components, first)?;
+        if layout.rotations > 0 {
+            let turns = portion.collect(layout.rotations, behind)?;
+            out = out.zip(turns).map(|(a, b)| [a, b].concat());
+        }
+        Ok(out)
+    }
+
+    /// The unknowns of this rank among those of the whole model.
+    pub(crate) fn here(&self, x: &[T]) -> Vec<T> {
+        let Some(portion) = self.portion() else {
+            return x.to_vec();
+        };
+        let layout = self.model.layout();
+        let whole = DofLayout {
+            nodes: portion.division().nodes(),
+            ..layout
+        };
+        part_of(portion, &whole, x)
+    }
+
     /// Nodes of the whole model, on whatever ranks they are.
     pub fn nodes_in_all(&self) -> usize {
         let here = self.model.layout().nodes;
@@ -66,6 +103,7 @@ impl<T: Real> Subdomain<T> {
         }
         self.forces = Forces::zero(self.inertia.len());
         self.attach(false)?;
+        self.portion = Some(portion.clone());
         Ok(Some(portion))
     }
 }

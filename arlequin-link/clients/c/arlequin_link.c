@@ -256,6 +256,7 @@ static int connect_to(const char *address) {
         const char *host = strchr(address, ':'), *port = strrchr(address, ':');
         char ip[64] = "";
         if (host && port > host) snprintf(ip, sizeof ip, "%.*s", (int)(port - host - 1), host + 1);
+        if (!strcmp(ip, "localhost")) strcpy(ip, "127.0.0.1");
         if (inet_pton(AF_INET, ip, &in.sin_addr) != 1) return arlequin_fail("the address is not unix:PATH or tcp:IP:PORT"), -1;
         in.sin_port = htons((uint16_t)atoi(port + 1));
         at = (const struct sockaddr *)&in;

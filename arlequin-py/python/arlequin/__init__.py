@@ -28,6 +28,8 @@ The left model's share falls from 1 to 0 between x = 0 and x = 1, the right one 
 True
 """
 
+import warnings as _warnings
+
 from . import conformance, errors
 from ._native import (
     BodyForce,
@@ -54,6 +56,7 @@ from ._native import (
     TimeFunction,
     Weights,
     __version__,
+    _bound_threads,
     set_threads,
 )
 from .errors import Error
@@ -61,6 +64,9 @@ from .library import H1Gradient, H1Seminorm, H1Strain, L2, Coupled, stiffness
 from .plug import LinearModel, Model, Participant
 from .results import Fields, Frame, Probe, Record, Run, Table
 from .scene import Progress, Scene, Sweep, resume, run, sweep
+
+if (_told := _bound_threads()) is not None:
+    _warnings.warn(_told, errors.Warning, stacklevel=2)
 
 __all__ = [
     "BodyForce",

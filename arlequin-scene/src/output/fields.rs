@@ -2,6 +2,7 @@
 
 use super::vtu::Array;
 use crate::error::{Result, core};
+use crate::ranks::elsewhere;
 use crate::spec::OutputField;
 use arlequin::core::{Coupled, Recovered, Subdomain, SymmetricTensor};
 
@@ -33,7 +34,8 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         })
 }
 
-/// Stresses and strains at the nodes, as far as they are wanted and the model knows them.
+/// Stresses and strains at the nodes, as far as they are wanted and the model knows them; of a model in parts on the first rank, all
+/// of which must ask.
 pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Vec<Array>> {
     let wanted = fields.iter().any(|f| width(*f) > 0);
     let Some(recovery) = s.model().recovery().filter(|_| wanted) else {
@@ -54,7 +56,7 @@ pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Ve
         }
     };
     let strain = |r: &Recovered<f64>| r.strain.unwrap_or_else(SymmetricTensor::zero);
-    let mut out = Vec::new();
+    let mut out: Vec<Array> = Vec::new();
     for field in fields {
         out.push(match field {
             OutputField::Stress => array("stress [Pa]", TENSOR, &|r, v| v.extend(r.stress.0)),
@@ -67,6 +69,12 @@ pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Ve
             }),
             _ => continue,
         });
+    }
+    if let Some(portion) = s.portion() {
+        for a in &mut out {
+            let all = portion.collect(a.components, &a.values).map_err(elsewhere)?;
+            a.values = all.unwrap_or_default();
+        }
     }
     Ok(out)
 }

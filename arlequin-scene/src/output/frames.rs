@@ -3,18 +3,20 @@
 use super::vtu::{self, Array, Entry};
 use super::{fields, mark};
 use crate::cells::{self, Cell};
-use crate::error::{Error, Result, write};
+use crate::error::{Error, Result, core, write};
 use crate::setup::{Grid, ModelInfo, RigidPicture};
 use crate::spec::OutputField;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Writes frames and, at the end, their index.
 #[derive(Debug)]
 pub struct Frames {
-    folder: PathBuf,
+    /// None on a rank that writes nothing.
+    folder: Option<PathBuf>,
     fields: Vec<OutputField>,
     models: Vec<Painter>,
     mediators: Vec<Grid>,
@@ -46,6 +48,33 @@ pub struct Picture<'a> {
     pub cells: Vec<Array>,
 }
 
+/// Displacements and velocities of all of a model.
+struct Seen<'a> {
+    q: Cow<'a, [f64]>,
+    v: Cow<'a, [f64]>,
+}
+
+impl<'a> Seen<'a> {
+    /// Of a model in parts, on the first rank alone; all of them must ask.
+    fn of(s: &'a Subdomain<f64>) -> Result<Option<Self>> {
+        let state = s.state();
+        if s.portion().is_none() {
+            let (q, v) = (Cow::from(&state.q), Cow::from(&state.v));
+            return Ok(Some(Self { q, v }));
+        }
+        let (q, v) = (in_all(s, &state.q)?, in_all(s, &state.v)?);
+        let both = q.zip(v);
+        Ok(both.map(|(q, v)| Self {
+            q: q.into(),
+            v: v.into(),
+        }))
+    }
+}
+
+fn in_all(s: &Subdomain<f64>, x: &[f64]) -> Result<Option<Vec<f64>>> {
+    s.in_all(x).map_err(core("output"))
+}
+
 /// What a model's files repeat.
 #[derive(Debug)]
 struct Painter {
@@ -61,7 +90,12 @@ struct Painter {
 
 impl Frames {
     /// Prepares frames in a folder.
-    pub fn new(folder: PathBuf, fields: &[OutputField], run: &Coupled<f64>, pictures: Pictures) -> Self {
+    pub fn new(
+        folder: Option<PathBuf>,
+        fields: &[OutputField],
+        run: &Coupled<f64>,
+        pictures: Pictures,
+    ) -> Self {
         let density = fields.contains(&OutputField::EnergyDensity);
         let models = pictures
             .models
@@ -73,7 +107,7 @@ impl Frames {
                 } else {
                     Vec::new()
                 },
-                weights: weights(s),
+                weights: weights(s, &d.grid.points),
                 recovered: fields::bytes(fields, s),
                 grid: d.grid,
                 breaks: d.breaks,
@@ -96,14 +130,12 @@ impl Frames {
 
     /// Goes on with the files written before; removes those of later instants.
     pub fn resume(&mut self, entries: Vec<Entry>) -> Result<()> {
+        let Some(folder) = &self.folder else { return Ok(()) };
         let kept: Vec<_> = entries
             .iter()
             .filter_map(|e| Path::new(&e.file).file_name())
             .collect();
-        for file in std::fs::read_dir(&self.folder)
-            .map_err(write(&self.folder))?
-            .flatten()
-        {
+        for file in std::fs::read_dir(folder).map_err(write(folder))?.flatten() {
             let name = file.file_name();
             if !kept.contains(&name.as_os_str()) && mark::is_frame(&name) {
                 std::fs::remove_file(file.path()).map_err(write(&file.path()))?;
@@ -136,7 +168,8 @@ impl Frames {
         self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
 
-    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model.
+    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model, and of one in parts on
+    /// ranks but the first, all of which must ask.
     ///
     /// # Errors
     /// Values that are not finite; what a model cannot recover.
@@ -144,10 +177,13 @@ impl Frames {
         let (Some(painter), Some(s)) = (self.models.get(part), run.subdomains().get(part)) else {
             return Ok(None);
         };
+        let Some(seen) = Seen::of(s)? else {
+            return Ok(None);
+        };
         let name = s.model().name();
-        check_finite(run, name, &s.state().q)?;
-        check_finite(run, name, &s.state().v)?;
-        let (mut points, cells) = painter.arrays(&self.fields, s)?;
+        check_finite(run, name, &seen.q)?;
+        check_finite(run, name, &seen.v)?;
+        let (mut points, cells) = painter.arrays(&self.fields, s, &seen)?;
         points.extend(fields::contacts(&self.fields, run, part));
         Ok(Some(Picture {
             name: name.to_owned(),
@@ -159,15 +195,23 @@ impl Frames {
 
     /// Writes the current state.
     pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
+        let Some(folder) = self.folder.clone() else {
+            // What the first rank asks of models in parts, in its order.
+            for s in run.subdomains().iter().filter(|s| s.portion().is_some()) {
+                Seen::of(s)?;
+                fields::recovered(&self.fields, s)?;
+            }
+            return Ok(());
+        };
         let mut part = 0;
         while let Some(p) = self.picture(run, part)? {
             let file = format!("{}_{:08}.vtu", p.name, run.steps());
-            vtu::write_grid(&self.folder.join(&file), p.grid, &p.points, &p.cells)?;
+            vtu::write_grid(&folder.join(&file), p.grid, &p.points, &p.cells)?;
             let written = entry(run, part, &p.name, file);
             self.entries.push(written);
             part += 1;
         }
-        self.write_rigid(run)?;
+        self.write_rigid(run, &folder)?;
         if !self.fields.contains(&OutputField::Multipliers) {
             return Ok(());
         }
@@ -180,7 +224,7 @@ impl Frames {
                 values: vectors(i.multipliers(), i.components(), grid.points.len()),
             };
             let file = format!("mediator-{name}_{:08}.vtu", run.steps());
-            vtu::write_grid(&self.folder.join(&file), grid, &[lambda], &[])?;
+            vtu::write_grid(&folder.join(&file), grid, &[lambda], &[])?;
             self.entries.push(entry(
                 run,
                 self.models.len() + k,
@@ -192,7 +236,7 @@ impl Frames {
     }
 
     /// Rigid bodies where they are at rest, with the displacement and velocity of every point.
-    fn write_rigid(&mut self, run: &Coupled<f64>) -> Result<()> {
+    fn write_rigid(&mut self, run: &Coupled<f64>, folder: &Path) -> Result<()> {
         for (k, p) in self.rigid.iter().enumerate() {
             let mut effects = run.subdomains()[p.model].effects();
             let Some(now) = effects.find(|e| e.name() == p.name).and_then(|e| e.rigid()) else {
@@ -224,7 +268,7 @@ impl Frames {
                 name.chars().map(plain).collect::<String>(),
                 run.steps()
             );
-            vtu::write_grid(&self.folder.join(&file), &p.grid, &arrays, &[])?;
+            vtu::write_grid(&folder.join(&file), &p.grid, &arrays, &[])?;
             let part = self.models.len() + self.mediators.len() + k;
             self.entries.push(entry(run, part, &name, file));
         }
@@ -238,7 +282,12 @@ impl Frames {
 }
 
 impl Painter {
-    fn arrays(&self, fields: &[OutputField], s: &Subdomain<f64>) -> Result<(Vec<Array>, Vec<Array>)> {
+    fn arrays(
+        &self,
+        fields: &[OutputField],
+        s: &Subdomain<f64>,
+        seen: &Seen<'_>,
+    ) -> Result<(Vec<Array>, Vec<Array>)> {
         let (mut points, mut cells) = (Vec::new(), Vec::new());
         let count = s.model().layout().components;
         let vector = |name: &str, values: &[f64]| Array {
@@ -255,8 +304,8 @@ impl Painter {
         }
         for field in fields {
             match field {
-                OutputField::Displacement => points.push(vector("displacement [m]", &s.state().q)),
-                OutputField::Velocity => points.push(vector("velocity [m/s]", &s.state().v)),
+                OutputField::Displacement => points.push(vector("displacement [m]", &seen.q)),
+                OutputField::Velocity => points.push(vector("velocity [m/s]", &seen.v)),
                 OutputField::Weights => points.extend(self.weights.iter().cloned()),
                 OutputField::EnergyDensity if !self.centres.is_empty() => cells.push(Array {
                     name: "energy density [J/m3]".into(),
@@ -264,7 +313,7 @@ impl Painter {
                     values: self
                         .centres
                         .iter()
-                        .map(|cell| density(cell, &s.state().q, count))
+                        .map(|cell| density(cell, &seen.q, count))
                         .collect(),
                 }),
                 _ => {}
@@ -314,7 +363,7 @@ fn density(cell: &Cell, q: &[f64], count: usize) -> f64 {
     0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
 }
 
-fn weights(s: &Subdomain<f64>) -> Vec<Array> {
+fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
     let w = s.weights();
     let all = [
         ("alpha", &w.internal),
@@ -324,7 +373,7 @@ fn weights(s: &Subdomain<f64>) -> Vec<Array> {
     all.map(|(name, w)| Array {
         name: name.into(),
         components: 1,
-        values: s.model().nodes().iter().map(|x| w.at(x)).collect(),
+        values: points.iter().map(|x| w.at(x)).collect(),
     })
     .into()
 }

@@ -1,6 +1,7 @@
 //! `summary.json`, and the plan of `check` in the same words.
 
 use super::packing::PackingLine;
+use crate::ranks::RankLine;
 use crate::recorder::{PhaseClock, Recorder};
 use crate::run::LoadStep;
 use crate::setup::{ParticlesWithoutContact, PhaseTime, ProbeReader};
@@ -38,6 +39,9 @@ pub struct Summary {
     pub into_overlap: Vec<crate::crossing::OverlapBreak>,
     /// Assignments of `--set`.
     pub set: Vec<String>,
+    /// How the models are held on several ranks.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ranks: Vec<RankLine>,
     /// Worker threads.
     pub threads: usize,
     /// Models.

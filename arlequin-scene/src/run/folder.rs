@@ -14,7 +14,8 @@ use std::time::Instant;
 /// A folder to run into: checked, with a note of the files that the scene reads.
 #[derive(Debug)]
 pub struct RunFolder {
-    place: Place,
+    /// None on a rank that writes nothing.
+    place: Option<Place>,
     origin: Origin,
 }
 
@@ -29,8 +30,10 @@ impl RunFolder {
         let read = scene.files().into_iter().map(|f| scene.folder().join(f));
         let inputs: Vec<PathBuf> = std::iter::once(scene.source().path.clone()).chain(read).collect();
         let place = Place::new(&target, force, &inputs);
-        place.check()?;
         let origin = Origin::of(scene)?;
+        let ranks = scene.ranks();
+        let place = ranks.leads().then_some(place);
+        ranks.together(place.as_ref().map_or(Ok(()), Place::check))?;
         Ok(Self { place, origin })
     }
 }
@@ -38,28 +41,29 @@ impl RunFolder {
 /// Where a run writes, and which scene it is of.
 #[derive(Debug)]
 pub(crate) struct Keep {
-    pub(super) folder: Folder,
+    /// None on a rank that writes nothing.
+    pub(super) folder: Option<Folder>,
     origin: Origin,
 }
 
 impl Keep {
     pub(super) fn begin(folder: RunFolder) -> Result<Self> {
         Ok(Self {
-            folder: Folder::begin(folder.place)?,
+            folder: folder.place.map(Folder::begin).transpose()?,
             origin: folder.origin,
         })
     }
 
-    pub(super) fn reopen(target: &Path, origin: Origin) -> Result<Self> {
+    pub(super) fn reopen(target: &Path, origin: Origin, leads: bool) -> Result<Self> {
         Ok(Self {
-            folder: Folder::reopen(target)?,
+            folder: leads.then(|| Folder::reopen(target)).transpose()?,
             origin,
         })
     }
 
     /// Undoes [`Session::put_aside`].
     pub(super) fn take_back(&self, name: &str) -> Result<()> {
-        self.folder.take_back(name)
+        self.folder.as_ref().map_or(Ok(()), |f| f.take_back(name))
     }
 }
 
@@ -76,7 +80,8 @@ impl Session<'_> {
     /// Writes a checkpoint, if the run is kept.
     pub(crate) fn save(&self) -> Result<()> {
         let Some(keep) = &self.keep else { return Ok(()) };
-        self.checkpoint(keep.origin.clone())?.write(keep.folder.path())
+        let saved = self.checkpoint(keep.origin.clone())?;
+        keep.folder.as_ref().map_or(Ok(()), |f| saved.write(f.path()))
     }
 
     fn checkpoint(&self, origin: Origin) -> Result<Checkpoint> {
@@ -101,8 +106,18 @@ impl Session<'_> {
         Ok(())
     }
 
+    /// Whether a model of the run is in parts.
+    fn in_parts(&self) -> bool {
+        self.run.subdomains().iter().any(|s| s.portion().is_some())
+    }
+
+    /// The folder, where this rank writes one.
+    pub(super) fn writes(&self) -> Option<&Folder> {
+        self.keep.as_ref()?.folder.as_ref()
+    }
+
     fn folder(&self) -> Option<&Path> {
-        self.keep.as_ref().map(|k| k.folder.path())
+        Some(self.keep.as_ref()?.folder.as_ref()?.path())
     }
 
     /// Writes the results of the steps made, however they ended, and ends the folder.
@@ -127,8 +142,8 @@ impl Session<'_> {
             Err(e) => return Err(self.salvage(e, wake, observer)),
         };
         let mut folder = None;
-        if let Some(keep) = self.keep {
-            let place = keep.folder.finish(false)?;
+        if let Some(kept) = self.keep.and_then(|k| k.folder) {
+            let place = kept.finish(false)?;
             if end == End::Complete {
                 // Only now: killed in between, the run would have neither results nor a checkpoint.
                 checkpoint::remove(&place)?;
@@ -157,10 +172,11 @@ impl Session<'_> {
             Ok(summary) => summary,
             Err(e) => return Err(self.salvage(e, None, observer)),
         };
-        if let Some(keep) = self.keep.take() {
-            match keep.folder.put_aside(name) {
-                Ok(()) => self.keep = Some(keep),
-                Err(e) => return Err(keep.folder.keep(e)),
+        if let Some(Keep { folder, origin }) = self.keep.take() {
+            let put = folder.as_ref().map_or(Ok(()), |f| f.put_aside(name));
+            match (put, folder) {
+                (Err(e), Some(folder)) => return Err(folder.keep(e)),
+                (_, folder) => self.keep = Some(Keep { folder, origin }),
             }
         }
         Ok((self.recorder.into_recorded(self.scene.spec(), summary), self.keep))
@@ -172,11 +188,21 @@ impl Session<'_> {
         let Some(keep) = self.keep.take().filter(|_| self.run.steps() > 0) else {
             return error;
         };
+        // What one rank alone met cannot be summed up with the others, who still make steps.
+        if self.in_parts() && !error.is_everywhere() {
+            return match keep.folder {
+                Some(folder) => folder.keep(error),
+                None => error,
+            };
+        }
         self.clock.enter(None);
         let mut summary = self.summary(Status::Failed(error.to_string()), 0.0);
         summary.wake = wake;
-        let mut tries = self.files(&keep.folder, observer);
-        tries.push(write_summary(&keep.folder, &summary));
+        let Some(folder) = keep.folder else {
+            return error;
+        };
+        let mut tries = self.files(&folder, observer);
+        tries.push(write_summary(&folder, &summary));
         let lost: Vec<String> = tries
             .into_iter()
             .filter_map(|t| Some(t.err()?.to_string()))
@@ -185,8 +211,8 @@ impl Session<'_> {
         if !lost.is_empty() {
             what += &format!(", but for what failed too ({})", lost.join("; "));
         }
-        let path = keep.folder.path().to_owned();
-        match keep.folder.finish(true) {
+        let path = folder.path().to_owned();
+        match folder.finish(true) {
             Ok(place) => error.kept(what, &place),
             Err(e) => error.kept(format!("{what}; {e};"), &path),
         }
@@ -196,18 +222,16 @@ impl Session<'_> {
     fn finish(&mut self, end: End, wake: Option<WakeReport>, observer: &mut dyn Observer) -> Result<Summary> {
         let after = Instant::now();
         self.recorder.finish(&self.run)?;
-        if let Some(keep) = &self.keep {
-            self.files(&keep.folder, observer)
-                .into_iter()
-                .collect::<Result<()>>()?;
+        if let Some(folder) = self.writes() {
+            self.files(folder, observer).into_iter().collect::<Result<()>>()?;
         }
         for w in summary::findings(&self.run, &self.without_contact) {
             self.recorder.warn(w);
         }
         let mut summary = self.summary(Status::Ended(end), after.elapsed().as_secs_f64());
         summary.wake = wake;
-        if let Some(keep) = &self.keep {
-            write_summary(&keep.folder, &summary)?;
+        if let Some(folder) = self.writes() {
+            write_summary(folder, &summary)?;
         }
         Ok(summary)
     }

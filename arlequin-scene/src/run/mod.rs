@@ -14,14 +14,17 @@ use crate::checkpoint::{self, Checkpoint};
 use crate::error::{Error, Result, key};
 use crate::output::curves::CurveLine;
 use crate::output::{Folder, fragments::Piece, summary::Summary};
+use crate::ranks::{Ranks, together};
 use crate::recorder::Table;
 use crate::scene::Scene;
 use crate::setup::{self, Built};
 use crate::wake::{self, Asleep, Stage};
+use arlequin::core::ranks::Communicator;
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::SharedLog;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// What hears of a run while it goes on, and may end it.
@@ -122,7 +125,7 @@ impl Results {
     /// A run that has no steps left; files of the scene that changed since; a checkpoint in a folder that cannot be used.
     pub fn resume(self) -> Result<Resumed> {
         match (self.rest, &self.folder) {
-            (Some(rest), _) => Resumed::of(*rest, None, self.asleep),
+            (Some(rest), _) => Resumed::of(*rest, None, self.asleep, None),
             (None, Some(folder)) if self.end.goes_on() => resume(folder),
             _ => Err(key(
                 "time",
@@ -164,7 +167,10 @@ impl Prepared {
     pub(crate) fn new(scene: &Scene, tell: &mut dyn FnMut(&str)) -> Result<Self> {
         let begin = Instant::now();
         let (asleep, built) = match &scene.spec().wake {
-            None => (None, setup::build_from(scene.spec(), scene.folder(), None, tell)?),
+            None => {
+                let built = setup::build_from(scene.spec(), scene.folder(), None, scene.ranks(), tell)?;
+                (None, built)
+            }
             Some(wake) => {
                 let (asleep, built) = wake::prepare(scene, wake, tell)?;
                 (Some(asleep), built)
@@ -211,7 +217,8 @@ impl Prepared {
     /// # Errors
     /// As those of [`Self::run`], with what is kept; files that cannot be written.
     pub fn run_into(self, folder: RunFolder, observer: &mut dyn Observer) -> Result<Results> {
-        self.start(Some(Keep::begin(folder)?), observer)
+        let keep = self.scene.ranks().together(Keep::begin(folder))?;
+        self.start(Some(keep), observer)
     }
 
     fn start(self, keep: Option<Keep>, observer: &mut dyn Observer) -> Result<Results> {
@@ -242,6 +249,14 @@ pub struct Resumed {
 /// # Errors
 /// A checkpoint that cannot be used: damaged, of another version, of files that have changed since.
 pub fn resume(target: &Path) -> Result<Resumed> {
+    resume_on(target, None)
+}
+
+/// The same as one rank of several, whatever the number of ranks that wrote the checkpoint.
+///
+/// # Errors
+/// Those of [`resume`], and checkpoints that differ between ranks.
+pub fn resume_on(target: &Path, communicator: Option<Arc<dyn Communicator>>) -> Result<Resumed> {
     let place = Folder::left_behind(target);
     let saved = Checkpoint::read(&place)?;
     let refuse = |reason: String| {
@@ -263,23 +278,45 @@ pub fn resume(target: &Path) -> Result<Resumed> {
             env!("CARGO_PKG_VERSION")
         ));
     }
-    Resumed::of(saved, Some(target.to_owned()), None)
+    Resumed::of(saved, Some(target.to_owned()), None, communicator)
+}
+
+/// A scene from where a model woke.
+fn awake(scene: &Scene, start: &setup::Start) -> Result<Prepared> {
+    Ok(Prepared {
+        built: setup::build_from(
+            scene.spec(),
+            scene.folder(),
+            Some(start),
+            &Ranks::default(),
+            &mut |_| (),
+        )?,
+        asleep: None,
+        setup: 0.0,
+        scene: scene.clone(),
+    })
 }
 
 impl Resumed {
     /// Builds the scene of a checkpoint.
-    fn of(saved: Checkpoint, target: Option<PathBuf>, slept: Option<Recorded>) -> Result<Self> {
+    fn of(
+        saved: Checkpoint,
+        target: Option<PathBuf>,
+        slept: Option<Recorded>,
+        communicator: Option<Arc<dyn Communicator>>,
+    ) -> Result<Self> {
         let begin = Instant::now();
-        let scene = saved.origin.scene()?;
-        let mut prepared = match &saved.wake {
-            Some(Stage::Awake { start, .. }) => Prepared {
-                built: setup::build_from(scene.spec(), scene.folder(), Some(start), &mut |_| ())?,
-                asleep: None,
-                setup: 0.0,
-                scene,
-            },
-            _ => Prepared::new(&scene, &mut |_| ())?,
+        let mut scene = together(communicator.as_ref(), saved.origin.scene())?;
+        if let Some(c) = &communicator {
+            scene = scene.on_ranks(c.clone())?;
+            let step = saved.snapshot.step as u64;
+            scene.ranks().agree("the checkpoint", step)?;
+        }
+        let made = match &saved.wake {
+            Some(Stage::Awake { start, .. }) => awake(&scene, start),
+            _ => Prepared::new(&scene, &mut |_| ()),
         };
+        let mut prepared = together(communicator.as_ref(), made)?;
         prepared.setup = begin.elapsed().as_secs_f64();
         Ok(Self {
             prepared,
@@ -300,9 +337,12 @@ impl Resumed {
             mut saved,
             slept,
         } = self;
-        let keep = target
-            .map(|t| Keep::reopen(&t, saved.origin.clone()))
-            .transpose()?;
+        let ranks = prepared.scene.ranks();
+        let keep = target.map(|t| {
+            let origin = saved.origin.clone();
+            ranks.together(Keep::reopen(&t, origin, ranks.leads()))
+        });
+        let keep = keep.transpose()?;
         let stage = saved.wake.take();
         let setup = prepared.setup;
         match (prepared.asleep, stage) {

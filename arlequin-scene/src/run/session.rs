@@ -9,12 +9,14 @@ use crate::output::live::Live;
 use crate::output::packing::PackingLine;
 use crate::output::tables;
 use crate::output::{Frames, Pictures};
+use crate::ranks::RankLine;
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::scene::Scene;
 use crate::setup::{Bounds, Built, LoadSteps, ParticlesWithoutContact, PhaseTime};
 use crate::wake::Stage;
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::SharedLog;
+use std::ops::ControlFlow;
 
 /// A run with everything that records it.
 #[derive(Debug)]
@@ -37,6 +39,7 @@ pub(crate) struct Session<'a> {
     pub(super) packings: Vec<Option<PackingLine>>,
     bounds: Bounds,
     pub(super) phases: Vec<PhaseTime>,
+    pub(super) holdings: Vec<RankLine>,
 }
 
 impl<'a> Session<'a> {
@@ -49,7 +52,7 @@ impl<'a> Session<'a> {
         let frames = match &keep {
             None => None,
             Some(keep) => {
-                let folder = keep.folder.subfolder("vtu")?;
+                let folder = keep.folder.as_ref().map(|f| f.subfolder("vtu")).transpose()?;
                 let pictures = Pictures {
                     models: built.models,
                     mediators: built.mediators,
@@ -83,6 +86,7 @@ impl<'a> Session<'a> {
             packings,
             bounds: built.bounds,
             phases: built.phases,
+            holdings: built.holdings,
         })
     }
 
@@ -98,16 +102,18 @@ impl<'a> Session<'a> {
 
     /// Says a warning the moment it is known, once, and keeps it for the summary.
     fn warn(&mut self, text: String, observer: &mut dyn Observer) {
-        if self.recorder.warn(text.clone()) {
+        if self.recorder.warn(text.clone()) && self.scene.ranks().leads() {
             observer.warning(&text);
         }
     }
 
     /// Adds what was recorded to the files of the run, so that they can be read while it goes on.
     pub(super) fn flush(&mut self) -> Result<()> {
-        let Some(keep) = &self.keep else { return Ok(()) };
+        let Some(folder) = self.keep.as_ref().and_then(|k| k.folder.as_ref()) else {
+            return Ok(());
+        };
         let framed = self.recorder.framed(&self.run);
-        let path = keep.folder.path();
+        let path = folder.path();
         self.live.flush(path, &self.recorder, framed)?;
         if framed {
             tables::all_breaks(path, &self.run, &self.breaks)?;
@@ -124,11 +130,14 @@ impl<'a> Session<'a> {
         observer: &mut dyn Observer,
         woken: &mut dyn FnMut(&Coupled<f64>, &mut Option<Stage>) -> bool,
     ) -> Result<End> {
-        self.recorder.warnings.iter().for_each(|w| observer.warning(w));
+        if self.scene.ranks().leads() {
+            self.recorder.warnings.iter().for_each(|w| observer.warning(w));
+        }
         let every = self.scene.spec().output.checkpoint_every;
         let mut end = End::Complete;
         // Once is enough: the state that follows is as odd.
         let mut strange = !self.bounds.watch(&self.run).is_empty();
+        let ranks = self.scene.ranks();
         let mut crossing = Crossing::since(&self.breaks);
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
@@ -140,7 +149,16 @@ impl<'a> Session<'a> {
                 strange = !odd.is_empty();
                 odd.into_iter().for_each(|w| self.warn(w, observer));
             }
-            let asked = observer.step(&self.run, self.steps);
+            let mut asked = observer.step(&self.run, self.steps);
+            // Ranks hear of each other when the ledger is drawn; one of them ends the steps of all.
+            if ranks.count() > 1 {
+                let any = sampled && ranks.any(asked.is_break())?;
+                asked = if any {
+                    ControlFlow::Break(())
+                } else {
+                    ControlFlow::Continue(())
+                };
+            }
             let (said, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
             said.into_iter().for_each(|w| self.warn(w, observer));
             if made == self.steps {

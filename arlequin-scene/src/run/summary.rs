@@ -45,6 +45,7 @@ impl Session<'_> {
             wake: None,
             into_overlap: crossing::found(run, &self.breaks),
             set: self.scene.changes().to_vec(),
+            ranks: self.holdings.clone(),
             threads: rayon::current_num_threads(),
             models: summary::models(run, &self.packings),
             dt: plan.dt,

@@ -44,6 +44,7 @@ pub use statics::LoadSteps;
 
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
+use crate::ranks::{RankLine, Ranks};
 use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec};
 use arlequin::core::snapshot::Record;
 use arlequin::core::{
@@ -140,13 +141,15 @@ pub struct Built {
     pub bounds: Bounds,
     /// How wide the overlaps around zones came out.
     pub zones: Vec<zone::ZoneLine>,
+    /// How the models are held on several ranks; none alone.
+    pub holdings: Vec<RankLine>,
     /// Where the time of the set-up went, in order.
     pub phases: Vec<PhaseTime>,
 }
 
 /// Builds everything a scene asks for.
 pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
-    build_from(scene, folder, None, &mut |_| ())
+    build_from(scene, folder, None, &Ranks::default(), &mut |_| ())
 }
 
 /// Refuses what can be seen to be wrong from the scene alone, without building anything.
@@ -158,11 +161,13 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     precheck::scene(scene, folder)
 }
 
-/// The same with a state of its own to start from; `tell` hears of every phase as it begins.
-pub fn build_from(
+/// The same with a state of its own to start from, and ranks among which bodies of particles are shared out; `tell` hears of every
+/// phase as it begins.
+pub(crate) fn build_from(
     scene: &SceneSpec,
     folder: &Path,
     start: Option<&Start>,
+    ranks: &Ranks,
     tell: &mut dyn FnMut(&str),
 ) -> Result<Built> {
     let mut clock = SetupClock::new(tell);
@@ -189,9 +194,16 @@ pub fn build_from(
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
+    let holdings = ranks.holdings(scene, &bodies);
+    let mut subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
+    if let Some(c) = ranks.communicator() {
+        let shared =
+            |(s, line): (Subdomain<f64>, &RankLine)| if line.parts { s.shared(c.clone()) } else { s };
+        subdomains = subdomains.into_iter().zip(&holdings).map(shared).collect();
+    }
     let parts = Parts {
         start: begin,
-        subdomains: subdomains_of(scene, bodies, states, &mut interfaces, attachments)?,
+        subdomains,
         interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
     };
@@ -222,6 +234,7 @@ pub fn build_from(
         warnings,
         bounds,
         zones,
+        holdings,
         run,
         phases: Vec::new(),
     };

@@ -6,6 +6,7 @@ use crate::spec::{
     TimeShape,
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::ranks::Portion;
 use arlequin::core::{Coupled, Elastic, OwnStep, ShapeRow, Subdomain, advice};
 use std::collections::BTreeSet;
 
@@ -440,7 +441,8 @@ impl Bounds {
             let (name, layout) = (s.model().name(), s.model().layout());
             let moving = 0..layout.translations();
             let top = |m: f64, x: &f64| m.max(x.abs());
-            let speed = s.state().v[moving.clone()].iter().fold(0.0, top);
+            let own = s.state().v[moving.clone()].iter().fold(0.0, top);
+            let speed = s.portion().map_or(own, |p| p.largest(own));
             if speed > b.wave {
                 out.push(format!(
                     "model '{name}': moves at {speed:.3e} m/s at t = {:.3e} s, above its wave speed of {:.3e} m/s; check \
@@ -449,7 +451,7 @@ impl Bounds {
                     b.wave
                 ));
             }
-            let stretch = stretch(&s.state().q[moving], layout.components);
+            let stretch = stretch(s.portion(), &s.state().q[moving], layout.components);
             if b.small && stretch > b.extent {
                 out.push(format!(
                     "model '{name}': its displacements differ by {stretch:.3e} m at t = {:.3e} s, more than its size of \
@@ -464,13 +466,14 @@ impl Bounds {
 }
 
 /// Largest difference of one component of displacement between two nodes.
-fn stretch(q: &[f64], components: usize) -> f64 {
+fn stretch(portion: Option<&Portion>, q: &[f64], components: usize) -> f64 {
     let span = |c: usize| {
         let values = q.iter().skip(c).step_by(components).copied();
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
             (a.min(x), b.max(x))
         });
-        high - low
+        let highest = |own: f64| portion.map_or(own, |p| p.highest(own));
+        highest(high) + highest(-low)
     };
     (0..components).map(span).fold(0.0, f64::max)
 }

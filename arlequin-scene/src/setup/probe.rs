@@ -9,6 +9,7 @@ use super::tensor::{self, TensorRow};
 use crate::error::{Error, Result, core, key, value};
 use crate::spec::{Axis, Probe, Quantity, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::ranks::Gather;
 use arlequin::core::{Arms, Coupled, ShapeRow, Subdomain};
 
 /// A probe, ready to be read.
@@ -39,6 +40,8 @@ struct Row {
     row: Vec<(usize, f64)>,
     /// For rotations of a model that may turn far: displacements along the arms, as the row has them across.
     along: Option<Vec<(usize, f64)>>,
+    /// Of a model in parts: who holds the unknowns of both, which are then numbered by their places there.
+    parts: Option<Gather>,
 }
 
 impl ProbeReader {
@@ -60,7 +63,23 @@ impl ProbeReader {
         })
     }
 
-    /// Current value.
+    /// Asks other ranks from now on for what they hold of its model.
+    pub(crate) fn share_out(&mut self, run: &Coupled<f64>) {
+        let Source::Motion(row) = &mut self.source else {
+            return;
+        };
+        let s = &run.subdomains()[row.model];
+        let Some(portion) = s.shared_portion().filter(|_| row.parts.is_none()) else {
+            return;
+        };
+        let components = s.model().layout().components;
+        let mut all: Vec<&mut (usize, f64)> =
+            row.row.iter_mut().chain(row.along.iter_mut().flatten()).collect();
+        row.parts = Some(Gather::new(portion.clone(), components, all.iter().map(|r| r.0)));
+        all.iter_mut().enumerate().for_each(|(place, r)| r.0 = place);
+    }
+
+    /// Current value; of a model in parts, all ranks must ask.
     ///
     /// # Errors
     /// Those of the forces of a model.
@@ -111,7 +130,12 @@ impl Row {
             }
             _ => return Err(key(path, ONE_PLACE)),
         };
-        Ok(Self { model, row, along })
+        Ok(Self {
+            model,
+            row,
+            along,
+            parts: None,
+        })
     }
 
     fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> f64 {
@@ -120,6 +144,8 @@ impl Row {
             Quantity::Velocity => &state.v,
             _ => &state.q,
         };
+        let told = self.parts.as_ref().map(|g| g.gathered(1, values));
+        let values = told.as_ref().unwrap_or(values);
         let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d]).sum::<f64>();
         match &self.along {
             Some(along) => sum(&self.row).atan2(1.0 + sum(along)),

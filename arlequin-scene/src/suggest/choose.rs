@@ -252,7 +252,9 @@ fn tried(s: &Scenario, h: f64) -> Vec<Form> {
     let mut out = Vec::new();
     for overlap in widths {
         let too_wide = s.movable && overlap * h > 0.5 * s.lengths[0];
-        if too_wide || !(1.0..=40.0).contains(&overlap) {
+        // Ends are rounded when they are written.
+        let too_narrow = s.movable && overlap * h < s.needed * (1.0 + 1e-6);
+        if too_wide || too_narrow || !(1.0..=40.0).contains(&overlap) {
             continue;
         }
         // Multipliers finer than two particles tie what should move freely.
@@ -297,6 +299,22 @@ mod tests {
             critical,
         };
         (CostModel::new(given, measured, &s, 0.9), given, s)
+    }
+
+    #[test]
+    fn overlaps_keep_the_fine_model_where_its_probes_look() {
+        let (.., mut s) = costs([0.5, 0.8]);
+        let least = |s: &Scenario| {
+            tried(s, 0.5)
+                .iter()
+                .map(|f| 0.5 * f.overlap)
+                .fold(f64::INFINITY, f64::min)
+        };
+        assert!((least(&s) - 1.0).abs() < 1e-12);
+        s.needed = 1.2;
+        assert!((least(&s) - 1.5).abs() < 1e-12);
+        s.movable = false;
+        assert!((least(&s) - 2.0).abs() < 1e-12, "a width that stays has them");
     }
 
     /// An explicit step goes with the smallest spacing: where the coarse one limits it, half the spacing takes twice the

@@ -235,6 +235,12 @@ fn notes(s: &Scenario, p: &Prospect) -> Vec<String> {
                 .into(),
         );
     }
+    if s.movable && s.needed > 0.0 {
+        out.push(format!(
+            "the overlap is kept wider than {:.4e} m: a probe looks at '{}' there",
+            s.needed, s.names[2]
+        ));
+    }
     if s.across.is_some() {
         out.push(
             "errors are those of waves along the overlap; what happens across the body is not in them".into(),

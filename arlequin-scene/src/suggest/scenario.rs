@@ -29,6 +29,8 @@ pub struct Scenario {
     pub overlap: f64,
     /// Whether the overlap's width follows from two numbers of the scene.
     pub movable: bool,
+    /// Least width of the overlap in which the fine model is still where its probes look \[m\].
+    pub needed: f64,
     /// Lengths of the coarse body and of the fine model's own region along the axis \[m\].
     pub lengths: [f64; 2],
     /// Spacings of the coarse model, the fine model and the mediator \[m\].
@@ -93,6 +95,11 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
         && (far(ce, -inward) - fine[axis]).abs() < tolerance;
     let movable = meets && table.mediator.shape.is_none() && f.dem.count.is_none() && f.divisions.is_none();
     let spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
+    let of_fine = scene
+        .probe
+        .values()
+        .filter(|p| p.model.as_ref() == Some(&table.fine));
+    let inside = of_fine.filter_map(|p| Some((p.at?[axis] - fine[axis]) * inward));
     Ok(Scenario {
         names: [name.clone(), table.coarse.clone(), table.fine.clone()],
         axis,
@@ -100,6 +107,7 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
         inward,
         overlap,
         movable,
+        needed: inside.fold(0.0, f64::max),
         lengths: [ce[1] - ce[0], (fe[1] - fe[0] - overlap).max(0.0)],
         spacings,
         across: across(&c.shape, axis),

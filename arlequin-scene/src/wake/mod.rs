@@ -8,6 +8,7 @@ use crate::checkpoint::Checkpoint;
 use crate::error::{Result, key};
 use crate::output::mark;
 use crate::output::summary::{Momentum, WakeReport};
+use crate::ranks::Ranks;
 use crate::run::{End, Keep, Observer, Results, Session};
 use crate::scene::Scene;
 use crate::setup::{self, Built, Start, model_index};
@@ -33,9 +34,9 @@ pub(crate) struct Asleep {
 /// Prepares the sleep. The scene as given is built as well, so that what is wrong with it is found before the first step.
 pub(crate) fn prepare(scene: &Scene, wake: &Wake, tell: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
-    let awake = setup::build_from(scene.spec(), scene.folder(), None, tell)?;
+    let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), tell)?;
     let spec = asleep.spec();
-    let built = setup::build_from(spec, scene.folder(), None, tell)?;
+    let built = setup::build_from(spec, scene.folder(), None, &Ranks::default(), tell)?;
     let carrier = model_index("wake.by", &wake.by, spec)?;
     let watch = Watch::new(wake, carrier, spec.model[&wake.by].kind, &built.models[carrier])?;
     let hand_over = HandOver::new(wake, &awake, &built.run, &built.models)?;
@@ -124,7 +125,13 @@ pub(crate) fn run(
     let next = asleep.hand_over.start(session.coupled());
     let next = next.and_then(|s| {
         Ok((
-            setup::build_from(scene.spec(), scene.folder(), Some(&s), &mut |_| ())?,
+            setup::build_from(
+                scene.spec(),
+                scene.folder(),
+                Some(&s),
+                &Ranks::default(),
+                &mut |_| (),
+            )?,
             s,
         ))
     });

@@ -175,15 +175,29 @@ impl DemModel {
             .as_ref()
             .map(FractureState::save)
             .unwrap_or_default();
-        out.numbers.extend(self.kernel.save());
+        let turns = self.kernel.save();
+        // Of the whole body, on the first rank; what goes wrong is kept for [`arlequin_core::ranks::Portion::failure`].
+        let turns = match (&self.halo, self.has_finite_rotations()) {
+            (Some(h), true) => h.portion().collect(7, &turns).ok().flatten().unwrap_or_default(),
+            _ => turns,
+        };
+        out.numbers.extend(turns);
         out
     }
 
     /// Undoes [`Self::remember`].
     pub(super) fn recall(&mut self, mut from: Record<f64>) -> arlequin_core::Result<()> {
         if self.has_finite_rotations() {
-            let breaks = from.numbers.len().saturating_sub(7 * self.nodes.len());
-            let turns = from.numbers.split_off(breaks);
+            let portion = self.halo.as_ref().map(|h| h.portion().clone());
+            let all = portion
+                .as_ref()
+                .map_or(self.nodes.len(), |p| p.division().nodes());
+            let breaks = from.numbers.len().saturating_sub(7 * all);
+            let mut turns = from.numbers.split_off(breaks);
+            if let Some(p) = portion.filter(|_| turns.len() == 7 * all) {
+                let own = (0..p.nodes()).map(|i| p.global(i));
+                turns = own.flat_map(|i| turns[7 * i..7 * i + 7].to_vec()).collect();
+            }
             if !self.kernel.restore(&turns) {
                 return Err(self.foreign("the record of orientations"));
             }

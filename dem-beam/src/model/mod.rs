@@ -430,7 +430,7 @@ impl Model<f64> for DemModel {
     }
 
     fn recovery(&self) -> Option<&dyn Recovery<f64>> {
-        self.halo.is_none().then_some(self as _)
+        Some(self)
     }
 
     fn links(&self) -> Option<&dyn Links<f64>> {

@@ -167,7 +167,7 @@ impl DemModel {
     }
 
     /// What other ranks tell of their particles; a failure is kept for [`Portion::failure`], and no energy is then a number.
-    fn heard(&self, q: &[f64]) -> Vec<[f64; 7]> {
+    pub(super) fn heard(&self, q: &[f64]) -> Vec<[f64; 7]> {
         let Some(halo) = &self.halo else {
             return Vec::new();
         };

@@ -1,0 +1,159 @@
+//! Several ranks, as `mpirun` and batch systems start them: who speaks, and how all of them end.
+
+use crate::error::{Located, Result, value};
+#[cfg(feature = "mpi")]
+use crate::report;
+use arlequin::core::ranks::Communicator;
+use clap::Args;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+/// How this rank hears of the others; none alone.
+pub(crate) type Others = Option<Arc<dyn Communicator>>;
+
+/// Longest wait for another rank \[s\]: writing frames and checkpoints, and the spread of set-ups, must fit.
+const WAIT: f64 = 600.0;
+
+// No comment for documentation: it would become the help of the program.
+#[derive(Debug, Clone, Copy, Args)]
+pub(crate) struct Waiting {
+    /// Under mpirun: seconds that a rank waits for another before all of them end with an error [default: 600]
+    #[arg(long, value_name = "SECONDS")]
+    wait: Option<f64>,
+}
+
+impl Waiting {
+    /// The wait in seconds.
+    fn seconds(self) -> Result<f64> {
+        match self.wait {
+            None => Ok(WAIT),
+            // What no clock counts is no limit.
+            Some(s) if s > 0.0 && s <= 1e9 => Ok(s),
+            Some(s) => Err(value("--wait", s, "must be above 0 and at most 1e9 s")),
+        }
+    }
+}
+
+/// What the launcher told this process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Launched {
+    rank: usize,
+    ranks: usize,
+}
+
+/// Reads what launchers tell: Open MPI, MPICH and its kin, Slurm with PMIx.
+fn launched(told: &dyn Fn(&str) -> Option<String>) -> Option<Launched> {
+    let number = |name: &&str| told(name)?.trim().parse::<usize>().ok();
+    let first = |names: &[&str]| names.iter().find_map(number);
+    let rank = first(&["OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"])?;
+    let ranks = first(&[
+        "OMPI_COMM_WORLD_SIZE",
+        "PMI_SIZE",
+        "SLURM_STEP_NUM_TASKS",
+        "SLURM_NTASKS",
+    ])?;
+    Some(Launched { rank, ranks })
+}
+
+fn environment() -> Option<Launched> {
+    launched(&|name| std::env::var(name).ok())
+}
+
+/// Processes of this job on this machine, which share its cores.
+pub(crate) fn on_this_machine() -> usize {
+    let names = ["OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS"];
+    let told = names
+        .iter()
+        .find_map(|n| std::env::var(n).ok()?.trim().parse().ok());
+    told.unwrap_or(1).max(1)
+}
+
+/// Whether this process is the one to speak.
+pub(crate) fn leads() -> bool {
+    environment().is_none_or(|l| l.rank == 0)
+}
+
+/// Refuses a command that makes no sense on several ranks: it would be done by each of them.
+pub(crate) fn refuse_several(command: &str) -> Result<()> {
+    match environment() {
+        Some(l) if l.ranks > 1 => Err(value(
+            "ranks",
+            l.ranks,
+            &format!("run and resume go on several ranks, '{command}' on one: call it without mpirun"),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Does `work`, as one rank of several where a launcher started them.
+#[cfg(feature = "mpi")]
+pub(crate) fn run(
+    waiting: Waiting,
+    work: impl FnOnce(Others) -> Result<ExitCode, Located>,
+) -> Result<ExitCode, Located> {
+    use arlequin_mpi::processes::{self, Ending};
+    let wait = waiting.seconds()?;
+    if environment().is_none_or(|l| l.ranks == 1) {
+        return work(None);
+    }
+    let ending = Ending {
+        wait: std::time::Duration::from_secs_f64(wait),
+        code: 1,
+        report: |why| report::error(&format!("error: {why}\n")),
+        echo: false,
+    };
+    let done = processes::run(ending, |communicator| match work(Some(communicator)) {
+        Ok(code) => Ok(code),
+        // All ranks are here, with this error or the knowledge of it.
+        Err(e) if e.is_everywhere() => Ok(e.report_once()),
+        Err(e) => Err(e.plain()),
+    });
+    done.map_err(|e| Located::from(arlequin_scene::error::core("ranks")(e.into())))
+}
+
+/// Does `work` alone: refuses to be one of several, who would all write the same files.
+#[cfg(not(feature = "mpi"))]
+pub(crate) fn run(
+    waiting: Waiting,
+    work: impl FnOnce(Others) -> Result<ExitCode, Located>,
+) -> Result<ExitCode, Located> {
+    waiting.seconds()?;
+    if let Some(Launched { rank, ranks }) = environment().filter(|l| l.ranks > 1) {
+        let rule = "this program was built without MPI, and each rank would make the same run; build it with --features mpi, or \
+                    call it without mpirun";
+        let refused = Located::from(value("ranks", ranks, rule));
+        if rank > 0 {
+            return Ok(refused.code());
+        }
+        return Err(refused);
+    }
+    work(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Launched, launched};
+
+    #[test]
+    fn launchers_tell_ranks_in_their_own_words() {
+        let of = |all: &[(&str, &str)]| {
+            let told = |name: &str| all.iter().find(|v| v.0 == name).map(|v| v.1.to_owned());
+            launched(&told)
+        };
+        let some = |rank, ranks| Some(Launched { rank, ranks });
+        assert_eq!(of(&[]), None);
+        assert_eq!(
+            of(&[("OMPI_COMM_WORLD_RANK", "2"), ("OMPI_COMM_WORLD_SIZE", "4")]),
+            some(2, 4)
+        );
+        assert_eq!(of(&[("PMI_RANK", "0"), ("PMI_SIZE", "3")]), some(0, 3));
+        // srun --mpi=pmix
+        assert_eq!(of(&[("PMIX_RANK", "1"), ("SLURM_NTASKS", "8")]), some(1, 8));
+        // A job of a batch system whose script calls the program itself.
+        assert_eq!(of(&[("SLURM_NTASKS", "8")]), None);
+        assert_eq!(
+            of(&[("OMPI_COMM_WORLD_RANK", "x"), ("OMPI_COMM_WORLD_SIZE", "4")]),
+            None
+        );
+    }
+}
