@@ -72,8 +72,12 @@ fn broken(case: Case, ranks: Option<Arc<dyn Communicator>>) -> (Coupled<f64>, Sh
 }
 
 /// State, ledger and all breaks, in their order.
-fn told((mut run, log): (Coupled<f64>, SharedLog)) -> Told {
-    run.run(30, &mut Silent).unwrap();
+fn told(run: (Coupled<f64>, SharedLog)) -> Told {
+    told_after(run, 30)
+}
+
+fn told_after((mut run, log): (Coupled<f64>, SharedLog), steps: usize) -> Told {
+    run.run(steps, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
     let mut sums = vec![e.invariant, e.internal, e.work, e.drift, run.energy()];
     sums.extend(run.works().iter().map(|w| w.work));
@@ -151,6 +155,33 @@ fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
                 all.1.len(),
                 whole.1.len()
             );
+            assert!(all.0 == whole.0, "{ranks} ranks: {case:?}");
+        }
+    }
+}
+
+/// Saved on three ranks in the middle of all breaks.
+#[test]
+fn what_broke_on_three_ranks_stays_broken_on_others() {
+    for case in cases() {
+        let (run, log) = broken(case, None);
+        let whole = told((run, log.clone()));
+        let before = log.read().unwrap().events().len();
+        let saved = threads::run(3, 1, WAIT, |c| {
+            let (mut run, log) = broken(case, Some(c));
+            run.run(12, &mut Silent).unwrap();
+            let count = log.read().unwrap().events().len();
+            (run.snapshot().unwrap(), count)
+        });
+        let (saved, count) = saved.into_iter().next().unwrap().unwrap();
+        assert!((1..before).contains(&count), "{count} of {before}: {case:?}");
+        for ranks in [1, 2, 4] {
+            let all = together(threads::run(ranks, 1, WAIT, |c| {
+                let (mut run, log) = broken(case, Some(c));
+                run.restore(&saved).unwrap();
+                told_after((run, log), 18)
+            }));
+            assert!(same(&all.1, &whole.1), "{ranks} ranks: {case:?}");
             assert!(all.0 == whole.0, "{ranks} ranks: {case:?}");
         }
     }

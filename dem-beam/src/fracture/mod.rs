@@ -113,6 +113,8 @@ pub struct Break {
 #[derive(Debug, Default)]
 pub struct BreakLog {
     broken: Vec<bool>,
+    /// Numbers in the whole model of the bonds of a part; empty for a whole one.
+    numbers: Vec<u32>,
     events: Vec<Break>,
     released: f64,
     checks: usize,
@@ -120,13 +122,19 @@ pub struct BreakLog {
 }
 
 impl BreakLog {
-    /// Whether a bond is broken, of a model in parts one of those here; all are whole at the start.
+    /// Whether a bond is broken, by its number in the whole model; all are whole at the start.
     #[must_use]
     pub fn is_broken(&self, bond: usize) -> bool {
         self.broken.get(bond).copied().unwrap_or(false)
     }
 
-    /// Breaks in the order in which they happened.
+    /// The same by the number of a bond on this rank.
+    pub(crate) fn is_broken_here(&self, bond: usize) -> bool {
+        let bond = self.numbers.get(bond).map_or(bond, |b| *b as usize);
+        self.is_broken(bond)
+    }
+
+    /// Breaks in the order in which they happened, of a model in parts those on all ranks.
     #[must_use]
     pub fn events(&self) -> &[Break] {
         &self.events
@@ -150,13 +158,9 @@ impl BreakLog {
         self.checks
     }
 
-    /// Marks bonds here that broke before.
-    pub(crate) fn mark(&mut self, broken: &[u32]) {
-        for b in broken {
-            if let Some(here) = self.broken.get_mut(*b as usize) {
-                *here = true;
-            }
-        }
+    /// From now on bonds here have these numbers in the whole model.
+    pub(crate) fn number(&mut self, numbers: &[u32]) {
+        self.numbers = numbers.to_vec();
     }
 
     pub(crate) fn begin(&mut self, bonds: usize) {
@@ -173,28 +177,26 @@ impl BreakLog {
         }
     }
 
-    /// Undoes [`Self::save`]; `false` for a record that is not of this model, of which so many `bonds` are here. `known` is what is
-    /// known of a bond between two particles.
+    /// Undoes [`Self::save`]; `false` for a record that is not of this model. `known` is what is known of a bond between two
+    /// particles: its middle, and whether it lies in an overlap.
     pub(crate) fn restore(
         &mut self,
         from: &Record<f64>,
-        bonds: usize,
-        known: &dyn Fn(u64, [u64; 2]) -> Option<Known>,
+        known: &dyn Fn(u64, [u64; 2]) -> Option<(Vector3<f64>, bool)>,
     ) -> bool {
         let Some((checks, integers)) = from.integers.split_first() else {
             return false;
         };
         let (numbers, _) = from.numbers.as_chunks::<3>();
         let (broken, _) = integers.as_chunks::<4>();
-        self.begin(bonds);
+        self.broken = vec![false; self.broken.len()];
         self.events.clear();
         self.into_overlap = None;
         self.released = 0.0;
         self.checks = *checks as usize;
         for (&[time, released, distance], &[bond, i, j, mode]) in numbers.iter().zip(broken) {
-            let again = |k: &Known| k.here.is_some_and(|b| self.is_broken(b));
-            let known = known(bond, [i, j]).filter(|k| !again(k));
-            let (Some(known), Some(&mode)) = (known, BreakMode::ALL.get(mode as usize)) else {
+            let known = known(bond, [i, j]).filter(|_| !self.is_broken(bond as usize));
+            let (Some((place, overlap)), Some(&mode)) = (known, BreakMode::ALL.get(mode as usize)) else {
                 return false;
             };
             let event = Break {
@@ -203,11 +205,11 @@ impl BreakLog {
                 pair: [i as u32, j as u32],
                 released,
                 distance,
-                place: known.place,
-                overlap: known.overlap,
+                place,
+                overlap,
                 mode,
             };
-            self.push_as(event, known.here);
+            self.push(event);
         }
         numbers.len() * 3 == from.numbers.len()
             && broken.len() * 4 == integers.len()
@@ -219,13 +221,7 @@ impl BreakLog {
     }
 
     pub(crate) fn push(&mut self, event: Break) {
-        let here = event.bond as usize;
-        self.push_as(event, Some(here));
-    }
-
-    /// The same for a bond of the whole model that has another number here, or is not here.
-    pub(crate) fn push_as(&mut self, event: Break, here: Option<usize>) {
-        if let Some(b) = here.and_then(|b| self.broken.get_mut(b)) {
+        if let Some(b) = self.broken.get_mut(event.bond as usize) {
             *b = true;
         }
         self.released += event.released;
@@ -234,15 +230,6 @@ impl BreakLog {
         }
         self.events.push(event);
     }
-}
-
-/// What is known of a bond that broke.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Known {
-    /// Its number here, if it is here.
-    here: Option<usize>,
-    place: Vector3<f64>,
-    overlap: bool,
 }
 
 /// A log in several hands.

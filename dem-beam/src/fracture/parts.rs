@@ -5,7 +5,7 @@
 //! them hear of all breaks and take them in the order of the whole body.
 
 use super::state::{FractureState, change, middle};
-use super::{Break, BreakMode, Known, SharedLog, locked, writing};
+use super::{Break, BreakMode, SharedLog, locked, writing};
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
 use arlequin_core::Evolution;
@@ -50,7 +50,7 @@ impl FractureState {
         if self.is_plain() {
             out.check_plainly();
         }
-        writing(&out.log).mark(&broken);
+        writing(&out.log).number(&numbers);
         out.forget(&broken);
         let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= own);
         let cross = (0..).zip(body.pairs()).filter(|(_, p)| foreign(p));
@@ -132,8 +132,7 @@ impl FractureState {
         for words in all {
             let event = event(words, step.time);
             total += event.released;
-            let here = parts.numbers.binary_search(&event.bond).ok();
-            log.push_as(event, here);
+            log.push(event);
         }
         Ok(total)
     }
@@ -184,16 +183,13 @@ impl Parts {
         };
         let all = all.as_chunks_mut::<6>().0;
         all.sort_unstable_by_key(|k| k[0]);
-        writing(log).restore(from, body.pairs().len(), &|bond, [i, j]| {
+        writing(log).restore(from, &|bond, [i, j]| {
             let k = all.binary_search_by_key(&bond.cast_signed(), |k| k[0]).ok()?;
             let [_, ends, overlap, x, y, z] = all[k];
             let known = i <= u64::from(u32::MAX) && (i << 32 | j) == ends.cast_unsigned();
             let real = |x: i64| f64::from_bits(x.cast_unsigned());
-            known.then(|| Known {
-                here: here(bond),
-                place: Vector3::new(real(x), real(y), real(z)),
-                overlap: overlap > 0,
-            })
+            let place = Vector3::new(real(x), real(y), real(z));
+            known.then_some((place, overlap > 0))
         })
     }
 

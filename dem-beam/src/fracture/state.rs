@@ -2,7 +2,7 @@
 
 use super::criterion::{Section, Strain};
 use super::parts::Parts;
-use super::{Break, Fracture, Known, Scatter, SharedLog, locked, writing};
+use super::{Break, Fracture, Scatter, SharedLog, locked, writing};
 use crate::bond::Twist;
 use crate::kernel::engine::Marks;
 use crate::kernel::lanes::LANES;
@@ -54,13 +54,13 @@ pub(crate) struct FractureState {
 
 impl FractureState {
     pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
+        writing(&log).begin(body.pairs().len());
         Self::of(spec, body, body.len(), log)
     }
 
     /// The same where only the first `own` particles are here.
     pub(super) fn of(spec: Fracture, body: &BondedParticles, own: usize, log: SharedLog) -> Self {
         let bonds = body.pairs().len();
-        writing(&log).begin(bonds);
         let blocks = own.div_ceil(LANES);
         let mut out = Self {
             spec,
@@ -145,7 +145,7 @@ impl FractureState {
         }
         let log = locked(&self.log);
         for (b, strength) in self.strength.iter_mut().enumerate() {
-            if !log.is_broken(b) {
+            if !log.is_broken_here(b) {
                 *strength = if inside(b) {
                     f64::INFINITY
                 } else {
@@ -180,14 +180,10 @@ impl FractureState {
         let parts = self.parts.take();
         let restored = match &parts {
             Some(parts) => parts.restore(&self.log, &from, body, inside),
-            None => writing(&self.log).restore(&from, body.pairs().len(), &|bond, ends| {
+            None => writing(&self.log).restore(&from, &|bond, ends| {
                 let b = bond as usize;
                 let known = body.pairs().get(b)?.map(u64::from) == ends;
-                known.then(|| Known {
-                    here: Some(b),
-                    place: middle(body, b),
-                    overlap: inside(b),
-                })
+                known.then(|| (middle(body, b), inside(b)))
             }),
         };
         self.parts = parts;
@@ -195,7 +191,7 @@ impl FractureState {
             return false;
         }
         let log = locked(&self.log);
-        let broken = (0..body.pairs().len()).filter(|b| log.is_broken(*b));
+        let broken = (0..body.pairs().len()).filter(|b| log.is_broken_here(*b));
         let broken: Vec<u32> = broken.map(|b| b as u32).collect();
         drop(log);
         self.forget(&broken);

@@ -162,7 +162,7 @@ impl DemModel {
         blocks.sort_unstable();
         blocks.dedup();
         let log = locked(&self.log);
-        let (body, whole) = (&self.body, |b: usize| !log.is_broken(b));
+        let (body, whole) = (&self.body, |b: usize| !log.is_broken_here(b));
         self.kernel.refresh(&blocks, body, &fracture.adjacency, &whole);
         fracture.follow(&blocks, &whole);
         blocks
