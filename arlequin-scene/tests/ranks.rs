@@ -51,6 +51,7 @@ mass_damping = { rate = 1e4 }
 model = "right"
 where = "x-max"
 force = [0.0, 0.0, 1.0]
+time.pulse = { duration = 1e-6 }
 [[load]]
 model = "left"
 where = "x-min"
@@ -80,7 +81,7 @@ component = "z"
 [output]
 interval = 0.5e-6
 energy_every = 5
-fields = ["displacement", "velocity", "weights", "energy-density", "multipliers", "stress", "von-mises"]
+fields = ["displacement", "velocity", "weights", "energy-density", "multipliers", "stress", "von-mises", "bond-forces"]
 "#;
 
 fn scratch(name: &str) -> PathBuf {
