@@ -207,7 +207,7 @@ fn odd(folder: &Path, rank: usize, begin: &str, arguments: &str) -> PathBuf {
     let path = folder.join("odd.sh");
     let program = env!("CARGO_BIN_EXE_arlequin");
     let text = format!(
-        "#!/bin/sh\nmore=\n[ \"$OMPI_COMM_WORLD_RANK\" = {rank} ] && {{ {begin}; }}\nexec {program} {arguments} $more\n"
+        "#!/bin/sh\nmore=\n[ \"$OMPI_COMM_WORLD_RANK\" = {rank} ] && {{\n{begin}\n}}\nexec {program} {arguments} $more\n"
     );
     std::fs::write(&path, text).expect("a script");
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).expect("executable");
@@ -253,22 +253,15 @@ fn a_run_that_was_killed_goes_on_with_another_number_of_ranks() {
         &scene,
         &["--out", text(&out), "--set", "output.checkpoint_every=5"],
     );
-    let mut killed = mpirun(3, env!("CARGO_BIN_EXE_arlequin"), &arguments)
-        .spawn()
-        .expect("starts");
     let saved = folder.join("out.unfinished/checkpoint.bin");
-    let begun = Instant::now();
-    while !saved.exists() && begun.elapsed() < Duration::from_secs(60) {
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    killed.kill().expect("mpirun goes");
-    killed.wait().expect("it is gone");
-    if out.exists() {
-        // Too fast to be killed: nothing to go on with.
-        return;
-    }
-    // Its ranks notice that their launcher is gone.
-    std::thread::sleep(Duration::from_secs(2));
+    let begin = format!(
+        "(while [ ! -e '{}' ]; do sleep 0.05; done; kill -KILL $$) &",
+        saved.display()
+    );
+    let quoted: Vec<String> = arguments.iter().map(|a| format!("'{a}'")).collect();
+    let program = odd(&folder, 1, &begin, &quoted.join(" "));
+    let killed = mpirun(3, text(&program), &[]).output().expect("mpirun is there");
+    assert!(!killed.status.success() && saved.exists(), "{}", said(&killed));
     let done = on_ranks(2, &["resume", text(&out)]);
     assert!(done.status.success(), "{}", said(&done));
     for file in ["probes.csv", "energy.csv"] {

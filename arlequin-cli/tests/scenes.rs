@@ -123,9 +123,10 @@ fn struck_block() {
     assert_eq!(s["models"].as_array().map(Vec::len), Some(2));
     assert!(number(&s, "/energy/h_drift_max") < 1e-11);
     assert!(number(&s, "/interface/0/max_constraint_residual") < 1e-12);
-    // The zone's beams are the body's; what is left is told.
-    let warnings = s["warnings"].to_string();
-    assert!(warnings.contains("bonds meet at its spheres"), "{warnings}");
+    // The zone's beams make its packing as stiff as the body in its place.
+    let like = |what: &str| number(&s, &format!("/models/1/packing/likeness/{what}"));
+    assert!((like("stiffness") - 1.0).abs() < 1e-12 && (0.7..1.4).contains(&like("beams")));
+    assert!(like("uneven") < 0.15, "{}", like("uneven"));
 }
 
 #[test]

@@ -31,7 +31,7 @@ pub enum Error {
     /// No equilibrium was reached.
     #[error(
         "no equilibrium at t = {time:e} s: after {steps} steps of relaxation the residual is {residual:.1e}, above {tolerance:.1e}; \
-         allow more steps or a larger residual, take smaller load steps, or hold what can move freely"
+         allow more steps or a larger residual, take smaller load steps, or hold what can move freely{free}"
     )]
     NotSettled {
         /// Time of the loads \[s\].
@@ -42,6 +42,8 @@ pub enum Error {
         tolerance: f64,
         /// Steps made.
         steps: usize,
+        /// What is held by nothing, in words after a semicolon; empty where that is not known.
+        free: String,
     },
     /// What went wrong between ranks.
     #[error(transparent)]
@@ -104,13 +106,15 @@ pub enum Error {
     },
     /// A linear system has no accurate solution.
     #[error(
-        "linear system of {size} unknowns is singular or too ill-conditioned (relative residual {residual:.1e}); fix rigid motions, or coarsen the mediator"
+        "linear system of {size} unknowns is singular or too ill-conditioned (relative residual {residual:.1e}){free}; fix rigid motions, or coarsen the mediator"
     )]
     SingularSystem {
         /// Number of unknowns.
         size: usize,
         /// Relative residual reached, NaN where the factorisation failed.
         residual: f64,
+        /// Which rigid motions no support holds, in words after a colon; empty where that is not known.
+        free: String,
     },
     /// The mediator and a model share no volume.
     #[error(

@@ -174,6 +174,7 @@ impl<T: Real> HarmonicOverlap<T> {
         let x = a.lu().solve(&b).ok_or(Error::SingularSystem {
             size,
             residual: f64::NAN,
+            free: String::new(),
         })?;
         let reflection = (x[self.rows[0]] - one).modulus();
         let transmission = x[self.rows[1]].modulus();

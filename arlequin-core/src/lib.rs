@@ -107,7 +107,7 @@ pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;
 pub use observer::{Observer, Phase, SetupPhase, Silent, StepReport};
 pub use overlap::{CellPlace, Overlap, Place, Primitive, Region, Shell, Slab};
-pub use participant::Participant;
+pub use participant::{Outline, Participant};
 pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
 pub use recovery::{LinkForce, Links, Patches, Recovered, Recovery, SymmetricTensor};
 pub use scalar::{Real, check_finite};

@@ -192,6 +192,7 @@ pub(crate) fn lu<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn Squar
     let factor = a.sp_lu().map_err(|_| Error::SingularSystem {
         size: a.nrows(),
         residual: f64::NAN,
+        free: String::new(),
     })?;
     Ok(Box::new(Lu(factor)))
 }
@@ -200,6 +201,7 @@ pub(crate) fn symmetric_eigen<T: Real + RealField>(n: usize, column_major: &[T])
     let singular = || Error::SingularSystem {
         size: n,
         residual: f64::NAN,
+        free: String::new(),
     };
     if column_major.iter().any(|v| !nalgebra::ComplexField::is_finite(v)) {
         return Err(singular());

@@ -1,8 +1,8 @@
 //! Whole solvers as participants: what one needs that brings its own stepping.
 
-use crate::model::DofLayout;
+use crate::model::{DofLayout, Model};
 use crate::record::Record;
-use crate::weight::Weights;
+use crate::weight::{Weight, Weights};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 
@@ -93,5 +93,62 @@ pub trait Participant<T: Real>: Send {
             model: self.name().to_owned(),
             what: "be restored: its solver implements no Participant::restore; start the run anew".into(),
         })
+    }
+}
+
+/// What is known of a participant beside its motion: a body without forces of the core's.
+#[derive(Debug, Clone)]
+pub struct Outline<T: Real> {
+    name: String,
+    kind: String,
+    layout: DofLayout,
+    nodes: Vec<Point3<T>>,
+    /// Unweighted.
+    inertia: Vec<T>,
+    critical: Option<T>,
+}
+
+impl<T: Real> Outline<T> {
+    /// That of a participant with a lumped inertia without weights \[kg, kg m²\].
+    pub fn of(solver: &dyn Participant<T>, inertia: Vec<T>) -> Self {
+        Self {
+            name: solver.name().to_owned(),
+            kind: solver.kind().to_owned(),
+            layout: solver.layout(),
+            nodes: solver.nodes().to_vec(),
+            inertia,
+            critical: solver.critical_step(),
+        }
+    }
+}
+
+impl<T: Real> Model<T> for Outline<T> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn kind(&self) -> &str {
+        &self.kind
+    }
+    fn layout(&self) -> DofLayout {
+        self.layout
+    }
+    fn nodes(&self) -> &[Point3<T>] {
+        &self.nodes
+    }
+    fn lumped_inertia(&self, _: &dyn Weight<T>, out: &mut [T]) -> Result<()> {
+        out.copy_from_slice(&self.inertia);
+        Ok(())
+    }
+    fn set_internal_weight(&mut self, _: &dyn Weight<T>) -> Result<()> {
+        Ok(())
+    }
+    fn add_internal_forces(&mut self, _: &[T], _: &mut [T]) -> Result<()> {
+        Ok(())
+    }
+    fn internal_energy(&self, _: &[T]) -> T {
+        T::zero()
+    }
+    fn critical_step(&mut self, _: &[T]) -> Result<T> {
+        Ok(self.critical.unwrap_or_else(|| T::of(f64::INFINITY)))
     }
 }

@@ -5,13 +5,15 @@
 mod support;
 
 use arlequin::core::nalgebra::Vector3;
-use arlequin::core::{InterfaceOptions, L2, OwnStep, Participant, Sampling, Silent, conformance};
+use arlequin::core::{
+    InterfaceOptions, L2, OwnStep, Participant, Sampling, Silent, Uniform, Weighting, conformance,
+};
 use arlequin::dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
 use arlequin::fem_ref::{Elastic, ElementKind, FemModel};
 use arlequin::prelude::*;
 use arlequin_link::{Address, Element, Remote, Shape, Verlet, given, serve};
 use arlequin_studies::solid;
-use support::{chain, chain_shape, coupled, gap, moving, patient, start};
+use support::{BONDS, chain, chain_shape, coupled, gap, moving, patient, start};
 
 /// Serves a model that is in motion, if this process was started for that.
 fn serve_model(model: impl Model<f64> + 'static, v: Option<Vec<f64>>, shape: &Shape) {
@@ -167,6 +169,43 @@ fn a_run_with_a_link_goes_on_with_the_same_bits_and_in_another_process() {
     second.run(40, &mut Silent).unwrap();
     let bits = |c: &Coupled<f64>| support::states(c).iter().map(|x| x.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&whole), bits(&second));
+}
+
+/// Each energy has a weight of its own.
+#[test]
+fn weights_of_stiffness_and_mass_go_over_the_link_each_for_itself() {
+    let share = |w: f64| Arc::new(Uniform(w));
+    let weights = Weights {
+        internal: share(0.5),
+        kinetic: share(0.125),
+        external: share(1.0),
+        weighting: Weighting::Energy,
+    };
+    let mut here = Verlet::new(Box::new(chain()), vec![0.0; BONDS + 1], moving()).unwrap();
+    let mut there = start("a_served_chain", patient()).unwrap();
+    let [mut a, mut b] = [(); 2].map(|()| vec![0.0; BONDS + 1]);
+    here.weigh(&weights, &mut a).unwrap();
+    there.weigh(&weights, &mut b).unwrap();
+    assert_eq!((a[5], &a), (0.125, &b));
+    // Half the critical step of the whole chain.
+    assert_eq!(there.critical_step(), here.critical_step());
+    assert!((there.critical_step().unwrap() - 0.5).abs() < 1e-3);
+}
+
+#[test]
+fn a_state_that_is_gone_back_to_has_its_energy_at_once() {
+    let mut solver = start("a_served_chain", patient()).unwrap();
+    let mut inertia = vec![0.0; BONDS + 1];
+    solver.weigh(&Weights::uncoupled(), &mut inertia).unwrap();
+    solver.advance(0.0, 0.8).unwrap();
+    let (kept, energy) = (solver.save().unwrap(), solver.invariant().unwrap());
+    solver.advance(0.8, 0.3).unwrap();
+    assert!(
+        (solver.invariant().unwrap() - energy).abs() > 1e-9 * energy,
+        "another step keeps another energy"
+    );
+    solver.restore(&kept).unwrap();
+    assert_eq!(solver.invariant().unwrap().to_bits(), energy.to_bits());
 }
 
 #[test]

@@ -10,19 +10,8 @@ use arlequin_link::wire::{Content, HEADER, Header, Kind, Message};
 use arlequin_link::{Ask, Description, Element, Fields, Places, Shape, read_record, write_record};
 use proptest::prelude::*;
 use reader_fuzz::Corpus;
-use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
-use std::alloc::System;
-use std::sync::Mutex;
 
-#[global_allocator]
-static GLOBAL: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
-
-/// Allocations are counted for the whole process.
-static ALONE: Mutex<()> = Mutex::new(());
-
-fn allocated() -> usize {
-    GLOBAL.stats().bytes_allocated
-}
+reader_fuzz::counted!();
 
 fn description(n: usize, particles: bool, rotations: usize) -> Description {
     let layout = DofLayout {

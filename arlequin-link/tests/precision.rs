@@ -18,6 +18,7 @@ struct Single {
     v: Vec<f32>,
     /// What an impulse does, in units of what it must.
     answer: f32,
+    time: f64,
 }
 
 fn single(speed: f32, answer: f32) -> Single {
@@ -28,6 +29,7 @@ fn single(speed: f32, answer: f32) -> Single {
         q: vec![0.0; BONDS + 1],
         v: moving().iter().map(|v| speed + *v as f32).collect(),
         answer,
+        time: 0.0,
     }
 }
 
@@ -68,7 +70,13 @@ impl Participant<f64> for Single {
         wide(&self.inertia, inertia);
         Ok(())
     }
-    fn advance(&mut self, _: f64, step: f64) -> Result<()> {
+    fn advance(&mut self, from: f64, step: f64) -> Result<()> {
+        assert!(
+            (from - self.time).abs() < 1e-9,
+            "told to go on from {from} s at {} s",
+            self.time
+        );
+        self.time += step;
         let step = step as f32;
         self.half_kick(step);
         self.q.iter_mut().zip(&self.v).for_each(|(q, v)| *q += step * v);

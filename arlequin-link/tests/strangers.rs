@@ -177,6 +177,11 @@ fn other_descriptions() -> Vec<Case> {
             &["critical step is NaN"],
         ),
         (
+            "name",
+            changed(&good, |b| b[48..52].copy_from_slice(&1025_u32.to_le_bytes())),
+            &["the name has 1025 bytes, more than 1024"],
+        ),
+        (
             "offers",
             with(&|d| d.offers = Fields(1)),
             &["velocities or displacements are not offered"],
@@ -257,6 +262,32 @@ fn who_says_that_he_is_still_at_it_may_take_longer() {
     other.join().unwrap();
 }
 
+#[test]
+fn a_solver_is_sent_no_more_than_it_takes() {
+    let listener = Listener::private().unwrap();
+    let address = listener.address().clone();
+    let other = std::thread::spawn(move || {
+        let mut stream = connect(&address);
+        let little = Description {
+            limit: 100,
+            ..description()
+        };
+        stream.write_all(&bytes_of(&little)).unwrap();
+        let mut heard = Vec::new();
+        let _ = stream.read_to_end(&mut heard);
+        heard.len()
+    });
+    let mut solver = Remote::accept("fine", &listener, hasty()).unwrap();
+    let error = solver.kick(&vec![0.0; BONDS + 1]).unwrap_err().to_string();
+    let length = 8 * (BONDS + 1);
+    assert!(
+        error.contains(&format!("this side sent 'impulse' of {length} bytes")) && error.contains("takes 100"),
+        "{error}"
+    );
+    drop(solver);
+    assert!(other.join().unwrap() < 100, "the greeting alone");
+}
+
 /// What goes wrong with a solver in the course of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
@@ -266,6 +297,7 @@ enum Fault {
     Leaves,
     MovesAnotherMass,
     TellsAnotherMass,
+    TellsNegativeMass,
     AsksForEver,
 }
 
@@ -296,6 +328,9 @@ impl Participant<f64> for Faulty {
         self.chain.weigh(weights, inertia)?;
         if self.fault == Fault::TellsAnotherMass && self.weighed > 1 {
             inertia.iter_mut().for_each(|m| *m += 1.0);
+        }
+        if self.fault == Fault::TellsNegativeMass && self.weighed > 1 {
+            inertia[4] = -1.0;
         }
         Ok(())
     }
@@ -385,6 +420,11 @@ fn a_solver_that_goes_wrong_in_a_run_ends_it_with_a_reason_and_leaves_the_result
         (Fault::MovesAnotherMass, 0, "let it tell the mass that it moves"),
         (Fault::TellsAnotherMass, 0, "more than 5e-1 without"),
         (Fault::AsksForEver, 0, "nothing new is asked"),
+        (
+            Fault::TellsNegativeMass,
+            0,
+            "inertia of unknown 4 is -1e0, below zero",
+        ),
     ];
     for (fault, steps, word) in cases {
         let (error, made) = run_with(fault);

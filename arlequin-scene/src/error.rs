@@ -240,7 +240,8 @@ impl Error {
                 Core::Diverged { .. } | Core::EnergyGrowth { .. } | Core::Rank(RankError::Differ { .. })
             ),
             Self::Kept { source, .. } => source.is_everywhere(),
-            Self::Agreed(_) | Self::Elsewhere { .. } => true,
+            // Probes and frames are looked at on all ranks.
+            Self::Agreed(_) | Self::Elsewhere { .. } | Self::NotFinite { .. } => true,
             _ => false,
         }
     }

@@ -7,7 +7,8 @@ use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 use crate::setup::{Body, effect_models};
-use crate::spec::{EffectKind, Interface, ModelKind, OutputField, SceneSpec};
+use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec};
+use arlequin::core::Subdomain;
 use arlequin::core::ranks::{self, Communicator, RankError, Reduction, UNIT};
 use serde::Serialize;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -90,9 +91,6 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
         if probe.model.as_ref() == Some(name) && probe.quantity.is_recovered() {
             return Some(format!("probe.{p} asks for what one rank cannot tell"));
         }
-    }
-    if scene.output.fields.contains(&OutputField::BondForces) {
-        return no("output.fields asks for bond-forces");
     }
     body.model.portion().map(|_| "it is in parts already".to_owned())
 }
@@ -222,6 +220,12 @@ impl Ranks {
 /// The error of the first rank that has one there, [`Error::Elsewhere`] on all others.
 pub fn together<R>(communicator: Option<&Arc<dyn Communicator>>, own: Result<R>) -> Result<R> {
     Ranks::of(communicator.cloned()).together(own)
+}
+
+/// Whether the ranks of a model in parts still hear of each other.
+pub(crate) fn heard(s: &Subdomain<f64>) -> Result<()> {
+    let failure = s.portion().and_then(|p| p.failure());
+    failure.map_or(Ok(()), |e| Err(elsewhere(e.clone())))
 }
 
 /// An error between ranks.

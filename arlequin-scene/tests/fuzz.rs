@@ -2,15 +2,8 @@
 
 use arlequin_scene::{Scene, Source};
 use reader_fuzz::Corpus;
-use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
-use std::alloc::System;
-use std::sync::Mutex;
 
-#[global_allocator]
-static GLOBAL: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
-
-/// Allocations are counted for the whole process: one test of this file at a time.
-static ALONE: Mutex<()> = Mutex::new(());
+reader_fuzz::counted!();
 
 /// Parses, asks for spans, and renders the error as the program would.
 fn read(bytes: &[u8]) -> bool {
@@ -83,7 +76,7 @@ fn mutated_scenes_are_read_or_refused() {
         // Text is parsed up to four times, and each table keeps its keys.
         per_byte: 4000,
     };
-    corpus.run("scene", &|| GLOBAL.stats().bytes_allocated, &read);
+    corpus.run("scene", &allocated, &read);
 }
 
 /// Brackets in brackets are refused, whatever their number: no recursion runs away.

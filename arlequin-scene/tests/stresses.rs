@@ -1,5 +1,6 @@
 //! Stress and strain in probes and frames: what a scene asks for and what it gets.
 
+use arlequin_scene::output::{Frames, Pictures};
 use arlequin_scene::{Results, RunFolder, Scene, Silent};
 use std::path::PathBuf;
 
@@ -48,6 +49,12 @@ fn both_models_tell_the_stress_of_the_material_in_their_overlap_whatever_their_w
         // 1e-4 (λ + 2μ ± …): deviator 2μ (2/3, −1/3, −1/3, xy = 1) 1e-4.
         ("von-mises", "", 2.0 * mu * 1e-4 * (1.0_f64 + 3.0).sqrt()),
         ("principal-stress", "2", lambda * 1e-4),
+        // λ + μ ± √5 μ.
+        (
+            "principal-stress",
+            "1",
+            (lambda + mu + mu * 5.0_f64.sqrt()) * 1e-4,
+        ),
     ];
     for right in [
         "kind = \"fem\"\nspacing = 0.5\nfem.element = \"tet4\"",
@@ -137,6 +144,39 @@ fn frames_carry_what_models_recover_and_only_what_is_asked_for() {
     let few = scene.set("output.fields", "['displacement']").expect("fields");
     let bare = head(&few, "few", "right");
     assert!(!bare.contains("[Pa]") && !bare.contains("force"), "{bare}");
+}
+
+#[test]
+fn frames_have_tensors_in_the_order_and_with_the_shears_that_they_say() {
+    let yz = "[[initial]]\ndisplacement.polynomial = { component = \"y\", along = \"z\", coefficients = [0.0, 4e-4] }\n";
+    let scene = Scene::from_text(halves("kind = \"fem\"\nspacing = 0.5") + STRAIN + yz).expect("a scene");
+    let built = arlequin_scene::setup::build(scene.spec(), scene.folder()).expect("built");
+    let pictures = Pictures {
+        models: built.models,
+        mediators: built.mediators,
+        rigid: built.rigid,
+    };
+    let fields = &scene.spec().output.fields;
+    let frames = Frames::new(None, fields, &built.run, pictures);
+    let picture = frames
+        .picture(&built.run, 0)
+        .expect("a picture")
+        .expect("a model");
+    let (mu, lambda) = (80e9, 80e9);
+    let (normal, across) = ((lambda + 2.0 * mu) * 1e-4, lambda * 1e-4);
+    for (name, wanted) in [
+        ("strain [-]", [1e-4, 0.0, 0.0, 1e-4, 2e-4, 0.0]),
+        ("stress [Pa]", [normal, across, across, 2e-4 * mu, 4e-4 * mu, 0.0]),
+    ] {
+        let array = picture.points.iter().find(|a| a.name == name).expect(name);
+        for found in array.values.as_chunks::<6>().0 {
+            let off = found.iter().zip(wanted).map(|(f, w)| (f - w).abs());
+            assert!(
+                off.fold(0.0, f64::max) < 1e-9 * wanted[0],
+                "{name}: {found:?} for {wanted:?}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -47,6 +47,23 @@ fn volumes_in_a_row_stretch_by_their_own_moduli() {
         );
     }
     assert!((masses(&bar).iter().sum::<f64>() - 4.0).abs() < 1e-12);
+    // The stress is that of the material of each element: the same in both, where the strain is a quarter.
+    let ends: Vec<usize> = (0..nodes.len())
+        .filter(|k| [0.0, 2.0].contains(&nodes[*k].x))
+        .collect();
+    let recovery = bar.run.subdomains()[0].model().recovery().unwrap();
+    let mut found = Vec::new();
+    recovery
+        .recover(&solved.displacements[0], &ends, &mut found)
+        .unwrap();
+    for (k, r) in ends.iter().zip(&found) {
+        assert!(
+            (r.stress.0[0] - 0.01).abs() < 1e-11,
+            "{}: {:?}",
+            nodes[*k],
+            r.stress
+        );
+    }
     assert!(bar.warnings.is_empty(), "{:?}", bar.warnings);
     // Without them the scene says that it takes both for one.
     let alike = built(&BRICKS.replace("materials.stiff = { young = 4.0, density = 3.0 }\n", ""));
@@ -205,5 +222,84 @@ fn volumes_and_materials_that_are_not_there_are_refused() {
         let e = found.err().unwrap_or_else(|| panic!("taken: {text}"));
         assert_eq!(e.place().0, Some(wanted.0), "{e}");
         assert!(e.to_string().contains(wanted.1), "{e}");
+    }
+}
+
+/// Two bricks alike but for what they are made of: `√(E ρ)` of each in the viscosity, `√(E/ρ)` of each in a wave.
+#[test]
+fn viscosity_and_waves_know_what_each_volume_is_made_of() {
+    let stiff = "materials.stiff = { young = 4.0, density = 3.0 }\n";
+    let power = |text: &str| {
+        let stretch = "[[initial]]\nvelocity.polynomial = { component = \"x\", along = \"x\", coefficients = [0.0, 1e-3] }\n\
+                       [[effect]]\nbulk_viscosity = {}\n";
+        let mut bar = built(&(text.replace("steps = 1\n", "steps = 1\nstep.seconds = 1e-9\n") + stretch));
+        bar.run.run(1, &mut arlequin::core::Silent).unwrap();
+        let works = bar.run.works();
+        works.iter().find(|w| w.name.contains("viscosity")).unwrap().work
+    };
+    let ratio = power(BRICKS) / power(&BRICKS.replace(stiff, ""));
+    let wanted = f64::midpoint(1.0, 12.0_f64.sqrt());
+    assert!((ratio / wanted - 1.0).abs() < 1e-6, "{ratio} for {wanted}");
+    let wave = "[[initial]]\nwave = { component = \"x\", along = \"x\", centre = 1.0, width = 8.0, amplitude = 1e-3 }\n";
+    let bar = built(&format!("{BRICKS}{wave}"));
+    let s = &bar.run.subdomains()[0];
+    let slope =
+        |x: f64| -1e-3 * std::f64::consts::PI / 8.0 * (2.0 * std::f64::consts::PI * (x - 1.0) / 8.0).sin();
+    for (x, v) in s.model().nodes().iter().zip(s.state().v.as_chunks::<3>().0) {
+        let speed = if x.x < 1.0 - 1e-9 {
+            1.0
+        } else {
+            (4.0_f64 / 3.0).sqrt()
+        };
+        assert!((v[0] + speed * slope(x.x)).abs() < 1e-15, "{x}: {v:?}");
+    }
+}
+
+/// Spheres in files in millimetres: the body is as small as `scale` makes it.
+#[test]
+fn spheres_fill_files_at_their_scale() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("volumes-scale");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::copy(
+        concat!(env!("CARGO_MANIFEST_DIR"), "/tests/meshes/bricks.msh"),
+        folder.join("bricks.msh"),
+    )
+    .unwrap();
+    // A block of 2 by 1 by 1.
+    let corner = |k: usize| format!("vertex {} {} {}\n", 2 * (k & 1), k >> 1 & 1, k >> 2);
+    let faces = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    let facet = |t: [usize; 3]| {
+        format!(
+            "facet normal 0 0 0\nouter loop\n{}endloop\nendfacet\n",
+            t.map(corner).concat()
+        )
+    };
+    let facets = faces.map(|[a, b, c, d]| facet([a, b, c]) + &facet([a, c, d]));
+    std::fs::write(
+        folder.join("bricks.stl"),
+        format!("solid b\n{}endsolid b\n", facets.concat()),
+    )
+    .unwrap();
+    for file in ["bricks.msh", "bricks.stl"] {
+        let text = format!(
+            "[model.bar]\nkind = \"dem\"\nshape.file = \"{file}\"\nscale = 1e-3\nspacing = 0.2e-3\ndem.protocol = \"quench\"\n\
+             material = {{ young = 1e9, poisson = 0.2, density = 1000.0 }}\n[time]\nsteps = 1\n"
+        );
+        let scene = Scene::of(Source::new(folder.join("scene.toml"), text)).unwrap();
+        let bar = build(scene.spec(), scene.folder()).unwrap_or_else(|e| panic!("{file}: {e}"));
+        let mass: f64 = masses(&bar).iter().sum();
+        assert!((mass / 2e-6 - 1.0).abs() < 1e-9, "{file}: {mass:e} kg");
+        let nodes = bar.run.subdomains()[0].model().nodes();
+        assert!(
+            nodes.iter().all(|x| x.x > 0.0 && x.x < 2e-3 && x.z < 1e-3),
+            "{file}"
+        );
     }
 }

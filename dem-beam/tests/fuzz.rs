@@ -4,19 +4,8 @@
 use dem_beam::Surface;
 use dem_beam::packing::{read_csv, read_vtu};
 use reader_fuzz::Corpus;
-use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
-use std::alloc::System;
-use std::sync::Mutex;
 
-#[global_allocator]
-static GLOBAL: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
-
-/// Allocations are counted for the whole process.
-static ALONE: Mutex<()> = Mutex::new(());
-
-fn allocated() -> usize {
-    GLOBAL.stats().bytes_allocated
-}
+reader_fuzz::counted!();
 
 fn corpus(ending: &str, tokens: &'static [&'static str]) -> Corpus {
     Corpus {

@@ -139,3 +139,23 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
     );
     assert!(stresses(&model, &twice)[inner].stress.von_mises() < 1e-7 * found.0[0]);
 }
+
+/// A bond's moment is shared where the spheres touch: the larger of two has the larger part.
+#[test]
+fn of_a_bond_between_unequal_spheres_the_larger_has_the_larger_share() {
+    let mut cube = lattice(Lattice::Cubic, [6, 6, 6], 0.5e-3).unwrap();
+    let middle = |x: &Vector3<f64>, at: f64| x.iter().all(|c| (c - at).abs() < 0.6e-3);
+    let [large, far] = [2.6e-3, 3.6e-3].map(|at| cube.positions.iter().position(|x| middle(x, at)).unwrap());
+    let (small, other) = (cube.radii[large], 1.4 * cube.radii[large]);
+    cube.radii[large] = other;
+    let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+    let mut q = vec![0.0; 6 * model.nodes().len()];
+    for (i, x) in model.nodes().iter().enumerate() {
+        q[3 * i] = 1e-4 * x.x;
+    }
+    let (found, volumes) = (stresses(&model, &q), model.particles().unwrap());
+    let moment = |i: usize| found[i].stress.0[0] * volumes[i].measure;
+    let ratio = moment(large) / moment(far);
+    let wanted = 2.0 * other / (other + small);
+    assert!((ratio / wanted - 1.0).abs() < 1e-6, "{ratio} for {wanted}");
+}

@@ -160,3 +160,32 @@ fn bars_and_plates_one_element_thick_are_recovered_too() {
             .is_err()
     );
 }
+
+/// What a surface node is told is of the elements around the nearest inner node, not of those around all that share an element with it.
+#[test]
+fn a_node_of_the_surface_takes_the_patch_of_the_nearest_inner_node() {
+    let mesh = generate::block(
+        ElementKind::Hex8,
+        Point3::origin(),
+        Point3::new(6.0, 6.0, 6.0),
+        [6; 3],
+    )
+    .unwrap();
+    let model = FemModel::new("cube", mesh, Elastic::new(1.0, 0.3, 1.0).unwrap()).unwrap();
+    let node = |x: f64, y: f64, z: f64| {
+        let at = Point3::new(x, y, z);
+        model.nodes().iter().position(|p| (p - at).norm() < 1e-9).unwrap()
+    };
+    let mut q: Vec<f64> = model
+        .nodes()
+        .iter()
+        .flat_map(|x| [x.x * x.y, x.z, 0.5 * x.x])
+        .collect();
+    let face = [node(3.0, 3.0, 0.0)];
+    let before = recovered(&model, &q, &face);
+    // Around the inner node beside the nearest one, and not around that.
+    q[3 * node(1.0, 3.0, 1.0)] += 1.0;
+    assert_eq!(recovered(&model, &q, &face), before);
+    q[3 * node(2.0, 3.0, 1.0)] += 1.0;
+    assert_ne!(recovered(&model, &q, &face), before);
+}

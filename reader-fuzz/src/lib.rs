@@ -4,6 +4,9 @@
 //! into another. Some hundred cases run in every test; `ARLEQUIN_FUZZ_SECONDS=3600` runs as long as that with new
 //! random numbers. What fails is shrunk by proptest and shown; it belongs into the corpus.
 
+#[doc(hidden)]
+pub use stats_alloc;
+
 use proptest::prelude::*;
 use proptest::sample::Index;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
@@ -300,4 +303,21 @@ impl Watchdog {
     fn pat(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
+}
+
+/// What a test file of a reader begins with: `allocated()` counts the bytes that the whole process asked for, so that its tests
+/// hold `ALONE` one after the other.
+#[macro_export]
+macro_rules! counted {
+    () => {
+        #[global_allocator]
+        static GLOBAL: &$crate::stats_alloc::StatsAlloc<std::alloc::System> =
+            &$crate::stats_alloc::INSTRUMENTED_SYSTEM;
+
+        static ALONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
+
+        fn allocated() -> usize {
+            GLOBAL.stats().bytes_allocated
+        }
+    };
 }

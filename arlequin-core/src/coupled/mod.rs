@@ -10,6 +10,7 @@
 //! constraints. It filters nothing.
 
 mod apart;
+mod free;
 pub(crate) mod ledger;
 pub(crate) mod momentum;
 mod motions;
@@ -79,6 +80,8 @@ pub struct Coupled<T: Real> {
     pub(crate) rounded: T,
     pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
+    /// The static system that was solved last, and its factor.
+    factored: Option<statics::Factored<T>>,
 }
 
 impl<T: Real> Coupled<T> {

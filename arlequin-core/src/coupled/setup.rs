@@ -195,6 +195,7 @@ impl<T: Real> Coupled<T> {
             rounded: T::zero(),
             partition,
             work: Vec::new(),
+            factored: None,
         };
         announce(SetupPhase::Start);
         run.start()?;

@@ -5,8 +5,9 @@
 
 use super::Coupled;
 use crate::effect::Instant;
+use crate::linalg::SquareFactor;
 use crate::{Error, Real, Result, Subdomain};
-use sprs::TriMat;
+use sprs::{CsMat, TriMat};
 
 /// Static equilibrium.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,14 +96,22 @@ impl<T: Real> Coupled<T> {
             system.add(s, start, t)?;
         }
         self.add_constraints(&starts, system.scale, &mut system.matrix);
-        let (q, residual) = solve_with_supports(
-            &system.matrix,
-            &system.rhs,
-            &system.fixed,
-            &system.values,
-            system.scale,
-            starts.get(self.subdomains.len()).copied().unwrap_or(size),
-        )?;
+        let moving = starts.get(self.subdomains.len()).copied().unwrap_or(size);
+        let mut factored = self.factored.take();
+        let solved = solve_with_supports(&system, moving, &mut factored);
+        self.factored = factored;
+        let (q, residual) = solved.map_err(|e| match e {
+            Error::SingularSystem { size, residual, .. } => {
+                let free = self.free_motions();
+                let colon = if free.is_empty() { "" } else { ": " };
+                Error::SingularSystem {
+                    size,
+                    residual,
+                    free: format!("{colon}{free}"),
+                }
+            }
+            e => e,
+        })?;
         let cut = |k: usize, n: usize| q[starts[k]..starts[k] + n].to_vec();
         let bodies = self.subdomains.iter().enumerate();
         let displacements: Vec<Vec<T>> = bodies.map(|(k, s)| cut(k, s.model().layout().dofs())).collect();
@@ -167,16 +176,27 @@ impl<T: Real> Coupled<T> {
     }
 }
 
+/// A matrix without prescribed unknowns, and its factor: the next load step of a linear model has the same.
+#[derive(Debug)]
+pub(super) struct Factored<T> {
+    matrix: CsMat<T>,
+    factor: Box<dyn SquareFactor<T>>,
+}
+
 /// Eliminates prescribed unknowns, scales symmetrically, solves with one step of refinement. The first `moving` unknowns are
-/// displacements, what follows are multipliers.
+/// displacements, what follows are multipliers. A matrix is factored if it is not that of `kept`.
 fn solve_with_supports<T: Real>(
-    matrix: &TriMat<T>,
-    rhs: &[T],
-    fixed: &[bool],
-    values: &[T],
-    scale: T,
+    system: &System<T>,
     moving: usize,
+    kept: &mut Option<Factored<T>>,
 ) -> Result<(Vec<T>, T)> {
+    let System {
+        matrix,
+        rhs,
+        fixed,
+        values,
+        scale,
+    } = system;
     let n = rhs.len();
     let full = matrix.to_csr::<usize>();
     // Multiplier rows have no diagonal; they are scaled by their largest entry against the stiffness scale.
@@ -215,16 +235,23 @@ fn solve_with_supports<T: Real>(
     (0..n)
         .filter(|&i| fixed[i])
         .for_each(|i| system.add_triplet(i, i, T::one()));
-    let a = system.to_csc::<usize>();
-    let factor = T::lu(&a)?;
+    let fresh = system.to_csc::<usize>();
+    let Factored { matrix: a, factor } = match kept.take() {
+        Some(same) if same.matrix == fresh => kept.insert(same),
+        _ => kept.insert(Factored {
+            factor: T::lu(&fresh)?,
+            matrix: fresh,
+        }),
+    };
+    let a = &*a;
     let mut x = b.clone();
     factor.solve(&mut x);
-    let mut r = residual(&a, &x, &b);
+    let mut r = residual(a, &x, &b);
     factor.solve(&mut r);
     let norm = |v: &[T]| v.iter().fold(T::zero(), |s, x| s.max(x.abs()));
     x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
     let changed = norm(&r[..moving]) > norm(&x[..moving]) * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
-    let r = residual(&a, &x, &b);
+    let r = residual(a, &x, &b);
     let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));
     let relative = norm(&r) / (norm(&b) + top * norm(&x)).max(T::epsilon() * T::epsilon());
     if !relative.is_finite()
@@ -235,13 +262,14 @@ fn solve_with_supports<T: Real>(
         return Err(Error::SingularSystem {
             size: n,
             residual: relative.as_f64(),
+            free: String::new(),
         });
     }
     x.iter_mut().zip(&weight).for_each(|(x, w)| *x *= *w);
     Ok((x, relative))
 }
 
-fn residual<T: Real>(a: &sprs::CsMat<T>, x: &[T], b: &[T]) -> Vec<T> {
+fn residual<T: Real>(a: &CsMat<T>, x: &[T], b: &[T]) -> Vec<T> {
     let mut r = b.to_vec();
     for (j, col) in a.outer_iterator().enumerate() {
         col.iter().for_each(|(i, v)| r[i] -= *v * x[j]);

@@ -35,6 +35,8 @@ pub struct BulkViscosity<T: Real> {
     field: Arc<dyn Interpolation<T>>,
     coefficient: T,
     impedance: T,
+    /// Of every cell, where these differ.
+    impedances: Vec<T>,
 }
 
 impl<T: Real> std::fmt::Debug for BulkViscosity<T> {
@@ -57,7 +59,15 @@ impl<T: Real> BulkViscosity<T> {
             field,
             coefficient: not_negative("bulk viscosity coefficient", coefficient)?,
             impedance: not_negative("impedance", impedance)?,
+            impedances: Vec::new(),
         })
+    }
+
+    /// The same in a body of several materials, with the impedance of every cell.
+    #[must_use]
+    pub fn with_impedances(mut self, of_cells: Vec<T>) -> Self {
+        self.impedances = of_cells;
+        self
     }
 
     fn cell(&self, number: usize, cell: &Cell<T>, to: &Host<'_, T>) -> Result<ViscousCell<T>> {
@@ -72,6 +82,7 @@ impl<T: Real> BulkViscosity<T> {
         self.field.shape_in(number, &centre, true, &mut row)?;
         let length = volume.powf(T::of(1.0 / 3.0));
         let weight = to.weights.internal.mean(cell);
+        let impedance = self.impedances.get(number).unwrap_or(&self.impedance);
         Ok(ViscousCell {
             gradients: row
                 .nodes
@@ -79,7 +90,7 @@ impl<T: Real> BulkViscosity<T> {
                 .copied()
                 .zip(row.gradients.iter().copied())
                 .collect(),
-            factor: self.coefficient * self.impedance * length * volume * weight,
+            factor: self.coefficient * *impedance * length * volume * weight,
         })
     }
 }
@@ -92,6 +103,16 @@ impl<T: Real> EffectSpec<T> for BulkViscosity<T> {
                 model: to.model.name().into(),
                 what: "carry bulk viscosity: it has no volume cells; use stiffness damping".into(),
             });
+        }
+        if !self.impedances.is_empty() && self.impedances.len() != cells.len() {
+            return Err(Error::SizeMismatch {
+                what: format!("impedances of the cells of '{}'", to.model.name()),
+                expected: cells.len(),
+                found: self.impedances.len(),
+            });
+        }
+        for z in &self.impedances {
+            not_negative("impedance", *z)?;
         }
         let cells: Vec<ViscousCell<T>> = cells
             .iter()

@@ -32,6 +32,8 @@ impl<T: Real> SurfaceFacet<T> {
 enum Spread<T: Real> {
     /// Forces \[N\] (moments \[N m\]) on unknowns.
     Dofs(Vec<(usize, T)>),
+    /// The same, weighted already.
+    Shares(Vec<(usize, T)>),
     /// Tractions \[Pa\], one per facet.
     Facets(Vec<(SurfaceFacet<T>, Vector3<T>)>),
 }
@@ -60,6 +62,16 @@ impl<T: Real> Load<T> {
     pub fn on_dofs(name: &str, forces: Vec<(usize, T)>, time: TimeFunction<T>) -> Result<Self> {
         let good = !forces.is_empty() && forces.iter().all(|(_, f)| f.is_finite());
         Self::checked(name, good, forces.len(), Spread::Dofs(forces), time)
+    }
+
+    /// Forces \[N\] or moments \[N m\] on unknowns that are the share of this model already: `γ` is not applied. For who
+    /// deals one load out to several models and knows what they must add up to.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
+    pub fn shared(name: &str, forces: Vec<(usize, T)>, time: TimeFunction<T>) -> Result<Self> {
+        let good = !forces.is_empty() && forces.iter().all(|(_, f)| f.is_finite());
+        Self::checked(name, good, forces.len(), Spread::Shares(forces), time)
     }
 
     /// A traction field `t(x)` \[Pa\], sampled at the facet centres.
@@ -113,7 +125,8 @@ impl<T: Real> EffectSpec<T> for Load<T> {
         let whole = to.unknowns();
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
         match &self.spread {
-            Spread::Dofs(forces) => {
+            Spread::Dofs(forces) | Spread::Shares(forces) => {
+                let shared = matches!(self.spread, Spread::Shares(_));
                 for &(dof, f) in forces {
                     if dof >= whole {
                         let what = format!("unknowns of '{}' in load '{}'", to.model.name(), self.name);
@@ -124,7 +137,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                         });
                     }
                     if let Some(dof) = to.unknown(dof) {
-                        *sum.entry(dof).or_default() += f * weigh(dof);
+                        *sum.entry(dof).or_default() += if shared { f } else { f * weigh(dof) };
                     }
                 }
             }

@@ -3,12 +3,10 @@
 use super::step::Reached;
 use super::{Stepper, Subdomain};
 use crate::interface::Transfer;
-use crate::model::{DofLayout, Model};
-use crate::participant::Participant;
+use crate::participant::{Outline, Participant};
 use crate::record::Record;
-use crate::weight::{Weight, Weights};
+use crate::weight::Weights;
 use crate::{Error, Interpolation, Real, Result};
-use nalgebra::Point3;
 use std::sync::Arc;
 
 /// A participant and what the core keeps of it.
@@ -26,48 +24,6 @@ impl<T: Real> std::fmt::Debug for Guest<T> {
     }
 }
 
-/// What the run knows of a participant beside its motion: a body without forces of the core's.
-struct Shell<T: Real> {
-    name: String,
-    kind: String,
-    layout: DofLayout,
-    nodes: Vec<Point3<T>>,
-    /// Unweighted.
-    inertia: Vec<T>,
-    critical: Option<T>,
-}
-
-impl<T: Real> Model<T> for Shell<T> {
-    fn name(&self) -> &str {
-        &self.name
-    }
-    fn kind(&self) -> &str {
-        &self.kind
-    }
-    fn layout(&self) -> DofLayout {
-        self.layout
-    }
-    fn nodes(&self) -> &[Point3<T>] {
-        &self.nodes
-    }
-    fn lumped_inertia(&self, _: &dyn Weight<T>, out: &mut [T]) -> Result<()> {
-        out.copy_from_slice(&self.inertia);
-        Ok(())
-    }
-    fn set_internal_weight(&mut self, _: &dyn Weight<T>) -> Result<()> {
-        Ok(())
-    }
-    fn add_internal_forces(&mut self, _: &[T], _: &mut [T]) -> Result<()> {
-        Ok(())
-    }
-    fn internal_energy(&self, _: &[T]) -> T {
-        T::zero()
-    }
-    fn critical_step(&mut self, _: &[T]) -> Result<T> {
-        Ok(self.critical.unwrap_or_else(|| T::of(f64::INFINITY)))
-    }
-}
-
 impl<T: Real> Subdomain<T> {
     /// A whole solver, with the field that interfaces and probes see. Its state is its own: it takes no initial state,
     /// support or effect of the core's.
@@ -79,27 +35,20 @@ impl<T: Real> Subdomain<T> {
         field: Arc<dyn Interpolation<T>>,
         weights: Weights<T>,
     ) -> Result<Self> {
-        let (layout, nodes) = (solver.layout(), solver.nodes().to_vec());
+        let (layout, nodes) = (solver.layout(), solver.nodes().len());
         layout.check(solver.name())?;
-        if nodes.len() != layout.nodes {
+        if nodes != layout.nodes {
             return Err(Error::SizeMismatch {
                 what: format!("nodes of participant '{}'", solver.name()),
                 expected: layout.nodes,
-                found: nodes.len(),
+                found: nodes,
             });
         }
         let mut inertia = vec![T::zero(); layout.dofs()];
         solver.weigh(&Weights::uncoupled(), &mut inertia)?;
-        let shell = Shell {
-            name: solver.name().to_owned(),
-            kind: solver.kind().to_owned(),
-            layout,
-            nodes,
-            inertia,
-            critical: solver.critical_step(),
-        };
-        // Weights are the solver's business: the shell must not be weighted at its nodes.
-        let mut out = Self::new(Box::new(shell), field, Weights::uncoupled());
+        let outline = Outline::of(&*solver, inertia);
+        // Weights are the solver's business: the outline must not be weighted at its nodes.
+        let mut out = Self::new(Box::new(outline), field, Weights::uncoupled());
         out.weights = weights;
         let guest = Guest {
             solver,

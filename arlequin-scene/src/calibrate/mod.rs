@@ -226,7 +226,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         elastic: found.elastic(),
         target: None,
         strength: None,
-        warnings: PackingLine::of(&packings[0], 1.0).warnings(),
+        warnings: PackingLine::of(&packings[0], 1.0, None).warnings(),
         refused: None,
     };
     uniform(&found, &mut out);

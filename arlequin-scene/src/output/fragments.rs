@@ -154,6 +154,43 @@ impl Fragments {
     }
 }
 
+/// Particles, model and middle \[m\] of the largest piece that no support holds and no overlap ties.
+pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<(usize, String, [f64; 3])> {
+    let mut largest = None;
+    for (s, log) in run.subdomains().iter().zip(breaks) {
+        let (Some(links), Some(log)) = (s.model().links(), log) else {
+            continue;
+        };
+        let (log, layout, nodes) = (locked(log), s.model().layout(), s.model().nodes());
+        let whole = links
+            .pairs()
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| !log.is_broken(*k));
+        let piece = lowest_connected(nodes.len(), whole.map(|(_, p)| *p));
+        let mut sums = vec![(0, [0.0; 3]); nodes.len()];
+        for (i, x) in nodes.iter().enumerate() {
+            let (count, sum) = &mut sums[piece[i] as usize];
+            *count += 1;
+            (0..3).for_each(|c| sum[c] += x[c] + s.state().q[3 * i + c]);
+        }
+        let held = s
+            .supports()
+            .iter()
+            .flat_map(|m| &m.dofs)
+            .map(|d| layout.node_of(*d));
+        let weight = &s.weights().internal;
+        let tied = (0..nodes.len()).filter(|i| weight.at(&nodes[*i]) < 1.0);
+        held.chain(tied).for_each(|i| sums[piece[i] as usize].0 = 0);
+        let most = sums.into_iter().max_by_key(|s| s.0)?;
+        if most.0 > largest.as_ref().map_or(0, |l: &(usize, _, _)| l.0) {
+            let middle = most.1.map(|x| x / most.0 as f64);
+            largest = Some((most.0, s.model().name().to_owned(), middle));
+        }
+    }
+    largest
+}
+
 /// Writes the table.
 pub(crate) fn write(path: &Path, rows: &[Piece]) -> Result<()> {
     let mut text = "time [s],model,fragment [-],particles [-],mass [kg],x [m],y [m],z [m],velocity x [m/s],velocity y [m/s],\

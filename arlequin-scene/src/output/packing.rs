@@ -1,5 +1,6 @@
 //! How the packings of particle models came out, in numbers and in warnings.
 
+use crate::setup::zone::Likeness;
 use arlequin::dem_beam::packing::{Packing, narrow};
 use serde::Serialize;
 
@@ -17,6 +18,8 @@ pub struct PackingLine {
     pub asked: usize,
     /// Spheres placed, or read from a file.
     pub placed: usize,
+    /// Of these, cut off beyond the border of a zone.
+    pub beyond: usize,
     /// Of these, left out because no bonds join them to a part.
     pub dropped: usize,
     /// Their share of the volume of all placed; their body's other spheres are by so much heavier.
@@ -43,6 +46,9 @@ pub struct PackingLine {
     pub mass: f64,
     /// That over density times volume of the shape.
     pub mass_ratio: f64,
+    /// What the packing of a zone is like in its place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub likeness: Option<Likeness>,
 }
 
 /// A connected part.
@@ -69,7 +75,7 @@ pub struct NotchLine {
 
 impl PackingLine {
     /// Of a packing, cut and all, in a material of this density \[kg/m³\].
-    pub fn of(packing: &Packing, density: f64) -> Self {
+    pub fn of(packing: &Packing, density: f64, likeness: Option<Likeness>) -> Self {
         let r = &packing.report;
         let parts = packing.parts().into_iter().map(|p| PartLine {
             body: p.body + 1,
@@ -80,6 +86,7 @@ impl PackingLine {
         Self {
             asked: r.asked,
             placed: r.placed,
+            beyond: r.beyond,
             dropped: r.dropped,
             dropped_share: r.dropped_share,
             grains: packing.grains(),
@@ -97,6 +104,7 @@ impl PackingLine {
             },
             mass: density * volume,
             mass_ratio: volume / packing.volume,
+            likeness,
         }
     }
 
@@ -158,6 +166,10 @@ impl PackingLine {
             0 => String::new(),
             n => format!(", {n} loose grains"),
         };
+        let cut = match self.beyond {
+            0 => String::new(),
+            n => format!(", {n} cut off beyond the zone's border"),
+        };
         let parts = match (self.parts.len(), self.bodies) {
             (1, 1) => "1 part".to_owned(),
             (p, 1) => format!("{p} parts in one body"),
@@ -169,7 +181,7 @@ impl PackingLine {
         let across = self.across.map_or("-".to_owned(), |a| format!("{a:.1}"));
         let mut out = vec![
             format!(
-                "{} spheres asked, {} placed, {} dropped ({:.2} % of the volume){loose}, {parts}",
+                "{} spheres asked, {} placed, {} dropped ({:.2} % of the volume){cut}{loose}, {parts}",
                 self.asked,
                 self.placed,
                 self.dropped,
@@ -185,6 +197,14 @@ impl PackingLine {
                 self.mass_ratio
             ),
         ];
+        if let Some(like) = &self.likeness {
+            out.push(format!(
+                "in its place {:.4} times as stiff as the body, {:.1} % apart in direction; beams {:.3} times those of the bulk",
+                like.stiffness,
+                100.0 * like.uneven,
+                like.beams
+            ));
+        }
         if self.notch.bonds > 0 {
             out.push(format!(
                 "notches took {} bonds, and {} spheres of {:.3e} kg that hung on no others",

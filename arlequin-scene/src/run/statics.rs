@@ -3,8 +3,9 @@
 use super::session::Session;
 use super::{End, Observer};
 use crate::error::{Result, core};
+use crate::output::fragments;
 use crate::setup::LoadSteps;
-use arlequin::core::Settled;
+use arlequin::core::{Error as Failure, Settled};
 use serde::{Deserialize, Serialize};
 
 /// A load step that is in equilibrium.
@@ -35,6 +36,19 @@ impl LoadStep {
 }
 
 impl Session<'_> {
+    /// An error of a load step, with the largest piece that came loose where one did.
+    fn blamed(&self, mut e: Failure) -> Failure {
+        if let Failure::NotSettled { free, .. } = &mut e
+            && let Some((particles, model, [x, y, z])) = fragments::loose(&self.run, &self.breaks)
+        {
+            *free = format!(
+                "; a piece of {particles} particles of '{model}' around ({x:.4e}, {y:.4e}, {z:.4e}) m has come loose and is held by \
+                 nothing: move supports in place of loads, so that what tears stays held, or end before"
+            );
+        }
+        e
+    }
+
     /// Goes through the load steps that are left, until the observer ends it.
     pub(super) fn settle(&mut self, steps: &LoadSteps, observer: &mut dyn Observer) -> Result<End> {
         self.recorder.warnings.iter().for_each(|w| observer.warning(w));
@@ -44,7 +58,7 @@ impl Session<'_> {
             let from = made.checked_sub(1).map_or(0.0, |k| steps.times[k]);
             let time = steps.times[made];
             let settled = self.run.settle(from, time, &steps.relaxation);
-            let settled = settled.map_err(core("static"))?;
+            let settled = settled.map_err(|e| core("static")(self.blamed(e)))?;
             self.recorder.load_steps.push(LoadStep::of(time, &settled));
             self.recorder.observe(&mut self.run, None)?;
             self.flush()?;

@@ -1,22 +1,21 @@
 //! Supports, loads, effects and initial states.
 
-use super::kinds::{Body, material};
-use super::select;
+use super::interface::BuiltInterface;
+use super::kinds::{Body, bar_speeds, material};
+use super::{load, shared, support, zone};
 use crate::error::{Result, core, key, unknown, value};
 use crate::spec::{
-    Axis, Bearer, Effect, EffectKind, Field, Initial, Load, ModelKind, ModelTable, Motion, Obstacle,
-    SceneSpec, Spin, Support, TimeShape, Wave,
+    Axis, Bearer, Effect, EffectKind, Field, Initial, ModelKind, ModelTable, Motion, Obstacle, SceneSpec,
+    Spin, TimeShape, Wave,
 };
 use arlequin::core::effect::{
-    self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping, SurfaceFacet,
+    self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping,
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{PrescribedMotion, Subdomain, TimeFunction};
+use arlequin::core::{Elastic, PrescribedMotion, Subdomain, TimeFunction};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-
-/// Traction \[Pa\] on a facet.
-type Traction = Box<dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>>;
+use std::path::Path;
 
 /// An effect before it is attached to a model.
 pub(super) type Chosen = Box<dyn effect::EffectSpec<f64>>;
@@ -25,11 +24,6 @@ pub(super) type Chosen = Box<dyn effect::EffectSpec<f64>>;
 pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
     let found = scene.model.keys().position(|k| k == name);
     found.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
-}
-
-/// Name of load `k` in the ledger.
-pub(super) fn load_name(k: usize, l: &Load) -> String {
-    l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1))
 }
 
 /// Name of the rigid body of effect `k` in the ledger.
@@ -69,19 +63,27 @@ pub(super) struct Attachments {
 
 impl Attachments {
     /// Reads supports, loads and effects of a scene.
-    pub(super) fn of(scene: &SceneSpec, bodies: &mut [Body]) -> Result<Self> {
+    pub(super) fn of(
+        scene: &SceneSpec,
+        bodies: &mut [Body],
+        joints: &[BuiltInterface],
+        folder: &Path,
+    ) -> Result<Self> {
         let mut out = Self::default();
-        for (k, s) in scene.support.iter().enumerate() {
-            let path = format!("support[{k}]");
-            let m = model_index(&format!("{path}.model"), &s.model, scene)?;
-            let motion = support(&path, s, &bodies[m])?;
+        for (m, motion) in support::motions(scene, bodies, folder)? {
             out.supports.entry(m).or_default().push(motion);
         }
         for (k, l) in scene.load.iter().enumerate() {
             let path = format!("load[{k}]");
             let m = model_index(&format!("{path}.model"), &l.model, scene)?;
-            let name = load_name(k, l);
-            out.add(m, Box::new(load(&path, &name, l, &bodies[m])?));
+            let name = load::name(k, l);
+            if zone::parts(scene, m).len() == 1 {
+                out.add(m, Box::new(load::on_body(&path, &name, l, &bodies[m])?));
+                continue;
+            }
+            for (m, made) in shared::loads(k, m, scene, bodies, joints, folder)? {
+                out.add(m, Box::new(made));
+            }
         }
         for (k, e) in scene.effect.iter().enumerate() {
             for m in effect_models(k, e, scene)? {
@@ -117,44 +119,6 @@ impl Attachments {
     }
 }
 
-fn support(path: &str, s: &Support, body: &Body) -> Result<PrescribedMotion<f64>> {
-    let nodes = select::nodes(&format!("{path}.where"), body, &s.at)?;
-    let count = body.model.layout().components;
-    let components: Vec<usize> = match &s.components {
-        None => (0..count).collect(),
-        Some(c) => c.iter().map(|c| c.index()).collect(),
-    };
-    if let Some(k) = components.iter().position(|&c| c >= count) {
-        let rule = format!("model '{}' moves along x only; use [\"x\"]", body.model.name());
-        return Err(key(format!("{path}.components[{k}]"), rule));
-    }
-    if components.is_empty() {
-        let rule = "is empty; name at least one, or remove it for all";
-        return Err(key(format!("{path}.components"), rule));
-    }
-    let mut dofs: Vec<usize> = nodes
-        .iter()
-        .flat_map(|n| components.iter().map(move |c| n * count + c))
-        .collect();
-    let layout = body.model.layout();
-    if s.components.is_none() && s.motion.is_none() && layout.turns() {
-        // A clamp holds rotations too.
-        let first = layout.translations();
-        dofs.extend(nodes.iter().flat_map(|n| (0..3).map(move |c| first + 3 * n + c)));
-    }
-    Ok(match &s.motion {
-        None => PrescribedMotion::fixed(dofs),
-        Some(m) => {
-            let (amplitude, time) = motion(&format!("{path}.motion"), m)?;
-            PrescribedMotion {
-                dofs,
-                amplitude,
-                time,
-            }
-        }
-    })
-}
-
 /// Amplitude and time function of a prescribed motion.
 pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)> {
     let time = time_function(&format!("{path}.time"), &m.time)?;
@@ -163,117 +127,6 @@ pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)>
         (None, Some(speed)) => Ok((speed, TimeFunction::Integral(Box::new(time)))),
         _ => Err(key(path, "needs exactly one of amplitude [m], speed [m/s]")),
     }
-}
-
-/// Refuses a load that says not one thing.
-pub(super) fn check_load(path: &str, l: &Load) -> Result<()> {
-    let given = [
-        l.traction.is_some(),
-        l.force.is_some(),
-        l.pressure.is_some(),
-        l.torque.is_some(),
-    ];
-    if given.iter().filter(|g| **g).count() != 1 {
-        return Err(key(
-            path,
-            "needs exactly one of traction, force, pressure, torque",
-        ));
-    }
-    Ok(())
-}
-
-fn load(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
-    check_load(path, l)?;
-    let time = time_function(&format!("{path}.time"), &l.time)?;
-    let at = format!("{path}.where");
-    let Some(facets) = select::facets(&at, body, &l.at)? else {
-        return load_on_nodes(path, name, l, body, time);
-    };
-    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
-    let field: Traction = if let Some(t) = l.traction {
-        Box::new(move |_| Vector3::from(t))
-    } else if let Some(f) = l.force {
-        Box::new(move |_| Vector3::from(f) / area)
-    } else if let Some(p) = l.pressure {
-        Box::new(move |f| -f.normal * p)
-    } else {
-        torque(path, Vector3::from(l.torque.unwrap_or_default()), &facets, area)?
-    };
-    effect::Load::traction(name, facets, &*field, time).map_err(core(path))
-}
-
-/// Tractions `k m × (x − c)` about the centroid whose moment is the given one.
-fn torque(path: &str, moment: Vector3<f64>, facets: &[SurfaceFacet<f64>], area: f64) -> Result<Traction> {
-    let size = moment.norm();
-    let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
-    let centre = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
-    let axis = if size > 0.0 { moment / size } else { moment };
-    let polar: f64 = facets
-        .iter()
-        .map(|f| axis.cross(&(f.centre - centre)).norm_squared() * f.area())
-        .sum();
-    if polar <= 0.0 {
-        return Err(key(
-            format!("{path}.torque"),
-            "needs a moment other than zero and a surface of several facets around its axis",
-        ));
-    }
-    let factor = size / polar;
-    Ok(Box::new(move |f| axis.cross(&(f.centre - centre)) * factor))
-}
-
-/// Forces on the nodes of a model without a surface, shared by mass; a torque as forces `∝ m_i ω × (x_i − c)`.
-fn load_on_nodes(
-    path: &str,
-    name: &str,
-    l: &Load,
-    body: &Body,
-    time: TimeFunction<f64>,
-) -> Result<effect::Load<f64>> {
-    let nodes = select::nodes(&format!("{path}.where"), body, &l.at)?;
-    let layout = body.model.layout();
-    let count = layout.components;
-    let mut inertia = vec![0.0; layout.dofs()];
-    let one = arlequin::core::Uniform(1.0);
-    body.model
-        .lumped_inertia(&one, &mut inertia)
-        .map_err(core(path))?;
-    let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
-    let share = |n: usize| inertia[n * count] / total;
-    let field: Box<dyn Fn(usize) -> Vector3<f64>> = match (l.force, l.torque) {
-        (Some(f), _) => Box::new(move |_| Vector3::from(f)),
-        (None, Some(m)) if count == 3 => nodal_torque(path, Vector3::from(m), body, &nodes, &share)?,
-        _ => {
-            let rule = format!("model '{}' has no surface; give a force [N]", body.model.name());
-            return Err(key(path, rule));
-        }
-    };
-    let forces = nodes.iter().flat_map(|&n| {
-        let f = field(n) * share(n);
-        (0..count).map(move |c| (n * count + c, f[c]))
-    });
-    effect::Load::on_dofs(name, forces.collect(), time).map_err(core(path))
-}
-
-fn nodal_torque(
-    path: &str,
-    moment: Vector3<f64>,
-    body: &Body,
-    nodes: &[usize],
-    share: &dyn Fn(usize) -> f64,
-) -> Result<Box<dyn Fn(usize) -> Vector3<f64>>> {
-    let points: Vec<Point3<f64>> = body.model.nodes().to_vec();
-    let sum = |s: Vector3<f64>, n: &usize| s + points[*n].coords * share(*n);
-    let centre = Point3::from(nodes.iter().fold(Vector3::zeros(), sum));
-    let axis = moment.try_normalize(0.0).unwrap_or_default();
-    let lever = |n: usize| axis.cross(&(points[n] - centre));
-    let polar: f64 = nodes.iter().map(|&n| share(n) * lever(n).norm_squared()).sum();
-    if polar <= 0.0 {
-        let rule = "needs a moment other than zero and several nodes around its axis";
-        return Err(key(format!("{path}.torque"), rule));
-    }
-    let factor = moment.norm() / polar;
-    Ok(Box::new(move |n| axis.cross(&(points[n] - centre)) * factor))
 }
 
 /// An effect that needs to know no body; none for the others.
@@ -312,10 +165,14 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
                 let rule = format!("needs {SOLID}, which model '{}' is not", body.model.name());
                 return Err(key(path, rule));
             }
-            let m = material(&path, body)?;
-            let impedance = (m.p_wave_modulus() * m.density()).sqrt();
-            let made = BulkViscosity::new(body.field.clone(), b.coefficient, impedance);
-            Ok(Some(Box::new(made.map_err(core(format!("{path}.coefficient")))?)))
+            let impedance = |m: &Elastic<f64>| (m.p_wave_modulus() * m.density()).sqrt();
+            let main = impedance(material(&path, body)?);
+            let made = BulkViscosity::new(body.field.clone(), b.coefficient, main);
+            let mut made = made.map_err(core(format!("{path}.coefficient")))?;
+            if let Some((all, n)) = body.materials.as_ref().and_then(|m| Some((m, m.elements()?))) {
+                made = made.with_impedances((0..n).map(|e| impedance(all.at(e))).collect());
+            }
+            Ok(Some(Box::new(made)))
         }
         EffectKind::Fracture(_) => Ok(None),
         _ => match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
@@ -350,6 +207,20 @@ pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usiz
         let rule = format!("{what} needs {wanted}, which model '{}' is not", names[at]);
         return Err(key(format!("{path}.models[{at}]"), rule));
     }
+    // Gravity on a body is gravity on its zones; a damping may be meant for one model alone.
+    let all = match (&e.kind, &e.models) {
+        (EffectKind::BodyForce(_), Some(_)) => zone::with_parts(scene, all, |name| {
+            let others = scene
+                .effect
+                .iter()
+                .filter(|o| matches!(o.kind, EffectKind::BodyForce(_)));
+            others
+                .filter_map(|o| o.models.as_ref())
+                .flatten()
+                .any(|n| n == name)
+        }),
+        _ => all,
+    };
     let fitting: Vec<usize> = all.into_iter().filter(fits).collect();
     if fitting.is_empty() {
         let rule = format!("no model of the scene can have {what}; remove it");
@@ -365,12 +236,21 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
     for (k, i) in scene.initial.iter().enumerate() {
         let path = format!("initial[{k}]");
         check_initial(&path, i)?;
-        if !model_indices(&path, i.models.as_deref(), scene)?.contains(&m) {
+        let named = model_indices(&path, i.models.as_deref(), scene)?;
+        let elsewhere = |name: &str| {
+            let others = scene.initial.iter().filter_map(|o| o.models.as_ref());
+            others.flatten().any(|n| n == name)
+        };
+        if !zone::with_parts(scene, named, elsewhere).contains(&m) {
             continue;
         }
         if let Some(s) = &i.spin {
             spin(&path, s, body, &mut v)?;
         }
+        let speeds = match &i.wave {
+            Some(w) if w.speed.is_none() => bar_speeds(&path, body)?,
+            _ => Vec::new(),
+        };
         for (n, x) in body.model.nodes().iter().enumerate() {
             let at = n * layout.components..(n + 1) * layout.components;
             let add = |target: &mut [f64], value: Vector3<f64>| {
@@ -385,7 +265,8 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
                 add(&mut v, field_at(f, x));
             }
             if let Some(w) = &i.wave {
-                let (u, du) = wave_at(w, x, material(&path, body)?.bar_speed());
+                let speed = w.speed.or_else(|| speeds.get(n).copied()).unwrap_or_default();
+                let (u, du) = wave_at(w, x, speed);
                 add(&mut q, u);
                 add(&mut v, du);
             }
@@ -450,12 +331,11 @@ fn field_at(field: &Field, x: &Point3<f64>) -> Vector3<f64> {
 }
 
 /// Displacement and velocity of `A cos²(π (x − centre)/width)` travelling: `u̇ = −c u'`.
-fn wave_at(w: &Wave, x: &Point3<f64>, bar_speed: f64) -> (Vector3<f64>, Vector3<f64>) {
+fn wave_at(w: &Wave, x: &Point3<f64>, speed: f64) -> (Vector3<f64>, Vector3<f64>) {
     let s = (x[w.along.index()] - w.centre) / w.width;
     if s.abs() >= 0.5 {
         return (Vector3::zeros(), Vector3::zeros());
     }
-    let speed = w.speed.unwrap_or(bar_speed);
     let u = w.amplitude * (PI * s).cos().powi(2);
     let slope = -w.amplitude * PI / w.width * (2.0 * PI * s).sin();
     (along(w.component, u), along(w.component, -speed * slope))

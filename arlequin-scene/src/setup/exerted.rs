@@ -1,7 +1,7 @@
 //! What supports, loads, rigid bodies and other effects exert on the models: the forces and moments that probes read.
 
 use super::kinds::Body;
-use super::{drive, effect_models, select};
+use super::{drive, effect_models, load, select, zone};
 use crate::error::{Result, core, key, unknown, value};
 use crate::spec::{Effect, EffectKind, ObstacleShape, Probe, Quantity, SceneSpec, Selection};
 use arlequin::core::nalgebra::Point3;
@@ -86,7 +86,7 @@ fn effect_name(k: usize, e: &Effect) -> Option<String> {
 /// Everything that has a name of its own.
 fn names(scene: &SceneSpec) -> Vec<String> {
     let supports = (0..scene.support.len()).map(|k| support_name(k, scene));
-    let loads = scene.load.iter().enumerate().map(|(k, l)| drive::load_name(k, l));
+    let loads = scene.load.iter().enumerate().map(|(k, l)| load::name(k, l));
     let effects = scene.effect.iter().enumerate();
     let effects = effects.filter_map(|(k, e)| effect_name(k, e));
     let mut all: Vec<String> = supports.chain(loads).chain(effects).collect();
@@ -106,18 +106,22 @@ fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>
     let mut counts = BTreeMap::<usize, usize>::new();
     for (k, s) in scene.support.iter().enumerate() {
         let m = drive::model_index(&format!("support[{k}].model"), &s.model, scene)?;
-        let number = counts.entry(m).or_default();
-        if support_name(k, scene) == of {
-            out.supports.push((m, *number));
-            out.parts.push((m, &s.at));
+        for m in zone::parts(scene, m) {
+            let number = counts.entry(m).or_default();
+            if support_name(k, scene) == of {
+                out.supports.push((m, *number));
+                out.parts.push((m, &s.at));
+            }
+            *number += 1;
         }
-        *number += 1;
     }
     for (k, l) in scene.load.iter().enumerate() {
-        if drive::load_name(k, l) == of {
+        if load::name(k, l) == of {
             let m = drive::model_index(&format!("load[{k}].model"), &l.model, scene)?;
-            out.models.push(m);
-            out.parts.push((m, &l.at));
+            for m in zone::parts(scene, m) {
+                out.models.push(m);
+                out.parts.push((m, &l.at));
+            }
         }
     }
     for (k, e) in scene.effect.iter().enumerate() {
@@ -228,12 +232,21 @@ impl Exerted {
 /// Mean of the places of the nodes that are held or loaded; the origin if there are none.
 fn centroid(path: &str, parts: &[(usize, &Selection)], bodies: &[Body]) -> Result<Point3<f64>> {
     let (mut sum, mut count) = (Point3::origin().coords, 0);
+    let mut nowhere = None;
     for (m, selection) in parts {
         let body = &bodies[*m];
-        for n in select::nodes(&format!("{path}.of"), body, selection)? {
+        // The body or one of its zones may have no node there, not all of them.
+        let found = select::nodes(&format!("{path}.of"), body, selection);
+        for n in found.unwrap_or_else(|e| {
+            nowhere = Some(e);
+            Vec::new()
+        }) {
             sum += body.model.nodes()[n].coords;
             count += 1;
         }
+    }
+    if let (0, Some(e)) = (count, nowhere) {
+        return Err(e);
     }
     Ok(Point3::from(sum / f64::from(count.max(1))))
 }

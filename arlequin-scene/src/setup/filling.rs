@@ -3,12 +3,12 @@
 pub use crate::error::dem;
 
 use super::mesh::is;
+use super::zone::Likeness;
 use crate::error::{Error, Result, fem, key, value};
-use crate::output::packing::PackingLine;
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::dem_beam::packing::size::sphere_count;
-use arlequin::dem_beam::packing::{Container, Loose, Packing, PackingSpec, read_csv, read_vtu};
+use arlequin::dem_beam::packing::size::{mean_diameter, sphere_count};
+use arlequin::dem_beam::packing::{Around, Container, Loose, Packing, PackingSpec, read_csv, read_vtu};
 use arlequin::dem_beam::{BeamMaterial, Surface};
 use arlequin::fem_ref::gmsh::{self, Triangles};
 use arlequin::fem_ref::{ElementKind, Mesh, generate};
@@ -18,14 +18,13 @@ use std::path::{Path, PathBuf};
 /// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per particle:
 /// beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
-/// Bonds per particle, times two, of the packings that beams are known for.
-const COORDINATION: f64 = 6.2;
 /// Relative difference of Young's moduli, and difference of Poisson's ratios, up to which a packing is like the body: a few times
 /// the spread of packings.
 const ALIKE: [f64; 2] = [0.03, 0.02];
-/// Difference of bonds per particle that is of no account, and what one more changes of Young's modulus (decision 0010).
-const CLOSE: f64 = 0.15;
-const PER_BOND: f64 = 0.23;
+/// Deviation of a packing's stiffness from an isotropic one that is of no account.
+const UNEVEN: f64 = 0.15;
+/// How far spheres are packed beyond the border of a zone, in their mean diameters: the order that a wall makes is gone there.
+const MARGIN: f64 = 2.5;
 /// Lengths of the facets of a ball in its radius.
 const SIDES: f64 = 12.0;
 /// Most spheres of a packing.
@@ -79,7 +78,12 @@ impl Filling {
             }
             Shape::Piece(piece) => {
                 let (triangles, mesh) = piece.surface(folder)?;
-                Self::within(key, triangles, Some(mesh))
+                let filling = Self::within(key, triangles, Some(mesh))?;
+                match table.dem.file {
+                    // Spheres of a file are the zone's own.
+                    Some(_) => Ok(filling),
+                    None => filling.with_surroundings(key, table, |margin| piece.around(folder, margin)),
+                }
             }
             Shape::File(path) => file(key, table, &folder.join(path)),
         }
@@ -123,6 +127,39 @@ fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
 }
 
 impl Filling {
+    /// The same with what is around it, in which spheres are packed as well and cut off.
+    fn with_surroundings(
+        self,
+        key: &str,
+        table: &ModelTable,
+        around: impl FnOnce(f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)>,
+    ) -> Result<Self> {
+        let Container::Surface(part) = &self.container else {
+            return Ok(self);
+        };
+        let diameter = match (table.spacing, table.dem.count) {
+            (Some(h), _) => h,
+            (None, Some(n)) => mean_diameter(part.volume(), n as f64),
+            (None, None) => return Ok(self),
+        };
+        // Nonsense is refused by its key when spheres are counted.
+        if !(diameter > 0.0 && sphere_count(part.volume(), diameter) < MOST) {
+            return Ok(self);
+        }
+        let margin = MARGIN * diameter;
+        let (body, border) = around(margin)?;
+        let body = Self::within(key, body, None)?;
+        let border: Vec<_> = border.iter().map(|t| t.map(|x| x.coords)).collect();
+        let Container::Surface(body) = body.container else {
+            return Ok(self);
+        };
+        let around = Around::new(part.clone(), body, &border, margin).map_err(dem(key))?;
+        Ok(Self {
+            container: Container::Around(Box::new(around)),
+            ..self
+        })
+    }
+
     /// The inside of triangles, the surface of a mesh perhaps.
     fn within(key: &str, found: Triangles, mesh: Option<Mesh<f64>>) -> Result<Self> {
         let points: Vec<Vector3<f64>> = found.points.iter().map(|p| p.coords).collect();
@@ -223,7 +260,11 @@ fn fate(kind: LooseKind) -> Loose {
 fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize> {
     let volume = container.volume();
     match (table.dem.count, table.spacing) {
-        (Some(n), None) => Ok(n),
+        // Of a part of a body that is packed with its surroundings, spheres of the part are asked for.
+        (Some(n), None) => Ok(match container {
+            Container::Around(a) => (n as f64 * volume / a.part().volume()).round() as usize,
+            _ => n,
+        }),
         (None, Some(h)) if h > 0.0 => {
             let n = sphere_count(volume, h).round();
             if n > MOST {
@@ -322,48 +363,39 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     })
 }
 
-/// What is known to make the packing of a zone stiffer or softer than the body around it.
+/// How the packing of a zone is stiffer or softer than the body around it, by its test or by what is known of its beams.
 pub(super) fn unlike_the_body(
     table: &ModelTable,
     beam: &BeamMaterial,
-    packing: &PackingLine,
+    found: Option<&Likeness>,
 ) -> Option<String> {
     let Shape::Piece(_) = table.shape else {
         return None;
     };
-    let [young, poisson] = beam.bulk();
     let [wanted, ratio] = [table.material.young, table.material.poisson.unwrap_or(0.0)];
-    let (off, beside) = (young / wanted - 1.0, poisson - ratio);
-    if off.abs() > ALIKE[0] || beside.abs() > ALIKE[1] {
+    let [young, poisson] = match found {
+        Some(like) => [wanted * like.stiffness, beam.bulk()[1]],
+        None => beam.bulk(),
+    };
+    if (young / wanted - 1.0).abs() > ALIKE[0] || (poisson - ratio).abs() > ALIKE[1] {
+        let own = table.dem.young.is_some() || table.dem.poisson.is_some();
         let [low, high] = BeamMaterial::BULK_POISSON;
-        let remedy = if (low..=high).contains(&ratio) {
-            "leave dem.young, dem.poisson and dem.radius_ratio out, or take what 'arlequin calibrate --periodic --target-young … \
-             --target-poisson …' finds"
-                .to_owned()
-        } else {
-            format!("packings of spheres reach {low:.2} to {high:.2}")
+        let remedy = match own {
+            true => {
+                "leave dem.young, dem.poisson and dem.radius_ratio out: beams are then fitted to the body"
+                    .to_owned()
+            }
+            false => format!("packings of spheres reach nu = {low:.2} to {high:.2}"),
         };
         return Some(format!(
-            "its beams make a packing of E = {young:.3e} Pa and nu = {poisson:.3}, and the body has E = {wanted:.3e} Pa and nu = \
-             {ratio:.3}: stresses go around the zone or into it; {remedy}"
+            "its packing acts in its place like a material of E = {young:.3e} Pa and nu = {poisson:.3}, and the body has E = \
+             {wanted:.3e} Pa and nu = {ratio:.3}: stresses go around the zone or into it; {remedy}"
         ));
     }
-    let own = table.dem.young.is_some();
-    let inside = packing
-        .coordination_interior
-        .filter(|z| (z - COORDINATION).abs() > CLOSE && !own);
-    if let Some(z) = inside {
-        return Some(format!(
-            "inside, {z:.1} bonds meet at its spheres, and its beams are known for {COORDINATION}: bonds are counted with the spheres \
-             at its border, which have few. It is about {:.0} % stiffer than the body around it; take smaller spheres or a lower \
-             dem.coordination, or give dem.young and dem.radius_ratio",
-            100.0 * PER_BOND * (z - COORDINATION)
-        ));
-    }
-    (table.dem.file.is_some() && !own).then(|| {
-        format!(
-            "its beams are those of packings of ours with {COORDINATION} bonds per particle, and it may have others: give \
-             dem.young and dem.radius_ratio"
-        )
-    })
+    let uneven = found.map(|like| like.uneven).filter(|u| *u > UNEVEN)?;
+    Some(format!(
+        "its packing is as stiff as the body on the average, but not in every direction: {:.0} % apart; take \
+         smaller spheres, another dem.seed or a wider zone",
+        100.0 * uneven
+    ))
 }

@@ -1,6 +1,6 @@
 //! Interfaces: overlap, weights, mediator, junction, absorber.
 
-use super::kinds::{Body, material};
+use super::kinds::{Body, fastest};
 use super::mediator::{is_hull, mediator, mediator_shape, within_hull};
 use super::mesh::{Grid, Request};
 use crate::error::{Result, core, key, value};
@@ -11,8 +11,8 @@ use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::{
-    InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place, Primitive,
-    Ramp, Sampling, Shell, Slab, Solver, Weight, Weighting, Weights,
+    Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place,
+    Primitive, Ramp, Sampling, Shell, Slab, Solver, Weight, Weighting, Weights,
 };
 use arlequin::fem_ref::FemField;
 use std::path::Path;
@@ -412,7 +412,7 @@ fn absorber(
     let path = format!("{path}.absorber");
     let rate = match (table.rate, table.rate_factor) {
         (Some(r), None) => r,
-        (None, Some(f)) => f * material(&path, fine)?.bar_speed() / fine.spacing,
+        (None, Some(f)) => f * fastest(&path, fine, Elastic::bar_speed)? / fine.spacing,
         _ => return Err(key(path, "needs exactly one of rate [1/s], rate_factor [-]")),
     };
     let resolved: Arc<dyn Interpolation<f64>> = match table.spacing {

@@ -9,6 +9,7 @@ use super::link;
 use super::materials;
 use super::mesh::{self, Grid};
 use crate::error::{Result, core, fem, value};
+use crate::spec::Support;
 use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::{CoarseModel, FineModel, Interpolation, Materials, Model, Participant};
@@ -68,13 +69,43 @@ pub(super) fn material<'a>(path: &str, body: &'a Body) -> Result<&'a Elastic<f64
     })
 }
 
+/// The fastest of something over what a body is made of.
+///
+/// # Errors
+/// One behind a link, which does not say.
+pub(super) fn fastest(path: &str, body: &Body, of: impl Fn(&Elastic<f64>) -> f64) -> Result<f64> {
+    let main = of(material(path, body)?);
+    let others = body.materials.iter().flat_map(Materials::all);
+    Ok(others.map(of).fold(main, f64::max))
+}
+
+/// The speed of waves along a bar at every node \[m/s\]: of the elements around it the fastest.
+///
+/// # Errors
+/// One behind a link, which does not say.
+pub(super) fn bar_speeds(path: &str, body: &Body) -> Result<Vec<f64>> {
+    let main = material(path, body)?.bar_speed();
+    let Some(materials) = body.materials.as_ref().filter(|m| m.elements().is_some()) else {
+        return Ok(vec![main; body.model.nodes().len()]);
+    };
+    let mut out = vec![0.0_f64; body.model.nodes().len()];
+    for (e, corners) in body.grid.connectivity.chunks_exact(body.grid.corners).enumerate() {
+        let speed = materials.at(e).bar_speed();
+        for k in corners {
+            out[*k as usize] = out[*k as usize].max(speed);
+        }
+    }
+    Ok(out)
+}
+
 /// Builds the body of `[model.NAME]`; paths are relative to `folder`.
-/// `effects` are the effects on this model with their numbers in the scene; particles need some of them here.
+/// `effects` are the effects on this model with their numbers in the scene, `supports` what holds it; particles need some of
+/// them here.
 pub(super) fn body(
     name: &str,
     table: &ModelTable,
     folder: &Path,
-    effects: &[(usize, &Effect)],
+    (effects, supports): (&[(usize, &Effect)], &[&Support]),
     clock: &mut SetupClock<'_>,
 ) -> Result<Body> {
     let key = format!("model.{name}");
@@ -86,7 +117,7 @@ pub(super) fn body(
         ModelKind::Link => link::body(name, &key, table, folder),
         ModelKind::Fem => finite_elements(name, &key, table, folder),
         ModelKind::Cnem => super::natural::body(name, &key, table, folder, clock),
-        ModelKind::Dem => super::particles::body(name, &key, table, (folder, effects), clock),
+        ModelKind::Dem => super::particles::body(name, &key, table, (folder, effects, supports), clock),
         ModelKind::Chain => chain(name, &key, table),
     }
 }

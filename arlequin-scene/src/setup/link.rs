@@ -6,9 +6,7 @@ use crate::error::{Error, Result, core, fem, key, value};
 use crate::spec::{ModelKind, ModelTable, SceneSpec, Shape};
 use arlequin::core::geometry::bounds_of;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::{
-    self as arlequin_core, DofLayout, Interpolation, Model, Participant, ParticleField, Weight,
-};
+use arlequin::core::{self as arlequin_core, Interpolation, Outline, Participant, ParticleField};
 use arlequin::fem_ref::{ElementKind, FemField, Mesh};
 use arlequin_link::{Address, Element, Options, Remote, Shape as LinkShape};
 use std::collections::BTreeMap;
@@ -133,7 +131,8 @@ pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> R
         }
     };
     Ok(Body {
-        model: Box::new(Linked::of(&solver)),
+        // Before the run has the solver; nothing asks it for forces.
+        model: Box::new(Outline::of(&solver, solver.description().inertia.clone())),
         spacing: spacing(&grid),
         groups: groups(&solver),
         field,
@@ -230,60 +229,4 @@ fn groups(solver: &Remote) -> BTreeMap<String, Vec<usize>> {
     ends.into_iter()
         .map(|(n, k)| (n.to_owned(), k.into_iter().collect()))
         .collect()
-}
-
-/// What the scene sees of the solver before the run has it: nodes and unknowns. Nothing asks it for forces.
-struct Linked {
-    name: String,
-    kind: String,
-    layout: DofLayout,
-    nodes: Vec<Point3<f64>>,
-    inertia: Vec<f64>,
-}
-
-impl Linked {
-    fn of(solver: &Remote) -> Self {
-        Self {
-            name: solver.name().to_owned(),
-            kind: solver.kind().to_owned(),
-            layout: solver.layout(),
-            nodes: solver.nodes().to_vec(),
-            inertia: solver.description().inertia.clone(),
-        }
-    }
-
-    fn elsewhere(&self) -> arlequin_core::Error {
-        arlequin_core::Error::Unsupported {
-            model: self.name.clone(),
-            what: "be asked for forces or weights: they are those of the program behind the link".into(),
-        }
-    }
-}
-
-impl Model<f64> for Linked {
-    fn name(&self) -> &str {
-        &self.name
-    }
-    fn kind(&self) -> &str {
-        &self.kind
-    }
-    fn layout(&self) -> DofLayout {
-        self.layout
-    }
-    fn nodes(&self) -> &[Point3<f64>] {
-        &self.nodes
-    }
-    fn lumped_inertia(&self, _: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
-        out.copy_from_slice(&self.inertia);
-        Ok(())
-    }
-    fn set_internal_weight(&mut self, _: &dyn Weight<f64>) -> arlequin_core::Result<()> {
-        Err(self.elsewhere())
-    }
-    fn add_internal_forces(&mut self, _: &[f64], _: &mut [f64]) -> arlequin_core::Result<()> {
-        Err(self.elsewhere())
-    }
-    fn internal_energy(&self, _: &[f64]) -> f64 {
-        0.0
-    }
 }

@@ -11,6 +11,7 @@ mod grains;
 mod interface;
 mod kinds;
 mod link;
+mod load;
 mod materials;
 mod mediator;
 mod mesh;
@@ -21,11 +22,13 @@ mod precheck;
 mod probe;
 mod rigid;
 mod select;
+mod shared;
 mod statics;
+mod support;
 mod tensor;
 mod time;
 mod totals;
-mod twice;
+mod weights;
 pub mod zone;
 
 pub use between::ParticlesWithoutContact;
@@ -45,10 +48,10 @@ pub use statics::LoadSteps;
 use crate::error::{Error, Result, key, value};
 use crate::output::packing::PackingLine;
 use crate::ranks::{RankLine, Ranks};
-use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec};
+use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec, Support};
 use arlequin::core::snapshot::Record;
 use arlequin::core::{
-    Coupled, Elastic, Guard, Interpolation, Materials, Partition, Parts, Subdomain, Weighting, Weights,
+    Coupled, Elastic, Guard, Interpolation, Materials, Partition, Parts, Subdomain, Weighting,
 };
 use arlequin::dem_beam::fracture::SharedLog;
 use clock::SetupClock;
@@ -182,8 +185,7 @@ pub(crate) fn build_from(
     let probes = scene.probe.iter();
     let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies));
     let probes = probes.collect::<Result<_>>()?;
-    twice::check(scene, &bodies)?;
-    let attachments = Attachments::of(scene, &mut bodies)?;
+    let attachments = Attachments::of(scene, &mut bodies, &interfaces, folder)?;
     let pairs = between::pairs(scene, &bodies)?;
     let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
@@ -266,7 +268,15 @@ fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Re
     let effects = effects_by_model(scene)?;
     let tables = scene.model.iter().zip(&effects);
     tables
-        .map(|((name, table), e)| kinds::body(name, table, folder, e, clock))
+        .enumerate()
+        .map(|(own, ((name, table), e))| {
+            let holds = |s: &&Support| {
+                let m = scene.model.keys().position(|n| *n == s.model);
+                m.is_some_and(|m| zone::parts(scene, m).contains(&own))
+            };
+            let supports: Vec<_> = scene.support.iter().filter(holds).collect();
+            kinds::body(name, table, folder, (e, &supports), clock)
+        })
         .collect()
 }
 
@@ -434,36 +444,6 @@ fn is_between(model: &str, scene: &SceneSpec) -> bool {
     all.clone().any(|i| i.coarse == model) && all.any(|i| i.fine == model)
 }
 
-/// What models that are coarse beside `m`, and those beside these, leave to it: `1 − Σ f`, of each times what is left to
-/// that model. None where there are none; `depth` bounds the way up.
-fn left_to(m: usize, joints: &[BuiltInterface], depth: usize) -> Result<Option<Weights<f64>>> {
-    let mine = || joints.iter().filter(|j| j.spec.fine == m);
-    let Some(first) = mine().next() else {
-        return Ok(None);
-    };
-    if depth > joints.len() {
-        let rule = "the models are finer than one another in a ring; let one of them be coarse only";
-        return Err(key(format!("interface.{}", first.spec.name), rule));
-    }
-    let (mut nested, mut shares) = (false, Vec::new());
-    for j in mine() {
-        let left = left_to(j.spec.coarse, joints, depth + 1)?;
-        nested |= left.is_some();
-        shares.push((j.weights.clone(), left));
-    }
-    if !nested {
-        let all: Vec<_> = shares.into_iter().map(|s| s.0).collect();
-        return Ok(Some(Weights::complement_of(&all)));
-    }
-    let taken = |(w, left): (Weights<f64>, Option<Weights<f64>>)| {
-        let rest = Weights::complement_of(&[w]);
-        let rest = left.iter().fold(rest, Weights::within);
-        Weights::complement_of(&[rest])
-    };
-    let all: Vec<_> = shares.into_iter().map(taken).collect();
-    Ok(Some(Weights::complement_of(&all)))
-}
-
 fn subdomain(
     m: usize,
     body: Body,
@@ -471,26 +451,7 @@ fn subdomain(
     joints: &[BuiltInterface],
     attachments: &mut Attachments,
 ) -> Result<Subdomain<f64>> {
-    let coarse = joints.iter().filter(|j| j.spec.coarse == m);
-    let coarse: Vec<_> = coarse.map(|j| j.weights.clone()).collect();
-    let own = match coarse.as_slice() {
-        [] => None,
-        [one] => Some(one.clone()),
-        // Beside several fine partners: 1 − Σ (1 − f_i), one where none of them is.
-        all => {
-            let shares: Vec<_> = all
-                .iter()
-                .map(|w| Weights::complement_of(std::slice::from_ref(w)))
-                .collect();
-            Some(Weights::complement_of(&shares))
-        }
-    };
-    let weights = match (own, left_to(m, joints, 0)?) {
-        (None, None) => Weights::uncoupled(),
-        (Some(own), None) => own,
-        (None, Some(left)) => left,
-        (Some(own), Some(left)) => own.within(&left),
-    };
+    let weights = weights::of(m, joints)?;
     let free = |j: &&BuiltInterface| {
         j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m)
     };

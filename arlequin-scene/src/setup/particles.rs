@@ -6,15 +6,16 @@ use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::materials;
 use super::mesh::Grid;
-use crate::error::{Result, cnem};
+use super::zone::Twin;
+use crate::error::{Error, Result, cnem};
 use crate::output::packing::PackingLine;
-use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape};
+use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape, Support};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Error as Core, Interpolation, Model, ParticleField, ShapeRow};
-use arlequin::dem_beam::DemModel;
+use arlequin::dem_beam::{DemModel, Error as Dem, Packing};
 use arlequin::fem_ref::FemField;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -74,28 +75,58 @@ pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> 
     beam(key, table).map(|_| ())
 }
 
+/// Spheres that do not fit into their body are blamed on what says how large they are.
+fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
+    match &e {
+        Error::Dem {
+            source: Dem::ContainerTooSmall { .. } | Dem::TooFewAcross { .. },
+            ..
+        } => {
+            let name = table.spacing.map_or("dem.count", |_| "spacing");
+            e.at_key(|_| Some(format!("{key}.{name}")))
+        }
+        _ => e,
+    }
+}
+
 /// Builds a bonded packing that fills the shape.
 pub(super) fn body(
     name: &str,
     key: &str,
     table: &ModelTable,
-    (folder, effects): (&Path, &[(usize, &Effect)]),
+    (folder, effects, supports): (&Path, &[(usize, &Effect)], &[&Support]),
     clock: &mut SetupClock<'_>,
 ) -> Result<Body> {
     clock.begin(format!("packing of '{name}'"));
     grains::check_loose(key, table, effects)?;
     let filling = Filling::of(key, table, folder)?;
-    let mut packing = Recipe::of(key, table, folder, &filling)?.packing(key)?;
+    let made = Recipe::of(key, table, folder, &filling)?.packing(key);
+    let mut packing = made.map_err(|e| too_large(key, table, e))?;
     clock.begin(format!("model of '{name}'"));
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
+    let make = |packing: &Packing, beam| {
+        let model = DemModel::new(name, packing, beam, table.material.density).map_err(dem(key))?;
+        graded(key, table, &filling, model)
+    };
+    let mut beam = beam(key, table)?;
+    let mut likeness = None;
+    if let (Shape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh)
+        && let Some(twin) = Twin::new(key, table, mesh, (piece, supports, folder))?
+    {
+        let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
+        let group = |model: &DemModel, name: &str| {
+            let mut all = groups(model, &table.shape, &filling);
+            all.remove(name).unwrap_or_default()
+        };
+        likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
+        beam.young *= likeness.map_or(1.0, |like| like.beams);
+    }
     grains::cut(key, &table.dem.notch, &mut packing)?;
-    let beam = beam(key, table)?;
-    let line = PackingLine::of(&packing, table.material.density);
+    let line = PackingLine::of(&packing, table.material.density, likeness);
     let mut warnings = line.warnings();
-    warnings.extend(unlike_the_body(table, &beam, &line));
-    let model = DemModel::new(name, &packing, beam, table.material.density).map_err(dem(key))?;
+    warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
+    let model = make(&packing, beam)?;
     drop(packing);
-    let model = graded(key, table, &filling, model)?;
     let model = if table.dem.finite_rotations {
         model.with_finite_rotations()
     } else {

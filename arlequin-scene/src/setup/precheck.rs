@@ -2,7 +2,9 @@
 
 use super::drive::{self, model_index};
 use super::kinds;
-use super::{between, effects_by_model, exerted, grains, interface, link, mediator, probe, select, sides_of};
+use super::{
+    between, effects_by_model, exerted, grains, interface, link, load, mediator, probe, select, sides_of,
+};
 use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{
     Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
@@ -77,7 +79,7 @@ fn acting(scene: &SceneSpec) -> Result<()> {
         headline(&path, l.name.as_deref())?;
         let table = model(&path, &l.model, scene)?;
         selection(&format!("{path}.where"), &l.at, table)?;
-        drive::check_load(&path, l)?;
+        load::check(&path, l)?;
         drive::time_function(&format!("{path}.time"), &l.time)?;
     }
     for (k, i) in scene.initial.iter().enumerate() {

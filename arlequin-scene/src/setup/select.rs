@@ -5,12 +5,33 @@ use crate::error::{Result, key, unknown};
 use crate::spec::Selection;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::Point3;
+use std::collections::BTreeMap;
 
-/// Whether a point lies in the closed box, up to round-off of its own size.
-fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>) -> bool {
-    let largest = low.iter().chain(high).fold(0.0f64, |s, c| s.max(c.abs()));
-    let slack = 1e-9 * largest;
-    (0..3).all(|c| x[c] >= low[c] - slack && x[c] <= high[c] + slack)
+/// How far beyond a box a node of a body with nodes so far apart \[m\] counts as in it: more than files round places by, and
+/// nothing beside an element, wherever the body lies and however large the box is.
+pub(super) fn slack(spacing: f64) -> f64 {
+    1e-6 * spacing
+}
+
+/// Whether a point lies in the closed box, up to a distance \[m\] and the round-off of the point's own place.
+pub(super) fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>, slack: f64) -> bool {
+    (0..3).all(|c| {
+        let slack = slack + 4.0 * f64::EPSILON * x[c].abs();
+        x[c] >= low[c] - slack && x[c] <= high[c] + slack
+    })
+}
+
+/// Names of groups that a user gave; those of boxes are ours.
+pub(super) fn named<'a, T: 'a>(groups: &'a BTreeMap<String, T>) -> impl Iterator<Item = &'a String> {
+    groups.keys().filter(|n| !n.contains('['))
+}
+
+/// Nodes of a body in a box, perhaps none.
+pub(super) fn within(body: &Body, low: &[f64; 3], high: &[f64; 3]) -> Vec<usize> {
+    let slack = slack(body.spacing);
+    let all = body.model.nodes().iter().enumerate();
+    let found = all.filter(|(_, x)| inside(low, high, x, slack));
+    found.map(|(k, _)| k).collect()
 }
 
 pub(super) fn check_box(path: &str, low: &[f64; 3], high: &[f64; 3]) -> Result<()> {
@@ -29,15 +50,11 @@ pub(super) fn nodes(path: &str, body: &Body, selection: &Selection) -> Result<Ve
     match selection {
         Selection::Group(name) => match body.groups.get(name) {
             Some(nodes) => Ok(nodes.clone()),
-            None => Err(unknown(path, name, "group of the model", body.groups.keys())),
+            None => Err(unknown(path, name, "group of the model", named(&body.groups))),
         },
         Selection::Box(low, high) => {
             check_box(path, low, high)?;
-            let all = body.model.nodes().iter().enumerate();
-            let found: Vec<usize> = all
-                .filter(|(_, x)| inside(low, high, x))
-                .map(|(k, _)| k)
-                .collect();
+            let found = within(body, low, high);
             if found.is_empty() {
                 let name = body.model.name();
                 let remedy = "enlarge it or check the units (m)";
@@ -64,12 +81,15 @@ pub(super) fn facets(
         Selection::Group(name) => match (body.surfaces.get(name), body.groups.get(name)) {
             (Some(facets), _) => facets.clone(),
             (None, Some(_)) => Vec::new(),
-            (None, None) => return Err(unknown(path, name, "surface of the model", body.surfaces.keys())),
+            (None, None) => {
+                return Err(unknown(path, name, "surface of the model", named(&body.surfaces)));
+            }
         },
         Selection::Box(low, high) => {
             check_box(path, low, high)?;
-            let points = body.model.nodes();
-            let whole = |f: &&SurfaceFacet<f64>| f.nodes.iter().all(|&k| inside(low, high, &points[k]));
+            let (points, slack) = (body.model.nodes(), slack(body.spacing));
+            let whole =
+                |f: &&SurfaceFacet<f64>| f.nodes.iter().all(|&k| inside(low, high, &points[k], slack));
             body.boundary.iter().filter(whole).cloned().collect()
         }
     };
@@ -82,4 +102,26 @@ pub(super) fn facets(
         ));
     }
     Ok(Some(found))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_holds_its_own_nodes_wherever_the_body_lies_and_no_others() {
+        // Size of a body, and where it lies.
+        for (size, at) in [(1.0, 0.0), (1.0, 1e7), (1e-9, 0.0), (1e-9, 1.0), (1e9, -3.0)] {
+            let (h, x): (f64, f64) = (size / 10.0, at);
+            let node = |k: usize| Point3::new(x + h * k as f64, x, x);
+            // The face at the lower end, in a box that is huge across it.
+            let (low, high) = ([x - 0.1 * h, -1e12, -1e12], [x, 1e12, 1e12]);
+            let held: Vec<usize> = (0..=10)
+                .filter(|k| inside(&low, &high, &node(*k), slack(h)))
+                .collect();
+            assert_eq!(held, [0], "size {size}, place {at}");
+            let rounded = Point3::new(x + 1e-7 * h, x, x);
+            assert!(inside(&low, &high, &rounded, slack(h)), "size {size}, place {at}");
+        }
+    }
 }

@@ -1,30 +1,39 @@
-//! Total forces on surfaces that lie in an overlap: each model spreads them over its own surface and counts them with its weight, so
-//! that what acts may be another force than the one that is asked for.
+//! Loads on surfaces that lie in an overlap: each model counts them with its weight, so that what acts may be less than is asked for.
+//!
+//! A total force or moment is spread over the surface of each model by itself, a traction or pressure is what it is at each place: it is
+//! whole where another load, the other half, gives the rest.
 
 use super::kinds::Body;
-use super::{drive, select};
+use super::{drive, load, select, zone};
 use crate::error::{Result, core};
-use crate::spec::SceneSpec;
+use crate::spec::{Load, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Coupled, Uniform};
+use arlequin::core::{Coupled, Uniform, Weight};
 
-/// Share of the force by which it may be another one.
+/// Share of a load by which it may be another one.
 const SAME: f64 = 0.01;
 
-/// Where a total force acts: places with their parts of it, which sum to one.
+/// Where a load acts: places with their parts of it, which sum to one.
 #[derive(Debug)]
 pub(super) struct Total {
     load: usize,
     model: usize,
     parts: Vec<(Point3<f64>, f64)>,
+    /// How far from one of its places a point may be that it covers \[m\].
+    reach: f64,
+    /// Area of its surface \[m²\].
+    area: f64,
 }
 
-/// The total forces of a scene.
+/// The loads of a scene, but for those on a body with zones, which are dealt out to its models exactly.
 pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
     let mut out = Vec::new();
-    for (load, l) in scene.load.iter().enumerate().filter(|(_, l)| l.force.is_some()) {
-        let path = format!("load[{load}]");
+    for (k, l) in scene.load.iter().enumerate() {
+        let path = format!("load[{k}]");
         let model = drive::model_index(&format!("{path}.model"), &l.model, scene)?;
+        if zone::parts(scene, model).len() > 1 {
+            continue;
+        }
         let body = &bodies[model];
         let at = format!("{path}.where");
         let mut parts: Vec<_> = match select::facets(&at, body, &l.at)? {
@@ -39,45 +48,120 @@ pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
                 nodes.iter().map(part).collect()
             }
         };
+        let area = parts.iter().map(|p| p.1).sum();
+        if let Some(moment) = l.torque {
+            levers(Vector3::from(moment), &mut parts);
+        }
         let sum: f64 = parts.iter().map(|p| p.1).sum();
         parts.iter_mut().for_each(|p| p.1 /= sum);
-        out.push(Total { load, model, parts });
+        out.push(Total {
+            load: k,
+            model,
+            parts,
+            reach: body.spacing,
+            area,
+        });
     }
     Ok(out)
 }
 
-/// Loads of one name, or without a name and of one force, are halves of one load: a line for each that is not what it says.
+/// Of a moment, every place bears as much as the square of its lever.
+fn levers(moment: Vector3<f64>, parts: &mut [(Point3<f64>, f64)]) {
+    let sum: f64 = parts.iter().map(|p| p.1).sum();
+    let middle = parts.iter().fold(Vector3::zeros(), |s, (x, a)| s + x.coords * *a) / sum;
+    let axis = moment.try_normalize(0.0).unwrap_or_default();
+    for (x, part) in parts {
+        *part *= axis.cross(&(x.coords - middle)).norm_squared();
+    }
+}
+
+/// Loads of one name, or without a name and of the same numbers, are halves of one load: a line for each that is not what it says.
 pub(super) fn warnings(scene: &SceneSpec, totals: &[Total], run: &Coupled<f64>) -> Vec<String> {
+    let bits = |v: [f64; 3]| v.map(f64::to_bits);
     let key = |t: &Total| {
         let l = &scene.load[t.load];
-        (l.name.clone(), l.force.unwrap_or_default().map(f64::to_bits))
+        let pressure = l.pressure.map(f64::to_bits);
+        let numbers = [l.force, l.torque, l.traction].map(|v| v.map(bits));
+        (l.name.clone(), pressure, numbers)
     };
     let mut out = Vec::new();
     for (k, first) in totals.iter().enumerate() {
-        let halves = totals[k..].iter().filter(|t| key(t) == key(first));
         if totals[..k].iter().any(|t| key(t) == key(first)) {
             continue;
         }
-        let share = |t: &Total| {
-            let weight = &run.subdomains()[t.model].weights().external;
-            t.parts.iter().map(|(x, part)| part * weight.at(x)).sum::<f64>()
-        };
-        let shares: Vec<f64> = halves.map(share).collect();
-        let acts: f64 = shares.iter().sum();
-        // Without an overlap every load is whole, several of one name included.
-        if (acts - 1.0).abs() <= SAME || shares.iter().all(|s| (s - 1.0).abs() <= SAME) {
-            continue;
-        }
+        let halves: Vec<&Total> = totals[k..].iter().filter(|t| key(t) == key(first)).collect();
         let l = &scene.load[first.load];
-        let force = Vector3::from(l.force.unwrap_or_default()).norm();
-        out.push(format!(
-            "load[{}]: of the {force:.4e} N of '{}' {:.4e} N act: its surface lies in an overlap, wholly or in part, where every \
-             model spreads the force over its own surface and counts it with its weight; give a traction [Pa] in all models that are \
-             there, or a surface that has no part in the overlap",
-            first.load,
-            drive::load_name(first.load, l),
-            acts * force,
-        ));
+        let told = if l.force.is_some() || l.torque.is_some() {
+            total(l, &halves, run)
+        } else {
+            surface(&halves, run)
+        };
+        let remedy = if scene.zone.contains_key(&l.model) {
+            "; give it to the model 'body', which shares it with its zones"
+        } else {
+            ""
+        };
+        let name = load::name(first.load, l);
+        out.extend(
+            told.map(|(what, why)| format!("load[{}]: of {what} of '{name}' {why}{remedy}", first.load)),
+        );
     }
     out
+}
+
+fn weight<'a>(t: &Total, run: &'a Coupled<f64>) -> &'a dyn Weight<f64> {
+    &*run.subdomains()[t.model].weights().external
+}
+
+/// A force or moment that is another one.
+fn total(l: &Load, halves: &[&Total], run: &Coupled<f64>) -> Option<(String, String)> {
+    let share = |t: &&Total| {
+        t.parts
+            .iter()
+            .map(|(x, part)| part * weight(t, run).at(x))
+            .sum::<f64>()
+    };
+    let shares: Vec<f64> = halves.iter().map(share).collect();
+    let acts: f64 = shares.iter().sum();
+    // Without an overlap every load is whole, several of one name included.
+    if !((acts - 1.0).abs() > SAME && shares.iter().any(|s| (s - 1.0).abs() > SAME)) {
+        return None;
+    }
+    let (size, unit) = match (l.force, l.torque) {
+        (Some(f), _) => (Vector3::from(f).norm(), "N"),
+        (_, t) => (Vector3::from(t.unwrap_or_default()).norm(), "N m"),
+    };
+    let why = format!(
+        "{:.4e} {unit} act: its surface lies in an overlap, wholly or in part, where every model spreads it over its own surface and \
+         counts it with its weight; give a traction [Pa] in all models that are there, or a surface that has no part in the overlap",
+        acts * size
+    );
+    Some((format!("the {size:.4e} {unit}"), why))
+}
+
+/// A traction or pressure of which a part is nowhere given.
+fn surface(halves: &[&Total], run: &Coupled<f64>) -> Option<(String, String)> {
+    let (mut acts, mut lost) = (0.0, 0.0);
+    for t in halves {
+        for (x, part) in &t.parts {
+            let own = weight(t, run).at(x);
+            let others = halves.iter().filter(|o| o.model != t.model);
+            let covers = |o: &&&Total| o.parts.iter().any(|p| (p.0 - x).norm() <= o.reach);
+            let rest = if own < 1.0 - SAME {
+                let others = others.filter(covers).map(|o| weight(o, run).at(x));
+                1.0 - own - others.sum::<f64>()
+            } else {
+                0.0
+            };
+            acts += t.area * part * own;
+            lost += t.area * part * rest.max(0.0);
+        }
+    }
+    let share = lost / (acts + lost);
+    let why = format!(
+        "{:.1} % is lost: its surface lies in an overlap, wholly or in part, where a model carries it with its weight alone; give the \
+         same to the other model there as well, or a surface that has no part in the overlap",
+        100.0 * share
+    );
+    (share > SAME).then(|| ("the traction".to_owned(), why))
 }

@@ -22,7 +22,8 @@ pub struct ZoneTable {
     pub scale: Option<f64>,
     /// The layer around it in which both models are.
     pub overlap: ZoneOverlap,
-    /// Mean diameter of spheres; longest distance of nodes, reached by halving the body's elements \[m\].
+    /// Mean diameter of spheres; longest distance of nodes, reached by halving the body's elements, once at least \[m\]. Default: none;
+    /// spheres may have `dem.count` or `dem.file` in its place.
     pub spacing: Option<f64>,
     /// What it is made of. Default: what the body is made of, with its `materials`.
     pub material: Option<Material>,

@@ -146,7 +146,7 @@ pub struct Support {
     /// Name by which probes ask for its force and moment; `support-1`, `support-2`, … by default. Supports of one name count
     /// as one.
     pub name: Option<String>,
-    /// Model.
+    /// Model; on `body` its zones are held as well, where they have no support of their own.
     pub model: String,
     /// Which nodes.
     #[serde(rename = "where")]
@@ -180,7 +180,8 @@ pub struct Load {
     pub name: Option<String>,
     /// Model.
     pub model: String,
-    /// Which surface; a box selects the surface facets with all corners in it.
+    /// Which surface; a box selects the surface facets with all corners in it. On `body` the surface of the whole body: its zones
+    /// carry their share.
     #[serde(rename = "where")]
     pub at: Selection,
     /// Traction \[Pa\]; exactly one of `traction`, `force`, `pressure`, `torque`.
@@ -189,7 +190,7 @@ pub struct Load {
     pub force: Option<[f64; 3]>,
     /// Pressure against the outward normal \[Pa\].
     pub pressure: Option<f64>,
-    /// Total moment about the surface's centroid \[N m\], as tractions `∝ m × (x − c)`.
+    /// Total moment about the surface's centroid \[N m\], as tractions `θ × (x − c)` (by mass over particles).
     pub torque: Option<[f64; 3]>,
     /// Time function.
     pub time: TimeShape,
@@ -199,7 +200,7 @@ pub struct Load {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Initial {
-    /// Of which models. Default: all.
+    /// Of which models; with `body` its zones, but those that another one names. Default: all.
     pub models: Option<Vec<String>>,
     /// Displacement \[m\].
     pub displacement: Option<Field>,
@@ -263,7 +264,8 @@ pub struct Wave {
     pub width: f64,
     /// Amplitude \[m\].
     pub amplitude: f64,
-    /// Speed, negative towards smaller coordinates \[m/s\]. Default: `√(E/ρ)` of each model.
+    /// Speed, negative towards smaller coordinates \[m/s\]. Default: `√(E/ρ)` of each model, of the material at each
+    /// node where it has several (the faster one where two meet).
     pub speed: Option<f64>,
 }
 

@@ -20,7 +20,8 @@ pub struct Static {
     /// Time of the last of the `steps` \[s\].
     #[serde(default = "one")]
     pub end: f64,
-    /// Residual of relaxation that counts as equilibrium: largest unbalanced force over the largest internal force.
+    /// Residual of relaxation that counts as equilibrium: largest unbalanced force over the largest internal force, now
+    /// or since the load step began.
     #[serde(default = "tolerance")]
     pub tolerance: f64,
     /// Most steps of relaxation in a load step.

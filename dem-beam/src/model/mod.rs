@@ -434,7 +434,7 @@ impl Model<f64> for DemModel {
     }
 
     fn links(&self) -> Option<&dyn Links<f64>> {
-        self.halo.is_none().then_some(self as _)
+        Some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {

@@ -94,9 +94,14 @@ impl Links<f64> for DemModel {
         self.body.pairs()
     }
 
+    /// Of a part of a body all ranks must ask: of the bonds here, numbered as in [`Self::body`].
     fn forces(&self, q: &[f64], out: &mut Vec<LinkForce<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let (log, reader) = (locked(&self.log), self.reader(q));
+        let (log, ghosts) = (locked(&self.log), self.heard(q));
+        let reader = Reader {
+            ghosts: &ghosts,
+            ..self.reader(q)
+        };
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
         let broken: &BreakLog = &log;
         let of = |b: usize| {

@@ -13,7 +13,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Changes whenever the protocol gives other packings for the same spec.
-const VERSION: f64 = 3.0;
+const VERSION: f64 = 4.0;
 const MAGIC: u64 = 0x414c_5144_454d_5032;
 
 /// FNV-1a over 64-bit words, two streams for 128 bits.
@@ -94,6 +94,7 @@ fn words(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()
         &mut r.asked,
         &mut r.placed,
         &mut r.dropped,
+        &mut r.beyond,
         &mut r.bodies,
         &mut r.steps,
     ];

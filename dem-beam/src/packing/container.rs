@@ -1,5 +1,6 @@
 //! What a packing fills: a box, a cylinder, any closed triangle surface, or all space periodically.
 
+use super::around::Around;
 use super::surface::Surface;
 use crate::error::{Result, positive};
 use nalgebra::Vector3;
@@ -24,6 +25,8 @@ pub enum Container {
     },
     /// Inside of a closed surface.
     Surface(Surface),
+    /// A part of a body, with what is around it: the packing is that of the part.
+    Around(Box<Around>),
     /// A box at the origin that repeats along all axes: a sample of the bulk, without walls.
     Periodic {
         /// Edges.
@@ -78,17 +81,23 @@ impl Container {
     pub fn bodies(&self) -> Vec<Self> {
         match self {
             Self::Surface(s) => s.bodies().into_iter().map(Self::Surface).collect(),
+            Self::Around(a) => a
+                .bodies()
+                .into_iter()
+                .map(|a| Self::Around(Box::new(a)))
+                .collect(),
             other => vec![other.clone()],
         }
     }
 
-    /// Enclosed volume \[m³\].
+    /// Volume that is filled \[m³\].
     #[must_use]
     pub fn volume(&self) -> f64 {
         match self {
             Self::Box { min, max } => (max - min).product(),
             Self::Cylinder { length, radius } => std::f64::consts::PI * radius * radius * length,
             Self::Surface(s) => s.volume(),
+            Self::Around(a) => a.volume(),
             Self::Periodic { size } => size.product(),
         }
     }
@@ -103,6 +112,7 @@ impl Container {
                 Vector3::new(*length, *radius, *radius),
             ),
             Self::Surface(s) => s.bounds(),
+            Self::Around(a) => a.bounds(),
             Self::Periodic { size } => (Vector3::zeros(), *size),
         }
     }
@@ -139,11 +149,8 @@ impl Container {
                     wall(radius - r, Vector3::new(0.0, -x.y / r, -x.z / r));
                 }
             }
-            Self::Surface(s) => {
-                if let Some((gap, n)) = s.nearest(x, reach) {
-                    wall(gap, n);
-                }
-            }
+            Self::Surface(s) => s.walls(x, reach, wall),
+            Self::Around(a) => a.walls(x, reach, wall),
             Self::Periodic { .. } => {}
         }
     }
@@ -161,14 +168,17 @@ impl Container {
     pub fn contains(&self, x: &Vector3<f64>) -> bool {
         match self {
             Self::Surface(s) => s.contains(x),
+            Self::Around(a) => a.contains(x),
             _ => self.gap(x, 0.0) >= 0.0,
         }
     }
 
     /// Prepares wall queries up to `reach` \[m\]; only surfaces need it.
     pub(crate) fn prepare(&mut self, reach: f64) {
-        if let Self::Surface(s) = self {
-            s.prepare(reach);
+        match self {
+            Self::Surface(s) => s.prepare(reach),
+            Self::Around(a) => a.prepare(reach),
+            Self::Box { .. } | Self::Cylinder { .. } | Self::Periodic { .. } => {}
         }
     }
 
@@ -183,6 +193,10 @@ impl Container {
             Self::Surface(s) => {
                 out.push(3.0);
                 s.identity(out);
+            }
+            Self::Around(a) => {
+                out.push(5.0);
+                a.identity(out);
             }
             Self::Periodic { size } => {
                 out.push(4.0);

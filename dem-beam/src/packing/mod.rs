@@ -1,5 +1,6 @@
 //! Packings: random and jammed, regular, or read from a file.
 
+pub mod around;
 mod assemble;
 pub(crate) mod bonding;
 pub(crate) mod cache;
@@ -21,6 +22,7 @@ pub mod surface;
 #[cfg(feature = "vtu")]
 pub(crate) mod vtu;
 
+pub use around::Around;
 pub use assemble::Packing;
 pub use container::Container;
 pub use csv::{read_csv, write_csv};

@@ -73,7 +73,7 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
         Container::Box { min, max } => Some((max - min).min()),
         Container::Cylinder { length, radius } => Some(length.min(2.0 * radius)),
         Container::Periodic { .. } => None,
-        Container::Surface(_) => {
+        Container::Surface(_) | Container::Around(_) => {
             let reach = 0.5 * WIDE * diameter;
             let mut body = body.clone();
             body.prepare(reach);

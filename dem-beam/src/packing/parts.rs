@@ -151,7 +151,7 @@ impl Packing {
     }
 
     /// Keeps the spheres of these numbers (ascending).
-    fn retain(&mut self, kept: &[u32]) {
+    pub(crate) fn retain(&mut self, kept: &[u32]) {
         renumber(&mut self.pairs, kept, self.radii.len());
         self.positions = kept.iter().map(|&i| self.positions[i as usize]).collect();
         self.radii = kept.iter().map(|&i| self.radii[i as usize]).collect();

@@ -116,13 +116,17 @@ impl PackingSpec {
             let one = self.fill(body, count, seed);
             filled.push(one.map_err(|e| e.in_body(k, &bodies))?);
         }
-        Packing::assemble(
+        let packing = Packing::assemble(
             &self.container,
             &bodies,
             &filled,
             self.count,
             self.loose == Loose::Keep,
-        )
+        )?;
+        match &self.container {
+            Container::Around(around) => around.part_of(packing),
+            _ => Ok(packing),
+        }
     }
 
     /// Packs one body.
@@ -381,7 +385,7 @@ impl Profile {
     fn new(container: &Container, axis: usize) -> Self {
         let (low, high) = container.bounds();
         let extent = high[axis] - low[axis];
-        if !matches!(container, Container::Surface(_)) {
+        if !matches!(container, Container::Surface(_) | Container::Around(_)) {
             // Boxes and cylinders along their longest axis have a constant section. A flat
             // cylinder has not, but it is sampled along a diameter and thin anyway.
             return Self {

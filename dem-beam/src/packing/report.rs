@@ -44,6 +44,8 @@ pub struct PackingReport {
     pub dropped: usize,
     /// Volume of those over that of all placed: by so much their body's other spheres are too heavy.
     pub dropped_share: f64,
+    /// Of these, cut off because they lie beyond the border of a part of a body ([`crate::packing::Around`]).
+    pub beyond: usize,
     /// Bodies within the container: more than one for a surface of several shells.
     pub bodies: usize,
     /// Narrowest width of a body over the mean diameter of its spheres; none without walls. For surfaces twice the
@@ -111,6 +113,7 @@ impl PackingReport {
                 0 => 0.0,
                 _ => 1.0 - kept.iter().map(cube).sum::<f64>() / cubes,
             },
+            beyond: 0,
             bodies: bodies.len(),
             across: narrow::across(bodies, spheres, body),
             cut: Cut::default(),

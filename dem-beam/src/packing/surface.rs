@@ -6,11 +6,18 @@ use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
+/// Most walls that push a sphere at once.
+const WALLS: usize = 4;
+/// Walls are one if the cosine between them is above this.
+const LIKE: f64 = 0.97;
+
 /// A closed, outward oriented triangle surface \[m\].
 #[derive(Debug, Clone)]
 pub struct Surface {
     vertices: Vec<Vector3<f64>>,
     triangles: Vec<[u32; 3]>,
+    /// Middle of each triangle and how far its corners are from it: most are seen to be too far by that.
+    balls: Vec<[f64; 4]>,
     volume: f64,
     bounds: (Vector3<f64>, Vector3<f64>),
     grid: Grid,
@@ -23,7 +30,8 @@ struct Grid {
     dims: [usize; 3],
     reach: f64,
     start: Vec<u32>,
-    triangles: Vec<u32>,
+    /// By their distance from the middle of the cell.
+    triangles: Vec<(f64, u32)>,
     /// For cells without a near triangle: whether they are inside.
     inside: Vec<bool>,
 }
@@ -73,6 +81,7 @@ impl Surface {
             return Err(Error::NoVolume { volume });
         }
         let mut out = Self {
+            balls: balls(&vertices, &triangles),
             vertices,
             triangles,
             volume,
@@ -81,6 +90,29 @@ impl Surface {
         };
         out.prepare((high - low).min() / 20.0);
         Ok(out)
+    }
+
+    /// Triangles that need not be closed, whose nearest one is looked for up to `reach`; they have no inside.
+    pub(crate) fn open(triangles: &[[Vector3<f64>; 3]], reach: f64) -> Self {
+        let vertices: Vec<Vector3<f64>> = triangles.iter().flatten().copied().collect();
+        let low = vertices
+            .iter()
+            .fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(v));
+        let high = vertices
+            .iter()
+            .fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(v));
+        let numbers = (0..triangles.len() as u32).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]);
+        let triangles: Vec<[u32; 3]> = numbers.collect();
+        let mut out = Self {
+            balls: balls(&vertices, &triangles),
+            vertices,
+            triangles,
+            volume: 0.0,
+            bounds: (low, high),
+            grid: Grid::default(),
+        };
+        out.prepare(reach);
+        out
     }
 
     /// Corners \[m\].
@@ -183,7 +215,7 @@ impl Surface {
         // One layer of cells around the box: a centre may leave it by a little.
         let dims = [0, 1, 2].map(|a| (extent[a] / size).ceil() as usize + 2);
         let cells = dims[0] * dims[1] * dims[2];
-        let mut near: Vec<Vec<u32>> = vec![Vec::new(); cells];
+        let mut near: Vec<Vec<(f64, u32)>> = vec![Vec::new(); cells];
         let grid = Grid {
             size,
             dims,
@@ -196,15 +228,17 @@ impl Surface {
             let high = grid.cell(&(c[0].sup(&c[1]).sup(&c[2]).add_scalar(reach)), &self.bounds.0);
             for (i, centre) in grid.cells_between(low, high, &self.bounds.0) {
                 // Farthest point of a cell is half a diagonal from its centre.
-                if (closest_on_triangle(&centre, &c) - centre).norm() <= reach + 0.8661 * size {
-                    near[i].push(t as u32);
+                let far = (closest_on_triangle(&centre, &c) - centre).norm();
+                if far <= reach + 0.8661 * size {
+                    near[i].push((far, t as u32));
                 }
             }
         }
         let mut start = Vec::with_capacity(cells + 1);
         let mut flat = Vec::new();
         start.push(0);
-        for n in &near {
+        for n in &mut near {
+            n.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             flat.extend_from_slice(n);
             start.push(flat.len() as u32);
         }
@@ -238,12 +272,24 @@ impl Surface {
     /// is within `reach` (at most the reach prepared for).
     #[must_use]
     pub fn nearest(&self, x: &Vector3<f64>, reach: f64) -> Option<(f64, Vector3<f64>)> {
-        let cell = self.grid.index(self.grid.cell(x, &self.bounds.0));
-        let range = self.grid.start[cell] as usize..self.grid.start[cell + 1] as usize;
+        let (range, off) = self.near(x);
+        if range.is_empty() {
+            return None;
+        }
         let limit = reach.min(self.grid.reach);
         let (mut best, mut sign, mut steep) = (f64::INFINITY, 0.0, 0.0);
         let (mut foot, mut face) = (Vector3::zeros(), Vector3::zeros());
-        for &t in &self.grid.triangles[range] {
+        for &(far, t) in &self.grid.triangles[range] {
+            // Ties are of account, hence a little more.
+            let reached = best * (1.0 + 1e-6);
+            if far - off > reached {
+                break;
+            }
+            let [a, b, c, radius] = self.balls[t as usize];
+            let clear = reached + radius;
+            if (x - Vector3::new(a, b, c)).norm_squared() > clear * clear {
+                continue;
+            }
             let c = self.triangles[t as usize].map(|i| self.vertices[i as usize]);
             let p = closest_on_triangle(x, &c);
             let d = (p - x).norm();
@@ -269,6 +315,55 @@ impl Surface {
             -face
         };
         Some((sign * best, normal))
+    }
+
+    /// Calls `wall(gap, inward normal)` for the nearest point, if it is nearer than `reach`, and for the faces above which
+    /// `x` lies within `reach` that look elsewhere: in an edge both walls push, or a sphere there never comes to rest.
+    #[inline]
+    pub(crate) fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
+        let Some((gap, n)) = self.nearest(x, reach) else {
+            return;
+        };
+        wall(gap, n);
+        if gap <= 0.0 || gap >= reach {
+            return;
+        }
+        let (mut seen, mut count) = ([n; WALLS], 1);
+        let (range, off) = self.near(x);
+        for &(far, t) in &self.grid.triangles[range] {
+            if far - off > reach || count == WALLS {
+                break;
+            }
+            let [a, b, c, radius] = self.balls[t as usize];
+            let clear = reach + radius;
+            if (x - Vector3::new(a, b, c)).norm_squared() > clear * clear {
+                continue;
+            }
+            let c = self.triangles[t as usize].map(|i| self.vertices[i as usize]);
+            let Some(inwards) = (c[2] - c[0]).cross(&(c[1] - c[0])).try_normalize(0.0) else {
+                continue;
+            };
+            let height = (x - c[0]).dot(&inwards);
+            let looks_like = |s: &Vector3<f64>| s.dot(&inwards) > LIKE;
+            if height <= 0.0 || height >= reach || seen[..count].iter().any(looks_like) {
+                continue;
+            }
+            if (closest_on_triangle(x, &c) - x).norm() <= height * (1.0 + 1e-9) {
+                wall(height, inwards);
+                seen[count] = inwards;
+                count += 1;
+            }
+        }
+    }
+
+    /// Triangles near a point, and how far it is from the middle of its cell.
+    #[inline]
+    fn near(&self, x: &Vector3<f64>) -> (std::ops::Range<usize>, f64) {
+        let place = self.grid.cell(x, &self.bounds.0);
+        let cell = self.grid.index(place);
+        let middle = Vector3::from(place.map(|i| i as f64 - 0.5)) * self.grid.size + self.bounds.0;
+        let range = self.grid.start[cell] as usize..self.grid.start[cell + 1] as usize;
+        (range, (x - middle).norm())
     }
 
     /// Whether `x` is inside.
@@ -320,6 +415,17 @@ impl Grid {
         }
         out
     }
+}
+
+/// Middle of each triangle and the distance of its farthest corner from it.
+fn balls(vertices: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Vec<[f64; 4]> {
+    let ball = |t: &[u32; 3]| {
+        let corners = t.map(|i| vertices[i as usize]);
+        let middle = corners.iter().sum::<Vector3<f64>>() / 3.0;
+        let radius = corners.iter().fold(0.0_f64, |r, x| r.max((x - middle).norm()));
+        [middle.x, middle.y, middle.z, radius * (1.0 + 1e-12)]
+    };
+    triangles.iter().map(ball).collect()
 }
 
 /// Winding number of a surface about `x`: 1 inside, 0 outside (van Oosterom and Strackee).

@@ -174,22 +174,8 @@ impl<'a> Deal<'a> {
 
     /// Takes off the layer what touches an edge at which more than two faces of the zone's surface meet.
     fn part_at_edges(&mut self) -> bool {
-        let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
-        for (facet, key) in faces_of(self.mesh, |e| self.sides[e] != Side::Beyond) {
-            if open.remove(&key).is_none() {
-                open.insert(key, facet);
-            }
-        }
-        let mut uses: HashMap<[u32; 2], u32> = HashMap::new();
-        for facet in open.into_values() {
-            let corners = self.mesh.facet_nodes(facet);
-            for (k, a) in corners.iter().enumerate() {
-                let b = corners[(k + 1) % corners.len()];
-                *uses.entry([*a.min(&b), *a.max(&b)]).or_default() += 1;
-            }
-        }
-        uses.retain(|_, n| *n > 2);
         let mesh = self.mesh;
+        let crowded = crowded_edges(mesh, |e| self.sides[e] != Side::Beyond);
         let mut any = false;
         for (e, side) in self
             .sides
@@ -198,7 +184,10 @@ impl<'a> Deal<'a> {
             .filter(|(_, s)| **s == Side::Layer)
         {
             let corners = mesh.element(e);
-            if uses.keys().any(|edge| edge.iter().all(|k| corners.contains(k))) {
+            if crowded
+                .iter()
+                .any(|edge| edge.iter().all(|k| corners.contains(k)))
+            {
                 *side = Side::Beyond;
                 any = true;
             }
@@ -290,8 +279,31 @@ impl<'a> Deal<'a> {
     }
 }
 
+/// Edges at which more than two faces of the surface of some elements meet.
+pub(super) fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> Vec<[u32; 2]> {
+    let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
+    for (facet, key) in faces_of(mesh, keep) {
+        if open.remove(&key).is_none() {
+            open.insert(key, facet);
+        }
+    }
+    let mut uses: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+    for facet in open.into_values() {
+        let corners = mesh.facet_nodes(facet);
+        for (k, a) in corners.iter().enumerate() {
+            let b = corners[(k + 1) % corners.len()];
+            *uses.entry([*a.min(&b), *a.max(&b)]).or_default() += 1;
+        }
+    }
+    let crowded = uses.into_iter().filter(|(_, n)| *n > 2);
+    crowded.map(|(edge, _)| edge).collect()
+}
+
 /// Faces of some elements and their corners, ascending, which two neighbours have in common.
-fn faces_of(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> impl Iterator<Item = (Facet, [u32; 4])> {
+pub(super) fn faces_of(
+    mesh: &Mesh<f64>,
+    keep: impl Fn(usize) -> bool,
+) -> impl Iterator<Item = (Facet, [u32; 4])> {
     let kept = (0..mesh.element_count()).filter(move |&e| keep(e));
     kept.flat_map(move |e| {
         (0..mesh.kind().faces().len()).map(move |face| {

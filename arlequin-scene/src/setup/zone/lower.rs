@@ -1,17 +1,14 @@
 //! `[body]` and `[zone.NAME]` become models and interfaces.
 
 use super::region::Place;
-use super::{Cut, Piece, Use};
+use super::{BODY, Cut, Mark, Piece, Use};
 use crate::error::{Error, Result, key, value};
 use crate::spec::{
-    Interface, MediatorTable, ModelKind, ModelTable, OverlapShape, ProfileKind, RoleKind, SceneSpec, Shape,
-    WeightTable, ZoneTable,
+    Interface, MediatorTable, ModelKind, ModelTable, OverlapShape, ProfileKind, RoleKind, SceneSpec,
+    Selection, Shape, WeightTable, ZoneTable,
 };
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
-
-/// Name of the body's model.
-const BODY: &str = "body";
 
 /// The same scene in models and interfaces alone; `body` and `zone` stay as they are, to tell where these come from.
 pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
@@ -43,11 +40,16 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
     }
     let zones: Vec<(String, ZoneTable)> = scene.zone.clone().into_iter().collect();
     for (name, zone) in &zones {
+        if name == BODY {
+            let rule = "is the name of the body's own model, which is the other side of the zone; give the zone another name";
+            return Err(key(format!("zone.{name}"), rule));
+        }
         check_zone(name, zone)?;
     }
     let cut = Arc::new(Cut {
         body: body.clone(),
         zones,
+        marks: marks(&scene),
         made: OnceLock::new(),
     });
     let piece = |of: Use| Piece { cut: cut.clone(), of };
@@ -68,6 +70,23 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
     };
     scene.model.insert(BODY.to_owned(), rest);
     Ok(scene)
+}
+
+/// The boxes in which loads and supports act on the body.
+fn marks(scene: &SceneSpec) -> Vec<Mark> {
+    let loads = scene.load.iter().map(|l| (&l.model, &l.at)).enumerate();
+    let supports = scene.support.iter().map(|s| (&s.model, &s.at)).enumerate();
+    let loads = loads.map(|(k, of)| (format!("load[{k}]"), of));
+    let all = loads.chain(supports.map(|(k, of)| (format!("support[{k}]"), of)));
+    let boxes = all.filter_map(|(key, (model, at))| match at {
+        Selection::Box(low, high) if model == BODY => Some(Mark {
+            key,
+            low: *low,
+            high: *high,
+        }),
+        _ => None,
+    });
+    boxes.collect()
 }
 
 /// Where a key of the models and interfaces that were made stands in the scene.

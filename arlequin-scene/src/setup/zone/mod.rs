@@ -4,26 +4,59 @@
 //! elements outside of the zones, a model per zone of the elements in and around it, and an interface between the two
 //! whose mediator is made of the elements that both have. Decision 0037.
 
+mod around;
 mod divide;
 mod faces;
+mod likeness;
 mod lower;
 mod place;
 mod region;
 
 pub(super) use faces::Faces;
+pub use likeness::Likeness;
+pub(super) use likeness::Twin;
 pub(crate) use lower::{lowered, written};
 
 use super::kinds::{self, Body};
 use super::mesh::{self, Request};
-use super::natural;
+use super::{natural, select};
 use crate::error::{Result, fem, key, value};
 use crate::spec::{Interface, ModelKind, ModelTable, OverlapShape, SceneSpec, Shape, ZoneTable};
 use arlequin::core::Overlap;
+use arlequin::core::effect::SurfaceFacet;
+use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::gmsh::{Triangles, triangles_of};
-use arlequin::fem_ref::{FemField, Mesh};
+use arlequin::fem_ref::{Facet, FemField, Mesh};
 use divide::Division;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
+
+/// Name of the body's model.
+const BODY: &str = "body";
+
+/// Models of what a scene names by one of them: where that is the body, its zones as well.
+pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
+    let place = |name: &String| scene.model.keys().position(|n| n == name);
+    let whole = scene.body.is_some() && place(&BODY.to_owned()) == Some(m);
+    let zones = scene.zone.keys().filter(|_| whole).filter_map(place);
+    std::iter::once(m).chain(zones).collect()
+}
+
+/// The same of models of which a list names some: zones that another list names are not the body's in this one.
+pub(super) fn with_parts(
+    scene: &SceneSpec,
+    named: Vec<usize>,
+    elsewhere: impl Fn(&str) -> bool,
+) -> Vec<usize> {
+    let name = |m: usize| scene.model.keys().nth(m).map_or("", String::as_str);
+    let mut out = named.clone();
+    for z in named.iter().flat_map(|m| parts(scene, *m)) {
+        if !out.contains(&z) && !elsewhere(name(z)) {
+            out.push(z);
+        }
+    }
+    out
+}
 
 /// Most halvings of the body's elements in a zone.
 const HALVINGS: f64 = 6.0;
@@ -93,7 +126,17 @@ pub struct Piece {
 struct Cut {
     body: ModelTable,
     zones: Vec<(String, ZoneTable)>,
+    /// Boxes in which loads and supports of the body act, whose surfaces become groups.
+    marks: Vec<Mark>,
     made: OnceLock<Division>,
+}
+
+/// A closed box by the key that names it.
+#[derive(Debug)]
+struct Mark {
+    key: String,
+    low: [f64; 3],
+    high: [f64; 3],
 }
 
 impl Cut {
@@ -114,11 +157,25 @@ impl Cut {
     }
 
     fn mesh(&self, folder: &Path) -> Result<Mesh<f64>> {
-        let whole = self.request(folder)?.mesh()?;
-        match self.body.kind {
-            ModelKind::Cnem => whole.into_tetrahedra().map_err(fem("body")),
-            _ => Ok(whole),
+        let mut whole = self.request(folder)?.mesh()?;
+        if self.body.kind == ModelKind::Cnem {
+            whole = whole.into_tetrahedra().map_err(fem("body"))?;
         }
+        let reach = select::slack(whole.spacing());
+        for mark in &self.marks {
+            let within = |x: &Point3<f64>| select::inside(&mark.low, &mark.high, x, reach);
+            let nodes = whole.nodes();
+            let corners = |f: Facet| {
+                whole
+                    .facet_nodes(f)
+                    .into_iter()
+                    .all(|k| within(&nodes[k as usize]))
+            };
+            if whole.boundary().into_iter().any(corners) {
+                whole = whole.with_surface(&mark.key, within).map_err(fem("body"))?;
+            }
+        }
+        Ok(whole)
     }
 }
 
@@ -178,6 +235,43 @@ impl Piece {
     pub(super) fn surface(&self, folder: &Path) -> Result<(Triangles, Mesh<f64>)> {
         let mesh = self.elements(self.cut.division(folder)?)?;
         Ok((triangles_of(&mesh), mesh))
+    }
+
+    /// The whole body with all its zones. Boxes in which loads and supports of the body act are groups by their key
+    /// (`load[0]`), where these hold a part of the surface.
+    pub(super) fn whole(&self, folder: &Path) -> Result<&Mesh<f64>> {
+        Ok(self.cut.division(folder)?.field.mesh())
+    }
+
+    /// Facets of a group on its elements as they are in the body.
+    pub(super) fn facets(&self, group: &str, folder: &Path) -> Result<Vec<SurfaceFacet<f64>>> {
+        let mesh = self.elements(self.cut.division(folder)?)?;
+        let there = mesh.groups().get(group).is_some_and(|g| !g.facets.is_empty());
+        if there {
+            return mesh.surface(group).map_err(fem("body"));
+        }
+        Ok(Vec::new())
+    }
+
+    /// Whether nodes of the whole body are of no element but those that this zone has for itself.
+    pub(super) fn alone(&self, folder: &Path) -> Result<Vec<bool>> {
+        let division = self.cut.division(folder)?;
+        let mesh = division.field.mesh();
+        let mut out = vec![true; mesh.nodes().len()];
+        for (e, owner) in division.of.iter().enumerate() {
+            if *owner != divide::Owner::Zone(self.number()) {
+                mesh.element(e).iter().for_each(|k| out[*k as usize] = false);
+            }
+        }
+        Ok(out)
+    }
+
+    /// The surface of a zone's elements and of those around them, as far as spheres may lie up to `margin` \[m\] beyond.
+    /// And the faces between the two.
+    pub(super) fn around(&self, folder: &Path, margin: f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
+        let division = self.cut.division(folder)?;
+        let (mesh, border) = around::around(division, self.number(), margin)?;
+        Ok((triangles_of(&mesh), border))
     }
 
     /// Where points lie with respect to the overlap.

@@ -1,0 +1,121 @@
+//! Rigid motions that no support holds.
+
+use super::Coupled;
+use crate::Real;
+use nalgebra::{Point3, SMatrix, SymmetricEigen, Vector3, Vector6};
+use std::fmt::Write as _;
+
+/// What of a unit motion of a whole body the supports may see of it and still leave it free.
+const FREE: f64 = 1e-9;
+
+impl<T: Real> Coupled<T> {
+    /// In words, which rigid motions are free: `'left' and 'right' can move along y and turn about x`. Empty if none is.
+    pub(super) fn free_motions(&self) -> String {
+        let mut out = String::new();
+        for group in self.tied() {
+            let Some(motions) = self.free_of(&group) else {
+                continue;
+            };
+            let names: Vec<String> = group
+                .iter()
+                .map(|k| format!("'{}'", self.subdomains[*k].model().name()))
+                .collect();
+            let joint = if out.is_empty() { "" } else { "; " };
+            let _ = write!(out, "{joint}{} can {motions}", names.join(" and "));
+        }
+        out
+    }
+
+    /// Subdomains in sets that interfaces tie to each other.
+    fn tied(&self) -> Vec<Vec<usize>> {
+        let mut set: Vec<usize> = (0..self.subdomains.len()).collect();
+        for [a, b] in self
+            .interfaces
+            .iter()
+            .map(|i| i.sides.map(|k| set[k]))
+            .collect::<Vec<_>>()
+        {
+            let [low, high] = [a.min(b), a.max(b)];
+            set.iter_mut().filter(|s| **s == high).for_each(|s| *s = low);
+        }
+        let group = |k: usize| (0..set.len()).filter(|m| set[*m] == k).collect::<Vec<_>>();
+        (0..set.len()).map(group).filter(|g| !g.is_empty()).collect()
+    }
+
+    /// The free motions of a set in words; turns are about the middle of what is held.
+    fn free_of(&self, group: &[usize]) -> Option<String> {
+        let held = || {
+            group.iter().flat_map(|k| {
+                let s = &self.subdomains[*k];
+                let layout = s.model().layout();
+                let dofs = s.supports().iter().flat_map(|m| &m.dofs);
+                dofs.map(move |&d| (s.model().nodes()[layout.node_of(d)], d, layout))
+            })
+        };
+        let wide = |x: &Point3<T>| Vector3::new(x.x.as_f64(), x.y.as_f64(), x.z.as_f64());
+        let all = group
+            .iter()
+            .flat_map(|k| self.subdomains[*k].model().nodes())
+            .map(wide);
+        let (low, high) = all.fold(
+            (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)),
+            |(l, h), x| (l.inf(&x), h.sup(&x)),
+        );
+        let size = (high - low).norm().max(f64::MIN_POSITIVE);
+        let count = held().count();
+        let sum = held().fold(Vector3::zeros(), |s, (x, ..)| s + wide(&x));
+        let middle = if count > 0 {
+            sum / count as f64
+        } else {
+            (low + high) / 2.0
+        };
+        let mut seen = SMatrix::<f64, 6, 6>::zeros();
+        for (x, d, layout) in held() {
+            let mut row = Vector6::zeros();
+            if d < layout.translations() {
+                let c = d % layout.components;
+                row[c] = 1.0;
+                let arm = (wide(&x) - middle) / size;
+                // (w × r)_c, by component of w.
+                let turn = Vector3::ith(c, 1.0).cross(&arm) * -1.0;
+                row.fixed_rows_mut::<3>(3).copy_from(&turn);
+            } else {
+                row[3 + (d - layout.translations()) % 3] = 1.0;
+            }
+            seen += row * row.transpose();
+        }
+        // A line knows one direction.
+        let lines = group
+            .iter()
+            .all(|k| self.subdomains[*k].model().layout().components == 1);
+        let known = if lines { 1 } else { 6 };
+        (known..6).for_each(|k| seen[(k, k)] += 1.0);
+        let limit = FREE * seen.trace().max(f64::MIN_POSITIVE);
+        let free = SymmetricEigen::new(seen)
+            .eigenvalues
+            .iter()
+            .filter(|e| **e <= limit)
+            .count();
+        let alone = |k: &usize| seen[(*k, *k)] <= limit;
+        let named: Vec<usize> = (0..6).filter(alone).collect();
+        let axes = ["x", "y", "z"];
+        let list = |from: usize| {
+            let of = named.iter().filter(|k| (from..from + 3).contains(*k));
+            of.map(|k| axes[k - from]).collect::<Vec<_>>().join(" and ")
+        };
+        let mut words = Vec::new();
+        for (verb, from) in [("move along", 0), ("turn about", 3)] {
+            let list = list(from);
+            if !list.is_empty() {
+                words.push(format!("{verb} {list}"));
+            }
+        }
+        if free > named.len() {
+            words.push(format!(
+                "move and turn at once in {} more ways",
+                free - named.len()
+            ));
+        }
+        (free > 0).then(|| words.join(" and "))
+    }
+}

@@ -1,0 +1,132 @@
+//! Loads: tractions on the surface of a model, forces on the nodes of one that has none.
+
+use super::drive::time_function;
+use super::kinds::Body;
+use super::select;
+use crate::error::{Result, core, key};
+use crate::spec::Load;
+use arlequin::core::TimeFunction;
+use arlequin::core::effect::{self, SurfaceFacet};
+use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+
+/// Traction \[Pa\] on a facet.
+pub(super) type Traction = Box<dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>>;
+
+/// Name of load `k` in the ledger.
+pub(super) fn name(k: usize, l: &Load) -> String {
+    l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1))
+}
+
+/// Refuses a load that says not one thing.
+pub(super) fn check(path: &str, l: &Load) -> Result<()> {
+    let given = [
+        l.traction.is_some(),
+        l.force.is_some(),
+        l.pressure.is_some(),
+        l.torque.is_some(),
+    ];
+    if given.iter().filter(|g| **g).count() != 1 {
+        return Err(key(
+            path,
+            "needs exactly one of traction, force, pressure, torque",
+        ));
+    }
+    Ok(())
+}
+
+/// A load on one model.
+pub(super) fn on_body(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
+    check(path, l)?;
+    let time = time_function(&format!("{path}.time"), &l.time)?;
+    let at = format!("{path}.where");
+    let Some(facets) = select::facets(&at, body, &l.at)? else {
+        return load_on_nodes(path, name, l, body, time);
+    };
+    let field = traction(path, l, &facets)?;
+    effect::Load::traction(name, facets, &*field, time).map_err(core(path))
+}
+
+/// The traction of a load on a surface of some facets.
+pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Result<Traction> {
+    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
+    Ok(if let Some(t) = l.traction {
+        Box::new(move |_| Vector3::from(t))
+    } else if let Some(f) = l.force {
+        Box::new(move |_| Vector3::from(f) / area)
+    } else if let Some(p) = l.pressure {
+        Box::new(move |f| -f.normal * p)
+    } else {
+        torque(path, Vector3::from(l.torque.unwrap_or_default()), facets)?
+    })
+}
+
+/// Centre `c` and vector `θ` with which forces `a θ × (x − c)` at places `x` have a given moment and no resultant: `J θ = m` with
+/// `J = Σ a (|r|² 1 − r rᵀ)`, `r = x − c`.
+fn turning(
+    path: &str,
+    moment: Vector3<f64>,
+    places: impl Iterator<Item = (Point3<f64>, f64)> + Clone,
+) -> Result<(Point3<f64>, Vector3<f64>)> {
+    let (sum, total) = places.clone().fold((Vector3::zeros(), 0.0), |(s, t), (x, a)| {
+        (s + x.coords * a, t + a)
+    });
+    let centre = Point3::from(sum / total);
+    let mut polar = Matrix3::zeros();
+    for (x, a) in places {
+        let r = x - centre;
+        polar += (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * a;
+    }
+    let inverse = polar.pseudo_inverse(1e-12 * polar.norm());
+    let turn = inverse.map_or(Vector3::zeros(), |p| p * moment);
+    if turn.norm() > 0.0 && (polar * turn - moment).norm() <= 1e-9 * moment.norm() {
+        return Ok((centre, turn));
+    }
+    Err(key(
+        format!("{path}.torque"),
+        "needs a moment other than zero, and several facets or nodes around its axis",
+    ))
+}
+
+/// Tractions `θ × (x − c)` about the centroid whose moment is the given one.
+fn torque(path: &str, moment: Vector3<f64>, facets: &[SurfaceFacet<f64>]) -> Result<Traction> {
+    let (centre, turn) = turning(path, moment, facets.iter().map(|f| (f.centre, f.area())))?;
+    Ok(Box::new(move |f| turn.cross(&(f.centre - centre))))
+}
+
+/// Forces on the nodes of a model without a surface, shared by mass; a torque as forces `m_i θ × (x_i − c)`.
+fn load_on_nodes(
+    path: &str,
+    name: &str,
+    l: &Load,
+    body: &Body,
+    time: TimeFunction<f64>,
+) -> Result<effect::Load<f64>> {
+    let nodes = select::nodes(&format!("{path}.where"), body, &l.at)?;
+    let layout = body.model.layout();
+    let count = layout.components;
+    let mut inertia = vec![0.0; layout.dofs()];
+    let one = arlequin::core::Uniform(1.0);
+    body.model
+        .lumped_inertia(&one, &mut inertia)
+        .map_err(core(path))?;
+    let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
+    let share = |n: usize| inertia[n * count] / total;
+    let field: Box<dyn Fn(usize) -> Vector3<f64>> = match (l.force, l.torque) {
+        (Some(f), _) => Box::new(move |_| Vector3::from(f)),
+        (None, Some(m)) if count == 3 => {
+            let points = body.model.nodes();
+            let places = nodes.iter().map(|n| (points[*n], share(*n)));
+            let (centre, turn) = turning(path, Vector3::from(m), places)?;
+            Box::new(move |n| turn.cross(&(points[n] - centre)))
+        }
+        _ => {
+            let rule = format!("model '{}' has no surface; give a force [N]", body.model.name());
+            return Err(key(path, rule));
+        }
+    };
+    let forces = nodes.iter().flat_map(|&n| {
+        let f = field(n) * share(n);
+        (0..count).map(move |c| (n * count + c, f[c]))
+    });
+    effect::Load::on_dofs(name, forces.collect(), time).map_err(core(path))
+}

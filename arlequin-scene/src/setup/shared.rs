@@ -1,0 +1,398 @@
+//! Loads on a body with zones: one load on the whole body, dealt out to its models so that these exert together what is asked for.
+//!
+//! What is asked for are the tractions on the facets of the whole body, as if it had no zones. The body's model carries them with its
+//! weight `f`, a zone's model with `1 − f` on its own facets of the same surface; spheres have none and carry it on those that
+//! touch it. What the models' own surfaces and rules leave to be desired, in force and in moment, is made up for on the zones by forces
+//! `a (α + θ × (x − c))`, the smallest that have a given resultant.
+
+use super::interface::BuiltInterface;
+use super::kinds::Body;
+use super::load::{self, Traction};
+use super::zone::Faces;
+use super::{drive, select, weights, zone};
+use crate::error::{Result, core, fem, key, unknown};
+use crate::spec::{SceneSpec, Selection, Shape};
+use arlequin::core::Weight;
+use arlequin::core::effect::{self, SurfaceFacet};
+use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin::fem_ref::gmsh::facets_of;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Share of what is asked for that may be left over.
+const LEFT: f64 = 1e-9;
+/// How far from the surface the middle of a facet on it may lie, in distances of nodes: faces of hexahedra may be warped.
+const SKIN: f64 = 0.1;
+/// Share of a load below which a zone has no part in it.
+const NO_PART: f64 = 1e-9;
+
+/// Force \[N\] and moment \[N m\] about a point.
+#[derive(Debug, Clone, Copy)]
+struct Wrench {
+    about: Point3<f64>,
+    force: Vector3<f64>,
+    moment: Vector3<f64>,
+}
+
+impl Wrench {
+    fn zero(about: Point3<f64>) -> Self {
+        let [force, moment] = [Vector3::zeros(); 2];
+        Self { about, force, moment }
+    }
+
+    fn add(&mut self, at: &Point3<f64>, force: &Vector3<f64>) {
+        self.force += force;
+        self.moment += (at - self.about).cross(force);
+    }
+
+    fn less(mut self, other: &Self) -> Self {
+        self.force -= other.force;
+        self.moment -= other.moment;
+        self
+    }
+}
+
+/// The nodes of one model that carry a load.
+struct Part {
+    model: usize,
+    /// Place, area \[m²\] times share, and force of each.
+    carriers: BTreeMap<usize, Carrier>,
+}
+
+#[derive(Clone, Copy)]
+struct Carrier {
+    at: Point3<f64>,
+    area: f64,
+    force: Vector3<f64>,
+}
+
+impl Part {
+    fn new(model: usize) -> Self {
+        Self {
+            model,
+            carriers: BTreeMap::new(),
+        }
+    }
+
+    fn add(&mut self, node: usize, at: Point3<f64>, area: f64, force: Vector3<f64>) {
+        let fresh = Carrier {
+            at,
+            area: 0.0,
+            force: Vector3::zeros(),
+        };
+        let c = self.carriers.entry(node).or_insert(fresh);
+        c.area += area;
+        c.force += force;
+    }
+
+    /// Tractions on facets, with a share at their centres.
+    fn carry<'b>(
+        &mut self,
+        body: &Body,
+        facets: impl Iterator<Item = &'b SurfaceFacet<f64>>,
+        field: &Traction,
+        share: &Share<'_>,
+    ) {
+        for f in facets {
+            let (t, w) = (field(f), share(&f.centre));
+            for (n, a) in f.nodes.iter().zip(&f.shares) {
+                self.add(*n, body.model.nodes()[*n], a * w, t * (a * w));
+            }
+        }
+    }
+
+    fn exerts(&self, about: Point3<f64>) -> Wrench {
+        let mut out = Wrench::zero(about);
+        self.carriers.values().for_each(|c| out.add(&c.at, &c.force));
+        out
+    }
+}
+
+type Share<'a> = dyn Fn(&Point3<f64>) -> f64 + 'a;
+
+/// A load on the body and what it needs of the scene.
+struct Shared<'a> {
+    path: String,
+    /// The surface, as a group of the body and its zones.
+    group: String,
+    bodies: &'a [Body],
+    folder: &'a Path,
+    /// The body's model.
+    body: usize,
+    /// Zones, each with the weight that it leaves to the body's model.
+    zones: Vec<(usize, Arc<dyn Weight<f64>>)>,
+    /// The surface as triangles, for models that know the facets of a group by their corners alone: those of a cut through a thin body
+    /// have theirs on its surface too.
+    skin: Faces,
+    field: Traction,
+    /// What is asked for.
+    asked: Wrench,
+    /// Sum of the sizes of its forces \[N\], and of these times their distances from the middle and the lengths of their facets \[N m\].
+    sizes: [f64; 2],
+}
+
+/// Load `k` of the scene, on the model `body` that has zones, as loads on the models of both.
+pub(super) fn loads(
+    k: usize,
+    body: usize,
+    scene: &SceneSpec,
+    bodies: &[Body],
+    joints: &[BuiltInterface],
+    folder: &Path,
+) -> Result<Vec<(usize, effect::Load<f64>)>> {
+    let (path, l) = (format!("load[{k}]"), &scene.load[k]);
+    load::check(&path, l)?;
+    let time = drive::time_function(&format!("{path}.time"), &l.time)?;
+    let shared = Shared::of(k, body, scene, (bodies, joints), folder)?;
+    let mut out = Vec::new();
+    // `left` is another number than one only where the model is in an overlap with one that is no zone.
+    for part in shared.dealt()? {
+        if part.model != body {
+            not_twice(k, &part, scene, &bodies[part.model])?;
+        }
+        let left = shared.left_by_others(part.model, joints)?;
+        let forces = part.carriers.iter().flat_map(|(n, c)| {
+            let f = c.force * left(&c.at);
+            (0..3).map(move |axis| (3 * n + axis, f[axis]))
+        });
+        let made = effect::Load::shared(&load::name(k, l), forces.collect(), time.clone());
+        out.push((part.model, made.map_err(core(&*shared.path))?));
+    }
+    Ok(out)
+}
+
+/// Refuses a load on a zone where one on the body acts: it would act twice.
+fn not_twice(k: usize, part: &Part, scene: &SceneSpec, body: &Body) -> Result<()> {
+    let (zone, whole) = (body.model.name(), &scene.load[k].model);
+    for (o, other) in scene.load.iter().enumerate().filter(|(_, o)| o.model == zone) {
+        let at = format!("load[{o}].where");
+        let nodes = match select::facets(&at, body, &other.at)? {
+            Some(facets) => facets.into_iter().flat_map(|f| f.nodes).collect(),
+            None => select::nodes(&at, body, &other.at)?,
+        };
+        if nodes.iter().any(|n| part.carriers.contains_key(n)) {
+            let rule = format!(
+                "is on '{zone}' where load[{k}] on '{whole}' acts already: a load on the body is shared with its zones; remove this \
+                 one, or give it to '{whole}' as well if both are meant"
+            );
+            return Err(key(format!("load[{o}].model"), rule));
+        }
+    }
+    Ok(())
+}
+
+impl<'a> Shared<'a> {
+    fn of(
+        k: usize,
+        body: usize,
+        scene: &SceneSpec,
+        (bodies, joints): (&'a [Body], &[BuiltInterface]),
+        folder: &'a Path,
+    ) -> Result<Self> {
+        let (path, l) = (format!("load[{k}]"), &scene.load[k]);
+        let group = match &l.at {
+            Selection::Group(name) => name.clone(),
+            Selection::Box(..) => path.clone(),
+        };
+        let (facets, skin) = surface_of(&path, &group, &l.at, &bodies[body], folder)?;
+        let field = load::traction(&path, l, &facets)?;
+        let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
+        let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
+        let mut asked = Wrench::zero(Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area));
+        let mut sizes = [0.0; 2];
+        for f in &facets {
+            let force = field(f) * f.area();
+            asked.add(&f.centre, &force);
+            sizes[0] += force.norm();
+            sizes[1] += force.norm() * ((f.centre - asked.about).norm() + f.area().sqrt());
+        }
+        let zones = zone::parts(scene, body);
+        let zones = zones[1..].iter().filter_map(|z| {
+            let joint = joints
+                .iter()
+                .find(|j| j.spec.fine == *z && j.spec.coarse == body)?;
+            Some((*z, joint.weights.external.clone()))
+        });
+        Ok(Self {
+            zones: zones.collect(),
+            path,
+            group,
+            skin,
+            bodies,
+            folder,
+            body,
+            field,
+            asked,
+            sizes,
+        })
+    }
+
+    /// Facets of a model on the surface.
+    fn facets_of<'b>(&'b self, body: &'b Body) -> impl Iterator<Item = &'b SurfaceFacet<f64>> {
+        let all = body.surfaces.get(&self.group).into_iter().flatten();
+        let reach = SKIN * body.spacing;
+        all.filter(move |f| self.skin.distance(&f.centre) <= reach)
+    }
+
+    /// What every model carries, together what is asked for.
+    fn dealt(&self) -> Result<Vec<Part>> {
+        let mut own = Part::new(self.body);
+        let body = &self.bodies[self.body];
+        let coarse = |x: &Point3<f64>| 1.0 - self.zones.iter().map(|(_, f)| 1.0 - f.at(x)).sum::<f64>();
+        own.carry(body, self.facets_of(body), &self.field, &coarse);
+        let mut zones = Vec::new();
+        for (z, f) in &self.zones {
+            let fine = |x: &Point3<f64>| 1.0 - f.at(x);
+            let body = &self.bodies[*z];
+            let part = match (&body.shape, body.grains.is_some()) {
+                (Shape::Piece(piece), true) => {
+                    let facets = piece.facets(&self.group, self.folder)?;
+                    self.on_spheres(*z, &facets, &fine)?
+                }
+                _ => {
+                    let mut part = Part::new(*z);
+                    part.carry(body, self.facets_of(body), &self.field, &fine);
+                    part
+                }
+            };
+            zones.push(part);
+        }
+        let exerted = zones.iter().chain([&own]).map(|p| p.exerts(self.asked.about));
+        let missing = exerted.fold(self.asked, |left, part| left.less(&part));
+        self.make_up(&mut zones, missing)?;
+        zones.push(own);
+        zones.retain(|p| !p.carriers.is_empty());
+        Ok(zones)
+    }
+
+    /// What the spheres of a zone carry: the tractions where each touches the surface, in shares of its section, made up to
+    /// those of the facets of the body there.
+    fn on_spheres(&self, zone: usize, facets: &[SurfaceFacet<f64>], share: &Share<'_>) -> Result<Part> {
+        let mut part = Part::new(zone);
+        let mut wanted = Wrench::zero(self.asked.about);
+        for f in facets {
+            wanted.add(&f.centre, &((self.field)(f) * (f.area() * share(&f.centre))));
+        }
+        let carried: f64 = facets.iter().map(|f| f.area() * share(&f.centre)).sum();
+        let whole: f64 = facets.iter().map(SurfaceFacet::area).sum();
+        if carried <= NO_PART * whole {
+            return Ok(part);
+        }
+        let body = &self.bodies[zone];
+        let touching = body.groups.get(&self.group).map_or(&[][..], Vec::as_slice);
+        let section = |n: usize| body.grid.radii[n].powi(2) * share(&body.model.nodes()[n]);
+        let sum: f64 = touching.iter().map(|n| section(*n)).sum();
+        for &n in touching {
+            let x = body.model.nodes()[n];
+            let away = |f: &&SurfaceFacet<f64>| (f.centre - x).norm_squared();
+            let near = facets.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+            let area = carried * section(n) / sum;
+            part.add(
+                n,
+                x,
+                area,
+                near.map_or(Vector3::zeros(), |f| (self.field)(f) * area),
+            );
+        }
+        let missing = wanted.less(&part.exerts(wanted.about));
+        self.make_up(std::slice::from_mut(&mut part), missing)?;
+        Ok(part)
+    }
+
+    /// Adds what is missing.
+    fn make_up(&self, parts: &mut [Part], missing: Wrench) -> Result<()> {
+        let all = || parts.iter().flat_map(|p| p.carriers.values());
+        let area: f64 = all().map(|c| c.area).sum();
+        if area <= 0.0 {
+            return self.enough(&missing);
+        }
+        let middle = Point3::from(all().fold(Vector3::zeros(), |s, c| s + c.at.coords * c.area) / area);
+        let mut polar = Matrix3::zeros();
+        for c in all() {
+            let r = c.at - middle;
+            polar += (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * c.area;
+        }
+        let moment = missing.moment - (middle - missing.about).cross(&missing.force);
+        // Spheres in a line bear no moment about it.
+        let turn = polar.pseudo_inverse(1e-12 * polar.norm()).map(|p| p * moment);
+        let (along, turn) = (missing.force / area, turn.unwrap_or_default());
+        let mut left = missing;
+        for c in parts.iter_mut().flat_map(|p| p.carriers.values_mut()) {
+            let more = (along + turn.cross(&(c.at - middle))) * c.area;
+            c.force += more;
+            left = left.less(&{
+                let mut w = Wrench::zero(left.about);
+                w.add(&c.at, &more);
+                w
+            });
+        }
+        self.enough(&left)
+    }
+
+    /// Refuses a load that the models cannot exert.
+    fn enough(&self, left: &Wrench) -> Result<()> {
+        let [force, moment] = self.sizes;
+        if left.force.norm() <= LEFT * force && left.moment.norm() <= LEFT * moment {
+            return Ok(());
+        }
+        let rule = format!(
+            "{:.3e} N and {:.3e} N m of it would be lost: the zones of the body have too few spheres or nodes at this surface to carry \
+             their share; take smaller spheres, or keep the zone and its overlap away from it",
+            left.force.norm(),
+            left.moment.norm()
+        );
+        Err(key(format!("{}.where", self.path), rule))
+    }
+
+    /// What interfaces with models that are no zones leave to a model, at a point: the load there is theirs to be given.
+    fn left_by_others(&self, model: usize, joints: &[BuiltInterface]) -> Result<Box<Share<'a>>> {
+        let zones: Vec<_> = self.zones.iter().map(|z| z.1.clone()).collect();
+        let own = zones.iter().zip(&self.zones).find(|(_, z)| z.0 == model);
+        let own = own.map(|(f, _)| f.clone());
+        let actual = weights::of(model, joints)?.external;
+        Ok(Box::new(move |x| {
+            let within = match &own {
+                Some(f) => 1.0 - f.at(x),
+                None => 1.0 - zones.iter().map(|f| 1.0 - f.at(x)).sum::<f64>(),
+            };
+            if within > NO_PART {
+                actual.at(x) / within
+            } else {
+                1.0
+            }
+        }))
+    }
+}
+
+/// Facets of the whole body that a load selects, and their triangles.
+fn surface_of(
+    path: &str,
+    group: &str,
+    at: &Selection,
+    body: &Body,
+    folder: &Path,
+) -> Result<(Vec<SurfaceFacet<f64>>, Faces)> {
+    let Shape::Piece(piece) = &body.shape else {
+        return Err(key(path, "is on a body without zones"));
+    };
+    let whole = piece.whole(folder)?;
+    let path = format!("{path}.where");
+    match (whole.groups().get(group), at) {
+        (Some(g), _) if !g.facets.is_empty() => {
+            let triangles = facets_of(whole, &g.facets);
+            let at = |k: &u32| whole.nodes()[*k as usize];
+            let skin = Faces::new(triangles.iter().map(|t| t.each_ref().map(at)).collect());
+            Ok((whole.surface(group).map_err(fem(path))?, skin))
+        }
+        (Some(_), Selection::Group(_)) | (_, Selection::Box(..)) => {
+            let rule = format!("{at} holds no surface facet of the body; choose a surface or a larger box");
+            Err(key(path, rule))
+        }
+        (None, _) => {
+            let known = whole.groups().iter().filter(|(_, g)| !g.facets.is_empty());
+            let known: BTreeMap<_, _> = known.map(|(n, _)| (n.clone(), ())).collect();
+            Err(unknown(path, group, "surface of the body", select::named(&known)))
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! Supports: which nodes they hold, in the body and its zones, and which of two holds a component that both have.
+
+use super::kinds::Body;
+use super::{drive, select, zone};
+use crate::error::{Result, key, unknown};
+use crate::spec::{Axis, SceneSpec, Selection, Shape, Support};
+use arlequin::core::PrescribedMotion;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Nodes of a model that a support holds.
+pub(super) struct Held {
+    /// Number of the support in the scene.
+    support: usize,
+    /// Number of the model.
+    model: usize,
+    nodes: Vec<usize>,
+    /// Whether the model is a zone of the body that the support names.
+    of_zone: bool,
+}
+
+/// What supports hold, in their order; of one on a body with zones first its own nodes, then those of each zone.
+fn held(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> {
+    let mut out = Vec::new();
+    for (support, s) in scene.support.iter().enumerate() {
+        let path = format!("support[{support}]");
+        let m = drive::model_index(&format!("{path}.model"), &s.model, scene)?;
+        let path = format!("{path}.where");
+        let parts = zone::parts(scene, m);
+        if let [model] = parts[..] {
+            out.push(Held {
+                support,
+                model,
+                nodes: select::nodes(&path, &bodies[model], &s.at)?,
+                of_zone: false,
+            });
+            continue;
+        }
+        let found = parts
+            .iter()
+            .map(|p| nodes_of_part(support, s, &bodies[*p]))
+            .collect::<Vec<_>>();
+        if found.iter().all(Vec::is_empty) {
+            return Err(nothing(&path, &s.at, parts.iter().map(|p| &bodies[*p])));
+        }
+        for (model, nodes) in parts.into_iter().zip(found) {
+            check_spheres(&path, s, &bodies[model], &nodes, folder)?;
+            out.push(Held {
+                support,
+                model,
+                nodes,
+                of_zone: model != m,
+            });
+        }
+    }
+    Ok(out)
+}
+
+/// Nodes of the body, or of one of its zones, that a support on the body holds; spheres are also held by touching the surface in a
+/// box.
+fn nodes_of_part(support: usize, s: &Support, body: &Body) -> Vec<usize> {
+    let group = |name: &str| body.groups.get(name).cloned().unwrap_or_default();
+    match &s.at {
+        Selection::Group(name) => group(name),
+        Selection::Box(low, high) => {
+            let mut found = select::within(body, low, high);
+            if body.grains.is_some() {
+                found.extend(group(&format!("support[{support}]")));
+                found.sort_unstable();
+                found.dedup();
+            }
+            found
+        }
+    }
+}
+
+fn nothing<'a>(path: &str, at: &Selection, parts: impl Iterator<Item = &'a Body>) -> crate::Error {
+    let Selection::Group(name) = at else {
+        let rule = format!("{at} holds no node of the body or its zones; enlarge it or check the units (m)");
+        return key(path, rule);
+    };
+    let known: BTreeSet<&String> = parts.flat_map(|b| select::named(&b.groups)).collect();
+    unknown(path, name, "group of the body", known.into_iter())
+}
+
+/// Refuses a support that holds nodes of the body where a zone has nothing but spheres, and none of these.
+fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: &Path) -> Result<()> {
+    let (Shape::Piece(piece), true, true) = (&body.shape, body.grains.is_some(), nodes.is_empty()) else {
+        return Ok(());
+    };
+    let (whole, alone) = (piece.whole(folder)?, piece.alone(folder)?);
+    let lost = match &s.at {
+        Selection::Group(name) => {
+            let group = whole.groups().get(name);
+            group.is_some_and(|g| g.nodes.iter().any(|k| alone[*k as usize]))
+        }
+        Selection::Box(low, high) => {
+            let slack = select::slack(whole.spacing());
+            let mut all = whole.nodes().iter().zip(&alone);
+            all.any(|(x, alone)| *alone && select::inside(low, high, x, slack))
+        }
+    };
+    if !lost {
+        return Ok(());
+    }
+    let rule = format!(
+        "{} is held where the body is the spheres of zone '{}', and no sphere is in it or touches a face in it; name a face, or a box          with the centres of spheres",
+        s.at,
+        body.model.name()
+    );
+    Err(key(path, rule))
+}
+
+/// What supports prescribe, with the model of each, in their order. What a zone's own support holds is not held by one on the body
+/// as well.
+pub(super) fn motions(
+    scene: &SceneSpec,
+    bodies: &[Body],
+    folder: &Path,
+) -> Result<Vec<(usize, PrescribedMotion<f64>)>> {
+    let all = held(scene, bodies, folder)?;
+    check(scene, bodies, &all)?;
+    let mut own: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    let mut out = Vec::with_capacity(all.len());
+    for h in &all {
+        let path = format!("support[{}]", h.support);
+        let made = motion_of(&path, &scene.support[h.support], &bodies[h.model], &h.nodes)?;
+        if !h.of_zone {
+            own.entry(h.model).or_default().extend(&made.dofs);
+        }
+        out.push((h.model, made));
+    }
+    for (h, (m, made)) in all.iter().zip(&mut out) {
+        if let (true, Some(own)) = (h.of_zone, own.get(m)) {
+            made.dofs.retain(|d| !own.contains(d));
+        }
+    }
+    Ok(out)
+}
+
+/// What a support prescribes to nodes of a model.
+fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<PrescribedMotion<f64>> {
+    let count = body.model.layout().components;
+    let components: Vec<usize> = match &s.components {
+        None => (0..count).collect(),
+        Some(c) => c.iter().map(|c| c.index()).collect(),
+    };
+    if let Some(k) = components.iter().position(|&c| c >= count) {
+        let rule = format!("model '{}' moves along x only; use [\"x\"]", body.model.name());
+        return Err(key(format!("{path}.components[{k}]"), rule));
+    }
+    if components.is_empty() {
+        let rule = "is empty; name at least one, or remove it for all";
+        return Err(key(format!("{path}.components"), rule));
+    }
+    let mut dofs: Vec<usize> = nodes
+        .iter()
+        .flat_map(|n| components.iter().map(move |c| n * count + c))
+        .collect();
+    let layout = body.model.layout();
+    if s.components.is_none() && s.motion.is_none() && layout.turns() {
+        // A clamp holds rotations too.
+        let first = layout.translations();
+        dofs.extend(nodes.iter().flat_map(|n| (0..3).map(move |c| first + 3 * n + c)));
+    }
+    Ok(match &s.motion {
+        None => PrescribedMotion::fixed(dofs),
+        Some(m) => {
+            let (amplitude, time) = drive::motion(&format!("{path}.motion"), m)?;
+            PrescribedMotion {
+                dofs,
+                amplitude,
+                time,
+            }
+        }
+    })
+}
+
+/// Refuses a component of a node that two supports prescribe: which of them holds it must be said.
+fn check(scene: &SceneSpec, bodies: &[Body], all: &[Held]) -> Result<()> {
+    let mut by: BTreeMap<(usize, usize, usize), &Held> = BTreeMap::new();
+    for h in all {
+        let (s, body) = (&scene.support[h.support], &bodies[h.model]);
+        let count = body.model.layout().components;
+        let axes = [Axis::X, Axis::Y, Axis::Z];
+        let axes = s.components.as_deref().unwrap_or(&axes[..count]);
+        let (mut first, mut others) = (None, 0);
+        for n in &h.nodes {
+            for axis in axes {
+                match by.insert((h.model, *n, axis.index()), h) {
+                    Some(before) if before.of_zone != h.of_zone => {}
+                    None => {}
+                    Some(before) if first.is_none() => first = Some((before.support, *n, axis.index())),
+                    Some(_) => others += 1,
+                }
+            }
+        }
+        if let Some((by, n, c)) = first {
+            let (x, axis) = (&body.model.nodes()[n], ["x", "y", "z"][c]);
+            let rule = format!(
+                "holds {axis} of the node of '{}' at ({:.4e}, {:.4e}, {:.4e}) m, as support[{by}] does, and {others} more components of \
+                 nodes likewise; leave \"{axis}\" out of the components of one of them, or choose its nodes with a box that leaves \
+                 out what both have",
+                body.model.name(),
+                x.x,
+                x.y,
+                x.z
+            );
+            return Err(key(format!("support[{}].where", h.support), rule));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,285 @@
+//! How stiff a packing is in its place, beside the body's elements there.
+//!
+//! A packing of a zone is a sample of its own: few spheres across, with free surfaces, its own seed. So it is tested where it
+//! lies. Its border to the body is moved by each of six unit strains, and what supports hold with it; all else is in
+//! equilibrium, and with the shares `w` that the zone has of the energy, `C_kl = u_k · K_w u_l`. The same is found for the
+//! body's elements. The factor by which the beams' modulus is off is the projection of the one on the other as tensors, so
+//! that nothing depends on how the body is turned. Decision 0041.
+
+use super::{Faces, Piece};
+use crate::error::{Result, core, dem, fem};
+use crate::setup::materials;
+use crate::setup::select::{inside, slack};
+use crate::spec::{Axis, ModelTable, Selection, Support};
+use arlequin::core::geometry::Cell;
+use arlequin::core::nalgebra::{Matrix3, Matrix6, Point3, Vector3};
+use arlequin::core::sprs::TriMat;
+use arlequin::core::{LinearModel, Model, Overlap, Place, Real, Weight};
+use arlequin::dem_beam::bond::Twist;
+use arlequin::dem_beam::statics::StaticProblem;
+use arlequin::dem_beam::{DemModel, Held};
+use arlequin::fem_ref::gmsh::facets_of;
+use arlequin::fem_ref::{Facet, FemModel, Mesh};
+use serde::Serialize;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Residual of the equilibria of a packing; errors of the stiffness go with its square.
+const TOLERANCE: f64 = 3e-3;
+/// Most iterations of each.
+const ITERATIONS: usize = 20_000;
+
+/// What a packing is like in its place.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Likeness {
+    /// Its stiffness over that of the body's elements there, with the beams that it has.
+    pub stiffness: f64,
+    /// How far it is from theirs, relative to it, but for that factor: other directions, another Poisson's ratio.
+    pub uneven: f64,
+    /// Young's modulus of its beams over that of beams for the bulk, or of the scene's own.
+    pub beams: f64,
+}
+
+/// The fine share of the energy: one in the zone, falling to zero across the overlap.
+struct Share(Arc<dyn Overlap<f64>>);
+
+impl Weight<f64> for Share {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        match self.0.place(x) {
+            Place::Fine => 1.0,
+            Place::Overlap(s) => 1.0 - s,
+            Place::Coarse => 0.0,
+        }
+    }
+    /// That of the middle; positions are nearly linear in a cell.
+    fn mean(&self, cell: &Cell<f64>) -> f64 {
+        let corners = cell.corners();
+        let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
+        self.at(&Point3::from(sum / corners.len() as f64))
+    }
+}
+
+/// `u_k · K_w u_l` of a model with weights `share`, for six fields.
+fn stiffness(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> Result<Matrix6<f64>> {
+    model.set_internal_weight(share).map_err(core("zone"))?;
+    let mut out = Matrix6::zeros();
+    for (l, u) in fields.iter().enumerate() {
+        let mut force = vec![0.0; u.len()];
+        model.add_internal_forces(u, &mut force).map_err(core("zone"))?;
+        for (k, v) in fields.iter().enumerate() {
+            out[(k, l)] = -v.iter().zip(&force).map(|(v, f)| v * f).sum::<f64>();
+        }
+    }
+    Ok((out + out.transpose()) * 0.5)
+}
+
+/// Components that supports hold of points so far apart \[m\], some of which are in groups.
+fn supported(
+    supports: &[&Support],
+    points: &[Point3<f64>],
+    spacing: f64,
+    group: &dyn Fn(&str) -> Vec<usize>,
+) -> Vec<[bool; 3]> {
+    let mut out = vec![[false; 3]; points.len()];
+    for s in supports {
+        let holds = |c: usize| {
+            let named = |all: &Vec<Axis>| all.iter().any(|a| a.index() == c);
+            s.components.as_ref().is_none_or(named)
+        };
+        let nodes = match &s.at {
+            Selection::Group(name) => group(name),
+            Selection::Box(low, high) => (0..points.len())
+                .filter(|k| inside(low, high, &points[*k], slack(spacing)))
+                .collect(),
+        };
+        for k in nodes {
+            (0..3).for_each(|c| out[k][c] |= holds(c));
+        }
+    }
+    out
+}
+
+/// Displacement of a unit strain at `x` \[m\], in the order `xx yy zz yz zx xy`.
+fn strained(k: usize, x: &Vector3<f64>) -> Vector3<f64> {
+    const PLACE: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
+    let [i, j] = PLACE[k];
+    let mut e = Matrix3::zeros();
+    e[(i, j)] += 0.5;
+    e[(j, i)] += 0.5;
+    e * x
+}
+
+/// The elements of a body in and around a zone, and what a packing there is measured by.
+pub(in crate::setup) struct Twin<'a> {
+    key: &'a str,
+    table: &'a ModelTable,
+    mesh: &'a Mesh<f64>,
+    share: Share,
+    supports: &'a [&'a Support],
+    /// Components of the nodes on the border to the body, and of those that supports hold.
+    held: Vec<[bool; 3]>,
+    border: Faces,
+    middle: Vector3<f64>,
+}
+
+impl<'a> Twin<'a> {
+    /// Of a zone's elements; none where they have no border to the body.
+    pub(in crate::setup) fn new(
+        key: &'a str,
+        table: &'a ModelTable,
+        mesh: &'a Mesh<f64>,
+        (piece, supports, folder): (&Piece, &'a [&'a Support], &Path),
+    ) -> Result<Option<Self>> {
+        let share = Share(piece.overlap(folder)?);
+        let beyond = |x: &Point3<f64>| matches!(share.0.place(x), Place::Coarse);
+        let outer: Vec<bool> = mesh.nodes().iter().map(beyond).collect();
+        let on_border = |f: &Facet| mesh.facet_nodes(*f).iter().all(|k| outer[*k as usize]);
+        let facets: Vec<_> = mesh.boundary().into_iter().filter(on_border).collect();
+        let at = |k: &u32| mesh.nodes()[*k as usize];
+        let border = facets_of(mesh, &facets);
+        let border = Faces::new(border.iter().map(|t| t.each_ref().map(at)).collect());
+        let group = |name: &str| match mesh.groups().get(name) {
+            Some(group) => group.nodes.iter().map(|k| *k as usize).collect(),
+            None => Vec::new(),
+        };
+        let mut held = supported(supports, mesh.nodes(), mesh.spacing(), &group);
+        for (held, outer) in held.iter_mut().zip(outer) {
+            held.iter_mut().for_each(|c| *c |= outer);
+        }
+        let sum = mesh.nodes().iter().fold(Vector3::zeros(), |s, x| s + x.coords);
+        Ok((!border.is_empty()).then(|| Self {
+            key,
+            table,
+            mesh,
+            share,
+            supports,
+            middle: sum / mesh.nodes().len() as f64,
+            held,
+            border,
+        }))
+    }
+
+    /// Displacements of the elements under the six strains of their border.
+    fn equilibria(&self, model: &FemModel<f64>) -> Result<Vec<Vec<f64>>> {
+        let whole = model.stiffness();
+        let mut place = vec![usize::MAX; whole.rows()];
+        let free: Vec<usize> = (0..whole.rows()).filter(|r| !self.held[r / 3][r % 3]).collect();
+        free.iter().enumerate().for_each(|(k, r)| place[*r] = k);
+        let mut fields: Vec<Vec<f64>> = (0..6)
+            .map(|k| {
+                let at = |(x, held): (&Point3<f64>, &[bool; 3])| {
+                    let held = Vector3::from(held.map(|h| f64::from(u8::from(h))));
+                    strained(k, &(x.coords - self.middle)).component_mul(&held)
+                };
+                let nodes = self.mesh.nodes().iter().zip(&self.held);
+                nodes.flat_map(|n| <[f64; 3]>::from(at(n))).collect()
+            })
+            .collect();
+        if free.is_empty() {
+            return Ok(fields);
+        }
+        let mut matrix = TriMat::new((free.len(), free.len()));
+        let mut sides = vec![0.0; 6 * free.len()];
+        for (v, (r, c)) in whole.iter() {
+            match (place[r], place[c]) {
+                (usize::MAX, _) => {}
+                (row, usize::MAX) => {
+                    (0..6).for_each(|k| sides[k * free.len() + row] -= v * fields[k][c]);
+                }
+                // Parts of the body that nothing holds stay where they are.
+                (row, column) => matrix.add_triplet(row, column, if r == c { v * (1.0 + 1e-9) } else { *v }),
+            }
+        }
+        let mut factor = f64::cholesky(&matrix.to_csr()).map_err(core(self.key))?;
+        factor.solve(&mut sides);
+        for (field, solved) in fields.iter_mut().zip(sides.chunks(free.len())) {
+            free.iter().zip(solved).for_each(|(r, u)| field[*r] = *u);
+        }
+        Ok(fields)
+    }
+
+    /// What is held of a packing: spheres within a diameter of the border, and what supports hold.
+    fn holds(&self, model: &DemModel, group: &dyn Fn(&DemModel, &str) -> Vec<usize>) -> Vec<Held> {
+        let body = model.body();
+        let rim = 2.0 * body.mean_radius();
+        let hold =
+            |x: &Point3<f64>| self.border.distance(x) < rim || matches!(self.share.0.place(x), Place::Coarse);
+        let fixed = supported(self.supports, model.nodes(), self.mesh.spacing(), &|name| {
+            group(model, name)
+        });
+        let both = |(x, fixed): (&Point3<f64>, [bool; 3])| {
+            let rim = hold(x);
+            Held {
+                linear: fixed.map(|f| f || rim),
+                ..Held::default()
+            }
+        };
+        model.nodes().iter().zip(fixed).map(both).collect()
+    }
+
+    /// Displacements and rotations of a packing under the six strains.
+    fn settle(&self, model: &DemModel, held: &[Held]) -> Result<Vec<Vec<f64>>> {
+        let body = model.body();
+        let field = |k: usize| {
+            let affine = |x: &Vector3<f64>| Twist {
+                linear: strained(k, &(x - self.middle)),
+                ..Twist::zero()
+            };
+            let problem = StaticProblem {
+                held: held.to_vec(),
+                start: body.positions().iter().map(affine).collect(),
+                ..StaticProblem::free(body.len())
+            };
+            let done = problem
+                .solve(body, TOLERANCE, ITERATIONS)
+                .map_err(dem(self.key))?;
+            let moves = done.displacements.iter().flat_map(|t| <[f64; 3]>::from(t.linear));
+            let turns = done
+                .displacements
+                .iter()
+                .flat_map(|t| <[f64; 3]>::from(t.angular));
+            Ok(moves.chain(turns).collect())
+        };
+        (0..6).map(field).collect()
+    }
+
+    /// What a packing is like, whose beams get another modulus if they may be `chosen`. None where it cannot be tested: it
+    /// must have a border and an inside.
+    pub(in crate::setup) fn likeness(
+        &self,
+        mut model: DemModel,
+        chosen: bool,
+        group: &dyn Fn(&DemModel, &str) -> Vec<usize>,
+    ) -> Result<Option<Likeness>> {
+        let materials = materials::of(self.key, self.table, self.mesh)?;
+        let elements = FemModel::new("body", self.mesh.clone(), materials);
+        let mut elements = elements.map_err(fem(self.key))?;
+        let fields = self.equilibria(&elements)?;
+        let wanted = stiffness(&mut elements, &self.share, &fields)?;
+        let held = self.holds(&model, group);
+        let fields = self.settle(&model, &held)?;
+        let found = stiffness(&mut model, &self.share, &fields)?;
+        let factor = inner(&found, &wanted) / inner(&wanted, &wanted);
+        if !(factor > 0.0 && factor.is_finite()) {
+            return Ok(None);
+        }
+        let off = found / factor - wanted;
+        let uneven = (inner(&off, &off) / inner(&wanted, &wanted)).sqrt();
+        // Stiffness goes with the modulus of the beams.
+        Ok(Some(Likeness {
+            stiffness: if chosen { 1.0 } else { factor },
+            uneven,
+            beams: if chosen { 1.0 / factor } else { 1.0 },
+        }))
+    }
+}
+
+/// Product of two stiffnesses as tensors of fourth order.
+fn inner(a: &Matrix6<f64>, b: &Matrix6<f64>) -> f64 {
+    // An entry with a shear component appears twice per such component.
+    let times = |k: usize| if k < 3 { 1.0 } else { 2.0 };
+    let entries = (0..36).map(|k| (k / 6, k % 6));
+    entries
+        .map(|(i, j)| times(i) * times(j) * a[(i, j)] * b[(i, j)])
+        .sum()
+}

@@ -1,0 +1,170 @@
+//! Parts of larger bodies: packed with what is around them, cut off at their borders.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use dem_beam::packing::Around;
+use dem_beam::{BeamMaterial, Container, Packing, PackingSpec, Surface};
+use nalgebra::{Rotation3, Vector3};
+
+/// Edge of the section and length of the part, in units of the scale.
+const SIDE: f64 = 6.0;
+const LENGTH: f64 = 8.0;
+
+/// How a body lies and how large it is.
+#[derive(Clone, Copy)]
+struct Place {
+    scale: f64,
+    turn: Rotation3<f64>,
+    shift: Vector3<f64>,
+}
+
+const AT_ORIGIN: fn() -> Place = || Place {
+    scale: 1.0,
+    turn: Rotation3::identity(),
+    shift: Vector3::zeros(),
+};
+
+impl Place {
+    fn of(&self, x: f64, y: f64, z: f64) -> Vector3<f64> {
+        self.turn * Vector3::new(x, y, z) * self.scale + self.shift
+    }
+
+    fn back(&self, x: &Vector3<f64>) -> Vector3<f64> {
+        self.turn.inverse() * (x - self.shift) / self.scale
+    }
+
+    /// A bar from `x = 0` to `length`; its triangles, the two at the far end last.
+    fn bar(&self, length: f64) -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
+        let corners = (0..8).map(|k| {
+            let at = |bit: usize, far: f64| if k >> bit & 1 == 1 { far } else { 0.0 };
+            self.of(at(0, length), at(1, SIDE), at(2, SIDE))
+        });
+        let faces = [
+            [0, 2, 6, 4],
+            [0, 4, 5, 1],
+            [2, 3, 7, 6],
+            [0, 1, 3, 2],
+            [4, 6, 7, 5],
+            [1, 3, 7, 5],
+        ];
+        let halves = |[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]];
+        (corners.collect(), faces.into_iter().flat_map(halves).collect())
+    }
+
+    /// Spheres of mean diameter one in the first part of a bar twice as long.
+    fn around(&self) -> Around {
+        let (points, triangles) = self.bar(LENGTH);
+        let border: Vec<_> = triangles[10..]
+            .iter()
+            .map(|t| t.map(|k| points[k as usize]))
+            .collect();
+        let part = Surface::oriented(points, triangles).unwrap();
+        let (points, triangles) = self.bar(2.0 * LENGTH);
+        let body = Surface::oriented(points, triangles).unwrap();
+        Around::new(part, body, &border, 2.5 * self.scale).unwrap()
+    }
+}
+
+/// Bonds per sphere, and mass per volume over that of the body, of what lies between two sections and a diameter or more
+/// within the sides.
+fn between(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
+    let mut bonds = vec![0_u32; packing.radii.len()];
+    packing
+        .pairs
+        .iter()
+        .flatten()
+        .for_each(|i| bonds[*i as usize] += 1);
+    let body = packing.bonded(BeamMaterial::SILICA, 1.0).unwrap();
+    let (mut count, mut degree, mut mass) = (0.0, 0.0, 0.0);
+    for ((x, b), m) in packing.positions.iter().zip(&bonds).zip(body.mass()) {
+        let x = place.back(x);
+        if (low..high).contains(&x.x) {
+            count += 1.0;
+            degree += f64::from(*b);
+            mass += m;
+        }
+    }
+    [
+        degree / count,
+        mass / ((high - low) * (SIDE * SIDE) * place.scale.powi(3)),
+    ]
+}
+
+/// A wall takes a sphere's neighbours away and makes room for more bonds inside; a border that is cut does not.
+#[test]
+fn a_part_has_at_its_border_the_mass_and_inside_the_bonds_of_a_longer_body() {
+    let place = AT_ORIGIN();
+    let around = place.around();
+    let volume = SIDE * SIDE * (LENGTH + 2.5);
+    assert!(
+        (around.volume() / volume - 1.0).abs() < 0.01,
+        "{}",
+        around.volume() / volume
+    );
+    let count = (0.58 * volume / 0.556) as usize;
+    let cut = PackingSpec::quench(Container::Around(Box::new(around)), count, 4)
+        .build()
+        .unwrap();
+    assert_eq!(cut.report.beyond + cut.radii.len() + cut.report.dropped, count);
+    assert!((cut.volumes().iter().sum::<f64>() / (SIDE * SIDE * LENGTH) - 1.0).abs() < 1e-12);
+    let (points, triangles) = place.bar(LENGTH);
+    let alone = Container::Surface(Surface::oriented(points, triangles).unwrap());
+    let alone = PackingSpec::quench(alone, (0.58 * SIDE * SIDE * LENGTH / 0.556) as usize, 4)
+        .build()
+        .unwrap();
+    let inside = |p: &Packing| between(p, &place, 2.0, 6.0);
+    let border = |p: &Packing| between(p, &place, LENGTH - 1.0, LENGTH);
+    // The last diameter: cut, its spheres have lost the bonds across, half of those of the last layer.
+    let ([_, mass], [_, walled]) = (border(&cut), border(&alone));
+    assert!((mass - 1.0).abs() < 0.06, "mass at the border {mass}");
+    assert!((walled - 1.0).abs() > 0.06, "at a wall {walled}");
+    let ([bonds, mass], [more, heavy]) = (inside(&cut), inside(&alone));
+    assert!(
+        (mass - 1.0).abs() < 0.04,
+        "mass inside {mass}, between walls {heavy}"
+    );
+    assert!(bonds < more, "bonds inside {bonds}, between walls {more}");
+}
+
+/// Nothing depends on where a body lies but what numbers of so many digits cannot tell.
+#[test]
+fn a_part_is_packed_alike_when_it_is_turned_far_away_and_in_other_units() {
+    let places = [
+        AT_ORIGIN(),
+        Place {
+            scale: 1e-6,
+            turn: Rotation3::from_euler_angles(0.4, -0.7, 1.1),
+            shift: Vector3::zeros(),
+        },
+        Place {
+            scale: 1e-3,
+            turn: Rotation3::from_euler_angles(1.2, 0.3, -0.5),
+            shift: Vector3::new(1.0, -2.0, 3.0),
+        },
+        Place {
+            scale: 1e3,
+            turn: Rotation3::identity(),
+            shift: Vector3::new(-1e6, 0.0, 1e6),
+        },
+    ];
+    for place in places {
+        let around = place.around();
+        let share = around.volume() / (SIDE * SIDE * (LENGTH + 2.5) * place.scale.powi(3));
+        assert!((share - 1.0).abs() < 0.04, "volume {share}");
+        let made = PackingSpec::quench(Container::Around(Box::new(around)), 394, 2)
+            .build()
+            .unwrap();
+        let [bonds, mass] = between(&made, &place, 2.0, 6.0);
+        assert!((5.9..6.9).contains(&bonds), "bonds inside {bonds}");
+        assert!((mass - 1.0).abs() < 0.06, "mass inside {mass}");
+        let beyond = |x: &Vector3<f64>| place.back(x).x > LENGTH * (1.0 + 1e-9);
+        assert!(!made.positions.iter().any(beyond));
+    }
+}
+
+#[test]
+fn a_part_without_a_margin_is_refused() {
+    let (points, triangles) = AT_ORIGIN().bar(1.0);
+    let part = Surface::oriented(points, triangles).unwrap();
+    let found = Around::new(part.clone(), part, &[], 0.0).unwrap_err().to_string();
+    assert!(found.contains("margin"), "{found}");
+}
