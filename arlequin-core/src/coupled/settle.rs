@@ -166,7 +166,6 @@ impl<T: Real> Coupled<T> {
             tolerance: how.tolerance.as_f64(),
             steps: how.most,
             free: String::new(),
-            free: String::new(),
         })
     }
 
