@@ -41,6 +41,7 @@ fn main() -> Result<(), Failure> {
             wait: Duration::from_secs(120),
             code: 3,
             report: |why| eprintln!("{why}"),
+            echo: false,
         };
         let cells = cells.parse()?;
         processes::run(ending, |c| one_rank(cells, c))?;

@@ -105,7 +105,7 @@ impl Links<f64> for DemModel {
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
         let broken: &BreakLog = &log;
         let of = |b: usize| {
-            let gone = broken.is_broken(b);
+            let gone = broken.is_broken_here(b);
             let utilisation = strength.map(|f| {
                 if gone {
                     0.0
