@@ -144,11 +144,16 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
 #[test]
 fn of_a_bond_between_unequal_spheres_the_larger_has_the_larger_share() {
     let mut cube = lattice(Lattice::Cubic, [6, 6, 6], 0.5e-3).unwrap();
-    let middle = |x: &Vector3<f64>, at: f64| x.iter().all(|c| (c - at).abs() < 0.6e-3);
-    let [large, far] = [2.6e-3, 3.6e-3].map(|at| cube.positions.iter().position(|x| middle(x, at)).unwrap());
-    let (small, other) = (cube.radii[large], 1.4 * cube.radii[large]);
-    cube.radii[large] = other;
+    let mut xs: Vec<f64> = cube.positions.iter().map(|x| x.x).collect();
+    xs.sort_by(f64::total_cmp);
+    xs.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+    let here = |x: &Vector3<f64>, k: usize| x.iter().all(|c| (c - xs[k]).abs() < 1e-9);
+    let changed = cube.positions.iter().position(|x| here(x, 2)).unwrap();
+    let (small, other) = (cube.radii[changed], 1.4 * cube.radii[changed]);
+    cube.radii[changed] = other;
     let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+    // Two inner spheres that are no neighbours, by the numbers of the model.
+    let [large, far] = [2, 4].map(|k| model.nodes().iter().position(|x| here(&x.coords, k)).unwrap());
     let mut q = vec![0.0; 6 * model.nodes().len()];
     for (i, x) in model.nodes().iter().enumerate() {
         q[3 * i] = 1e-4 * x.x;

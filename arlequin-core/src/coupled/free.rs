@@ -2,6 +2,7 @@
 
 use super::Coupled;
 use crate::Real;
+use crate::model::DofLayout;
 use nalgebra::{Point3, SMatrix, SymmetricEigen, Vector3, Vector6};
 use std::fmt::Write as _;
 
@@ -71,17 +72,7 @@ impl<T: Real> Coupled<T> {
         };
         let mut seen = SMatrix::<f64, 6, 6>::zeros();
         for (x, d, layout) in held() {
-            let mut row = Vector6::zeros();
-            if d < layout.translations() {
-                let c = d % layout.components;
-                row[c] = 1.0;
-                let arm = (wide(&x) - middle) / size;
-                // (w × r)_c, by component of w.
-                let turn = Vector3::ith(c, 1.0).cross(&arm) * -1.0;
-                row.fixed_rows_mut::<3>(3).copy_from(&turn);
-            } else {
-                row[3 + (d - layout.translations()) % 3] = 1.0;
-            }
+            let row = seen_by(d, layout, &((wide(&x) - middle) / size));
             seen += row * row.transpose();
         }
         // A line knows one direction.
@@ -96,26 +87,45 @@ impl<T: Real> Coupled<T> {
             .iter()
             .filter(|e| **e <= limit)
             .count();
-        let alone = |k: &usize| seen[(*k, *k)] <= limit;
-        let named: Vec<usize> = (0..6).filter(alone).collect();
-        let axes = ["x", "y", "z"];
-        let list = |from: usize| {
-            let of = named.iter().filter(|k| (from..from + 3).contains(*k));
-            of.map(|k| axes[k - from]).collect::<Vec<_>>().join(" and ")
-        };
-        let mut words = Vec::new();
-        for (verb, from) in [("move along", 0), ("turn about", 3)] {
-            let list = list(from);
-            if !list.is_empty() {
-                words.push(format!("{verb} {list}"));
-            }
-        }
-        if free > named.len() {
-            words.push(format!(
-                "move and turn at once in {} more ways",
-                free - named.len()
-            ));
-        }
-        (free > 0).then(|| words.join(" and "))
+        let named: Vec<usize> = (0..6).filter(|k| seen[(*k, *k)] <= limit).collect();
+        (free > 0).then(|| in_words(&named, free))
     }
+}
+
+/// What of the six unit motions (three ways, three turns about the middle) a prescribed unknown sees, with the arm of its node.
+fn seen_by(dof: usize, layout: DofLayout, arm: &Vector3<f64>) -> Vector6<f64> {
+    let mut row = Vector6::zeros();
+    if dof < layout.translations() {
+        let c = dof % layout.components;
+        row[c] = 1.0;
+        // (w × r)_c = w · (r × e_c).
+        row.fixed_rows_mut::<3>(3)
+            .copy_from(&arm.cross(&Vector3::ith(c, 1.0)));
+    } else {
+        row[3 + (dof - layout.translations()) % 3] = 1.0;
+    }
+    row
+}
+
+/// The motions that are free by themselves, and how many more are.
+fn in_words(named: &[usize], free: usize) -> String {
+    let list = |from: usize| {
+        let of = named.iter().filter(|k| (from..from + 3).contains(*k));
+        of.map(|k| ["x", "y", "z"][k - from])
+            .collect::<Vec<_>>()
+            .join(" and ")
+    };
+    let mut words = Vec::new();
+    for (verb, list) in [("move along", list(0)), ("turn about", list(3))] {
+        if !list.is_empty() {
+            words.push(format!("{verb} {list}"));
+        }
+    }
+    if free > named.len() {
+        words.push(format!(
+            "move and turn at once in {} more ways",
+            free - named.len()
+        ));
+    }
+    words.join(" and ")
 }

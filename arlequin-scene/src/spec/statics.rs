@@ -20,8 +20,7 @@ pub struct Static {
     /// Time of the last of the `steps` \[s\].
     #[serde(default = "one")]
     pub end: f64,
-    /// Residual of relaxation that counts as equilibrium: largest unbalanced force over the largest internal force, now
-    /// or since the load step began.
+    /// Residual of relaxation that counts as equilibrium: largest unbalanced force over the largest internal force.
     #[serde(default = "tolerance")]
     pub tolerance: f64,
     /// Most steps of relaxation in a load step.

@@ -454,7 +454,7 @@ impl Evolving<f64> for DemModel {
     }
 
     fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
-        Ok(self.break_bonds(step))
+        Ok(self.break_bonds(step)?)
     }
 }
 

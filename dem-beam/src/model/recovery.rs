@@ -76,7 +76,7 @@ impl Recovery<f64> for DemModel {
         let at = |&i: &usize| {
             let mut sum = Matrix3::zeros();
             let whole = around.row(i).iter();
-            for &[j, b] in whole.filter(|e| !broken.is_broken(e[1] as usize)) {
+            for &[j, b] in whole.filter(|e| !broken.is_broken_here(e[1] as usize)) {
                 let [span, force] = self.carried(b as usize, &reader);
                 // Seen from the second particle both change their sign.
                 sum += span * force.transpose() * (radii[i] / (radii[i] + radii[j as usize]));
