@@ -41,7 +41,7 @@ struct Launched {
     ranks: usize,
 }
 
-/// Reads what launchers tell: Open MPI, MPICH and its kin, Slurm with PMIx.
+/// Reads what launchers tell: Open MPI, MPICH and its kin, Slurm.
 fn launched(told: &dyn Fn(&str) -> Option<String>) -> Option<Launched> {
     let number = |name: &&str| told(name)?.trim().parse::<usize>().ok();
     let first = |names: &[&str]| names.iter().find_map(number);

@@ -183,3 +183,39 @@ fn threads_are_bounded_by_the_machine() {
         assert_eq!(summary(&out)["threads"].as_u64(), Some(most as u64));
     }
 }
+
+/// Four copies would write the same files.
+#[test]
+#[cfg(not(feature = "mpi"))]
+fn a_program_without_mpi_refuses_to_be_one_of_several_ranks() {
+    let folder = scratch("failures-launched");
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, SMALL).expect("scene");
+    let out = folder.join("out");
+    let launched = |rank: &str, ranks: &str| {
+        let mut run = command(&["run", text(&path), "--out", text(&out)]);
+        run.env("OMPI_COMM_WORLD_RANK", rank)
+            .env("OMPI_COMM_WORLD_SIZE", ranks);
+        run.output().expect("runs")
+    };
+    let first = launched("0", "4");
+    assert_eq!(first.status.code(), Some(2));
+    assert!(
+        said(&first).contains("ranks = 4: this program was built without MPI"),
+        "{}",
+        said(&first)
+    );
+    let other = launched("3", "4");
+    assert_eq!((other.status.code(), said(&other).as_str()), (Some(2), ""));
+    assert!(!out.exists());
+    // One rank is as good as none.
+    assert!(launched("0", "1").status.success());
+    let mut odd = command(&["run", text(&path), "--out", text(&out), "--wait", "0"]);
+    let odd = odd.output().expect("runs");
+    assert_eq!(odd.status.code(), Some(2));
+    assert!(
+        said(&odd).contains("--wait = 0: must be above 0"),
+        "{}",
+        said(&odd)
+    );
+}

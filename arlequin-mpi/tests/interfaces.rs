@@ -5,7 +5,7 @@ use arlequin_core::nalgebra::Point3;
 use arlequin_core::ranks::{Communicator, RankError};
 use arlequin_core::{
     Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Model, OwnStep, Partition, PrescribedMotion,
-    Profile, Ramp, Sampling, Silent, Slab, Subdomain, TimeStep, Weights,
+    Profile, Ramp, Sampling, Silent, Slab, Subdomain, TimeFunction, TimeStep, Weights,
 };
 use arlequin_mpi::threads;
 use dem_beam::packing::{Lattice, lattice};
@@ -24,8 +24,9 @@ struct Case {
     ends: [f64; 2],
     /// Own steps of the particles.
     steps: usize,
-    /// Whether both sides of the left overlap are held there.
+    /// Whether both sides of the left overlap are held there, and whether they are moved.
     held: bool,
+    moved: bool,
 }
 
 const PLAIN: Case = Case {
@@ -33,6 +34,7 @@ const PLAIN: Case = Case {
     ends: [1.05, 2.85],
     steps: 1,
     held: false,
+    moved: false,
 };
 
 fn at(x: f64) -> Point3<f64> {
@@ -110,7 +112,13 @@ fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> 
     let all = all.into_iter().map(|s| {
         let held = lower(s.model(), case.held);
         let s = moving(s.with_partition(Partition::Unchecked), &held);
-        s.with_support(PrescribedMotion::fixed(held))
+        // In the overlap, where multipliers do work on it.
+        let motion = PrescribedMotion {
+            amplitude: if case.moved { 1e-3 } else { 0.0 },
+            time: TimeFunction::Ramp { duration: 10.0 },
+            dofs: held,
+        };
+        s.with_support(motion)
     });
     let mut all: Vec<_> = all.collect();
     if let Some(c) = communicator {
@@ -210,6 +218,7 @@ fn own_steps_and_supports_in_the_overlap_have_the_bits_of_one_rank() {
         ..PLAIN
     };
     check(case, &[2, 4]);
+    check(Case { moved: true, ..case }, &[3]);
 }
 
 #[test]

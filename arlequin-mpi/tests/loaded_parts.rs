@@ -71,8 +71,12 @@ fn loaded(finite: bool, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard)).unwrap()
 }
 
-fn told(mut run: Coupled<f64>) -> Told {
-    run.run(40, &mut Silent).unwrap();
+fn told(run: Coupled<f64>) -> Told {
+    told_after(run, 40)
+}
+
+fn told_after(mut run: Coupled<f64>, steps: usize) -> Told {
+    run.run(steps, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
     let mut sums = vec![run.dt(), e.invariant, e.work, e.drift, run.top_created()];
     sums.extend(run.works().iter().map(|w| w.work));
@@ -105,6 +109,30 @@ fn effects_and_moving_supports_have_the_bits_of_one_rank() {
             assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
             assert!(all.0 == whole.0, "{ranks} ranks, finite {finite}");
         }
+    }
+}
+
+/// Half of the steps on two ranks, the other half on others, with what effects remember.
+#[test]
+fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
+    let whole = told(loaded(true, None));
+    let saved = threads::run(2, 1, WAIT, |c| {
+        let mut run = loaded(true, Some(c));
+        run.run(20, &mut Silent).unwrap();
+        run.snapshot().unwrap()
+    });
+    let saved = saved.into_iter().next().unwrap().unwrap();
+    let mut alone = loaded(true, None);
+    alone.run(20, &mut Silent).unwrap();
+    assert!(alone.snapshot().unwrap() == saved);
+    for ranks in [1, 3, 4] {
+        let all = together(threads::run(ranks, 1, WAIT, |c| {
+            let mut run = loaded(true, Some(c));
+            run.restore(&saved).unwrap();
+            told_after(run, 20)
+        }));
+        assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
+        assert!(all.0 == whole.0, "{ranks} ranks");
     }
 }
 

@@ -6,7 +6,8 @@ mod support;
 use arlequin_core::nalgebra::Vector3;
 use arlequin_core::ranks::{Communicator, Division, RankError};
 use arlequin_core::{
-    Coupled, Error, Guard, Model, Partition, PrescribedMotion, Silent, Subdomain, TimeStep, Weights,
+    Coupled, Error, Guard, Model, Partition, PrescribedMotion, Relaxation, Silent, Subdomain, TimeStep,
+    Weights,
 };
 use arlequin_mpi::threads;
 use dem_beam::{DemModel, LoadShare};
@@ -218,11 +219,13 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
 #[test]
 fn what_parts_cannot_do_in_a_run_is_refused_by_name() {
     let told = threads::run(2, 1, WAIT, |c| {
-        let still = run(part(bar(false), c), false);
-        let snapshot = still.snapshot().unwrap_err().to_string();
+        // Snapshots are those of the whole body: tests/interfaces.rs goes on from them.
+        let mut still = run(part(bar(false), c), false);
+        let rest = still.settle(0.0, 1.0, &Relaxation::default());
+        let rest = rest.unwrap_err().to_string();
         assert!(
-            snapshot.contains("cannot be saved while it is in parts on several ranks"),
-            "{snapshot}"
+            rest.contains("cannot be brought to rest while it is in parts on several ranks"),
+            "{rest}"
         );
     });
     told.into_iter().for_each(|t| t.unwrap());

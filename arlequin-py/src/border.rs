@@ -17,9 +17,8 @@ pub(crate) fn outside<V: Send>(
     work: impl FnOnce() -> Result<V, Fault> + Send,
 ) -> PyResult<V> {
     let made = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
-    let made = made.unwrap_or_else(|payload| Err(Fault::panic(&*payload)));
-    // Who gave up waiting wants to know that he did, not what was waited for.
-    made.map_err(|e| py.check_signals().err().unwrap_or_else(|| e.into()))
+    made.unwrap_or_else(|payload| Err(Fault::panic(&*payload)))
+        .map_err(PyErr::from)
 }
 
 /// Looks into the interpreter now and then.

@@ -10,6 +10,7 @@ mod conformance;
 mod coupled;
 mod error;
 mod frames;
+mod matrix;
 mod models;
 mod plug;
 mod remote;

@@ -37,6 +37,38 @@ def test_masses_per_node_count_for_each_of_its_displacements():
     assert aq.conformance.mass(model, 1.0) < 1e-14
 
 
+def test_weights_of_elements_with_warped_faces_are_means_over_the_whole_of_them():
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1.6, 1.3, 1.4], [0, 1, 1]]
+    mesh = aq.Mesh("hex", corners, [range(8)])
+    share = aq.Weights.same(aq.Ramp(aq.Slab(fine=(0, 0, 0), coarse=(2, 0, 0)), "linear"))
+
+    class Told(aq.Model):
+        def __init__(self):
+            self.name, self.mesh, self.told = "told", mesh, []
+
+        def inertia(self, weight):
+            self.told.append(weight.copy())
+            return np.ones(8) * weight[0]
+
+        def set_internal_weight(self, weight):
+            self.told.append(weight.copy())
+
+        def internal_forces(self, q):
+            return 0 * q
+
+        def internal_energy(self, q):
+            return 0.0
+
+        def critical_step(self, inverse):
+            return 1.0
+
+    model = Told()
+    aq.Coupled([aq.Subdomain.fine(model, share).with_partition("unchecked")])
+    sound = aq.FemModel("sound", mesh, UNIT)
+    expected = sound.lumped_inertia(share).sum() / sound.lumped_inertia().sum()
+    assert 0.2 < expected < 0.8 and abs(model.told[-1][0] - expected) < 1e-12, (model.told, expected)
+
+
 @pytest.mark.parametrize("form", [list, np.float32, lambda f: np.asarray(f)[:, None]])
 def test_answers_of_any_form_are_looked_through(form):
     """A list, another precision, a column."""

@@ -240,7 +240,8 @@ impl Error {
                 Core::Diverged { .. } | Core::EnergyGrowth { .. } | Core::Rank(RankError::Differ { .. })
             ),
             Self::Kept { source, .. } => source.is_everywhere(),
-            Self::Agreed(_) | Self::Elsewhere { .. } => true,
+            // Probes and frames are looked at on all ranks.
+            Self::Agreed(_) | Self::Elsewhere { .. } | Self::NotFinite { .. } => true,
             _ => false,
         }
     }
@@ -248,10 +249,17 @@ impl Error {
     /// Whether the input is to blame (exit code 2) rather than the run (1).
     pub fn is_input(&self) -> bool {
         use arlequin::core::Error as Core;
+        use arlequin::core::ranks::RankError;
         match self {
             Self::Agreed(source) => return source.is_input(),
             Self::Elsewhere { input, .. } => return *input,
             _ => {}
+        }
+        // Ranks with different input.
+        if let Self::Core { source, .. } = self
+            && matches!(source, Core::Rank(RankError::Differ { .. }))
+        {
+            return true;
         }
         let run = matches!(
             self,

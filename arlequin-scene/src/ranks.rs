@@ -7,7 +7,8 @@ use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 use crate::setup::{Body, effect_models};
-use crate::spec::{EffectKind, Interface, ModelKind, OutputField, SceneSpec, Support};
+use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec};
+use arlequin::core::Subdomain;
 use arlequin::core::ranks::{self, Communicator, RankError, Reduction, UNIT};
 use serde::Serialize;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -69,43 +70,27 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
         let name = scene.interface.keys().nth(k)?;
         return Some(format!("interface.{name}.absorber does not go in parts"));
     }
-    if let Some(k) = scene.load.iter().position(|l| l.model == *name) {
-        return Some(format!("load[{k}] does not go in parts"));
-    }
-    let moves = |s: &Support| s.model == *name && s.motion.is_some();
-    if let Some(k) = scene.support.iter().position(moves) {
-        return Some(format!("the motion of support[{k}] does not go in parts"));
-    }
     for (k, e) in scene.effect.iter().enumerate() {
         let between = e.between.as_ref().is_some_and(|b| b.contains(name));
         let acts = between || effect_models(k, e, scene).unwrap_or_default().contains(&m);
-        // Strengths are compared at the end even where it is off.
-        if acts && (e.enabled || matches!(e.kind, EffectKind::Fracture(_))) {
+        let works = match e.kind {
+            EffectKind::BodyForce(_)
+            | EffectKind::MassDamping(_)
+            | EffectKind::StiffnessDamping(_)
+            | EffectKind::LocalDamping(_)
+            | EffectKind::Prestress(_) => true,
+            // Strengths are compared at the end even where it is off.
+            EffectKind::Fracture(_) => false,
+            _ => !e.enabled,
+        };
+        if acts && !works {
             return Some(format!("effect[{k}].{} does not go in parts", e.kind.key()));
         }
     }
-    let held = || scene.support.iter().any(|s| s.model == *name);
     for (p, probe) in &scene.probe {
-        let mine = probe.model.as_ref() == Some(name);
-        if (mine && probe.quantity.is_recovered()) || (probe.of.is_some() && held()) {
+        if probe.model.as_ref() == Some(name) && probe.quantity.is_recovered() {
             return Some(format!("probe.{p} asks for what one rank cannot tell"));
         }
-    }
-    let known = |f: &OutputField| {
-        matches!(
-            f,
-            OutputField::Displacement
-                | OutputField::Velocity
-                | OutputField::Weights
-                | OutputField::Multipliers
-        )
-    };
-    // What the model does not know is not written for it either.
-    let asked = |f: &&OutputField| {
-        !known(f) && **f != OutputField::EnergyDensity && **f != OutputField::ContactForces
-    };
-    if let Some(f) = scene.output.fields.iter().find(asked) {
-        return Some(format!("output.fields asks for {f:?} of it"));
     }
     body.model.portion().map(|_| "it is in parts already".to_owned())
 }
@@ -235,6 +220,12 @@ impl Ranks {
 /// The error of the first rank that has one there, [`Error::Elsewhere`] on all others.
 pub fn together<R>(communicator: Option<&Arc<dyn Communicator>>, own: Result<R>) -> Result<R> {
     Ranks::of(communicator.cloned()).together(own)
+}
+
+/// Whether the ranks of a model in parts still hear of each other.
+pub(crate) fn heard(s: &Subdomain<f64>) -> Result<()> {
+    let failure = s.portion().and_then(|p| p.failure());
+    failure.map_or(Ok(()), |e| Err(elsewhere(e.clone())))
 }
 
 /// An error between ranks.

@@ -6,6 +6,7 @@ use crate::output::Frames;
 use crate::output::curves;
 use crate::output::fragments::{Fragments, Piece};
 use crate::output::summary::Summary;
+use crate::ranks::heard;
 use crate::run::{LoadStep, Recorded};
 use crate::setup::{ProbeReader, Readings};
 use crate::spec::SceneSpec;
@@ -353,6 +354,7 @@ impl Recorder {
         let mut readings = Readings::default();
         let values = self.readers.iter().map(|r| r.read(run, &mut readings));
         let values = values.collect::<Result<Vec<f64>>>()?;
+        run.subdomains().iter().try_for_each(heard)?;
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {
                 what: format!("probe '{}'", self.readers[k].name),

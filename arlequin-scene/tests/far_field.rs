@@ -59,15 +59,9 @@ fn solved(thick: f64, zone: &str) -> (Vec<f64>, Vec<f64>, Option<Likeness>) {
         "[body]\nkind = \"fem\"\nshape.file = {:?}\nmaterial = {{ young = 210e9, poisson = 0.3, density = 7800.0 }}\n{zone}\n",
         file.file_name().unwrap().to_str().unwrap()
     );
-    let models: &[&str] = if zone.is_empty() {
-        &["body"]
-    } else {
-        &["body", "hole"]
-    };
-    for (model, axis) in models.iter().flat_map(|m| ["x", "y", "z"].map(|a| (m, a))) {
-        text += &format!(
-            "[[support]]\nmodel = \"{model}\"\nwhere = \"middle-{axis}\"\ncomponents = [\"{axis}\"]\n"
-        );
+    for axis in ["x", "y", "z"] {
+        text +=
+            &format!("[[support]]\nmodel = \"body\"\nwhere = \"middle-{axis}\"\ncomponents = [\"{axis}\"]\n");
     }
     text += &format!(
         "[[load]]\nmodel = \"body\"\nwhere = \"end\"\ntraction = [{LOAD:?}, 0.0, 0.0]\ntime = \"step\"\n\

@@ -251,8 +251,9 @@ impl BondedParticles {
         sum.iter().enumerate().map(mean).collect()
     }
 
-    /// The particles `own` and then `ghosts`, with all bonds of the own ones in the order that they have here.
-    pub(crate) fn part(&self, own: &[u32], ghosts: &[u32]) -> Self {
+    /// The particles `own` and then `ghosts`, with all bonds of the own ones in the order that they have here; and the numbers of
+    /// these bonds here.
+    pub(crate) fn part(&self, own: &[u32], ghosts: &[u32]) -> (Self, Vec<u32>) {
         let mut places = vec![u32::MAX; self.len()];
         for (k, i) in (0..).zip(own.iter().chain(ghosts)) {
             places[*i as usize] = k;
@@ -270,7 +271,8 @@ impl BondedParticles {
         // Bonds of a particle in the order they have in the whole: sums over them have its bits.
         let adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(own.len() + ghosts.len(), &pairs)));
         let grades = if self.is_graded() { &bonds[..] } else { &[] };
-        Self {
+        let numbers = bonds.iter().map(|b| *b as u32).collect();
+        let part = Self {
             positions: particles().map(|i| self.positions[i]).collect(),
             radii: particles().map(|i| self.radii[i]).collect(),
             pairs,
@@ -285,7 +287,8 @@ impl BondedParticles {
             rounded: self.rounded,
             adjacency,
             bonds: bonds.iter().map(|b| self.bonds[*b]).collect(),
-        }
+        };
+        (part, numbers)
     }
 
     /// Takes the stiffness of a bond away; masses stay.

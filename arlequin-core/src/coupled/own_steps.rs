@@ -3,8 +3,10 @@
 use super::{Coupled, pair};
 use crate::interface::Interface;
 use crate::phase::Phase;
+use crate::ranks::{Gather, Portion};
 use crate::subdomain::{Announce, Reached, Subdomain};
 use crate::{Real, Result};
+use std::sync::Arc;
 
 /// Subdomains that step together, since effects act between them.
 #[derive(Debug, Clone)]
@@ -37,7 +39,11 @@ impl Lockstep {
 /// Entries of the coupling matrices of an interface on unknowns that move as prescribed: the forces on them are work.
 /// Multiplier, unknown, entry, with the sign of the force; coarse side, fine side.
 #[derive(Debug)]
-pub(super) struct Held<T>([Vec<(usize, usize, T)>; 2]);
+pub(super) struct Held<T> {
+    entries: [Vec<(usize, usize, T)>; 2],
+    /// Of a side in parts, whose unknowns are numbered by their places here.
+    parts: [Option<Gather>; 2],
+}
 
 impl<T: Real> Held<T> {
     pub(super) fn new(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Self {
@@ -54,15 +60,29 @@ impl<T: Real> Held<T> {
                 .map(|(b, (i, j))| (i, j, sign * *b))
                 .collect()
         });
-        Self(entries)
+        Self {
+            entries,
+            parts: [None, None],
+        }
+    }
+
+    /// From now on the model of a side is in parts: `components` displacements per node.
+    pub(super) fn share_out(&mut self, side: usize, portion: &Arc<Portion>, components: usize) {
+        let entries = &mut self.entries[side];
+        let unknowns = entries.iter().map(|e| e.1);
+        self.parts[side] = Some(Gather::new(portion.clone(), components, unknowns));
+        entries.iter_mut().enumerate().for_each(|(place, e)| e.1 = place);
     }
 
     /// Power of the multipliers on moving supports \[W\].
     pub(super) fn power(&self, lambda: &[T], v: [&[T]; 2]) -> T {
-        let of = |(entries, v): (&Vec<(usize, usize, T)>, &[T])| -> T {
-            entries.iter().map(|(i, j, b)| *b * lambda[*i] * v[*j]).sum()
+        let of = |m: usize| -> T {
+            let told = self.parts[m].as_ref().map(|g| g.gathered(1, v[m]));
+            let v = told.as_deref().unwrap_or(v[m]);
+            let all = self.entries[m].iter();
+            all.map(|(i, j, b)| *b * lambda[*i] * v[*j]).sum()
         };
-        self.0.iter().zip(v).map(of).sum()
+        (0..2).map(of).sum()
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a run asks of models that are in parts on several ranks.
 
 use super::apart::Overlap;
+use super::own_steps::Held;
 use crate::effect::PairSpec;
 use crate::interface::joint::Joint;
 use crate::interface::{Interface, InterfaceSpec};
@@ -50,16 +51,18 @@ pub(super) fn share_out<T: Real>(
     interfaces: &mut [Interface<T>],
     joints: &mut [Joint<T>],
     overlaps: &mut [Overlap<T>],
+    held: &mut [Held<T>],
 ) -> Result<()> {
     for (k, s) in subdomains.iter_mut().enumerate() {
         let components = s.model().layout().components;
         let Some(portion) = s.share_out()? else {
             continue;
         };
-        for (i, overlap) in interfaces.iter_mut().zip(&mut *overlaps) {
+        for ((i, overlap), held) in interfaces.iter_mut().zip(&mut *overlaps).zip(&mut *held) {
             for side in (0..2).filter(|m| i.sides()[*m] == k).collect::<Vec<_>>() {
                 i.share_out(side, &portion);
                 overlap.share_out(side, &portion);
+                held.share_out(side, &portion, components);
             }
         }
         joints

@@ -162,8 +162,8 @@ impl<T: Real> Coupled<T> {
             i.report.warnings.extend(told);
         }
         let mut overlaps: Vec<_> = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
-        let held = built.iter().map(|i| Held::new(i, &subdomains)).collect();
-        portions::share_out(&mut subdomains, &mut built, &mut joints, &mut overlaps)?;
+        let mut held: Vec<_> = built.iter().map(|i| Held::new(i, &subdomains)).collect();
+        portions::share_out(&mut subdomains, &mut built, &mut joints, &mut overlaps, &mut held)?;
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
         for (k, s) in subdomains.iter_mut().enumerate() {

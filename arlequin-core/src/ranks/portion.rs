@@ -128,6 +128,33 @@ impl Portion {
         self.failure.get().is_none() && self.keep(self.communicator.reduce(words, how)).is_ok()
     }
 
+    /// Lists of words of all ranks one after the other, in the order of ranks: all of them get all of it.
+    ///
+    /// # Errors
+    /// Those of the transport, which [`Self::failure`] remembers.
+    pub fn listed(&self, own: &[i64]) -> Result<Vec<i64>, RankError> {
+        let (rank, ranks) = (self.communicator.rank(), self.communicator.ranks());
+        let mut counts = vec![0; ranks];
+        counts[rank] = own.len() as i64;
+        self.keep(self.communicator.reduce(&mut counts, Reduction::Sum))?;
+        let before: i64 = counts[..rank].iter().sum();
+        let all: i64 = counts.iter().sum();
+        let mut words = vec![0; all as usize];
+        words[before as usize..][..own.len()].copy_from_slice(own);
+        self.keep(self.communicator.reduce(&mut words, Reduction::Sum))?;
+        Ok(words)
+    }
+
+    /// Whether it is so on any rank.
+    ///
+    /// # Errors
+    /// As [`Self::listed`].
+    pub fn any(&self, own: bool) -> Result<bool, RankError> {
+        let mut words = [i64::from(own)];
+        self.keep(self.communicator.reduce(&mut words, Reduction::Largest))?;
+        Ok(words[0] > 0)
+    }
+
     /// Keeps a failure of the transport for [`Self::failure`].
     ///
     /// # Errors

@@ -45,8 +45,27 @@ impl<T: Real> Subdomain<T> {
             works: self.effects.iter().map(|e| e.work()).collect(),
             evolved: self.evolved.map(|e| e.work),
             model: self.save_model()?,
-            effects: self.effects.iter().map(|e| e.effect.save()).collect(),
+            effects: (self.effects.iter().map(|e| self.recorded_of(e.effect.save())))
+                .collect::<Result<_>>()?,
         })
+    }
+
+    /// What an effect remembers, of a model in parts a number for every unknown or nothing: of the whole model on the first rank.
+    fn recorded_of(&self, own: Record<T>) -> Result<Record<T>> {
+        let Some(portion) = self.portion() else {
+            return Ok(own);
+        };
+        if !portion.any(!own.numbers.is_empty())? {
+            return Ok(own);
+        }
+        let name = self.model().name();
+        same(
+            &format!("memory of an effect on '{name}'"),
+            self.inertia.len(),
+            own.numbers.len(),
+        )?;
+        let numbers = self.recorded(&own.numbers)?;
+        Ok(Record { numbers, ..own })
     }
 
     /// Unknowns of the whole model; none on ranks but the first.
@@ -99,7 +118,15 @@ impl<T: Real> Subdomain<T> {
             line.work = work;
         }
         self.restore_model(&from.model)?;
-        for (e, (work, record)) in self.effects.iter_mut().zip(from.works.iter().zip(&from.effects)) {
+        let here = |record: &Record<T>| match self.portion() {
+            Some(_) if record.numbers.len() == all => Record {
+                numbers: self.here(&record.numbers),
+                integers: record.integers.clone(),
+            },
+            _ => record.clone(),
+        };
+        let records: Vec<_> = from.effects.iter().map(here).collect();
+        for (e, (work, record)) in self.effects.iter_mut().zip(from.works.iter().zip(&records)) {
             e.restore(*work, record)?;
         }
         Ok(())

@@ -419,6 +419,14 @@ class Broken(RunError):
     """A link that was used again after an error."""
 
 
+class Agreed(RunError):
+    """An error of this rank that all ranks know of."""
+
+
+class Elsewhere(RunError):
+    """Another rank of the run has an error, and says it."""
+
+
 class Rank(InputError):
     """What went wrong between ranks."""
 

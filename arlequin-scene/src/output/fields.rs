@@ -2,7 +2,9 @@
 
 use super::vtu::Array;
 use crate::error::{Result, core};
+use crate::ranks::elsewhere;
 use crate::spec::OutputField;
+use arlequin::core::ranks::Portion;
 use arlequin::core::{Coupled, Recovered, Subdomain, SymmetricTensor};
 
 /// Components of a symmetric tensor as viewers of VTU files name them: xx, yy, zz, xy, yz, xz.
@@ -33,7 +35,8 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         })
 }
 
-/// Stresses and strains at the nodes, as far as they are wanted and the model knows them.
+/// Stresses and strains at the nodes, as far as they are wanted and the model knows them; of a model in parts on the first rank, all
+/// of which must ask.
 pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Vec<Array>> {
     let wanted = fields.iter().any(|f| width(*f) > 0);
     let Some(recovery) = s.model().recovery().filter(|_| wanted) else {
@@ -54,7 +57,7 @@ pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Ve
         }
     };
     let strain = |r: &Recovered<f64>| r.strain.unwrap_or_else(SymmetricTensor::zero);
-    let mut out = Vec::new();
+    let mut out: Vec<Array> = Vec::new();
     for field in fields {
         out.push(match field {
             OutputField::Stress => array("stress [Pa]", TENSOR, &|r, v| v.extend(r.stress.0)),
@@ -67,6 +70,12 @@ pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Ve
             }),
             _ => continue,
         });
+    }
+    if let Some(portion) = s.portion() {
+        for a in &mut out {
+            let all = portion.collect(a.components, &a.values).map_err(elsewhere)?;
+            a.values = all.unwrap_or_default();
+        }
     }
     Ok(out)
 }
@@ -87,10 +96,41 @@ pub(super) fn contacts(fields: &[OutputField], run: &Coupled<f64>, model: usize)
     })
 }
 
+/// Numbers of all bonds in the order of the whole model, on the first rank; `here`: first particle and numbers of those whose first
+/// particle is here, in that order.
+fn of_all_bonds(portion: &Portion, here: &[(usize, [f64; 2])]) -> Result<Vec<[f64; 2]>> {
+    let mut counts = vec![0.0; portion.nodes()];
+    here.iter().for_each(|b| counts[b.0] += 1.0);
+    // As many places per particle as one of them needs.
+    let most = portion.largest(counts.iter().fold(0.0, |m: f64, c| m.max(*c))) as usize;
+    let mut places = vec![0.0; 2 * most * portion.nodes()];
+    for bonds in here.chunk_by(|a, b| a.0 == b.0) {
+        let first = 2 * most * bonds[0].0;
+        let numbers = bonds.iter().flat_map(|b| b.1);
+        places[first..].iter_mut().zip(numbers).for_each(|(p, x)| *p = x);
+    }
+    let counts = portion.collect(1, &counts).map_err(elsewhere)?;
+    let places = portion.collect(2 * most, &places).map_err(elsewhere)?;
+    let (Some(counts), Some(places)) = (counts, places) else {
+        return Ok(Vec::new());
+    };
+    let of = |(k, count): (usize, &f64)| {
+        let first = 2 * most * k;
+        places[first..first + 2 * *count as usize]
+            .as_chunks::<2>()
+            .0
+            .to_vec()
+    };
+    Ok(counts.iter().enumerate().flat_map(of).collect())
+}
+
 /// What bonds carry, as arrays of the `cells` of a picture that shows them.
 pub(super) fn bonds(fields: &[OutputField], s: &Subdomain<f64>, cells: usize) -> Result<Vec<Array>> {
     let wanted = fields.contains(&OutputField::BondForces);
-    let links = s.model().links().filter(|l| wanted && l.pairs().len() == cells);
+    // Of a model in parts some of the bonds are here.
+    let whole = s.portion().is_none();
+    let links = s.model().links();
+    let links = links.filter(|l| wanted && (!whole || l.pairs().len() == cells));
     let Some(links) = links else { return Ok(Vec::new()) };
     let mut found = Vec::with_capacity(cells);
     let told = links.forces(&s.state().q, &mut found);
@@ -100,6 +140,17 @@ pub(super) fn bonds(fields: &[OutputField], s: &Subdomain<f64>, cells: usize) ->
         components: 1,
         values,
     };
+    if let Some(portion) = s.portion() {
+        let own = |p: &[u32; 2]| (p[0] as usize) < portion.nodes();
+        let here = links.pairs().iter().zip(&found).filter(|b| own(b.0));
+        let here: Vec<(usize, [f64; 2])> = here.map(|(p, f)| (p[0] as usize, [f.axial, f.shear])).collect();
+        let all = of_all_bonds(portion, &here)?;
+        let part = |c: usize| all.iter().map(|x| x[c]).collect();
+        return Ok(vec![
+            array("axial force [N]", part(0)),
+            array("shear force [N]", part(1)),
+        ]);
+    }
     let mut out = vec![
         array("axial force [N]", found.iter().map(|b| b.axial).collect()),
         array("shear force [N]", found.iter().map(|b| b.shear).collect()),

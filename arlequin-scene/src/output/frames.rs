@@ -4,6 +4,7 @@ use super::vtu::{self, Array, Entry};
 use super::{fields, mark};
 use crate::cells::{self, Cell};
 use crate::error::{Error, Result, core, write};
+use crate::ranks::heard;
 use crate::setup::{Grid, ModelInfo, RigidPicture};
 use crate::spec::OutputField;
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -177,12 +178,11 @@ impl Frames {
         let (Some(painter), Some(s)) = (self.models.get(part), run.subdomains().get(part)) else {
             return Ok(None);
         };
+        check_state(run, s)?;
         let Some(seen) = Seen::of(s)? else {
             return Ok(None);
         };
         let name = s.model().name();
-        check_finite(run, name, &seen.q)?;
-        check_finite(run, name, &seen.v)?;
         let (mut points, cells) = painter.arrays(&self.fields, s, &seen)?;
         points.extend(fields::contacts(&self.fields, run, part));
         Ok(Some(Picture {
@@ -196,7 +196,17 @@ impl Frames {
     /// Writes the current state.
     pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
         let Some(folder) = self.folder.clone() else {
-            return run.subdomains().iter().try_for_each(|s| Seen::of(s).map(|_| ()));
+            // What the first rank asks of models in parts, in its order.
+            for s in run.subdomains() {
+                check_state(run, s)?;
+                if s.portion().is_none() {
+                    continue;
+                }
+                Seen::of(s)?;
+                fields::recovered(&self.fields, s)?;
+                fields::bonds(&self.fields, s, 0)?;
+            }
+            return Ok(());
         };
         let mut part = 0;
         while let Some(p) = self.picture(run, part)? {
@@ -394,6 +404,16 @@ fn entry(run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
         name: name.to_owned(),
         file: format!("vtu/{file}"),
     }
+}
+
+/// Refuses displacements and velocities that are no numbers, on whatever rank they are: on all of them.
+fn check_state(run: &Coupled<f64>, s: &Subdomain<f64>) -> Result<()> {
+    let state = s.state();
+    let finite = state.q.iter().chain(&state.v).all(|x| x.is_finite());
+    let own = f64::from(u8::from(!finite));
+    let worst = s.portion().map_or(own, |p| p.largest(own));
+    heard(s)?;
+    check_finite(run, s.model().name(), &[1.0 / (1.0 - worst)])
 }
 
 fn check_finite(run: &Coupled<f64>, name: &str, values: &[f64]) -> Result<()> {

@@ -190,7 +190,10 @@ impl Session<'_> {
         };
         // What one rank alone met cannot be summed up with the others, who still make steps.
         if self.in_parts() && !error.is_everywhere() {
-            return error;
+            return match keep.folder {
+                Some(folder) => folder.keep(error),
+                None => error,
+            };
         }
         self.clock.enter(None);
         let mut summary = self.summary(Status::Failed(error.to_string()), 0.0);

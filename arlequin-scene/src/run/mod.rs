@@ -257,6 +257,12 @@ pub fn resume(target: &Path) -> Result<Resumed> {
 /// # Errors
 /// Those of [`resume`], and checkpoints that differ between ranks.
 pub fn resume_on(target: &Path, communicator: Option<Arc<dyn Communicator>>) -> Result<Resumed> {
+    let saved = together(communicator.as_ref(), left(target))?;
+    Resumed::of(saved, Some(target.to_owned()), None, communicator)
+}
+
+/// The last checkpoint of a folder.
+fn left(target: &Path) -> Result<Checkpoint> {
     let place = Folder::left_behind(target);
     let saved = Checkpoint::read(&place)?;
     let refuse = |reason: String| {
@@ -278,7 +284,7 @@ pub fn resume_on(target: &Path, communicator: Option<Arc<dyn Communicator>>) -> 
             env!("CARGO_PKG_VERSION")
         ));
     }
-    Resumed::of(saved, Some(target.to_owned()), None, communicator)
+    Ok(saved)
 }
 
 /// A scene from where a model woke.

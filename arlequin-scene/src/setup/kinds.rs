@@ -8,8 +8,8 @@ use super::grains::Grains;
 use super::link;
 use super::materials;
 use super::mesh::{self, Grid};
+use super::zone::Supports;
 use crate::error::{Result, core, fem, value};
-use crate::spec::Support;
 use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::{CoarseModel, FineModel, Interpolation, Materials, Model, Participant};
@@ -105,7 +105,7 @@ pub(super) fn body(
     name: &str,
     table: &ModelTable,
     folder: &Path,
-    (effects, supports): (&[(usize, &Effect)], &[&Support]),
+    (effects, supports): (&[(usize, &Effect)], Supports<'_>),
     clock: &mut SetupClock<'_>,
 ) -> Result<Body> {
     let key = format!("model.{name}");

@@ -268,13 +268,12 @@ fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Re
     let effects = effects_by_model(scene)?;
     let tables = scene.model.iter().zip(&effects);
     tables
-        .enumerate()
-        .map(|(own, ((name, table), e))| {
-            let holds = |s: &&Support| {
-                let m = scene.model.keys().position(|n| *n == s.model);
-                m.is_some_and(|m| zone::parts(scene, m).contains(&own))
-            };
-            let supports: Vec<_> = scene.support.iter().filter(holds).collect();
+        .map(|((name, table), e)| {
+            // Supports of a body are on its zones as well.
+            let mine =
+                |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == zone::BODY;
+            let all = scene.support.iter().enumerate();
+            let supports: Vec<_> = all.filter(|(_, s)| mine(s)).collect();
             kinds::body(name, table, folder, (e, &supports), clock)
         })
         .collect()

@@ -6,10 +6,10 @@ use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::materials;
 use super::mesh::Grid;
-use super::zone::Twin;
+use super::zone::{Supports, Twin};
 use crate::error::{Error, Result, cnem};
 use crate::output::packing::PackingLine;
-use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape, Support};
+use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Sample;
@@ -94,7 +94,7 @@ pub(super) fn body(
     name: &str,
     key: &str,
     table: &ModelTable,
-    (folder, effects, supports): (&Path, &[(usize, &Effect)], &[&Support]),
+    (folder, effects, supports): (&Path, &[(usize, &Effect)], Supports<'_>),
     clock: &mut SetupClock<'_>,
 ) -> Result<Body> {
     clock.begin(format!("packing of '{name}'"));
@@ -116,7 +116,7 @@ pub(super) fn body(
         let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
         let group = |model: &DemModel, name: &str| {
             let mut all = groups(model, &table.shape, &filling);
-            all.remove(name).unwrap_or_default()
+            all.remove(name)
         };
         likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
         beam.young *= likeness.map_or(1.0, |like| like.beams);

@@ -24,6 +24,7 @@
 //! `mises`. [`crate::strength`] measures it, docs/calibration.md has a table.
 
 pub(crate) mod criterion;
+pub(crate) mod parts;
 mod scatter;
 pub(crate) mod state;
 
@@ -92,7 +93,7 @@ impl Fracture {
 pub struct Break {
     /// When \[s\].
     pub time: f64,
-    /// Number of the bond in the model.
+    /// Number of the bond in the model; in the whole one where it is in parts, as those of particles.
     pub bond: u32,
     /// Its particles, in the model's numbers.
     pub pair: [u32; 2],
@@ -112,6 +113,8 @@ pub struct Break {
 #[derive(Debug, Default)]
 pub struct BreakLog {
     broken: Vec<bool>,
+    /// Numbers in the whole model of the bonds of a part; empty for a whole one.
+    numbers: Vec<u32>,
     events: Vec<Break>,
     released: f64,
     checks: usize,
@@ -119,13 +122,19 @@ pub struct BreakLog {
 }
 
 impl BreakLog {
-    /// Whether a bond is broken; all are whole at the start.
+    /// Whether a bond is broken, by its number in the whole model; all are whole at the start.
     #[must_use]
     pub fn is_broken(&self, bond: usize) -> bool {
         self.broken.get(bond).copied().unwrap_or(false)
     }
 
-    /// Breaks in the order in which they happened.
+    /// The same by the number of a bond on this rank.
+    pub(crate) fn is_broken_here(&self, bond: usize) -> bool {
+        let bond = self.numbers.get(bond).map_or(bond, |b| *b as usize);
+        self.is_broken(bond)
+    }
+
+    /// Breaks in the order in which they happened, of a model in parts those on all ranks.
     #[must_use]
     pub fn events(&self) -> &[Break] {
         &self.events
@@ -149,6 +158,11 @@ impl BreakLog {
         self.checks
     }
 
+    /// From now on bonds here have these numbers in the whole model.
+    pub(crate) fn number(&mut self, numbers: &[u32]) {
+        self.numbers = numbers.to_vec();
+    }
+
     pub(crate) fn begin(&mut self, bonds: usize) {
         self.broken = vec![false; bonds];
     }
@@ -163,46 +177,43 @@ impl BreakLog {
         }
     }
 
-    /// Undoes [`Self::save`]; `false` for a record that is not of this model. `at` knows the place of a bond and whether it
-    /// lies in an overlap.
+    /// Undoes [`Self::save`]; `false` for a record that is not of this model. `known` is what is known of a bond between two
+    /// particles: its middle, and whether it lies in an overlap.
     pub(crate) fn restore(
         &mut self,
         from: &Record<f64>,
-        pairs: &[[u32; 2]],
-        at: &dyn Fn(usize) -> (Vector3<f64>, bool),
+        known: &dyn Fn(u64, [u64; 2]) -> Option<(Vector3<f64>, bool)>,
     ) -> bool {
         let Some((checks, integers)) = from.integers.split_first() else {
             return false;
         };
         let (numbers, _) = from.numbers.as_chunks::<3>();
-        let (bonds, _) = integers.as_chunks::<4>();
-        self.begin(pairs.len());
+        let (broken, _) = integers.as_chunks::<4>();
+        self.broken = vec![false; self.broken.len()];
         self.events.clear();
         self.into_overlap = None;
         self.released = 0.0;
         self.checks = *checks as usize;
-        for (&[time, released, distance], &[bond, i, j, mode]) in numbers.iter().zip(bonds) {
-            let known = pairs.get(bond as usize).map(|p| p.map(u64::from)) == Some([i, j]);
-            let mode = BreakMode::ALL.get(mode as usize).filter(|_| known);
-            let Some(&mode) = mode.filter(|_| !self.broken[bond as usize]) else {
+        for (&[time, released, distance], &[bond, i, j, mode]) in numbers.iter().zip(broken) {
+            let known = known(bond, [i, j]).filter(|_| !self.is_broken(bond as usize));
+            let (Some((place, overlap)), Some(&mode)) = (known, BreakMode::ALL.get(mode as usize)) else {
                 return false;
             };
-            let pair = pairs[bond as usize];
-            let (place, overlap) = at(bond as usize);
-            self.push(Break {
+            let event = Break {
                 time,
                 bond: bond as u32,
-                pair,
+                pair: [i as u32, j as u32],
                 released,
                 distance,
                 place,
                 overlap,
                 mode,
-            });
+            };
+            self.push(event);
         }
         numbers.len() * 3 == from.numbers.len()
-            && bonds.len() * 4 == integers.len()
-            && numbers.len() == bonds.len()
+            && broken.len() * 4 == integers.len()
+            && numbers.len() == broken.len()
     }
 
     pub(crate) fn checked(&mut self) {

@@ -1,6 +1,7 @@
 //! The bonds of one model while they break.
 
 use super::criterion::{Section, Strain};
+use super::parts::Parts;
 use super::{Break, Fracture, Scatter, SharedLog, locked, writing};
 use crate::bond::Twist;
 use crate::kernel::engine::Marks;
@@ -45,13 +46,22 @@ pub(crate) struct FractureState {
     fresh: bool,
     /// Bonds of marked blocks.
     suspects: Vec<u32>,
+    /// Particles that are here; others are those of other ranks.
+    pub(super) own: usize,
+    /// What it knows of the whole, in a part of a body.
+    pub(crate) parts: Option<Parts>,
 }
 
 impl FractureState {
     pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
+        writing(&log).begin(body.pairs().len());
+        Self::of(spec, body, body.len(), log)
+    }
+
+    /// The same where only the first `own` particles are here.
+    pub(super) fn of(spec: Fracture, body: &BondedParticles, own: usize, log: SharedLog) -> Self {
         let bonds = body.pairs().len();
-        writing(&log).begin(bonds);
-        let blocks = body.len().div_ceil(LANES);
+        let blocks = own.div_ceil(LANES);
         let mut out = Self {
             spec,
             log,
@@ -67,6 +77,8 @@ impl FractureState {
             marks: vec![false; blocks],
             fresh: false,
             suspects: Vec::with_capacity(bonds),
+            own,
+            parts: None,
         };
         out.set_up_screen(body);
         out
@@ -84,7 +96,7 @@ impl FractureState {
         let mut slots = 0;
         for (b, first) in self.first_slots.iter_mut().enumerate() {
             *first = slots;
-            let particles = b * LANES..body.len().min((b + 1) * LANES);
+            let particles = b * LANES..self.own.min((b + 1) * LANES);
             slots += particles.map(|i| self.adjacency.row(i).len()).max().unwrap_or(0) as u32;
         }
         if self.spec.scatter != Scatter::None || self.spec.spare_overlap {
@@ -105,7 +117,7 @@ impl FractureState {
         let Some(screen) = &mut self.screen else { return };
         for &block in blocks {
             let first = self.first_slots[block] as usize;
-            let particles = block * LANES..((block + 1) * LANES).min(self.adjacency.len());
+            let particles = block * LANES..((block + 1) * LANES).min(self.own);
             for (lane, i) in particles.enumerate() {
                 let bonds = self.adjacency.row(i);
                 let left = bonds.iter().map(|e| e[1] as usize).filter(|b| whole(*b));
@@ -133,7 +145,7 @@ impl FractureState {
         }
         let log = locked(&self.log);
         for (b, strength) in self.strength.iter_mut().enumerate() {
-            if !log.is_broken(b) {
+            if !log.is_broken_here(b) {
                 *strength = if inside(b) {
                     f64::INFINITY
                 } else {
@@ -165,14 +177,25 @@ impl FractureState {
             return false;
         }
         self.wait = from.integers.remove(0) as usize;
-        let mut log = writing(&self.log);
-        if !log.restore(&from, body.pairs(), &|b| (middle(body, b), inside(b))) {
+        let parts = self.parts.take();
+        let restored = match &parts {
+            Some(parts) => parts.restore(&self.log, &from, body, inside),
+            None => writing(&self.log).restore(&from, &|bond, ends| {
+                let b = bond as usize;
+                let known = body.pairs().get(b)?.map(u64::from) == ends;
+                known.then(|| (middle(body, b), inside(b)))
+            }),
+        };
+        self.parts = parts;
+        if !restored {
             return false;
         }
-        self.now = log.events().iter().map(|e| e.bond).collect();
-        for &b in &self.now {
-            self.strength[b as usize] = f64::INFINITY;
-        }
+        let log = locked(&self.log);
+        let broken = (0..body.pairs().len()).filter(|b| log.is_broken_here(*b));
+        let broken: Vec<u32> = broken.map(|b| b as u32).collect();
+        drop(log);
+        self.forget(&broken);
+        self.now = broken;
         true
     }
 
@@ -201,12 +224,12 @@ impl FractureState {
     }
 
     /// Fills [`Self::now`] with the bonds that reach their strength, ascending. Where the force kernel has looked at these
-    /// positions, only the bonds of the blocks it marked are compared.
-    pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) {
+    /// positions, only the bonds of the blocks it marked are compared. Whether it looked at all.
+    pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) -> bool {
         self.now.clear();
         self.wait += 1;
         if self.wait < self.spec.every {
-            return;
+            return false;
         }
         self.wait = 0;
         writing(&self.log).checked();
@@ -218,16 +241,17 @@ impl FractureState {
             self.compare(body, reader, body.pairs().len(), |k| k);
         }
         self.suspects = suspects;
+        true
     }
 
     /// Bonds of marked blocks, ascending, each once.
     fn suspect(&self, suspects: &mut Vec<u32>) {
         suspects.clear();
         for block in (0..self.marks.len()).filter(|b| self.marks[*b]) {
-            for i in block * LANES..((block + 1) * LANES).min(self.adjacency.len()) {
+            for i in block * LANES..((block + 1) * LANES).min(self.own) {
                 for &[other, bond] in self.adjacency.row(i) {
                     let other = other as usize;
-                    // A bond between two marked blocks comes from its first end.
+                    // A bond between two marked blocks comes from its first end; those of other ranks' particles have none here.
                     if other > i || !self.marks[other / LANES] {
                         suspects.push(bond);
                     }
@@ -270,50 +294,102 @@ impl FractureState {
         inside: impl Fn(usize) -> bool,
     ) -> f64 {
         let mut total = 0.0;
-        let mut log = writing(&self.log);
-        for &b in &self.now {
-            let bond = b as usize;
-            let pair = body.pairs()[bond];
-            let ends = pair.map(|i| i as usize);
-            let [(e0, g0), (e1, g1)] = readers.map(|r| r.bond(body, bond));
-            let mut change = 0.0;
-            for (end, i) in ends.into_iter().enumerate() {
-                let (linear, angular) = (3 * i, step.q.len() / 2 + 3 * i);
-                let difference = Twist {
-                    linear: g1[end].linear - g0[end].linear,
-                    angular: g1[end].angular - g0[end].angular,
-                };
-                for c in 0..3 {
-                    let dq = |k: usize| step.q[k] - step.q_before[k];
-                    change += dq(linear + c) * difference.linear[c] + dq(angular + c) * difference.angular[c];
-                    step.f_before[linear + c] -= g0[end].linear[c];
-                    step.f_before[angular + c] -= g0[end].angular[c];
-                }
-            }
-            let released = 0.5 * (e0 + e1) + 0.25 * change;
-            total += released;
-            let now = |i: usize| body.positions()[i] + three(step.q, 3 * i);
-            log.push(Break {
-                time: step.time,
-                bond: b,
-                pair,
-                released,
-                distance: (now(ends[1]) - now(ends[0])).norm(),
-                place: middle(body, bond),
-                overlap: inside(bond),
-                mode: self
-                    .spec
-                    .criterion
-                    .mode(&self.section, &Self::strain(body, readers[1], bond)),
+        for k in 0..self.now.len() {
+            let b = self.now[k] as usize;
+            let change = |i: usize| change(step, i);
+            let (event, held) = self.break_of(body, b, readers, &change);
+            total += event.released;
+            let (time, overlap) = (step.time, inside(b));
+            writing(&self.log).push(Break {
+                time,
+                overlap,
+                ..event
             });
-            self.strength[bond] = f64::INFINITY;
+            self.let_go(body, b, &held, step);
         }
         total
     }
+
+    /// The record of a break but for its time and whether it is in an overlap, and the forces of the bond one step before;
+    /// `change` is what the step changed of a particle's unknowns.
+    pub(super) fn break_of(
+        &self,
+        body: &BondedParticles,
+        bond: usize,
+        readers: [&Reader<'_>; 2],
+        change: &dyn Fn(usize) -> [f64; 6],
+    ) -> (Break, [Twist; 2]) {
+        let pair = body.pairs()[bond];
+        let ends = pair.map(|i| i as usize);
+        let [(e0, g0), (e1, g1)] = readers.map(|r| r.bond(body, bond));
+        let mut work = 0.0;
+        for (end, i) in ends.into_iter().enumerate() {
+            let difference = Twist {
+                linear: g1[end].linear - g0[end].linear,
+                angular: g1[end].angular - g0[end].angular,
+            };
+            let dq = change(i);
+            for c in 0..3 {
+                work += dq[c] * difference.linear[c] + dq[3 + c] * difference.angular[c];
+            }
+        }
+        let now = |i: usize| body.positions()[i] + readers[1].twist(i).linear;
+        let event = Break {
+            time: 0.0,
+            bond: bond as u32,
+            pair,
+            released: 0.5 * (e0 + e1) + 0.25 * work,
+            distance: (now(ends[1]) - now(ends[0])).norm(),
+            place: middle(body, bond),
+            overlap: false,
+            mode: self
+                .spec
+                .criterion
+                .mode(&self.section, &Self::strain(body, readers[1], bond)),
+        };
+        (event, g0)
+    }
+
+    /// Takes a bond and its forces one step before out of the balance of the particles that are here.
+    pub(super) fn let_go(
+        &mut self,
+        body: &BondedParticles,
+        bond: usize,
+        held: &[Twist; 2],
+        step: &mut Evolution<'_, f64>,
+    ) {
+        let half = step.q.len() / 2;
+        for (i, held) in body.pairs()[bond].into_iter().zip(held) {
+            let i = i as usize;
+            for c in (0..3).filter(|_| i < self.own) {
+                step.f_before[3 * i + c] -= held.linear[c];
+                step.f_before[half + 3 * i + c] -= held.angular[c];
+            }
+        }
+        self.strength[bond] = f64::INFINITY;
+    }
+
+    /// Makes bonds unbreakable that are broken already.
+    pub(super) fn forget(&mut self, bonds: &[u32]) {
+        bonds
+            .iter()
+            .for_each(|b| self.strength[*b as usize] = f64::INFINITY);
+    }
+
+    pub(super) fn is_plain(&self) -> bool {
+        self.plainly
+    }
+}
+
+/// What a step changes of the unknowns of a particle that is here.
+pub(super) fn change(step: &Evolution<'_, f64>, i: usize) -> [f64; 6] {
+    let half = step.q.len() / 2;
+    let at = |c: usize| if c < 3 { 3 * i + c } else { half + 3 * i + c - 3 };
+    std::array::from_fn(|c| step.q[at(c)] - step.q_before[at(c)])
 }
 
 /// Middle of a bond in the reference configuration \[m\].
-fn middle(body: &BondedParticles, b: usize) -> Vector3<f64> {
+pub(super) fn middle(body: &BondedParticles, b: usize) -> Vector3<f64> {
     let [i, j] = body.pairs()[b].map(|i| body.positions()[i as usize]);
     (i + j) * 0.5
 }
@@ -321,8 +397,4 @@ fn middle(body: &BondedParticles, b: usize) -> Vector3<f64> {
 fn strength_of(spec: &Fracture, body: &BondedParticles, b: usize) -> f64 {
     let [i, j] = body.pairs()[b].map(|i| &body.positions()[i as usize]);
     spec.strength * spec.scatter.factor(spec.seed, i, j)
-}
-
-fn three(q: &[f64], at: usize) -> Vector3<f64> {
-    Vector3::new(q[at], q[at + 1], q[at + 2])
 }

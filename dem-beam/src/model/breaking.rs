@@ -1,13 +1,17 @@
 //! A model whose bonds break, and what a state would need.
 
 use super::DemModel;
+use super::forces::Heard;
+use super::poses::Reader;
 use crate::contact::neighbours;
 use crate::error::{Error, Result};
+use crate::fracture::parts::Parts;
 use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
 use arlequin_core::Evolution;
 use arlequin_core::effect::Finding;
+use arlequin_core::ranks::Halo;
 use arlequin_core::snapshot::Record;
 
 /// Rotation \[rad\] up to which the small-rotation law is good to half a per cent of its forces.
@@ -82,16 +86,20 @@ impl DemModel {
         self.log.clone()
     }
 
-    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> f64 {
+    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> Heard<f64> {
         let Some(mut fracture) = self.fracture.take() else {
-            return 0.0;
+            return Ok(0.0);
         };
-        fracture.find(&self.body, &self.reader(step.q));
-        let mut released = 0.0;
+        let parts = fracture.parts.take();
+        let released = match parts {
+            Some(mut parts) => {
+                let released = self.find_in_parts(&mut fracture, &mut parts, &mut step);
+                fracture.parts = Some(parts);
+                released
+            }
+            None => Ok(self.find_here(&mut fracture, &mut step)),
+        };
         if !fracture.now.is_empty() {
-            let (before, now) = (step.q_before, step.q);
-            let readers = [&self.reader(before), &self.reader(now)];
-            released = fracture.release(&self.body, &mut step, readers, |b| self.in_overlap(b));
             let blocks = self.sever(&mut fracture);
             self.kernel.again(&blocks, step.f);
         }
@@ -99,17 +107,62 @@ impl DemModel {
         released
     }
 
+    fn find_here(&self, fracture: &mut FractureState, step: &mut Evolution<'_, f64>) -> f64 {
+        fracture.find(&self.body, &self.reader(step.q));
+        if fracture.now.is_empty() {
+            return 0.0;
+        }
+        let (before, now) = (step.q_before, step.q);
+        let readers = [&self.reader(before), &self.reader(now)];
+        fracture.release(&self.body, step, readers, |b| self.in_overlap(b))
+    }
+
+    /// The same for a part of a body: the energy of all bonds that break on any rank.
+    fn find_in_parts(
+        &self,
+        fracture: &mut FractureState,
+        parts: &mut Parts,
+        step: &mut Evolution<'_, f64>,
+    ) -> Heard<f64> {
+        self.kernel.ghosts(&mut parts.ghosts);
+        let (before, now) = (step.q_before, step.q);
+        let readers = [&self.reader(before), &self.reader(now)];
+        let seen = Reader {
+            ghosts: &parts.ghosts,
+            ..*readers[1]
+        };
+        if !fracture.find_on_all(&self.body, &seen, parts)? {
+            return Ok(0.0);
+        }
+        fracture.release_in_parts(&self.body, step, readers, parts, |b| self.in_overlap(b))
+    }
+
+    /// Lets a part of a body break like the whole: bonds here with their numbers there, of so many.
+    pub(super) fn break_apart(&mut self, halo: &Halo, numbers: Vec<u32>, bonds: usize) {
+        let Some(whole) = self.fracture.take() else {
+            return;
+        };
+        self.fracture = Some(whole.part(&self.body, halo.clone(), numbers, bonds));
+        self.spare_overlap();
+        if let Some(mut fracture) = self.fracture.take() {
+            self.sever(&mut fracture);
+            self.fracture = Some(fracture);
+        }
+    }
+
     /// Takes the bonds that break now out of the kernel; the blocks that held them, ascending.
     fn sever(&mut self, fracture: &mut FractureState) -> Vec<usize> {
         let mut blocks = Vec::new();
         for &b in &fracture.now {
             self.body.sever(b as usize);
-            blocks.extend(self.body.pairs()[b as usize].map(|i| i as usize / LANES));
+            let here = self.body.pairs()[b as usize].into_iter().map(|i| i as usize);
+            let here = here.filter(|i| *i < self.nodes.len());
+            blocks.extend(here.map(|i| i / LANES));
         }
         blocks.sort_unstable();
         blocks.dedup();
         let log = locked(&self.log);
-        let (body, whole) = (&self.body, |b: usize| !log.is_broken(b));
+        let (body, whole) = (&self.body, |b: usize| !log.is_broken_here(b));
         self.kernel.refresh(&blocks, body, &fracture.adjacency, &whole);
         fracture.follow(&blocks, &whole);
         blocks
@@ -172,13 +225,15 @@ impl DemModel {
     }
 
     pub(super) fn fracture_facts(&self) -> Vec<(String, f64)> {
-        if self.fracture.is_none() {
+        let Some(fracture) = &self.fracture else {
             return Vec::new();
-        }
+        };
+        let here = self.body.pairs().len();
+        let bonds = fracture.parts.as_ref().map_or(here, |p| p.bonds);
         let log = locked(&self.log);
         vec![
             ("broken bonds".into(), log.events().len() as f64),
-            ("bonds".into(), self.body.pairs().len() as f64),
+            ("bonds".into(), bonds as f64),
             ("released energy [J]".into(), log.released()),
             ("checks of all bonds".into(), log.checks() as f64),
             (

@@ -99,6 +99,8 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     fn stride(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>>;
     /// What was reached last, under a law that turns.
     fn reached(&self) -> Option<Reached<'_>>;
+    /// Writes what readers know of the particles of other ranks, at the positions reached last.
+    fn ghosts(&self, out: &mut Vec<[f64; 7]>);
     /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
     fn save(&self) -> Vec<f64>;
     /// Undoes [`Self::save`]; `false` for numbers that are no orientations of as many particles.
@@ -373,6 +375,20 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
             rows: &self.rows,
             th: &self.reached,
         })
+    }
+
+    fn ghosts(&self, out: &mut Vec<[f64; 7]>) {
+        out.clear();
+        let first = self.layout.particles().next_multiple_of(LANES);
+        let foreign = self.rows[first.min(self.rows.len())..].iter();
+        out.extend(foreign.map(|CacheLine([x, y, z, a, b, c, d, _])| {
+            let [e, f, g, h] = match W::TURNS {
+                // With the bits of who asks for the orientation of a particle of its own.
+                true => turned([*a, *b, *c, *d], [0.0; 3]),
+                false => [*b, *c, *d, 0.0],
+            };
+            [*x, *y, *z, e, f, g, h]
+        }));
     }
 
     fn save(&self) -> Vec<f64> {

@@ -430,11 +430,11 @@ impl Model<f64> for DemModel {
     }
 
     fn recovery(&self) -> Option<&dyn Recovery<f64>> {
-        self.halo.is_none().then_some(self as _)
+        Some(self)
     }
 
     fn links(&self) -> Option<&dyn Links<f64>> {
-        self.halo.is_none().then_some(self as _)
+        Some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
@@ -454,7 +454,7 @@ impl Evolving<f64> for DemModel {
     }
 
     fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
-        Ok(self.break_bonds(step))
+        Ok(self.break_bonds(step)?)
     }
 }
 

@@ -49,7 +49,7 @@ impl DemModel {
     /// what needs the whole body is refused by name. Sums of a part are those of the body: energies, the critical step.
     ///
     /// # Errors
-    /// [`Error::InParts`] for a body that breaks or is a part already; [`arlequin_core::ranks::RankError`], as an error of the
+    /// [`Error::InParts`] for a body that is a part already; [`arlequin_core::ranks::RankError`], as an error of the
     /// core, for bodies that differ, a division of another body or for another number of ranks, and what the transport says.
     pub fn share_out(mut self, division: &Division, communicator: Arc<dyn Communicator>) -> Result<Self> {
         self.keep_part(division, communicator)?;
@@ -71,11 +71,6 @@ impl DemModel {
         communicator: Arc<dyn Communicator>,
     ) -> Result<Arc<Portion>> {
         self.whole("sharing out")?;
-        if self.fracture.is_some() || self.watched.is_some() {
-            return Err(Error::InParts {
-                what: "fracture of bonds",
-            });
-        }
         let heard = |e| Error::Core(arlequin_core::Error::Rank(e));
         ranks::agree(
             &*communicator,
@@ -95,7 +90,8 @@ impl DemModel {
         let own: Vec<usize> = (0..portion.nodes()).map(|i| portion.global(i)).collect();
         let halo = Halo::of_links(portion.clone(), self.body.pairs().iter().copied());
         let numbers: Vec<u32> = own.iter().map(|i| *i as u32).collect();
-        let body = self.body.part(&numbers, halo.ghosts());
+        let bonds = self.body.pairs().len();
+        let (body, here) = self.body.part(&numbers, halo.ghosts());
         self.nodes = own.iter().map(|i| self.nodes[*i]).collect();
         self.mass = own.iter().map(|i| self.mass[*i]).collect();
         self.inertia = own.iter().map(|i| self.inertia[*i]).collect();
@@ -107,6 +103,9 @@ impl DemModel {
         self.kernel = self.kernel.shared(&body, halo.clone());
         self.of_units = bonds_of_units(body.pairs(), own.len());
         self.body = body;
+        self.break_apart(&halo, here, bonds);
+        // What a state would need is looked for in whole bodies.
+        self.watched = None;
         self.halo = Some(halo);
         Ok(portion)
     }
@@ -145,6 +144,9 @@ impl DemModel {
         numbers.for_each(|x| hasher.write_u64(x.to_bits()));
         body.pairs().iter().flatten().for_each(|i| hasher.write_u32(*i));
         hasher.write_u8(u8::from(self.has_finite_rotations()));
+        if let Some(f) = &self.fracture {
+            hasher.write(format!("{:?}", f.spec).as_bytes());
+        }
         hasher.finish()
     }
 
@@ -165,7 +167,7 @@ impl DemModel {
     }
 
     /// What other ranks tell of their particles; a failure is kept for [`Portion::failure`], and no energy is then a number.
-    fn heard(&self, q: &[f64]) -> Vec<[f64; 7]> {
+    pub(super) fn heard(&self, q: &[f64]) -> Vec<[f64; 7]> {
         let Some(halo) = &self.halo else {
             return Vec::new();
         };

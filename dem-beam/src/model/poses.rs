@@ -33,7 +33,7 @@ impl Reader<'_> {
     }
 
     /// What other ranks are told of particle `i`: its displacement, and its rotation vector or quaternion (scalar first).
-    pub(super) fn told(&self, i: usize) -> [f64; 7] {
+    pub(crate) fn told(&self, i: usize) -> [f64; 7] {
         let Twist { linear: u, angular } = self.twist(i);
         match self.reached {
             None => [u.x, u.y, u.z, angular.x, angular.y, angular.z, 0.0],

@@ -11,6 +11,7 @@
 //! and not in it.
 
 use super::DemModel;
+use super::poses::Reader;
 use crate::finite;
 use crate::fracture::{BreakLog, locked};
 use arlequin_core::adjacency::Adjacency;
@@ -22,8 +23,7 @@ use rayon::prelude::*;
 
 impl DemModel {
     /// Vector between the centres of a bond where its law sees them, and its force on the first particle; without weight.
-    fn carried(&self, b: usize, q: &[f64]) -> [Vector3<f64>; 2] {
-        let reader = self.reader(q);
+    fn carried(&self, b: usize, reader: &Reader<'_>) -> [Vector3<f64>; 2] {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
         let mut bond = self.body.bonds()[b];
         bond.scale = 1.0 / bond.axis.norm();
@@ -45,7 +45,7 @@ impl DemModel {
     /// Bonds of every particle, broken ones included.
     fn bonds_of_particles(&self) -> &Adjacency<[u32; 2]> {
         self.around
-            .get_or_init(|| Adjacency::of_pairs(self.nodes.len(), self.body.pairs()))
+            .get_or_init(|| Adjacency::of_pairs(self.body.len(), self.body.pairs()))
     }
 }
 
@@ -58,6 +58,7 @@ impl Recovery<f64> for DemModel {
         false
     }
 
+    /// Of a part of a body all ranks must ask; `nodes` are numbers here.
     fn recover(&self, q: &[f64], nodes: &[usize], out: &mut Vec<Recovered<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
         if let Some(k) = nodes.iter().find(|k| **k >= self.nodes.len()) {
@@ -66,12 +67,17 @@ impl Recovery<f64> for DemModel {
         }
         let (around, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
         let volumes = self.field.samples().unwrap_or_default();
+        let ghosts = self.heard(q);
+        let reader = Reader {
+            ghosts: &ghosts,
+            ..self.reader(q)
+        };
         let broken: &BreakLog = &log;
         let at = |&i: &usize| {
             let mut sum = Matrix3::zeros();
             let whole = around.row(i).iter();
-            for &[j, b] in whole.filter(|e| !broken.is_broken(e[1] as usize)) {
-                let [span, force] = self.carried(b as usize, q);
+            for &[j, b] in whole.filter(|e| !broken.is_broken_here(e[1] as usize)) {
+                let [span, force] = self.carried(b as usize, &reader);
                 // Seen from the second particle both change their sign.
                 sum += span * force.transpose() * (radii[i] / (radii[i] + radii[j as usize]));
             }
@@ -88,13 +94,18 @@ impl Links<f64> for DemModel {
         self.body.pairs()
     }
 
+    /// Of a part of a body all ranks must ask: of the bonds here, numbered as in [`Self::body`].
     fn forces(&self, q: &[f64], out: &mut Vec<LinkForce<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let (log, reader) = (locked(&self.log), self.reader(q));
+        let (log, ghosts) = (locked(&self.log), self.heard(q));
+        let reader = Reader {
+            ghosts: &ghosts,
+            ..self.reader(q)
+        };
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
         let broken: &BreakLog = &log;
         let of = |b: usize| {
-            let gone = broken.is_broken(b);
+            let gone = broken.is_broken_here(b);
             let utilisation = strength.map(|f| {
                 if gone {
                     0.0
@@ -105,7 +116,7 @@ impl Links<f64> for DemModel {
             let [span, force] = if gone {
                 [Vector3::zeros(); 2]
             } else {
-                self.carried(b, q)
+                self.carried(b, &reader)
             };
             let along = span.try_normalize(0.0).unwrap_or_default();
             let axial = along.dot(&force);

@@ -75,22 +75,23 @@ fn stiffness(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> 
 
 /// Components that supports hold of points so far apart \[m\], some of which are in groups.
 fn supported(
-    supports: &[&Support],
+    supports: Supports<'_>,
     points: &[Point3<f64>],
     spacing: f64,
-    group: &dyn Fn(&str) -> Vec<usize>,
+    group: &dyn Fn(&str) -> Option<Vec<usize>>,
 ) -> Vec<[bool; 3]> {
     let mut out = vec![[false; 3]; points.len()];
-    for s in supports {
+    for (number, s) in supports {
         let holds = |c: usize| {
             let named = |all: &Vec<Axis>| all.iter().any(|a| a.index() == c);
             s.components.as_ref().is_none_or(named)
         };
         let nodes = match &s.at {
-            Selection::Group(name) => group(name),
-            Selection::Box(low, high) => (0..points.len())
-                .filter(|k| inside(low, high, &points[*k], slack(spacing)))
-                .collect(),
+            Selection::Group(name) => group(name).unwrap_or_default(),
+            Selection::Box(low, high) => group(&format!("support[{number}]")).unwrap_or_else(|| {
+                let there = |k: &usize| inside(low, high, &points[*k], slack(spacing));
+                (0..points.len()).filter(there).collect()
+            }),
         };
         for k in nodes {
             (0..3).for_each(|c| out[k][c] |= holds(c));
@@ -109,13 +110,16 @@ fn strained(k: usize, x: &Vector3<f64>) -> Vector3<f64> {
     e * x
 }
 
+/// Supports that hold a model, with their numbers in the scene.
+pub(in crate::setup) type Supports<'a> = &'a [(usize, &'a Support)];
+
 /// The elements of a body in and around a zone, and what a packing there is measured by.
 pub(in crate::setup) struct Twin<'a> {
     key: &'a str,
     table: &'a ModelTable,
     mesh: &'a Mesh<f64>,
     share: Share,
-    supports: &'a [&'a Support],
+    supports: Supports<'a>,
     /// Components of the nodes on the border to the body, and of those that supports hold.
     held: Vec<[bool; 3]>,
     border: Faces,
@@ -128,7 +132,7 @@ impl<'a> Twin<'a> {
         key: &'a str,
         table: &'a ModelTable,
         mesh: &'a Mesh<f64>,
-        (piece, supports, folder): (&Piece, &'a [&'a Support], &Path),
+        (piece, supports, folder): (&Piece, Supports<'a>, &Path),
     ) -> Result<Option<Self>> {
         let share = Share(piece.overlap(folder)?);
         let beyond = |x: &Point3<f64>| matches!(share.0.place(x), Place::Coarse);
@@ -138,9 +142,9 @@ impl<'a> Twin<'a> {
         let at = |k: &u32| mesh.nodes()[*k as usize];
         let border = facets_of(mesh, &facets);
         let border = Faces::new(border.iter().map(|t| t.each_ref().map(at)).collect());
-        let group = |name: &str| match mesh.groups().get(name) {
-            Some(group) => group.nodes.iter().map(|k| *k as usize).collect(),
-            None => Vec::new(),
+        let group = |name: &str| {
+            let group = mesh.groups().get(name)?;
+            Some(group.nodes.iter().map(|k| *k as usize).collect())
         };
         let mut held = supported(supports, mesh.nodes(), mesh.spacing(), &group);
         for (held, outer) in held.iter_mut().zip(outer) {
@@ -199,14 +203,12 @@ impl<'a> Twin<'a> {
     }
 
     /// What is held of a packing: spheres within a diameter of the border, and what supports hold.
-    fn holds(&self, model: &DemModel, group: &dyn Fn(&DemModel, &str) -> Vec<usize>) -> Vec<Held> {
+    fn holds(&self, model: &DemModel, group: &dyn Fn(&DemModel, &str) -> Option<Vec<usize>>) -> Vec<Held> {
         let body = model.body();
         let rim = 2.0 * body.mean_radius();
         let hold =
             |x: &Point3<f64>| self.border.distance(x) < rim || matches!(self.share.0.place(x), Place::Coarse);
-        let fixed = supported(self.supports, model.nodes(), self.mesh.spacing(), &|name| {
-            group(model, name)
-        });
+        let fixed = supported(self.supports, model.nodes(), rim, &|name| group(model, name));
         let both = |(x, fixed): (&Point3<f64>, [bool; 3])| {
             let rim = hold(x);
             Held {
@@ -249,7 +251,7 @@ impl<'a> Twin<'a> {
         &self,
         mut model: DemModel,
         chosen: bool,
-        group: &dyn Fn(&DemModel, &str) -> Vec<usize>,
+        group: &dyn Fn(&DemModel, &str) -> Option<Vec<usize>>,
     ) -> Result<Option<Likeness>> {
         let materials = materials::of(self.key, self.table, self.mesh)?;
         let elements = FemModel::new("body", self.mesh.clone(), materials);

@@ -14,7 +14,7 @@ mod region;
 
 pub(super) use faces::Faces;
 pub use likeness::Likeness;
-pub(super) use likeness::Twin;
+pub(super) use likeness::{Supports, Twin};
 pub(crate) use lower::{lowered, written};
 
 use super::kinds::{self, Body};
@@ -32,7 +32,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 /// Name of the body's model.
-const BODY: &str = "body";
+pub(super) const BODY: &str = "body";
 
 /// Models of what a scene names by one of them: where that is the body, its zones as well.
 pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
@@ -237,6 +237,14 @@ impl Piece {
         Ok((triangles_of(&mesh), mesh))
     }
 
+    /// The surface of a zone's elements and of those around them, as far as spheres may lie up to `margin` \[m\] beyond.
+    /// And the faces between the two.
+    pub(super) fn around(&self, folder: &Path, margin: f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
+        let division = self.cut.division(folder)?;
+        let (mesh, border) = around::around(division, self.number(), margin)?;
+        Ok((triangles_of(&mesh), border))
+    }
+
     /// The whole body with all its zones. Boxes in which loads and supports of the body act are groups by their key
     /// (`load[0]`), where these hold a part of the surface.
     pub(super) fn whole(&self, folder: &Path) -> Result<&Mesh<f64>> {
@@ -264,14 +272,6 @@ impl Piece {
             }
         }
         Ok(out)
-    }
-
-    /// The surface of a zone's elements and of those around them, as far as spheres may lie up to `margin` \[m\] beyond.
-    /// And the faces between the two.
-    pub(super) fn around(&self, folder: &Path, margin: f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
-        let division = self.cut.division(folder)?;
-        let (mesh, border) = around::around(division, self.number(), margin)?;
-        Ok((triangles_of(&mesh), border))
     }
 
     /// Where points lie with respect to the overlap.

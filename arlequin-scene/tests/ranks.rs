@@ -1,0 +1,382 @@
+//! Scenes on several ranks, as threads: the files of one rank, ends that all ranks agree on, and checkpoints for any number of them.
+
+use arlequin::core::Coupled;
+use arlequin::core::ranks::Communicator;
+use arlequin_mpi::threads;
+use arlequin_scene::{End, Error, Observer, Result, Results, RunFolder, Scene, Silent, resume_on};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+const WAIT: Duration = Duration::from_secs(60);
+
+/// A pulse runs from elements into some 1 400 spheres, which have a support in the overlap.
+const PULSE: &str = r#"
+[model.left]
+kind = "fem"
+role = "coarse"
+shape.box = { low = [0.0, 0.0, 0.0], high = [6e-3, 2e-3, 2e-3] }
+spacing = 0.5e-3
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+[model.right]
+kind = "dem"
+role = "fine"
+shape.box = { low = [4e-3, 0.0, 0.0], high = [12e-3, 2e-3, 2e-3] }
+spacing = 0.3e-3
+dem.protocol = "quench"
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+[interface.middle]
+coarse = "left"
+fine = "right"
+overlap.slab = { coarse = [4e-3, 0.0, 0.0], fine = [6e-3, 0.0, 0.0] }
+weight = { profile = "cubic" }
+mediator = { spacing = 1e-3 }
+[[support]]
+model = "right"
+where.box = { low = [5e-3, -1e-3, -1e-3], high = [6e-3, 3e-3, 0.2e-3] }
+components = ["z"]
+[[support]]
+model = "left"
+where.box = { low = [5e-3, -1e-3, -1e-3], high = [6e-3, 3e-3, 0.1e-3] }
+components = ["z"]
+[[support]]
+model = "right"
+where = "x-max"
+components = ["y"]
+motion = { amplitude = 1e-7, time.ramp = { duration = 1e-6 } }
+[[effect]]
+mass_damping = { rate = 1e4 }
+[[load]]
+model = "right"
+where = "x-max"
+force = [0.0, 0.0, 1.0]
+time.pulse = { duration = 1e-6 }
+[[load]]
+model = "left"
+where = "x-min"
+force = [100.0, 0.0, 0.0]
+time.pulse = { duration = 1e-6 }
+[time]
+end = 2.5e-6
+[probe.near]
+model = "left"
+where = "x-max"
+quantity = "velocity"
+component = "x"
+[probe.far]
+model = "right"
+where.box = { low = [8e-3, -1e-3, -1e-3], high = [9e-3, 3e-3, 3e-3] }
+quantity = "velocity"
+component = "x"
+[probe.twist]
+model = "right"
+where.box = { low = [8e-3, -1e-3, -1e-3], high = [9e-3, 3e-3, 3e-3] }
+quantity = "rotation"
+component = "x"
+[probe.held]
+of = "support-1"
+quantity = "force"
+component = "z"
+[output]
+interval = 0.5e-6
+energy_every = 5
+fields = ["displacement", "velocity", "weights", "energy-density", "multipliers", "stress", "von-mises", "bond-forces"]
+"#;
+
+fn scratch(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("ranks-{name}"));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    folder
+}
+
+fn scene(text: &str) -> Scene {
+    Scene::from_text(text).expect("a scene")
+}
+
+/// Runs a scene into a folder, as a rank if it is one.
+fn run(scene: &Scene, folder: &Path, observer: &mut dyn Observer) -> Result<Results> {
+    let into = RunFolder::new(scene, Some(folder), true)?;
+    scene.prepare()?.run_into(into, observer)
+}
+
+/// The same on every rank.
+fn on_ranks(ranks: usize, scene: &Scene, folder: &Path) -> Vec<Result<Results>> {
+    let one = |c: Arc<dyn Communicator>| run(&scene.clone().on_ranks(c)?, folder, &mut Silent);
+    let all = threads::run(ranks, 1, WAIT, one).into_iter();
+    all.map(|r| r.expect("no rank is lost")).collect()
+}
+
+/// Files below a folder with their bytes, but for times and memory.
+fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut out = Vec::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(at) = open.pop() {
+        for entry in std::fs::read_dir(&at).expect("a folder").flatten() {
+            let path = entry.path();
+            let name = path.strip_prefix(folder).expect("inside").to_owned();
+            if path.is_dir() {
+                open.push(path);
+            } else if name != Path::new("summary.json") && name != Path::new(".arlequin-results") {
+                out.push((name, std::fs::read(&path).expect("a file")));
+            }
+        }
+    }
+    out.sort();
+    out
+}
+
+fn assert_same_files(one: &Path, other: &Path, what: &str) {
+    let (a, b) = (files(one), files(other));
+    let names = |f: &[(PathBuf, Vec<u8>)]| f.iter().map(|f| f.0.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&a), names(&b), "{what}");
+    assert!(a.len() > 5, "{what}");
+    for ((name, a), (_, b)) in a.iter().zip(&b) {
+        assert!(a == b, "{what}: {}", name.display());
+    }
+}
+
+/// The numbers of a summary that have to do with what was computed.
+fn told(r: &Results) -> String {
+    let s = r.summary();
+    let text = format!(
+        "{:?} {:?} {:?} {:?} {:?} {:?}",
+        s.models, s.energy, s.momentum, s.interface, s.probes, s.warnings
+    );
+    text
+}
+
+#[test]
+fn files_and_summaries_are_those_of_one_rank() {
+    let folder = scratch("files");
+    let scene = scene(PULSE);
+    let one = run(&scene, &folder.join("one"), &mut Silent).expect("runs");
+    assert!(one.summary().ranks.is_empty());
+    for ranks in [1, 2, 3, 4] {
+        let place = folder.join(format!("on-{ranks}"));
+        for (rank, r) in on_ranks(ranks, &scene, &place).into_iter().enumerate() {
+            let r = r.expect("runs");
+            assert_eq!(told(&r), told(&one), "rank {rank} of {ranks}");
+            assert_eq!(r.folder.is_some(), rank == 0);
+            let parts: Vec<bool> = r.summary().ranks.iter().map(|l| l.parts).collect();
+            let wanted: &[bool] = if ranks == 1 { &[] } else { &[false, true] };
+            assert_eq!(parts, wanted);
+        }
+        assert_same_files(&folder.join("one"), &place, &format!("{ranks} ranks"));
+    }
+}
+
+/// Shipped scenes with bodies in parts, coarser and shorter.
+const SHIPPED: [(&str, &[&str]); 6] = [
+    (
+        "beam-a-alone",
+        &[
+            "model.whole.spacing=0.3e-3",
+            "time.end=3e-7",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-a",
+        &[
+            "model.right.spacing=0.3e-3",
+            "time.end=1e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-b-alone",
+        &[
+            "model.whole.spacing=2e-3",
+            "time.end=2e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "beam-b",
+        &[
+            "model.left.spacing=5e-3",
+            "model.right.spacing=1.8e-3",
+            "time.end=6e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "dem-fem-beam",
+        &[
+            "model.left.spacing=0.5e-3",
+            "model.right.spacing=0.28e-3",
+            "time.end=6e-7",
+        ],
+    ),
+    ("three-levels", &["model.near.spacing=0.5e-3", "time.end=2e-6"]),
+];
+
+#[test]
+fn shipped_scenes_have_the_probes_of_one_rank() {
+    for (name, changes) in SHIPPED {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../examples/scenes/{name}.toml"));
+        let changes: Vec<String> = changes.iter().map(|c| (*c).to_owned()).collect();
+        let scene = Scene::read(path)
+            .and_then(|s| s.assign(&changes))
+            .expect("a scene");
+        let one = scene.prepare().expect("built").run(&mut Silent).expect("runs");
+        assert!(one.recorded.probes.times.len() > 10, "{name}");
+        let on_ranks = threads::run(3, 1, WAIT, |c| {
+            scene.clone().on_ranks(c)?.prepare()?.run(&mut Silent)
+        });
+        for r in on_ranks {
+            let r = r.expect("there").expect("runs");
+            assert!(
+                r.summary().ranks.iter().any(|l| l.parts),
+                "{name}: {:?}",
+                r.summary().ranks
+            );
+            assert!(
+                r.recorded.probes == one.recorded.probes,
+                "{name}: {:?}",
+                r.recorded.probes
+            );
+        }
+    }
+}
+
+/// Ends the run at a step, on one of the ranks.
+struct Stop(usize, bool);
+
+impl Observer for Stop {
+    fn step(&mut self, run: &Coupled<f64>, _: usize) -> ControlFlow<()> {
+        if self.1 && run.steps() >= self.0 {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+#[test]
+fn a_run_that_one_rank_stops_goes_on_with_another_number_of_ranks() {
+    let folder = scratch("resumed");
+    for finite in ["false", "true"] {
+        let text = PULSE.replace(
+            "dem.protocol",
+            &format!("dem.finite_rotations = {finite}\ndem.protocol"),
+        );
+        let scene = scene(&text);
+        let whole = folder.join(format!("whole-{finite}"));
+        run(&scene, &whole, &mut Silent).expect("runs");
+        for (first, then) in [(3, 2), (2, 1), (1, 4)] {
+            let place = folder.join(format!("{first}-{then}-{finite}"));
+            let stopped = threads::run(first, 1, WAIT, |c| {
+                let stops = c.rank() + 1 == first;
+                let done = run(&scene.clone().on_ranks(c)?, &place, &mut Stop(7, stops));
+                done.map(|r| (r.end, r.run.steps()))
+            });
+            for s in stopped {
+                // The ledger is drawn every fifth step.
+                assert_eq!(
+                    s.expect("there").expect("stops"),
+                    (End::Interrupted, if first == 1 { 7 } else { 10 })
+                );
+            }
+            let gone_on = threads::run(then, 1, WAIT, |c| {
+                resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
+            });
+            for g in gone_on {
+                assert_eq!(g.expect("there").expect("goes on"), End::Complete);
+            }
+            assert_same_files(
+                &whole,
+                &place,
+                &format!("{first} ranks, then {then}, finite {finite}"),
+            );
+        }
+    }
+}
+
+/// The error of every rank; that of the first that has one, and of those that hear of it.
+fn errors(all: Vec<Result<Results>>) -> Vec<Error> {
+    all.into_iter()
+        .map(|r| r.map(|_| ()).expect_err("fails"))
+        .collect()
+}
+
+#[test]
+fn errors_are_those_of_one_rank_and_the_others_know() {
+    let folder = scratch("errors");
+    // Wrong from the start.
+    let wrong = scene(&PULSE.replace("where = \"x-max\"\nquantity", "where = \"nowhere\"\nquantity"));
+    let of = errors(on_ranks(3, &wrong, &folder.join("wrong")));
+    assert!(
+        of[0].to_string().contains("nowhere") && of[0].is_input(),
+        "{}",
+        of[0]
+    );
+    assert_eq!(of[0].place().0, Some("probe.near.where"));
+    for e in &of[1..] {
+        assert!(matches!(e, Error::Elsewhere { rank: 0, input: true }), "{e}");
+    }
+    // A folder that must not be replaced is seen by the first rank alone.
+    let taken = folder.join("taken");
+    std::fs::create_dir(&taken).expect("a folder");
+    std::fs::write(taken.join("letter.txt"), "dear").expect("a file");
+    let of = errors(on_ranks(2, &scene(PULSE), &taken));
+    assert!(of[0].to_string().contains("mark of results"), "{}", of[0]);
+    assert!(matches!(of[1], Error::Elsewhere { rank: 0, .. }), "{}", of[1]);
+    // Numbers that overflow do so everywhere, and what it had is kept.
+    let text = PULSE.replace("force = [100.0,", "force = [1e200,");
+    let place = folder.join("exploding");
+    let of = errors(on_ranks(2, &scene(&text), &place));
+    assert!(matches!(&of[0], Error::Kept { .. }), "{}", of[0]);
+    for e in &of {
+        assert!(e.is_everywhere() && !e.is_input(), "{e}");
+    }
+    assert!(place.join("probes.csv").exists());
+}
+
+#[test]
+fn ranks_with_different_scenes_are_refused_on_every_rank() {
+    let folder = scratch("different");
+    let all = threads::run(3, 1, WAIT, |c| {
+        let end = if c.rank() == 2 { "3e-6" } else { "2.5e-6" };
+        let scene = scene(PULSE).set("time.end", end)?;
+        run(&scene.on_ranks(c)?, &folder.join("out"), &mut Silent)
+    });
+    for (rank, r) in all.into_iter().enumerate() {
+        let e = r.expect("there").map(|_| ()).expect_err("refused");
+        let text = e.to_string();
+        assert!(
+            text.contains(&format!("rank {rank}: ranks differ in the scene")),
+            "{text}"
+        );
+        assert!(e.is_everywhere(), "{text}");
+    }
+    assert!(!folder.join("out").exists());
+}
+
+#[test]
+fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
+    let line = |text: &str, ranks: usize| {
+        let built = scene(text).for_ranks(ranks).prepare().expect("built");
+        let mut all = built.built().holdings.clone();
+        assert_eq!(all[0].words, "only bodies of particles go in parts");
+        all.remove(1)
+    };
+    let parts = line(PULSE, 3);
+    assert!(
+        parts.parts && parts.words.ends_with(" units of 256 particles"),
+        "{}",
+        parts.words
+    );
+    let whole = |more: &str, ranks: usize, why: &str| {
+        let l = line(&format!("{PULSE}\n{more}"), ranks);
+        assert!(!l.parts && l.words.contains(why), "{more}: {}", l.words);
+    };
+    whole("", 40, "fewer than ranks");
+    whole(
+        "[probe.stress]\nmodel = \"right\"\nat = [9e-3, 1e-3, 1e-3]\nquantity = \"stress\"\ncomponent = \"xx\"",
+        2,
+        "probe.stress",
+    );
+    whole("[[effect]]\ncontact = {}", 2, "effect[1].contact");
+}

@@ -1,0 +1,243 @@
+//! Bonds that break in a body in parts on several ranks.
+//!
+//! Who holds a bond between two ranks knows both ends with the same bits, so both come to the same verdict. But each looks at its
+//! own ends only ([`crate::kernel::screen`]): if anything breaks anywhere, all ranks compare these bonds one by one. Then all of
+//! them hear of all breaks and take them in the order of the whole body.
+
+use super::state::{FractureState, change, middle};
+use super::{Break, BreakMode, SharedLog, locked, writing};
+use crate::model::poses::Reader;
+use crate::particles::BondedParticles;
+use arlequin_core::Evolution;
+use arlequin_core::ranks::{Halo, Message, Portion, RankError};
+use arlequin_core::snapshot::Record;
+use nalgebra::Vector3;
+
+/// Words of a break between ranks.
+const WORDS: usize = 7;
+
+/// What ranks tell of their particles where bonds broke: the state one step before, and what the step changed.
+const TOLD: usize = 13;
+
+/// What a part of a body knows of the whole.
+#[derive(Debug)]
+pub(crate) struct Parts {
+    halo: Halo,
+    messages: Vec<Message>,
+    /// Numbers in the whole body: of the bonds here, ascending, and of the particles of other ranks.
+    numbers: Vec<u32>,
+    /// Bonds with particles of other ranks.
+    cross: Vec<u32>,
+    /// Bonds of the whole body.
+    pub(crate) bonds: usize,
+    /// Particles of other ranks: now.
+    pub(crate) ghosts: Vec<[f64; 7]>,
+}
+
+/// States of the particles of other ranks one step before, and what the step changed.
+type Heard = (Vec<[f64; 7]>, Vec<[f64; 6]>);
+
+impl FractureState {
+    /// The same for the part `body` of a body of so many `bonds`, with these numbers there; what broke stays broken.
+    pub(crate) fn part(self, body: &BondedParticles, halo: Halo, numbers: Vec<u32>, bonds: usize) -> Self {
+        let own = body.len() - halo.ghosts().len();
+        let broken: Vec<u32> = {
+            let log = locked(&self.log);
+            let here = (0..).zip(&numbers).filter(|(_, b)| log.is_broken(**b as usize));
+            here.map(|(k, _)| k).collect()
+        };
+        let mut out = Self::of(self.spec, body, own, self.log.clone());
+        if self.is_plain() {
+            out.check_plainly();
+        }
+        writing(&out.log).number(&numbers);
+        out.forget(&broken);
+        let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= own);
+        let cross = (0..).zip(body.pairs()).filter(|(_, p)| foreign(p));
+        out.parts = Some(Parts {
+            cross: cross.map(|(b, _)| b).collect(),
+            messages: halo.messages(TOLD),
+            numbers,
+            bonds,
+            ghosts: Vec::with_capacity(halo.ghosts().len()),
+            halo,
+        });
+        out.now = broken;
+        out
+    }
+
+    /// Whether any bond of the whole body breaks now; [`Self::now`] are then all of those here.
+    pub(crate) fn find_on_all(
+        &mut self,
+        body: &BondedParticles,
+        reader: &Reader<'_>,
+        parts: &Parts,
+    ) -> Result<bool, RankError> {
+        if !self.find(body, reader) {
+            // No rank looks.
+            return Ok(false);
+        }
+        if !parts.halo.portion().any(!self.now.is_empty())? {
+            return Ok(false);
+        }
+        let missed = parts
+            .cross
+            .iter()
+            .filter(|b| self.ratio(body, reader, **b as usize) >= 1.0);
+        let missed: Vec<u32> = missed.copied().collect();
+        self.now.extend(missed);
+        self.now.sort_unstable();
+        self.now.dedup();
+        Ok(true)
+    }
+
+    /// Takes the bonds that break now out of the balance of the particles here, and all of the whole body to the log; the energy
+    /// of all.
+    pub(crate) fn release_in_parts(
+        &mut self,
+        body: &BondedParticles,
+        step: &mut Evolution<'_, f64>,
+        readers: [&Reader<'_>; 2],
+        parts: &mut Parts,
+        inside: impl Fn(usize) -> bool,
+    ) -> Result<f64, RankError> {
+        let (ghosts, changes) = parts.hear(readers[0], step)?;
+        let before = Reader {
+            ghosts: &ghosts,
+            ..*readers[0]
+        };
+        let after = Reader {
+            ghosts: &parts.ghosts,
+            ..*readers[1]
+        };
+        let mut told = Vec::new();
+        for k in 0..self.now.len() {
+            let b = self.now[k] as usize;
+            let of = |i: usize| match i.checked_sub(self.own) {
+                None => change(step, i),
+                Some(ghost) => changes[ghost],
+            };
+            let (event, held) = self.break_of(body, b, [&before, &after], &of);
+            if (event.pair[0] as usize) < self.own {
+                let overlap = inside(b);
+                told.extend(parts.words(&Break { overlap, ..event }));
+            }
+            self.let_go(body, b, &held, step);
+        }
+        let mut all = parts.halo.portion().listed(&told)?;
+        let all = all.as_chunks_mut::<WORDS>().0;
+        all.sort_unstable_by_key(|e| number(e));
+        let mut log = writing(&self.log);
+        let mut total = 0.0;
+        for words in all {
+            let event = event(words, step.time);
+            total += event.released;
+            log.push(event);
+        }
+        Ok(total)
+    }
+}
+
+impl Parts {
+    /// What other ranks tell of their particles.
+    fn hear(&mut self, before: &Reader<'_>, step: &Evolution<'_, f64>) -> Result<Heard, RankError> {
+        let count = self.halo.ghosts().len();
+        let mut out = (vec![[0.0; 7]; count], vec![[0.0; 6]; count]);
+        let told = |i: usize| {
+            let (state, change) = (before.told(i), change(step, i));
+            std::array::from_fn(|k| if k < 7 { state[k] } else { change[k - 7] })
+        };
+        self.halo.exchange::<TOLD>(&mut self.messages, told, |g, x| {
+            out.0[g].copy_from_slice(&x[..7]);
+            out.1[g].copy_from_slice(&x[7..]);
+        })?;
+        Ok(out)
+    }
+
+    /// Restores a log that all ranks have: what is known of a bond, the rank of its first particle tells all others.
+    pub(super) fn restore(
+        &self,
+        log: &SharedLog,
+        from: &Record<f64>,
+        body: &BondedParticles,
+        inside: impl Fn(usize) -> bool,
+    ) -> bool {
+        let broken = from.integers.get(1..).unwrap_or_default().as_chunks::<4>().0;
+        let here = |bond: u64| self.numbers.binary_search(&u32::try_from(bond).ok()?).ok();
+        let mut told = Vec::new();
+        for [bond, ..] in broken {
+            if let Some(b) = here(*bond).filter(|b| body.pairs()[*b][0] < self.halo.portion().nodes() as u32)
+            {
+                let (place, pair) = (
+                    middle(body, b),
+                    body.pairs()[b].map(|i| u64::from(self.global(i))),
+                );
+                let [x, y, z] = <[f64; 3]>::from(place).map(|x| x.to_bits().cast_signed());
+                let ends = (pair[0] << 32 | pair[1]).cast_signed();
+                told.extend([bond.cast_signed(), ends, i64::from(inside(b)), x, y, z]);
+            }
+        }
+        // What goes wrong between ranks is kept for [`Portion::failure`].
+        let Ok(mut all) = self.halo.portion().listed(&told) else {
+            return false;
+        };
+        let all = all.as_chunks_mut::<6>().0;
+        all.sort_unstable_by_key(|k| k[0]);
+        writing(log).restore(from, &|bond, [i, j]| {
+            let k = all.binary_search_by_key(&bond.cast_signed(), |k| k[0]).ok()?;
+            let [_, ends, overlap, x, y, z] = all[k];
+            let known = i <= u64::from(u32::MAX) && (i << 32 | j) == ends.cast_unsigned();
+            let real = |x: i64| f64::from_bits(x.cast_unsigned());
+            let place = Vector3::new(real(x), real(y), real(z));
+            known.then_some((place, overlap > 0))
+        })
+    }
+
+    /// Number of a particle in the whole body.
+    fn global(&self, particle: u32) -> u32 {
+        let portion: &Portion = self.halo.portion();
+        match (particle as usize).checked_sub(portion.nodes()) {
+            None => portion.global(particle as usize) as u32,
+            Some(ghost) => self.halo.ghosts()[ghost],
+        }
+    }
+
+    /// A break in numbers of the whole body.
+    fn words(&self, e: &Break) -> [i64; WORDS] {
+        let two = |a: u32, b: u32| (u64::from(a) << 32 | u64::from(b)).cast_signed();
+        let bits = |x: f64| x.to_bits().cast_signed();
+        let [i, j] = e.pair.map(|i| self.global(i));
+        [
+            two(
+                self.numbers[e.bond as usize],
+                2 * e.mode as u32 + u32::from(e.overlap),
+            ),
+            two(i, j),
+            bits(e.released),
+            bits(e.distance),
+            bits(e.place.x),
+            bits(e.place.y),
+            bits(e.place.z),
+        ]
+    }
+}
+
+fn number(words: &[i64; WORDS]) -> u32 {
+    (words[0].cast_unsigned() >> 32) as u32
+}
+
+/// Undoes [`Parts::words`].
+fn event(words: &[i64; WORDS], time: f64) -> Break {
+    let real = |k: usize| f64::from_bits(words[k].cast_unsigned());
+    let (low, pair) = (words[0].cast_unsigned() as u32, words[1].cast_unsigned());
+    Break {
+        time,
+        bond: number(words),
+        pair: [(pair >> 32) as u32, pair as u32],
+        released: real(2),
+        distance: real(3),
+        place: Vector3::new(real(4), real(5), real(6)),
+        overlap: low % 2 == 1,
+        mode: BreakMode::ALL[(low as usize / 2).min(BreakMode::ALL.len() - 1)],
+    }
+}
