@@ -14,8 +14,7 @@ use crate::{Error, Real, Result, parallel};
 /// How a state is relaxed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Relaxation<T> {
-    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement over the largest internal force, now
-    /// or on the way from the equilibrium before.
+    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement over the largest internal force.
     pub tolerance: T,
     /// Most steps.
     pub most: usize,
@@ -49,8 +48,6 @@ pub struct Settled<T> {
 
 /// Steps between two looks at the residual while nothing peaks.
 const LOOK: usize = 200;
-/// Steps of a ramp from which on forces on the way are those of slow changes, and not of the blow with which a support sets off.
-const SLOW: usize = 100;
 
 impl<T: Real> Coupled<T> {
     /// Whether the run can be solved directly; why not otherwise.
@@ -120,8 +117,6 @@ impl<T: Real> Coupled<T> {
         let mut peak = T::zero();
         let mut residual = T::of(f64::INFINITY);
         self.stop()?;
-        // Bodies that tear have no force left to compare with: those on the way count.
-        let [_, mut size] = self.unbalanced(from)?;
         for k in 1..=how.most {
             let share = T::of((k as f64 / how.ramp.max(1) as f64).min(1.0));
             let now = if k >= how.ramp {
@@ -130,9 +125,6 @@ impl<T: Real> Coupled<T> {
                 from + (time - from) * share
             };
             self.still_step(now)?;
-            if k < how.ramp && how.ramp >= SLOW && k.is_multiple_of(how.ramp / 8) {
-                size = size.max(self.unbalanced(now)?[1]);
-            }
             let kinetic: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
             if !kinetic.is_finite() {
                 return Err(self.diverged("velocity"));
@@ -145,9 +137,7 @@ impl<T: Real> Coupled<T> {
                     peak = T::zero();
                 }
                 if k >= how.ramp {
-                    let [off, internal] = self.unbalanced(now)?;
-                    size = size.max(internal);
-                    residual = if size > T::zero() { off / size } else { off };
+                    residual = self.unbalanced(now)?;
                     if residual <= how.tolerance {
                         self.stop()?;
                         return Ok(Settled {
@@ -196,8 +186,8 @@ impl<T: Real> Coupled<T> {
         self.reflect_start()
     }
 
-    /// Largest unbalanced force on a free displacement, and largest internal force.
-    fn unbalanced(&mut self, time: T) -> Result<[T; 2]> {
+    /// Largest unbalanced force on a free displacement over the largest internal force.
+    fn unbalanced(&mut self, time: T) -> Result<T> {
         let (mut off, mut size) = (T::zero(), T::zero());
         for k in 0..self.subdomains.len() {
             let s = &mut self.subdomains[k];
@@ -217,6 +207,6 @@ impl<T: Real> Coupled<T> {
             let free = free.filter(|(w, _)| **w > T::zero());
             off = free.fold(off, |m, (_, f)| m.max(f.abs()));
         }
-        Ok([off, size])
+        Ok(if size > T::zero() { off / size } else { off })
     }
 }
