@@ -126,7 +126,7 @@ impl FractureState {
         }
         let mut all = parts.halo.portion().listed(&told)?;
         let all = all.as_chunks_mut::<WORDS>().0;
-        all.sort_unstable_by_key(|e| number(e));
+        all.sort_unstable_by_key(number);
         let mut log = writing(&self.log);
         let mut total = 0.0;
         for words in all {
