@@ -59,9 +59,12 @@ impl Participant<f64> for Single {
     }
     fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
         self.inertia = vec![0.0; BONDS + 1];
-        for (bond, ends) in self.nodes.array_windows::<2>().enumerate() {
+        for (bond, ends) in self.nodes.windows(2).enumerate() {
             let section = 1.0;
-            let cell = arlequin::core::geometry::Cell::Segment { ends: *ends, section };
+            let cell = arlequin::core::geometry::Cell::Segment {
+                ends: [ends[0], ends[1]],
+                section,
+            };
             self.shares[bond] = weights.internal.mean(&cell) as f32;
             let half = 0.5 * weights.kinetic.mean(&cell) as f32;
             self.inertia[bond] += half;

@@ -6,11 +6,14 @@
     reason = "each test uses some of it; a failed set-up is a failed test"
 )]
 
-use arlequin::core::{L2, OwnStep, Participant};
+use arlequin::core::{L2, OwnStep, Participant, Uniform};
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use arlequin::prelude::*;
-use arlequin_link::{Element, Options, Remote, Shape};
+use arlequin_link::wire::Message;
+use arlequin_link::{Address, Description, Element, Fields, Options, Remote, Shape};
 use spring_chain::Chain;
+#[cfg(unix)]
+use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 pub(crate) const BONDS: usize = 60;
@@ -103,4 +106,43 @@ pub(crate) fn gap(a: &Coupled<f64>, b: &Coupled<f64>) -> f64 {
     let top = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     assert!(top > 0.0, "nothing moves");
     a.iter().zip(&b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs())) / top
+}
+
+/// Waits briefly, for those that do not answer.
+pub(crate) fn hasty() -> Options {
+    Options {
+        timeout: Duration::from_millis(700),
+        ..Options::default()
+    }
+}
+
+/// What a chain says of itself that is a stranger's.
+pub(crate) fn description() -> Description {
+    let (mut inertia, nodes) = (vec![0.0; BONDS + 1], chain().nodes().to_vec());
+    chain().lumped_inertia(&Uniform(1.0), &mut inertia).unwrap();
+    Description {
+        limit: 1 << 20,
+        offers: Fields::MOTION,
+        name: "chain".into(),
+        kind: "stranger".into(),
+        layout: chain().layout(),
+        nodes,
+        shape: chain_shape(),
+        inertia,
+        critical_step: 1.0,
+    }
+}
+
+pub(crate) fn bytes_of(d: &Description) -> Vec<u8> {
+    let mut message = Message::default();
+    d.write(&mut message);
+    message.finish().to_vec()
+}
+
+#[cfg(unix)]
+pub(crate) fn connect(to: &Address) -> UnixStream {
+    match to {
+        Address::Unix(path) => UnixStream::connect(path).unwrap(),
+        Address::Tcp(_) => unreachable!("private listeners are files here"),
+    }
 }
