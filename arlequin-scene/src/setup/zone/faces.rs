@@ -49,6 +49,13 @@ impl Faces {
         }
     }
 
+    /// The nearest point of all triangles; none without one.
+    pub(in crate::setup) fn foot(&self, x: &Point3<f64>) -> Option<Point3<f64>> {
+        self.triangles.first()?;
+        let nearest = self.triangles.get(self.nearest(x).0)?;
+        Some(closest_on_triangle(&x.coords, &nearest.map(|p| p.coords)).into())
+    }
+
     pub(in crate::setup) fn distance(&self, x: &Point3<f64>) -> f64 {
         self.nearest(x).1
     }
@@ -83,6 +90,8 @@ mod tests {
             let all = strip.iter().map(|t| distance(&x, t));
             let least = all.fold(f64::INFINITY, f64::min);
             assert!((faces.distance(&x) - least).abs() <= 1e-12 * least);
+            let foot = faces.foot(&x).expect("a triangle");
+            assert!(((foot - x).norm() - least).abs() <= 1e-12 * least);
         }
         // Points and lines are triangles too.
         let point = Faces::new(vec![[p(1.0, 2.0, 3.0); 3]]);

@@ -122,6 +122,8 @@ pub(in crate::setup) struct Twin<'a> {
     supports: Supports<'a>,
     /// Components of the nodes on the border to the body, and of those that supports hold.
     held: Vec<[bool; 3]>,
+    /// Faces whose components supports hold.
+    bearings: [Faces; 3],
     border: Faces,
     middle: Vector3<f64>,
 }
@@ -138,17 +140,23 @@ impl<'a> Twin<'a> {
         let beyond = |x: &Point3<f64>| matches!(share.0.place(x), Place::Coarse);
         let outer: Vec<bool> = mesh.nodes().iter().map(beyond).collect();
         let on_border = |f: &Facet| mesh.facet_nodes(*f).iter().all(|k| outer[*k as usize]);
-        let facets: Vec<_> = mesh.boundary().into_iter().filter(on_border).collect();
-        let at = |k: &u32| mesh.nodes()[*k as usize];
-        let border = facets_of(mesh, &facets);
-        let border = Faces::new(border.iter().map(|t| t.each_ref().map(at)).collect());
+        let surface = mesh.boundary();
+        let faces = |of: &dyn Fn(&Facet) -> bool| {
+            let facets: Vec<_> = surface.iter().copied().filter(of).collect();
+            let at = |k: &u32| mesh.nodes()[*k as usize];
+            let found = facets_of(mesh, &facets);
+            Faces::new(found.iter().map(|t| t.each_ref().map(at)).collect())
+        };
+        let border = faces(&on_border);
         let group = |name: &str| {
             let group = mesh.groups().get(name)?;
             Some(group.nodes.iter().map(|k| *k as usize).collect())
         };
         let mut held = supported(supports, mesh.nodes(), mesh.spacing(), &group);
-        for (held, outer) in held.iter_mut().zip(outer) {
-            held.iter_mut().for_each(|c| *c |= outer);
+        let bearings = [0, 1, 2]
+            .map(|c| faces(&|f| !on_border(f) && mesh.facet_nodes(*f).iter().all(|k| held[*k as usize][c])));
+        for (held, outer) in held.iter_mut().zip(&outer) {
+            held.iter_mut().for_each(|c| *c |= *outer);
         }
         let sum = mesh.nodes().iter().fold(Vector3::zeros(), |s, x| s + x.coords);
         Ok((!border.is_empty()).then(|| Self {
@@ -159,6 +167,7 @@ impl<'a> Twin<'a> {
             supports,
             middle: sum / mesh.nodes().len() as f64,
             held,
+            bearings,
             border,
         }))
     }
@@ -202,15 +211,31 @@ impl<'a> Twin<'a> {
         Ok(fields)
     }
 
+    /// Whether a sphere moves with the border: it is within a mean diameter of it.
+    fn on_border(&self, model: &DemModel, x: &Point3<f64>) -> bool {
+        let rim = 2.0 * model.body().mean_radius();
+        self.border.distance(x) < rim || matches!(self.share.0.place(x), Place::Coarse)
+    }
+
+    /// Displacement of a sphere under a unit strain, where it is held. A support holds the centres of spheres that touch a face
+    /// as it holds the face: a radius of the packing is rigid there, which is a part of how stiff it is.
+    fn moved(&self, k: usize, model: &DemModel, (x, held): (&Point3<f64>, &Held)) -> Vector3<f64> {
+        let at = |x: &Point3<f64>| strained(k, &(x.coords - self.middle));
+        let mut out = at(x);
+        if held.linear.contains(&true) && !self.on_border(model, x) {
+            for c in (0..3).filter(|c| held.linear[*c]) {
+                out[c] = self.bearings[c].foot(x).map_or(out[c], |foot| at(&foot)[c]);
+            }
+        }
+        out
+    }
+
     /// What is held of a packing: spheres within a diameter of the border, and what supports hold.
     fn holds(&self, model: &DemModel, group: &dyn Fn(&DemModel, &str) -> Option<Vec<usize>>) -> Vec<Held> {
-        let body = model.body();
-        let rim = 2.0 * body.mean_radius();
-        let hold =
-            |x: &Point3<f64>| self.border.distance(x) < rim || matches!(self.share.0.place(x), Place::Coarse);
-        let fixed = supported(self.supports, model.nodes(), rim, &|name| group(model, name));
+        let spacing = 2.0 * model.body().mean_radius();
+        let fixed = supported(self.supports, model.nodes(), spacing, &|name| group(model, name));
         let both = |(x, fixed): (&Point3<f64>, [bool; 3])| {
-            let rim = hold(x);
+            let rim = self.on_border(model, x);
             Held {
                 linear: fixed.map(|f| f || rim),
                 ..Held::default()
@@ -223,13 +248,13 @@ impl<'a> Twin<'a> {
     fn settle(&self, model: &DemModel, held: &[Held]) -> Result<Vec<Vec<f64>>> {
         let body = model.body();
         let field = |k: usize| {
-            let affine = |x: &Vector3<f64>| Twist {
-                linear: strained(k, &(x - self.middle)),
+            let moved = |sphere| Twist {
+                linear: self.moved(k, model, sphere),
                 ..Twist::zero()
             };
             let problem = StaticProblem {
                 held: held.to_vec(),
-                start: body.positions().iter().map(affine).collect(),
+                start: model.nodes().iter().zip(held).map(moved).collect(),
                 ..StaticProblem::free(body.len())
             };
             let done = problem
