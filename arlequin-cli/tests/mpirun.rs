@@ -2,8 +2,11 @@
 #![cfg(feature = "mpi")]
 
 mod common;
+#[path = "../../arlequin-scene/tests/shipped/mod.rs"]
+mod shipped;
 
 use common::{command, scene, scratch, text};
+use shipped::SHIPPED;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -99,52 +102,6 @@ fn processes_write_the_files_of_one_rank_and_speak_once() {
         );
     }
 }
-
-/// Shipped scenes with bodies in parts, coarser and shorter.
-const SHIPPED: [(&str, &[&str]); 6] = [
-    (
-        "beam-a-alone",
-        &[
-            "model.whole.spacing=0.3e-3",
-            "time.end=3e-7",
-            "output.probe_every=1",
-        ],
-    ),
-    (
-        "beam-a",
-        &[
-            "model.right.spacing=0.3e-3",
-            "time.end=1e-6",
-            "output.probe_every=1",
-        ],
-    ),
-    (
-        "beam-b-alone",
-        &[
-            "model.whole.spacing=2e-3",
-            "time.end=2e-6",
-            "output.probe_every=1",
-        ],
-    ),
-    (
-        "beam-b",
-        &[
-            "model.left.spacing=5e-3",
-            "model.right.spacing=1.8e-3",
-            "time.end=6e-6",
-            "output.probe_every=1",
-        ],
-    ),
-    (
-        "dem-fem-beam",
-        &[
-            "model.left.spacing=0.5e-3",
-            "model.right.spacing=0.28e-3",
-            "time.end=6e-7",
-        ],
-    ),
-    ("three-levels", &["model.near.spacing=0.5e-3", "time.end=2e-6"]),
-];
 
 #[test]
 fn shipped_scenes_have_the_probes_of_one_rank() {

@@ -55,7 +55,7 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
         return no("models of a scene with [wake] do not go in parts");
     }
     if scene.statics.is_some() {
-        return no("models of a scene with [statics] do not go in parts");
+        return no("models of a scene with [static] do not go in parts");
     }
     let nodal = |i: &&Interface| i.weight.weighting == arlequin::core::Weighting::Nodal;
     if scene

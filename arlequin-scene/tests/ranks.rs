@@ -1,9 +1,12 @@
 //! Scenes on several ranks, as threads: the files of one rank, ends that all ranks agree on, and checkpoints for any number of them.
 
+mod shipped;
+
 use arlequin::core::Coupled;
 use arlequin::core::ranks::Communicator;
 use arlequin_mpi::threads;
 use arlequin_scene::{End, Error, Observer, Result, Results, RunFolder, Scene, Silent, resume_on};
+use shipped::SHIPPED;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -166,52 +169,6 @@ fn files_and_summaries_are_those_of_one_rank() {
         assert_same_files(&folder.join("one"), &place, &format!("{ranks} ranks"));
     }
 }
-
-/// Shipped scenes with bodies in parts, coarser and shorter.
-const SHIPPED: [(&str, &[&str]); 6] = [
-    (
-        "beam-a-alone",
-        &[
-            "model.whole.spacing=0.3e-3",
-            "time.end=3e-7",
-            "output.probe_every=1",
-        ],
-    ),
-    (
-        "beam-a",
-        &[
-            "model.right.spacing=0.3e-3",
-            "time.end=1e-6",
-            "output.probe_every=1",
-        ],
-    ),
-    (
-        "beam-b-alone",
-        &[
-            "model.whole.spacing=2e-3",
-            "time.end=2e-6",
-            "output.probe_every=1",
-        ],
-    ),
-    (
-        "beam-b",
-        &[
-            "model.left.spacing=5e-3",
-            "model.right.spacing=1.8e-3",
-            "time.end=6e-6",
-            "output.probe_every=1",
-        ],
-    ),
-    (
-        "dem-fem-beam",
-        &[
-            "model.left.spacing=0.5e-3",
-            "model.right.spacing=0.28e-3",
-            "time.end=6e-7",
-        ],
-    ),
-    ("three-levels", &["model.near.spacing=0.5e-3", "time.end=2e-6"]),
-];
 
 #[test]
 fn shipped_scenes_have_the_probes_of_one_rank() {

@@ -60,13 +60,9 @@ pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Re
     })
 }
 
-/// Centre `c` and vector `θ` with which forces `a θ × (x − c)` at places `x` have a given moment and no resultant: `J θ = m` with
-/// `J = Σ a (|r|² 1 − r rᵀ)`, `r = x − c`.
-fn turning(
-    path: &str,
-    moment: Vector3<f64>,
-    places: impl Iterator<Item = (Point3<f64>, f64)> + Clone,
-) -> Result<(Point3<f64>, Vector3<f64>)> {
+/// Centre `c` of places `x` with shares `a`, and `J = Σ a (|r|² 1 − r rᵀ)`, `r = x − c`: forces `a θ × r` have the moment `J θ` and no
+/// resultant.
+pub(super) fn polar(places: impl Iterator<Item = (Point3<f64>, f64)> + Clone) -> (Point3<f64>, Matrix3<f64>) {
     let (sum, total) = places.clone().fold((Vector3::zeros(), 0.0), |(s, t), (x, a)| {
         (s + x.coords * a, t + a)
     });
@@ -76,8 +72,23 @@ fn turning(
         let r = x - centre;
         polar += (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * a;
     }
+    (centre, polar)
+}
+
+/// `θ` with `J θ = m`, but for what `J` has no moment about: places in a line bear none about it.
+pub(super) fn turn(polar: &Matrix3<f64>, moment: &Vector3<f64>) -> Vector3<f64> {
     let inverse = polar.pseudo_inverse(1e-12 * polar.norm());
-    let turn = inverse.map_or(Vector3::zeros(), |p| p * moment);
+    inverse.map_or(Vector3::zeros(), |p| p * moment)
+}
+
+/// Centre `c` and vector `θ` with which forces `a θ × (x − c)` at places `x` have a given moment and no resultant.
+fn turning(
+    path: &str,
+    moment: Vector3<f64>,
+    places: impl Iterator<Item = (Point3<f64>, f64)> + Clone,
+) -> Result<(Point3<f64>, Vector3<f64>)> {
+    let (centre, polar) = polar(places);
+    let turn = turn(&polar, &moment);
     if turn.norm() > 0.0 && (polar * turn - moment).norm() <= 1e-9 * moment.norm() {
         return Ok((centre, turn));
     }

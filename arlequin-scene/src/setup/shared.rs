@@ -8,14 +8,13 @@
 use super::interface::BuiltInterface;
 use super::kinds::Body;
 use super::load::{self, Traction};
-use super::zone::Faces;
+use super::zone::{Faces, corners_of};
 use super::{drive, select, weights, zone};
 use crate::error::{Result, core, fem, key, unknown};
 use crate::spec::{SceneSpec, Selection, Shape};
 use arlequin::core::Weight;
 use arlequin::core::effect::{self, SurfaceFacet};
-use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
-use arlequin::fem_ref::gmsh::facets_of;
+use arlequin::core::nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -307,16 +306,9 @@ impl<'a> Shared<'a> {
         if area <= 0.0 {
             return self.enough(&missing);
         }
-        let middle = Point3::from(all().fold(Vector3::zeros(), |s, c| s + c.at.coords * c.area) / area);
-        let mut polar = Matrix3::zeros();
-        for c in all() {
-            let r = c.at - middle;
-            polar += (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * c.area;
-        }
+        let (middle, polar) = load::polar(all().map(|c| (c.at, c.area)));
         let moment = missing.moment - (middle - missing.about).cross(&missing.force);
-        // Spheres in a line bear no moment about it.
-        let turn = polar.pseudo_inverse(1e-12 * polar.norm()).map(|p| p * moment);
-        let (along, turn) = (missing.force / area, turn.unwrap_or_default());
+        let (along, turn) = (missing.force / area, load::turn(&polar, &moment));
         let mut left = missing;
         for c in parts.iter_mut().flat_map(|p| p.carriers.values_mut()) {
             let more = (along + turn.cross(&(c.at - middle))) * c.area;
@@ -380,9 +372,7 @@ fn surface_of(
     let path = format!("{path}.where");
     match (whole.groups().get(group), at) {
         (Some(g), _) if !g.facets.is_empty() => {
-            let triangles = facets_of(whole, &g.facets);
-            let at = |k: &u32| whole.nodes()[*k as usize];
-            let skin = Faces::new(triangles.iter().map(|t| t.each_ref().map(at)).collect());
+            let skin = Faces::new(corners_of(whole, &g.facets));
             Ok((whole.surface(group).map_err(fem(path))?, skin))
         }
         (Some(_), Selection::Group(_)) | (_, Selection::Box(..)) => {

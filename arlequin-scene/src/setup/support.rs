@@ -104,7 +104,8 @@ fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: 
         return Ok(());
     }
     let rule = format!(
-        "{} is held where the body is the spheres of zone '{}', and no sphere is in it or touches a face in it; name a face, or a box          with the centres of spheres",
+        "{} is held where the body is the spheres of zone '{}', and no sphere is in it or touches a face in it; name a face, or a \
+         box with the centres of spheres",
         s.at,
         body.model.name()
     );

@@ -1,10 +1,9 @@
 //! The body's elements around a zone, where spheres are packed that are cut off at its border.
 
 use super::divide::{Division, Owner, crowded_edges, faces_of};
-use super::faces::Faces;
+use super::faces::{Faces, corners_of};
 use crate::error::{Result, fem};
 use arlequin::core::nalgebra::Point3;
-use arlequin::fem_ref::gmsh::facets_of;
 use arlequin::fem_ref::{Facet, Mesh};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -80,10 +79,8 @@ fn neighbours(mesh: &Mesh<f64>, mine: &[bool]) -> (Beside, Triangles) {
             beside.entry(a).or_default().insert(b);
         }
         if mine[pair[0]] != mine[pair[1]] {
-            let at = |k: &u32| mesh.nodes()[*k as usize];
             // Seen from the zone, so that they face outwards.
-            let triangles = facets_of(mesh, &[if mine[pair[0]] { facet } else { other }]);
-            border.extend(triangles.iter().map(|t| t.each_ref().map(at)));
+            border.extend(corners_of(mesh, &[if mine[pair[0]] { facet } else { other }]));
         }
     }
     (beside, border)

@@ -5,13 +5,12 @@
 //! distances `a` from the faces of the zone's own elements and `b` from those of the elements beyond; between nodes it is
 //! interpolated by the element. So it is zero and one on the borders exactly, whatever these look like.
 
-use super::faces::Faces;
+use super::faces::{Faces, corners_of};
 use super::region::Place;
 use super::{Cut, Whole, Width};
 use crate::error::{Result, fem, key, value};
 use crate::spec::ModelKind;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::fem_ref::gmsh::facets_of;
 use arlequin::fem_ref::{Facet, FemField, Mesh};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -267,12 +266,7 @@ impl<'a> Deal<'a> {
             };
             let pair = [self.sides[e], self.sides[other]];
             if pair.contains(&side) && pair.contains(&Side::Layer) {
-                let at = |k: &u32| self.mesh.nodes()[*k as usize];
-                out.extend(
-                    facets_of(self.mesh, &[facet])
-                        .iter()
-                        .map(|t| t.each_ref().map(at)),
-                );
+                out.extend(corners_of(self.mesh, &[facet]));
             }
         }
         Faces::new(out)

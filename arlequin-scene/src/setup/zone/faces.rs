@@ -2,6 +2,15 @@
 
 use arlequin::core::geometry::{BoxTree, bounds_of, closest_on_triangle};
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::fem_ref::gmsh::facets_of;
+use arlequin::fem_ref::{Facet, Mesh};
+
+/// Corners of the triangles of some facets \[m\], which face outwards of their elements.
+pub(in crate::setup) fn corners_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[Point3<f64>; 3]> {
+    let at = |k: &u32| mesh.nodes()[*k as usize];
+    let triangles = facets_of(mesh, facets);
+    triangles.iter().map(|t| t.each_ref().map(at)).collect()
+}
 
 /// Triangles, some of which may be lines or points, to find the nearest of them.
 #[derive(Debug, Clone)]

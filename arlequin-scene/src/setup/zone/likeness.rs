@@ -6,7 +6,7 @@
 //! body's elements. The factor by which the beams' modulus is off is the projection of the one on the other as tensors, so
 //! that nothing depends on how the body is turned. Decision 0041.
 
-use super::{Faces, Piece};
+use super::{Faces, Piece, corners_of};
 use crate::error::{Result, core, dem, fem};
 use crate::setup::materials;
 use crate::setup::select::{inside, slack};
@@ -18,7 +18,6 @@ use arlequin::core::{LinearModel, Model, Overlap, Place, Real, Weight};
 use arlequin::dem_beam::bond::Twist;
 use arlequin::dem_beam::statics::StaticProblem;
 use arlequin::dem_beam::{DemModel, Held};
-use arlequin::fem_ref::gmsh::facets_of;
 use arlequin::fem_ref::{Facet, FemModel, Mesh};
 use serde::Serialize;
 use std::path::Path;
@@ -143,9 +142,7 @@ impl<'a> Twin<'a> {
         let surface = mesh.boundary();
         let faces = |of: &dyn Fn(&Facet) -> bool| {
             let facets: Vec<_> = surface.iter().copied().filter(of).collect();
-            let at = |k: &u32| mesh.nodes()[*k as usize];
-            let found = facets_of(mesh, &facets);
-            Faces::new(found.iter().map(|t| t.each_ref().map(at)).collect())
+            Faces::new(corners_of(mesh, &facets))
         };
         let border = faces(&on_border);
         let group = |name: &str| {

@@ -12,7 +12,7 @@ mod lower;
 mod place;
 mod region;
 
-pub(super) use faces::Faces;
+pub(super) use faces::{Faces, corners_of};
 pub use likeness::Likeness;
 pub(super) use likeness::{Supports, Twin};
 pub(crate) use lower::{lowered, written};

@@ -1,7 +1,7 @@
 //! Where a zone is: signed distances from what the scene names.
 
 use super::Cut;
-use super::faces::Faces;
+use super::faces::{Faces, corners_of};
 use crate::error::{Result, dem, key, unknown, value};
 use crate::setup::cloud;
 use crate::setup::filling::bytes;
@@ -12,7 +12,6 @@ use arlequin::core::{Primitive, Region};
 use arlequin::dem_beam::Surface;
 use arlequin::dem_beam::packing::read_facets;
 use arlequin::fem_ref::Mesh;
-use arlequin::fem_ref::gmsh::facets_of;
 use std::path::Path;
 
 /// A region by its signed distance.
@@ -96,12 +95,12 @@ fn of_group(path: &str, name: &str, mesh: &Mesh<f64>) -> Result<Faces> {
     let Some(group) = mesh.groups().get(name) else {
         return Err(unknown(path, name, "group of the body", mesh.groups().keys()));
     };
-    let triangles = facets_of(mesh, &group.facets);
-    let at = |k: &u32| mesh.nodes()[*k as usize];
+    let triangles = corners_of(mesh, &group.facets);
     Ok(Faces::new(if triangles.is_empty() {
-        group.nodes.iter().map(|k| [at(k); 3]).collect()
+        let nodes = group.nodes.iter();
+        nodes.map(|k| [mesh.nodes()[*k as usize]; 3]).collect()
     } else {
-        triangles.iter().map(|t| t.each_ref().map(at)).collect()
+        triangles
     }))
 }
 
