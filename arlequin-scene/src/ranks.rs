@@ -25,6 +25,16 @@ pub struct RankLine {
     pub words: String,
 }
 
+impl RankLine {
+    /// Adds how even the work is, once it is shared out.
+    pub(crate) fn told(&mut self, of: &Subdomain<f64>) {
+        if let Some(portion) = of.portion() {
+            let most = 100.0 * portion.division().imbalance();
+            self.words += &format!(", {most:.1} % more work than the mean at most");
+        }
+    }
+}
+
 /// How the models of a scene are held on so many ranks.
 fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
     let of = |(m, body): (usize, &Body)| {
@@ -65,11 +75,6 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     {
         return no("weights at nodes do not go in parts");
     }
-    let absorbs = |i: &&Interface| i.absorber.is_some() && i.fine == *name;
-    if let Some(k) = scene.interface.values().position(|i| absorbs(&i)) {
-        let name = scene.interface.keys().nth(k)?;
-        return Some(format!("interface.{name}.absorber does not go in parts"));
-    }
     for (k, e) in scene.effect.iter().enumerate() {
         let between = e.between.as_ref().is_some_and(|b| b.contains(name));
         let acts = between || effect_models(k, e, scene).unwrap_or_default().contains(&m);
@@ -78,9 +83,10 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
             | EffectKind::MassDamping(_)
             | EffectKind::StiffnessDamping(_)
             | EffectKind::LocalDamping(_)
-            | EffectKind::Prestress(_) => true,
-            // Strengths are compared at the end even where it is off.
-            EffectKind::Fracture(_) => false,
+            | EffectKind::Prestress(_)
+            | EffectKind::Fracture(_)
+            | EffectKind::Obstacle(_) => true,
+            EffectKind::Contact(_) if !between => true,
             _ => !e.enabled,
         };
         if acts && !works {

@@ -13,6 +13,7 @@ mod division;
 mod exact;
 mod gather;
 mod halo;
+mod near;
 mod portion;
 
 pub use division::{Division, Unit};

@@ -103,9 +103,7 @@ impl DemModel {
         self.kernel = self.kernel.shared(&body, halo.clone());
         self.of_units = bonds_of_units(body.pairs(), own.len());
         self.body = body;
-        self.break_apart(&halo, here, bonds);
-        // What a state would need is looked for in whole bodies.
-        self.watched = None;
+        self.break_apart(&halo, &here, bonds);
         self.halo = Some(halo);
         Ok(portion)
     }
