@@ -356,7 +356,7 @@ fn pace<T: Real>(solver: &mut dyn Participant<T>, inertia: &[T], speed: T, step:
 pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
     let mut worst = T::zero();
     for i in &run.interfaces {
-        for c in &i.coupling {
+        for c in i.coupling.iter() {
             let lambda: Vec<T> = (0..i.multipliers().len()).map(random).collect();
             let v: Vec<T> = (0..c.size()).map(|k| random(k + 31)).collect();
             let (mut jump, mut force) = (vec![T::zero(); lambda.len()], vec![T::zero(); v.len()]);

@@ -1,11 +1,14 @@
 //! A body of particles in parts between two whole bars of finite elements: the bits of one rank, whatever the division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+mod support;
+
 use arlequin_core::nalgebra::Point3;
 use arlequin_core::ranks::{Communicator, RankError};
 use arlequin_core::{
-    Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Model, OwnStep, Partition, PrescribedMotion,
-    Profile, Ramp, Sampling, Silent, Slab, Subdomain, TimeFunction, TimeStep, Weights,
+    Coupled, Error, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, Model, OwnStep,
+    Partition, PrescribedMotion, Profile, Ramp, Sampling, Silent, Slab, Solver, Subdomain, TimeFunction,
+    TimeStep, Weighting, Weights,
 };
 use arlequin_mpi::threads;
 use dem_beam::packing::{Lattice, lattice};
@@ -27,6 +30,22 @@ struct Case {
     /// Whether both sides of the left overlap are held there, and whether they are moved.
     held: bool,
     moved: bool,
+    sort: Sort,
+    /// Particles along a radius of the plain case, and elements of a mediator along 0.5.
+    finer: usize,
+    elements: usize,
+    /// Whether there are interfaces at all.
+    tied: bool,
+}
+
+/// Junction and solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Sort {
+    Values,
+    Strains,
+    Gradients,
+    Iterated,
+    Lumped,
 }
 
 const PLAIN: Case = Case {
@@ -35,6 +54,10 @@ const PLAIN: Case = Case {
     steps: 1,
     held: false,
     moved: false,
+    sort: Sort::Values,
+    finer: 1,
+    elements: 1,
+    tied: true,
 };
 
 fn at(x: f64) -> Point3<f64> {
@@ -54,15 +77,31 @@ fn fading(alone: f64, border: f64) -> Weights<f64> {
     Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
 }
 
-fn spec(name: &str, coarse: usize, [from, to]: [f64; 2]) -> InterfaceSpec<f64> {
+fn spec(name: &str, coarse: usize, [from, to]: [f64; 2], case: Case) -> InterfaceSpec<f64> {
     let corner = |x: f64, y: f64| Point3::new(x, y, y);
-    let counts = [((to - from) / 0.5).round() as usize, 1, 1];
+    let counts = [((to - from) / 0.5).round() as usize, 1, 1].map(|n| n * case.elements);
     let mesh = generate::block(ElementKind::Hex8, corner(from, -0.05), corner(to, 0.55), counts).unwrap();
+    let junction: Box<dyn Junction<f64>> = match case.sort {
+        Sort::Strains => Box::new(H1Strain::new(0.1).unwrap()),
+        Sort::Gradients => Box::new(H1Gradient::new(0.1).unwrap()),
+        _ => Box::new(L2),
+    };
+    let iterated = Solver::ConjugateGradients {
+        tolerance: 1e-9,
+        max_iterations: 40,
+    };
     InterfaceSpec {
         options: InterfaceOptions {
             sampling: Sampling::Particles,
+            solver: if case.sort == Sort::Iterated {
+                iterated
+            } else {
+                Solver::Auto
+            },
+            lumped: case.sort == Sort::Lumped,
             ..InterfaceOptions::default()
         },
+        junction,
         ..InterfaceSpec::new(name, coarse, 1, Arc::new(FemField::new(mesh)), L2)
     }
 }
@@ -89,7 +128,12 @@ fn lower(model: &dyn Model<f64>, held: bool) -> Vec<usize> {
 }
 
 fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
-    let packing = lattice(Lattice::Cubic, [40, 6, 6], 0.05).unwrap();
+    let packing = lattice(
+        Lattice::Cubic,
+        [40, 6, 6].map(|n| n * case.finer),
+        0.05 / case.finer as f64,
+    )
+    .unwrap();
     let beam = BeamMaterial {
         young: 1.0,
         ..BeamMaterial::SILICA
@@ -125,7 +169,11 @@ fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> 
         let particles = all.remove(1).shared(c);
         all.insert(1, particles);
     }
-    let interfaces = vec![spec("left", 0, [-0.05, end]), spec("right", 2, [begin, 3.95])];
+    let mut interfaces = vec![
+        spec("left", 0, [-0.05, end], case),
+        spec("right", 2, [begin, 3.95], case),
+    ];
+    interfaces.retain(|_| case.tied);
     Coupled::new(all, interfaces, TimeStep::Fraction(0.4), None).unwrap()
 }
 
@@ -210,6 +258,21 @@ fn coupled_steps_have_the_bits_of_one_rank() {
     check(finite, &[3]);
 }
 
+/// Strains act between components; forty iterations do not get to the end.
+#[test]
+fn junctions_and_solvers_have_the_bits_of_one_rank() {
+    for sort in [Sort::Strains, Sort::Gradients, Sort::Iterated, Sort::Lumped] {
+        check(Case { sort, ..PLAIN }, &[3]);
+    }
+    // Rows of the operator are longer than those of both sides: it is applied by these, on all ranks together.
+    let fine = Case {
+        sort: Sort::Iterated,
+        elements: 4,
+        ..PLAIN
+    };
+    check(fine, &[2, 4]);
+}
+
 #[test]
 fn own_steps_and_supports_in_the_overlap_have_the_bits_of_one_rank() {
     let case = Case {
@@ -229,6 +292,62 @@ fn interfaces_that_share_particles_have_the_bits_of_one_rank() {
     };
     assert!(!run(case, None).interfaces()[0].report().together.is_empty());
     check(case, &[2, 3, 4]);
+    let sort = Sort::Iterated;
+    check(Case { sort, ..case }, &[4]);
+}
+
+/// Bytes that interfaces have a rank send in a step, in messages and for reductions, the most of four ranks; multiplier unknowns;
+/// coupled particles.
+fn told_in_a_step(case: Case) -> ([f64; 2], f64, f64) {
+    let steps = 8;
+    let count = |tied: bool| {
+        let all = threads::run(4, 1, WAIT, |c| {
+            let counted = support::Counted::new(c);
+            let mut run = run(Case { tied, ..case }, Some(counted.clone()));
+            // The first step draws the ledger, and the tenth.
+            run.run(1, &mut Silent).unwrap();
+            counted.take();
+            run.run(steps, &mut Silent).unwrap();
+            let of = |n: &dyn Fn(&arlequin_core::InterfaceReport) -> usize| {
+                let all = run.interfaces().iter().map(|i| n(i.report()));
+                all.sum::<usize>() as f64
+            };
+            let told = counted.take().map(|b| b / steps as f64);
+            (told, of(&|r| r.multipliers), of(&|r| r.coupled_nodes[1]))
+        });
+        all.into_iter().map(Result::unwrap).collect::<Vec<_>>()
+    };
+    let (with, without) = (count(true), count(false));
+    let of = |k: usize| {
+        let both = with.iter().zip(&without).map(|(a, b)| a.0[k] - b.0[k]);
+        both.fold(0.0, f64::max)
+    };
+    ([of(0), of(1)], with[0].1, with[0].2)
+}
+
+#[test]
+fn interfaces_tell_of_multipliers_and_not_of_particles() {
+    let [plain, small, fine] = [(1, 1), (2, 1), (1, 2)].map(|(finer, elements)| {
+        told_in_a_step(Case {
+            finer,
+            elements,
+            ..PLAIN
+        })
+    });
+    for (told, multipliers, _) in [plain, small, fine] {
+        // Sums of multipliers, and of two interfaces an exact sum of what the kick changes.
+        assert!(told[1].to_bits() == (8.0 * (multipliers + 2.0 * 67.0)).to_bits());
+    }
+    let bytes = |of: &([f64; 2], f64, f64)| of.0[0] + of.0[1];
+    // Pieces are as many as units of 256 particles. To tell one other rank of all particles took 24 bytes each.
+    let growth = [bytes(&small) / bytes(&plain), small.2 / plain.2];
+    assert!(
+        growth[1] > 8.0 && growth[0] < 0.5 * growth[1],
+        "{plain:?} {small:?}"
+    );
+    assert!(bytes(&small) < 24.0 * small.2 / 30.0, "{small:?}");
+    let growth = [fine.0[0] / plain.0[0], fine.1 / plain.1];
+    assert!(growth[0] < growth[1], "{plain:?} {fine:?}");
 }
 
 /// Narrow overlaps at the ends of six units.
@@ -254,6 +373,9 @@ fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_
     );
     assert!(coupled.iter().any(|c| c[0] > 0 && c[1] == 0), "{coupled:?}");
     check(NARROW, &[6, 8]);
+    // Of few blocks of multipliers most ranks have none.
+    let sort = Sort::Iterated;
+    check(Case { sort, ..NARROW }, &[8]);
 }
 
 /// Saved on three ranks, gone on with on one, two and four: as if it had never stopped.
@@ -292,7 +414,8 @@ fn a_run_goes_on_from_its_snapshot_on_another_number_of_ranks() {
 #[test]
 fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let refused = threads::run(2, 1, WAIT, |c| {
-        let bar = Subdomain::coarse(bar("bar", 0.0, 1.0), Weights::uncoupled()).shared(c);
+        let weights = Weights::uncoupled().with_weighting(Weighting::Nodal);
+        let bar = Subdomain::coarse(bar("bar", 0.0, 1.0), weights).shared(c);
         Coupled::new(vec![bar], Vec::new(), TimeStep::Fraction(0.5), None).map(|_| ())
     });
     for r in refused {

@@ -44,6 +44,7 @@ mod mesh;
 mod model;
 mod order;
 mod part;
+mod portion;
 mod recovery;
 
 pub use arlequin_core::Elastic;

@@ -65,7 +65,12 @@ impl<T: Real> Mesh<T> {
     /// Jacobian at all corners), unreferenced or coincident nodes.
     pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
         check::mesh(kind, &nodes, &connectivity)?;
-        Ok(Self {
+        Ok(Self::bare(kind, T::one(), nodes, connectivity))
+    }
+
+    /// A mesh without groups, unchecked.
+    pub(crate) fn bare(kind: ElementKind, section: T, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
+        Self {
             kind,
             nodes,
             connectivity,
@@ -73,8 +78,8 @@ impl<T: Real> Mesh<T> {
             volumes: Vec::new(),
             regions: Vec::new(),
             notices: Vec::new(),
-            section: T::one(),
-        })
+            section,
+        }
     }
 
     /// The same mesh with the given cross-section of its bars \[m²\].

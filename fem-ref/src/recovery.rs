@@ -116,10 +116,17 @@ impl<T: Real> Recovery<T> for FemModel<T> {
         true
     }
 
+    /// Of a part of a body all ranks must ask.
     fn recover(&self, q: &[T], nodes: &[usize], out: &mut Vec<Recovered<T>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let of = |k: usize| self.of_element(k, q);
-        self.patches()
-            .recover(self.name(), nodes, self.mesh().element_count(), of, out)
+        let elements = self.mesh().element_count();
+        let Some(part) = &self.part else {
+            let of = |k: usize| self.of_element(k, q);
+            return self.patches().recover(self.name(), nodes, elements, of, out);
+        };
+        let x = part.heard_around(self.mesh(), q)?;
+        let of = |k: usize| self.of_element(k, &x);
+        let places = part.places(self.name(), nodes)?;
+        self.patches().recover(self.name(), &places, elements, of, out)
     }
 }

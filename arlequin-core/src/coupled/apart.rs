@@ -14,9 +14,10 @@
 use super::ledger::DisplacementJump;
 use crate::Real;
 use crate::interface::{Interface, coupled_nodes};
-use crate::ranks::{Gather, Portion};
+use crate::ranks::{self, Cuts, Exact, Portion};
 use crate::subdomain::Subdomain;
 use nalgebra::{Matrix3, Matrix4, Quaternion, SymmetricEigen, UnitQuaternion, Vector3};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Last digits by which displacements differ that are the same but for round-off, per own step.
@@ -36,8 +37,12 @@ pub(super) struct Overlap<T: Real> {
     spread: Matrix3<T>,
     /// Inverse of `tr G − G`; zero about axes on which all nodes lie.
     inverse: Matrix3<T>,
-    /// Of a side in parts, whose nodes are numbered by their places here.
-    parts: [Option<Gather>; 2],
+    /// Where the nodes of a side pass from unit to unit.
+    cuts: [Cuts; 2],
+    /// Of a side in parts: what this rank holds.
+    portions: [Option<Arc<Portion>>; 2],
+    /// Whether there is a first node of the coarse side, from which displacements are counted, and whether it is here.
+    first: Option<bool>,
 }
 
 #[derive(Debug)]
@@ -82,25 +87,33 @@ impl<T: Real> Overlap<T> {
         let all = nodes.iter().flatten();
         let spread = all.fold(Matrix3::zeros(), |g, n| g + n.arm * n.arm.transpose() * n.mass);
         let inertia = Matrix3::from_diagonal_element(spread.trace()) - spread;
+        let first = nodes[0].first().map(|_| true);
         let least = spread.trace() * T::epsilon() * T::of(DIGITS);
         Self {
             inverse: inertia.pseudo_inverse(least).unwrap_or_else(|_| Matrix3::zeros()),
+            cuts: nodes.each_ref().map(|n| cuts(n)),
             nodes,
             components,
             mass,
             spread,
-            parts: [None, None],
+            portions: [None, None],
+            first,
         }
     }
 
-    /// From now on the model of a side is in parts.
-    pub(super) fn share_out(&mut self, side: usize, portion: &Arc<Portion>) {
-        let nodes = &mut self.nodes[side];
-        self.parts[side] = Some(Gather::new(portion.clone(), 1, nodes.iter().map(|n| n.index)));
-        nodes
-            .iter_mut()
-            .enumerate()
-            .for_each(|(place, n)| n.index = place);
+    /// From now on models are in parts, of which it keeps the nodes here.
+    pub(super) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
+        for (m, portion) in portions.into_iter().enumerate() {
+            let Some(portion) = portion else { continue };
+            let nodes = &mut self.nodes[m];
+            if m == 0 {
+                self.first = nodes.first().map(|n| portion.local(n.index).is_some());
+            }
+            nodes.retain(|n| portion.local(n.index).is_some());
+            (nodes.iter_mut()).for_each(|n| n.index = portion.local(n.index).unwrap_or_default());
+            self.cuts[m] = cuts(nodes);
+            self.portions[m] = Some(portion.clone());
+        }
     }
 
     /// Jump, amplitude and digits of the present state join those so far; `steps`: own steps so far of the side that makes
@@ -112,11 +125,7 @@ impl<T: Real> Overlap<T> {
         steps: usize,
         so_far: &mut DisplacementJump<T>,
     ) {
-        let seen = [0, 1].map(|m| {
-            let gather = self.parts[m].as_ref()?;
-            Some(gather.gathered(self.components, &sides[m].state().q))
-        });
-        let q = [0, 1].map(|m| seen[m].as_deref().unwrap_or(&sides[m].state().q));
+        let q = sides.map(|s| &*s.state().q);
         let of = |m: usize, n: &Node<T>| self.displacement(q[m], n);
         let none = Rigid {
             base: Vector3::zeros(),
@@ -137,19 +146,25 @@ impl<T: Real> Overlap<T> {
     }
 
     /// Largest displacement \[m\] from the nearest rigid motion; `of`: displacement of a node of a side.
-    fn amplitude(&self, of: &impl Fn(usize, &Node<T>) -> Vector3<T>) -> T {
-        let Some(first) = self.nodes[0].first() else {
+    fn amplitude(&self, of: &(impl Fn(usize, &Node<T>) -> Vector3<T> + Sync)) -> T {
+        // From the displacement of one of them: digits of a common motion are lost once only.
+        let Some(first) = self.first(of) else {
             return T::zero();
         };
-        // From the displacement of one of them: digits of a common motion are lost once only.
-        let first = of(0, first);
         let (mut mean, mut tilt) = (Vector3::zeros(), Matrix3::zeros());
         for (m, nodes) in self.nodes.iter().enumerate() {
-            for n in nodes {
-                let u = (of(m, n) - first) * n.mass;
-                mean += u;
-                tilt += u * n.arm.transpose();
-            }
+            let part = |range: Range<usize>| {
+                let (mut mean, mut tilt) = (Vector3::zeros(), Matrix3::zeros());
+                for n in &nodes[range] {
+                    let u = (of(m, n) - first) * n.mass;
+                    mean += u;
+                    tilt += u * n.arm.transpose();
+                }
+                std::array::from_fn::<T, 12, _>(|k| if k < 3 { mean[k] } else { tilt[k - 3] })
+            };
+            let sums = self.cuts[m].sum(self.portions[m].as_deref(), 12, &part);
+            mean += Vector3::from_column_slice(&sums[..3]);
+            tilt += Matrix3::from_column_slice(&sums[3..]);
         }
         let base = first + mean / self.mass;
         let axial = Vector3::new(
@@ -175,8 +190,29 @@ impl<T: Real> Overlap<T> {
                 top = top.max(left.norm_squared());
             }
         }
-        top.sqrt()
+        let all = self.portions.iter().flatten().next();
+        ranks::largest(all.map(|p| &**p), top).sqrt()
     }
+
+    /// Displacement of the first node of the coarse side, on all ranks.
+    fn first(&self, of: &(impl Fn(usize, &Node<T>) -> Vector3<T> + Sync)) -> Option<Vector3<T>> {
+        let here = self.first?;
+        let own = (self.nodes[0].first().filter(|_| here)).map_or_else(Vector3::zeros, |n| of(0, n));
+        let Some(portion) = &self.portions[0] else {
+            return Some(own);
+        };
+        let sums = [0, 1, 2].map(|c| {
+            let mut sum = Exact::zero();
+            sum.add(own[c].as_f64());
+            sum
+        });
+        Some(Vector3::from(portion.total(sums).map(T::of)))
+    }
+}
+
+/// Where nodes pass from unit to unit.
+fn cuts<T: Real>(nodes: &[Node<T>]) -> Cuts {
+    Cuts::of(nodes.iter().map(|n| n.index))
 }
 
 /// The rotation `R` for which `R y` is nearest to `x`, of `Σ m x yᵀ` (Horn 1987).

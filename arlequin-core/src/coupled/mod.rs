@@ -118,9 +118,13 @@ impl<T: Real> Coupled<T> {
         &self.partition
     }
     /// `S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ` of one interface, symmetric, rows and columns in the order of
-    /// [`Interface::multipliers`]; `A = Δt/2 S`. Assembled anew at every call; `None` if there is no such interface.
+    /// [`Interface::multipliers`]; `A = Δt/2 S`. Assembled anew at every call; `None` if there is no such interface, or
+    /// where a model of it is in parts.
     pub fn multiplier_operator(&self, interface: usize) -> Option<CsMat<T>> {
-        let i = self.interfaces.get(interface)?;
+        let i = self
+            .interfaces
+            .get(interface)
+            .filter(|i| !i.coupling.in_parts())?;
         let inverse = i.sides.map(|s| self.subdomains[s].inverse_inertia());
         Some(i.operator_matrix(inverse))
     }
@@ -193,7 +197,7 @@ impl<T: Real> Coupled<T> {
 
     /// Largest jump of velocity \[m/s\] and of displacement \[m\] across one interface.
     pub fn jumps(&mut self, interface: usize) -> [T; 2] {
-        let i = &self.interfaces[interface];
+        let i = &mut self.interfaces[interface];
         let [c, d] = i.sides;
         let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
         let velocity = i.jump([&a.v, &b.v], &mut self.work);

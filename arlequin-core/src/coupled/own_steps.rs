@@ -3,9 +3,10 @@
 use super::{Coupled, pair};
 use crate::interface::Interface;
 use crate::phase::Phase;
-use crate::ranks::{Gather, Portion};
+use crate::ranks::{Cuts, Portion};
 use crate::subdomain::{Announce, Reached, Subdomain};
 use crate::{Real, Result};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Subdomains that step together, since effects act between them.
@@ -37,52 +38,74 @@ impl Lockstep {
 }
 
 /// Entries of the coupling matrices of an interface on unknowns that move as prescribed: the forces on them are work.
-/// Multiplier, unknown, entry, with the sign of the force; coarse side, fine side.
 #[derive(Debug)]
 pub(super) struct Held<T> {
-    entries: [Vec<(usize, usize, T)>; 2],
-    /// Of a side in parts, whose unknowns are numbered by their places here.
-    parts: [Option<Gather>; 2],
+    /// Coarse side, fine side; none where nothing moves.
+    sides: [Option<HeldSide<T>>; 2],
+    components: usize,
+}
+
+#[derive(Debug)]
+struct HeldSide<T> {
+    /// Multiplier, unknown, entry with the sign of the force; by unknowns.
+    entries: Vec<(usize, usize, T)>,
+    cuts: Cuts,
+    portion: Option<Arc<Portion>>,
+}
+
+impl<T: Real> HeldSide<T> {
+    fn new(mut entries: Vec<(usize, usize, T)>, components: usize) -> Self {
+        entries.sort_by_key(|e| (e.1, e.0));
+        Self {
+            cuts: Cuts::of(entries.iter().map(|e| e.1 / components)),
+            entries,
+            portion: None,
+        }
+    }
 }
 
 impl<T: Real> Held<T> {
     pub(super) fn new(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Self {
-        let entries = [(0, -T::one()), (1, T::one())].map(|(m, sign)| {
+        let components = interface.components();
+        let sides = [(0, -T::one()), (1, T::one())].map(|(m, sign)| {
             let s = &subdomains[interface.sides()[m]];
             let moving: std::collections::HashSet<usize> =
                 s.moving().flat_map(|m| m.dofs.iter().copied()).collect();
             if moving.is_empty() {
-                return Vec::new();
+                return None;
             }
-            let matrix = interface.coupling_matrix(m);
-            let all = matrix.iter().flat_map(|b| b.iter());
-            all.filter(|(_, (_, j))| moving.contains(j))
-                .map(|(b, (i, j))| (i, j, sign * *b))
-                .collect()
+            let matrix = interface.coupling_matrix(m)?;
+            let all = matrix.iter().filter(|(_, (_, j))| moving.contains(j));
+            let entries = all.map(|(b, (i, j))| (i, j, sign * *b)).collect();
+            Some(HeldSide::new(entries, components))
         });
-        Self {
-            entries,
-            parts: [None, None],
+        Self { sides, components }
+    }
+
+    /// From now on models are in parts.
+    pub(super) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
+        let d = self.components;
+        for (side, portion) in self.sides.iter_mut().zip(portions) {
+            let (Some(side), Some(portion)) = (side, portion) else {
+                continue;
+            };
+            let here = |(i, j, b): &(usize, usize, T)| Some((*i, portion.local(j / d)? * d + j % d, *b));
+            *side = HeldSide::new(side.entries.iter().filter_map(here).collect(), d);
+            side.portion = Some(portion.clone());
         }
     }
 
-    /// From now on the model of a side is in parts: `components` displacements per node.
-    pub(super) fn share_out(&mut self, side: usize, portion: &Arc<Portion>, components: usize) {
-        let entries = &mut self.entries[side];
-        let unknowns = entries.iter().map(|e| e.1);
-        self.parts[side] = Some(Gather::new(portion.clone(), components, unknowns));
-        entries.iter_mut().enumerate().for_each(|(place, e)| e.1 = place);
-    }
-
-    /// Power of the multipliers on moving supports \[W\].
+    /// Power of the multipliers on moving supports \[W\], on all ranks.
     pub(super) fn power(&self, lambda: &[T], v: [&[T]; 2]) -> T {
-        let of = |m: usize| -> T {
-            let told = self.parts[m].as_ref().map(|g| g.gathered(1, v[m]));
-            let v = told.as_deref().unwrap_or(v[m]);
-            let all = self.entries[m].iter();
-            all.map(|(i, j, b)| *b * lambda[*i] * v[*j]).sum()
+        let of = |(side, v): (&Option<HeldSide<T>>, &[T])| {
+            let side = side.as_ref()?;
+            let part = |range: Range<usize>| {
+                let all = side.entries[range].iter();
+                [all.map(|(i, j, b)| *b * lambda[*i] * v[*j]).sum()]
+            };
+            Some(side.cuts.sum(side.portion.as_deref(), 1, &part)[0])
         };
-        (0..2).map(of).sum()
+        self.sides.iter().zip(v).filter_map(of).sum()
     }
 }
 

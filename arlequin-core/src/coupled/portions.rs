@@ -53,22 +53,15 @@ pub(super) fn share_out<T: Real>(
     overlaps: &mut [Overlap<T>],
     held: &mut [Held<T>],
 ) -> Result<()> {
-    for (k, s) in subdomains.iter_mut().enumerate() {
-        let components = s.model().layout().components;
-        let Some(portion) = s.share_out()? else {
-            continue;
-        };
-        for ((i, overlap), held) in interfaces.iter_mut().zip(&mut *overlaps).zip(&mut *held) {
-            for side in (0..2).filter(|m| i.sides()[*m] == k).collect::<Vec<_>>() {
-                i.share_out(side, &portion);
-                overlap.share_out(side, &portion);
-                held.share_out(side, &portion, components);
-            }
-        }
-        joints
-            .iter_mut()
-            .for_each(|j| j.share_out(k, &portion, components));
+    let portions = subdomains.iter_mut().map(Subdomain::share_out);
+    let portions: Vec<_> = portions.collect::<Result<_>>()?;
+    for ((i, overlap), held) in interfaces.iter_mut().zip(overlaps).zip(held) {
+        let of = i.sides().map(|s| portions[s].as_ref());
+        i.share_out(of);
+        overlap.share_out(of);
+        held.share_out(of);
     }
+    joints.iter_mut().for_each(|j| j.share_out(&portions));
     Ok(())
 }
 

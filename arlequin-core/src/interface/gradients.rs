@@ -2,12 +2,17 @@
 //!
 //! After any number of iterations with a fixed symmetric preconditioner `μᵀ(S μ − b) = 0`: Galerkin's condition, under which
 //! a kick by `μ` changes no energy. Dependent multipliers do no harm: the system is consistent, and what acts on nothing is
-//! left alone. Nothing of the step before is used: runs that are resumed make the same bits.
+//! left alone. On several ranks each has the multipliers that it adds up, and its rows of `S`: an iteration is a message to each
+//! neighbour and two exact sums over all. Nothing of the step before is used: runs that are resumed make the same bits.
 
-use super::transfer::{self, Rows, Transfer};
-use crate::{Real, parallel};
+use super::dots::Dots;
+use super::parts::Parts;
+use super::sides::Sides;
+use super::transfer::Rows;
+use crate::Real;
+use crate::ranks::{Places, Post};
 use nalgebra::Vector3;
-use std::ops::Range;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A fixed symmetric preconditioner, `z = C r`.
 pub(super) trait Precondition<T> {
@@ -32,6 +37,9 @@ pub(super) struct Gradients<T> {
     shared: usize,
     tolerance: T,
     most: usize,
+    dots: Dots,
+    /// Where each rank has the multipliers that it adds up: `p` of others that its rows of `S` need.
+    others: Option<Post>,
     /// Iterations of the last solve.
     pub(super) made: usize,
     /// `r`, `z`, `p`, `S p`.
@@ -49,12 +57,60 @@ impl<T: Real> Gradients<T> {
             shared,
             tolerance,
             most,
+            dots: Dots::new(size / shared),
+            others: None,
             made: 0,
             residual: zeros(),
             turned: zeros(),
             direction: zeros(),
             image: zeros(),
         }
+    }
+
+    /// From now on each rank has the multipliers that it adds up; false where `S` is applied by the sides, which all ranks do
+    /// together with all multipliers.
+    pub(super) fn share_out(&mut self, parts: &Parts<T>) -> bool {
+        let Apply::Rows(rows) = &self.apply else {
+            return false;
+        };
+        let me = parts.portion().communicator().rank();
+        // Rows and columns of `S` are of the same multipliers: who needs one of ours has one that we need.
+        let (mut send, mut receive) = (BTreeSet::new(), BTreeSet::new());
+        for i in parts.mine() {
+            for j in rows.row(*i as usize).0 {
+                let author = parts.author(*j as usize);
+                if author != me {
+                    send.insert((author, *i));
+                    receive.insert((author, *j));
+                }
+            }
+        }
+        let here = parts.mine().iter().copied().chain(receive.iter().map(|r| r.1));
+        let place: BTreeMap<u32, u32> = here.zip(0..).collect();
+        let mut peers: BTreeMap<usize, Places> = BTreeMap::new();
+        for (rank, row) in send {
+            peers.entry(rank).or_default().send.push(place[&row]);
+        }
+        let mut end = parts.mine().len() as u32;
+        for (rank, places) in &mut peers {
+            let count = receive.range((*rank, 0)..=(*rank, u32::MAX)).count() as u32;
+            places.receive = end..end + count;
+            end += count;
+        }
+        let entries = (0..).zip(parts.mine()).flat_map(|(k, i)| {
+            let (columns, values) = rows.row(*i as usize);
+            let places = columns.iter().map(|j| place[j] as usize);
+            places.zip(values).map(move |(j, v)| (k, j, *v))
+        });
+        let size = self.shared * parts.mine().len();
+        self.apply = Apply::Rows(Rows::of(parts.mine().len(), entries));
+        for x in [&mut self.residual, &mut self.turned, &mut self.image] {
+            *x = vec![T::zero(); size];
+        }
+        self.direction = vec![T::zero(); self.shared * end as usize];
+        self.dots = Dots::in_parts(parts);
+        self.others = Some(Post::new(parts.portion().clone(), self.shared, peers.into_iter()));
+        true
     }
 
     /// Stored entries.
@@ -69,7 +125,7 @@ impl<T: Real> Gradients<T> {
     pub(super) fn solve(
         &mut self,
         b: &mut [T],
-        sides: &mut [Transfer<T>],
+        sides: &mut Sides<T>,
         by: &mut (impl Precondition<T> + ?Sized),
     ) {
         match self.shared {
@@ -82,7 +138,7 @@ impl<T: Real> Gradients<T> {
     fn solve_of<const N: usize>(
         &mut self,
         b: &mut [T],
-        sides: &mut [Transfer<T>],
+        sides: &mut Sides<T>,
         by: &mut (impl Precondition<T> + ?Sized),
     ) {
         self.residual.copy_from_slice(b);
@@ -97,11 +153,15 @@ impl<T: Real> Gradients<T> {
             update::<T, N>(&mut self.direction, &self.turned, &mut |p, z| {
                 (0..N).for_each(|c| p[c] = z[c] + share[c] * p[c]);
             });
+            if let Some(others) = &mut self.others {
+                // A failure makes the sums no numbers, which ends it.
+                others.exchange(self.direction.as_chunks_mut::<N>().0);
+            }
             match &self.apply {
                 Apply::Rows(rows) => rows.product::<N>(&self.direction, &mut self.image),
-                Apply::Sides => transfer::operator(sides, &self.direction, &mut self.image),
+                Apply::Sides => sides.operator(&self.direction, &mut self.image),
             }
-            let curvature = dots::<T, N>(&self.direction, &self.image);
+            let curvature = self.dots.of::<T, N>(&self.direction, &self.image);
             let length = Vector3::from_fn(|c, _| {
                 open[c] &= curvature[c] > T::zero();
                 if open[c] {
@@ -130,21 +190,8 @@ impl<T: Real> Gradients<T> {
     fn turn<const N: usize>(&mut self, by: &mut (impl Precondition<T> + ?Sized)) -> Vector3<T> {
         self.turned.copy_from_slice(&self.residual);
         by.apply(&mut self.turned);
-        dots::<T, N>(&self.residual, &self.turned)
+        self.dots.of::<T, N>(&self.residual, &self.turned)
     }
-}
-
-/// `Σ a b` of every component.
-fn dots<T: Real, const N: usize>(a: &[T], b: &[T]) -> Vector3<T> {
-    let (a, b) = (a.as_chunks::<N>().0, b.as_chunks::<N>().0);
-    let part = |range: Range<usize>| {
-        let mut sum = Vector3::zeros();
-        for (a, b) in a[range.clone()].iter().zip(&b[range]) {
-            (0..N).for_each(|c| sum[c] += a[c] * b[c]);
-        }
-        sum
-    };
-    parallel::sum_of(a.len(), &part)
 }
 
 /// Changes numbers of one vector by those of another, node by node.

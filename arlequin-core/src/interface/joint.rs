@@ -5,6 +5,7 @@
 //! meets all constraints, and the reflection keeps the kinetic energy of all models together.
 
 use super::operator::Wanted;
+use super::sides::Sides;
 use super::system::System;
 use super::transfer::Transfer;
 use super::{Coupling, Draft, Interface, InterfaceOptions, InterfaceSpec, Solver, coupled_nodes};
@@ -23,7 +24,7 @@ pub(crate) struct Joint<T: Real> {
     /// Models they act on.
     pub(crate) models: Vec<usize>,
     /// One side per model; the signs of all but the first are turned round, as those of a fine side are.
-    sides: Vec<Transfer<T>>,
+    sides: Sides<T>,
     system: System<T>,
     /// Of half a reflection.
     impulse: Vec<T>,
@@ -86,10 +87,10 @@ impl<T: Real> Joint<T> {
             .enumerate()
             .map(|(k, (side, inverse))| {
                 let sign = if k == 0 { -T::one() } else { T::one() };
-                Transfer::new(side, sign, inverse)
+                Transfer::new(side, components, sign, inverse)
             });
         let out = Self {
-            sides: sides.collect(),
+            sides: Sides::new(sides.collect()),
             impulse: vec![T::zero(); starts[members.len()]],
             rate: T::zero(),
             members,
@@ -115,16 +116,18 @@ impl<T: Real> Joint<T> {
             .find(&mut self.sides, &|_| (), scale, &mut self.impulse);
     }
 
-    /// From now on a model is in parts: `components` displacements per node.
-    pub(crate) fn share_out(&mut self, model: usize, portion: &Arc<Portion>, components: usize) {
-        let all = self.sides.iter_mut().zip(&self.models);
-        all.filter(|(_, m)| **m == model)
-            .for_each(|(s, _)| s.share_out(portion, components));
+    /// From now on models are in parts, by their numbers.
+    pub(crate) fn share_out(&mut self, portions: &[Option<Arc<Portion>>]) {
+        let of: Vec<_> = self.models.iter().map(|m| portions[*m].as_ref()).collect();
+        self.sides.share_out(&of);
+        if let Some(parts) = self.sides.parts() {
+            self.system.share_out(parts);
+        }
     }
 
     /// What the multipliers change of every model.
     pub(crate) fn kicks(&self) -> impl Iterator<Item = (usize, &Transfer<T>)> {
-        self.models.iter().copied().zip(&self.sides)
+        self.models.iter().copied().zip(self.sides.iter())
     }
 
     /// Tells the interfaces their multipliers.
@@ -141,7 +144,7 @@ impl<T: Real> Joint<T> {
             let own = &mut self.impulse[self.starts[place]..self.starts[place + 1]];
             own.copy_from_slice(interfaces[*k].impulse());
         }
-        self.sides.iter_mut().for_each(|s| s.spread(&self.impulse));
+        self.sides.spread(&self.impulse);
     }
 
     /// Sets the length of the steps between reflections \[s\].

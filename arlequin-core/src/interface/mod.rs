@@ -14,12 +14,15 @@
 
 mod advice;
 mod assembly;
+mod dots;
 mod gradients;
 pub(crate) mod joint;
 mod operator;
+mod parts;
 mod rank;
 mod report;
 mod rows;
+mod sides;
 mod sums;
 mod system;
 mod transfer;
@@ -38,6 +41,7 @@ use crate::weight::Weight;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use operator::{Operator, Wanted};
+pub(crate) use sides::Sides;
 use sprs::{CsMat, TriMat};
 use std::ops::Range;
 use std::sync::Arc;
@@ -194,7 +198,7 @@ pub struct Interface<T: Real> {
     /// Subdomains: coarse, fine.
     pub(crate) sides: [usize; 2],
     /// Coupling matrices: coarse, fine.
-    pub(crate) coupling: [Transfer<T>; 2],
+    pub(crate) coupling: Sides<T>,
     /// None where its multipliers are solved for together with others: [`joint::Joint`].
     system: Option<System<T>>,
     iterations: usize,
@@ -246,7 +250,8 @@ impl<T: Real> Draft<T> {
         let shared = built.coupling[0].shared;
         let size = built.coupling[0].matrix.rows() * shared;
         let signs = [-T::one(), T::one()];
-        let coupling = [0, 1].map(|m| Transfer::new(&built.coupling[m], signs[m], sides[m].inverse_inertia));
+        let coupling =
+            [0, 1].map(|m| Transfer::new(&built.coupling[m], components, signs[m], sides[m].inverse_inertia));
         let mut report = InterfaceReport {
             name: spec.name.clone(),
             junction: spec.junction.name(),
@@ -271,7 +276,7 @@ impl<T: Real> Draft<T> {
         let zeros = || vec![T::zero(); size];
         let interface = Interface {
             sides: [spec.coarse, spec.fine],
-            coupling,
+            coupling: Sides::new(coupling.into()),
             system: None,
             iterations: 0,
             lambda: zeros(),
@@ -311,9 +316,12 @@ impl<T: Real> Interface<T> {
         self.components == 1 || self.coupling[0].shared() == self.components
     }
 
-    /// From now on the model of a side is in parts.
-    pub(crate) fn share_out(&mut self, side: usize, portion: &Arc<Portion>) {
-        self.coupling[side].share_out(portion, self.components);
+    /// From now on models are in parts, of which it keeps the nodes here.
+    pub(crate) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
+        self.coupling.share_out(&portions);
+        if let (Some(system), Some(parts)) = (&mut self.system, self.coupling.parts()) {
+            system.share_out(parts);
+        }
     }
 
     /// Whether its multipliers are solved for without others.
@@ -369,15 +377,15 @@ impl<T: Real> Interface<T> {
 
     /// `B_C` (side 0) or `B_D` (side 1): multiplier unknowns by displacement unknowns of that model, components
     /// interleaved \[m³ for L2\]. The constraint is `B_C u̇ − B_D ḋ = 0`. Expanded from the stored matrix at every call;
-    /// `None` for a side above 1.
+    /// `None` for a side above 1; of a model in parts only the columns of the nodes here, by their numbers here.
     pub fn coupling_matrix(&self, side: usize) -> Option<CsMat<T>> {
         self.coupling.get(side).map(|c| c.matrix().expanded())
     }
 
     /// `S = Σ_m B_m diag(inverse_m) B_mᵀ` for given inverse inertias.
     pub(crate) fn operator_matrix(&self, inverse: [&[T]; 2]) -> CsMat<T> {
-        let coupling = self.coupling.each_ref().map(|c| Coupling {
-            matrix: c.matrix().expanded(),
+        let coupling = [0, 1].map(|m| Coupling {
+            matrix: self.coupling[m].matrix().expanded(),
             shared: 1,
         });
         operator::operator(&coupling, &inverse.map(<[T]>::to_vec))
@@ -439,7 +447,7 @@ impl<T: Real> Interface<T> {
     /// Goes back to the impulses of another instant, and to what they change.
     pub(crate) fn restore(&mut self, impulse: &[T]) {
         self.take(impulse, 0);
-        self.coupling.iter_mut().for_each(|c| c.spread(impulse));
+        self.coupling.spread(impulse);
     }
 
     /// Takes multipliers that are known, those of an equilibrium.
@@ -448,7 +456,7 @@ impl<T: Real> Interface<T> {
             *m = *l / self.rate;
         }
         self.lambda.copy_from_slice(lambda);
-        self.coupling.iter_mut().for_each(|c| c.spread(&self.impulse));
+        self.coupling.spread(&self.impulse);
     }
 
     /// Sets the length of the steps between reflections \[s\], to which multipliers refer.
@@ -464,10 +472,10 @@ impl<T: Real> Interface<T> {
     }
 
     /// Largest of the jumps `B_C x_C − B_D x_D` at the multipliers, as vectors divided by the multiplier's own measure.
-    pub(crate) fn jump(&self, x: [&[T]; 2], work: &mut Vec<T>) -> T {
+    pub(crate) fn jump(&mut self, x: [&[T]; 2], work: &mut Vec<T>) -> T {
         work.clear();
         work.resize(self.lambda.len(), T::zero());
-        transfer::jump(&self.coupling, x, work);
+        self.coupling.jump(Some(&x), work);
         let measured = work.chunks_exact(self.components).zip(&self.measures);
         let measured = measured.filter(|(_, s)| **s > T::zero());
         let size = |r: &[T]| r.iter().fold(T::zero(), |sum, r| sum + *r * *r).sqrt();

@@ -1,8 +1,10 @@
 //! The multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ`: how it is solved with.
 
 use super::gradients::{Apply, Gradients, Precondition};
+use super::parts::Parts;
 use super::rank::{self, NullMode};
-use super::transfer::{Rows, Transfer};
+use super::sides::Sides;
+use super::transfer::Rows;
 use super::{Coupling, InterfaceOptions};
 use crate::linalg::SpdFactor;
 use crate::scalar::dot;
@@ -181,6 +183,28 @@ impl<T: Real> Operator<T> {
         })
     }
 
+    /// From now on each rank solves for the multipliers that it adds up; false where all of them solve for all.
+    pub(super) fn share_out(&mut self, parts: &Parts<T>) -> bool {
+        let diagonal = self
+            .blocks
+            .all
+            .iter()
+            .all(|b| matches!(b.0, Block::Diagonal { .. }));
+        let gradients = self.gradients.as_mut().filter(|_| diagonal);
+        if !gradients.is_some_and(|g| g.share_out(parts)) {
+            return false;
+        }
+        for (block, _) in &mut self.blocks.all {
+            if let Block::Diagonal { inverse } = block {
+                *inverse = parts.mine().iter().map(|i| inverse[*i as usize]).collect();
+            }
+        }
+        self.blocks
+            .columns
+            .truncate(parts.mine().len() * self.blocks.shared);
+        true
+    }
+
     pub(super) fn nonzeros(&self) -> usize {
         let count = |b: &Block<T>| match b {
             Block::Factor { factor, .. } => factor.nonzeros(),
@@ -197,7 +221,7 @@ impl<T: Real> Operator<T> {
     }
 
     /// `b ← S⁻¹ b`, components interleaved; overwrites what the sides hold.
-    pub(super) fn solve(&mut self, b: &mut [T], sides: &mut [Transfer<T>]) {
+    pub(super) fn solve(&mut self, b: &mut [T], sides: &mut Sides<T>) {
         match &mut self.gradients {
             None => self.blocks.apply(b),
             Some(g) => g.solve(b, sides, &mut self.blocks),
@@ -209,6 +233,9 @@ impl<T: Real> Precondition<T> for Blocks<T> {
     fn apply(&mut self, b: &mut [T]) {
         let d = self.shared;
         let n = b.len() / d;
+        if n == 0 {
+            return;
+        }
         for (block, components) in &mut self.all {
             let columns = &mut self.columns[..n * components.len()];
             for (column, c) in columns.chunks_exact_mut(n).zip(&*components) {

@@ -1,17 +1,23 @@
 //! One system of multipliers: of an interface, or of several that act on the same nodes.
 
 use super::Coupling;
+use super::dots::Dots;
 use super::operator::{Operator, Wanted};
-use super::transfer::{self, Transfer};
-use crate::scalar::dot;
+use super::parts::Parts;
+use super::sides::Sides;
+use super::transfer::Transfer;
 use crate::{Real, Result, parallel};
 
 /// The operator of multipliers that are solved for together, and what the last solution did.
 #[derive(Debug)]
 pub(super) struct System<T: Real> {
     pub(super) operator: Operator<T>,
-    /// `b = B v` before the last kick.
+    /// `b = B v` before the last kick, here.
     jump: Vec<T>,
+    shared: usize,
+    dots: Dots,
+    /// `μ` of the multipliers that this rank adds up, where each solves for its own.
+    own: Option<Vec<T>>,
     /// `μᵀB v` after it.
     left: T,
 }
@@ -23,19 +29,31 @@ impl<T: Real> System<T> {
         inverse: &[&[T]],
         components: usize,
     ) -> Result<Self> {
-        let size = coupling.first().map_or(0, |c| c.matrix.rows() * c.shared);
+        let [rows, shared] = coupling.first().map_or([0, 1], |c| [c.matrix.rows(), c.shared]);
         Ok(Self {
             operator: Operator::new(wanted, coupling, inverse, components)?,
-            jump: vec![T::zero(); size],
+            jump: vec![T::zero(); rows * shared],
+            shared,
+            dots: Dots::new(rows),
+            own: None,
             left: T::zero(),
         })
+    }
+
+    /// From now on models are in parts.
+    pub(super) fn share_out(&mut self, parts: &Parts<T>) {
+        if self.operator.share_out(parts) {
+            let zeros = vec![T::zero(); self.shared * parts.mine().len()];
+            (self.jump, self.own) = (zeros.clone(), Some(zeros));
+            self.dots = Dots::in_parts(parts);
+        }
     }
 
     /// Solves `S μ = B x` for the numbers that `load` puts into the sides, and keeps `scale μ` and, in the sides, what it
     /// changes, `∓ scale M⁻¹ Bᵀ μ`.
     pub(super) fn find(
         &mut self,
-        sides: &mut [Transfer<T>],
+        sides: &mut Sides<T>,
         load: &(impl Fn(&mut [Transfer<T>]) + Sync),
         scale: T,
         impulse: &mut [T],
@@ -50,20 +68,28 @@ impl<T: Real> System<T> {
 
     fn find_here(
         &mut self,
-        sides: &mut [Transfer<T>],
+        sides: &mut Sides<T>,
         load: &impl Fn(&mut [Transfer<T>]),
         scale: T,
         impulse: &mut [T],
     ) {
         load(sides);
-        transfer::local_jump(sides, impulse);
-        self.jump.copy_from_slice(impulse);
-        self.operator.solve(impulse, sides);
-        impulse.iter_mut().for_each(|m| *m *= scale);
-        sides.iter_mut().for_each(|s| s.spread(impulse));
+        if let Some(own) = &mut self.own {
+            sides.jump_here(own);
+            self.jump.copy_from_slice(own);
+            self.operator.solve(own, sides);
+            own.iter_mut().for_each(|m| *m *= scale);
+            sides.publish(own, impulse);
+        } else {
+            sides.jump(None, impulse);
+            self.jump.copy_from_slice(impulse);
+            self.operator.solve(impulse, sides);
+            impulse.iter_mut().for_each(|m| *m *= scale);
+        }
+        sides.spread(impulse);
         // μᵀ(b − S μ), as B v = b − S μ after the kick.
-        let spent: T = sides.iter().map(Transfer::twice_kinetic).sum();
-        self.left = dot(&self.jump, impulse) - spent;
+        let own = self.own.as_deref().unwrap_or(impulse);
+        self.left = self.dots.all(self.shared, &self.jump, own) - sides.twice_kinetic();
     }
 
     /// `μᵀB v` with the velocities that the last kick left: zero but for round-off where the multipliers are solved for

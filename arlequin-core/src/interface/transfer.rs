@@ -3,9 +3,12 @@
 //! The coupling matrix is kept twice, by multipliers and by the nodes they act on, so that either direction only gathers:
 //! every result is one sum in a fixed order, whatever thread makes it. Columns have 32 bits, the components of a node are
 //! added together, nothing is allocated.
+//!
+//! The sum of a multiplier is cut where the columns pass from one unit of 256 nodes to the next, and its pieces are added in
+//! that order: whoever holds which units, the bits are the same.
 
 use super::Coupling;
-use crate::ranks::{Gather, Message, Portion};
+use crate::ranks::{Cuts, Portion, UNIT};
 use crate::{Real, parallel};
 use rayon::prelude::*;
 use sprs::TriMat;
@@ -51,11 +54,8 @@ impl<T: Real> Rows<T> {
         self.each(0..out.len(), out, &|k| self.times(k, |j| x[j]));
     }
 
-    fn count(&self) -> usize {
-        self.starts.len() - 1
-    }
-
-    fn row(&self, k: usize) -> (&[u32], &[T]) {
+    /// Columns and values of a row.
+    pub(super) fn row(&self, k: usize) -> (&[u32], &[T]) {
         let range = self.starts[k]..self.starts[k + 1];
         (&self.columns[range.clone()], &self.values[range])
     }
@@ -89,88 +89,158 @@ impl<T: Real> Rows<T> {
         out: &mut [[T; N]],
         one: &(impl Fn(usize) -> [T; N] + Sync),
     ) {
-        let entries = self.starts[rows.end] - self.starts[rows.start];
-        if rows.len() < 2 || entries <= GRAIN || !parallel::pays(entries * N) {
-            return rows.zip(out).for_each(|(k, out)| *out = one(k));
-        }
-        let half = rows.len() / 2;
-        let middle = rows.start + half;
-        let (low, high) = out.split_at_mut(half);
-        rayon::join(
-            || self.each(rows.start..middle, low, one),
-            || self.each(middle..rows.end, high, one),
-        );
+        each(rows, out, &|k| self.starts[k], one);
     }
 }
 
-/// One side of an interface as its steps use it.
+/// `out_k = one(k)` for a range of rows, on several threads where that pays; `before`: entries of the rows before one.
+pub(super) fn each<T: Real, const N: usize>(
+    rows: Range<usize>,
+    out: &mut [[T; N]],
+    before: &(impl Fn(usize) -> usize + Sync),
+    one: &(impl Fn(usize) -> [T; N] + Sync),
+) {
+    let entries = before(rows.end) - before(rows.start);
+    if rows.len() < 2 || entries <= GRAIN || !parallel::pays(entries * N) {
+        return rows.zip(out).for_each(|(k, out)| *out = one(k));
+    }
+    let half = rows.len() / 2;
+    let middle = rows.start + half;
+    let (low, high) = out.split_at_mut(half);
+    rayon::join(
+        || each(rows.start..middle, low, before, one),
+        || each(middle..rows.end, high, before, one),
+    );
+}
+
+/// One side of an interface as its steps use it. Of a model in parts it has the columns of the nodes here, and all multipliers.
 #[derive(Debug)]
 pub(crate) struct Transfer<T> {
     /// Components that share the matrix.
     shared: usize,
-    /// Columns of the matrix.
+    /// Columns of the matrix, and of one node.
     columns: usize,
-    /// `B`: multipliers by places in `coupled`.
+    per_node: usize,
+    /// `B`: pieces of multipliers, each in one unit of nodes, by places in `coupled`.
     gather: Rows<T>,
+    /// First piece of every multiplier, and the number of all.
+    pieces: Vec<u32>,
     /// `Bᵀ`: places in `coupled` by multipliers.
     scatter: Rows<T>,
     /// Coupled columns of the model, ascending.
     coupled: Vec<u32>,
+    /// Where these pass from unit to unit.
+    cuts: Cuts,
     /// `∓M⁻¹` of the coupled columns, components interleaved; zero where motion is prescribed.
     mobility: Vec<T>,
     /// `M` of the coupled columns; zero where motion is prescribed.
     inertia: Vec<T>,
     /// Velocities of the coupled columns, then what multipliers change, `δ = ∓M⁻¹ Bᵀ μ`.
     local: Vec<T>,
-    /// Of a model in parts: who holds which coupled column.
-    parts: Option<Parts>,
-}
-
-/// Coupled columns of a model in parts: all ranks know the values of all of them, each changes its own.
-#[derive(Debug)]
-struct Parts {
-    gather: Gather,
-    messages: Vec<Message>,
+    /// Of a model in parts: what this rank holds.
+    portion: Option<Arc<Portion>>,
 }
 
 impl<T: Real> Transfer<T> {
-    /// Both directions of a coupling matrix; `sign`: that of the forces which multipliers exert on this side.
-    pub(super) fn new(of: &Coupling<T>, sign: T, inverse_inertia: &[T]) -> Self {
+    /// Both directions of a coupling matrix of a model with so many components; `sign`: that of the forces which multipliers
+    /// exert on this side.
+    pub(super) fn new(of: &Coupling<T>, components: usize, sign: T, inverse_inertia: &[T]) -> Self {
         let (matrix, shared) = (&of.matrix, of.shared);
-        let entries = || {
-            let kept = matrix.iter().filter(|(v, _)| **v != T::zero());
-            kept.map(|(v, (i, j))| (i, j, *v))
-        };
-        let mut place = vec![0; matrix.cols()];
-        entries().for_each(|(_, j, _)| place[j] = 1);
-        let coupled: Vec<usize> = (0..place.len()).filter(|&j| place[j] > 0).collect();
+        let entries = matrix.iter().filter(|(v, _)| **v != T::zero());
+        let entries: Vec<_> = entries.map(|(v, (i, j))| (i, j, *v)).collect();
+        let weights = |j: usize| &inverse_inertia[j * shared..(j + 1) * shared];
+        let size = [matrix.rows(), matrix.cols()];
+        let mobility = |j: usize| weights(j).iter().map(|w| sign * *w).collect();
+        Self::of(size, [shared, components / shared], entries, &mobility)
+    }
+
+    /// From entries by multipliers and columns, of `[multipliers, columns]`; `mobility`: of a column.
+    fn of(
+        [rows, columns]: [usize; 2],
+        [shared, per_node]: [usize; 2],
+        mut entries: Vec<(usize, usize, T)>,
+        mobility: &dyn Fn(usize) -> Vec<T>,
+    ) -> Self {
+        let mut place = vec![0; columns];
+        entries.iter().for_each(|e| place[e.1] = 1);
+        let coupled: Vec<usize> = (0..columns).filter(|&j| place[j] > 0).collect();
         coupled.iter().enumerate().for_each(|(k, &j)| place[j] = k);
-        let mut turned: Vec<_> = entries().map(|(i, j, v)| (place[j], i, v)).collect();
-        turned.sort_by_key(|e| (e.0, e.1));
-        let mobility = coupled
-            .iter()
-            .flat_map(|j| &inverse_inertia[j * shared..(j + 1) * shared]);
+        let mut pieces = vec![0; rows + 1];
+        let mut last = None;
+        let mut count = 0;
+        let cut = |(i, j, v): &(usize, usize, T)| {
+            let unit = (*i, j / (per_node * UNIT));
+            if last.replace(unit) != Some(unit) {
+                count += 1;
+            }
+            pieces[i + 1] = count;
+            (count as usize - 1, place[*j], *v)
+        };
+        let cut: Vec<_> = entries.iter().map(cut).collect();
+        (0..rows).for_each(|i| pieces[i + 1] = pieces[i + 1].max(pieces[i]));
+        let gather = Rows::of(count as usize, cut.into_iter());
+        entries.iter_mut().for_each(|e| e.1 = place[e.1]);
+        entries.sort_by_key(|e| (e.1, e.0));
+        let mobility: Vec<T> = coupled.iter().flat_map(|j| mobility(*j)).collect();
+        let mass = |w: &T| {
+            if *w == T::zero() {
+                T::zero()
+            } else {
+                T::one() / w.abs()
+            }
+        };
         Self {
             shared,
-            columns: matrix.cols(),
-            gather: Rows::of(matrix.rows(), entries().map(|(i, j, v)| (i, place[j], v))),
-            scatter: Rows::of(coupled.len(), turned.into_iter()),
-            mobility: mobility.clone().map(|w| sign * *w).collect(),
-            inertia: mobility
-                .map(|w| if *w > T::zero() { T::one() / *w } else { T::zero() })
-                .collect(),
+            columns,
+            per_node,
+            gather,
+            pieces,
+            scatter: Rows::of(coupled.len(), entries.into_iter().map(|(i, k, v)| (k, i, v))),
+            cuts: Cuts::of(coupled.iter().map(|j| j / per_node)),
+            inertia: mobility.iter().map(mass).collect(),
+            mobility,
             local: vec![T::zero(); coupled.len() * shared],
             coupled: coupled.into_iter().map(|j| j as u32).collect(),
-            parts: None,
+            portion: None,
         }
     }
 
-    /// From now on the model is in parts: `components` displacements per node.
-    pub(crate) fn share_out(&mut self, portion: &Arc<Portion>, components: usize) {
-        let columns = self.coupled.iter().map(|j| *j as usize);
-        let gather = Gather::new(portion.clone(), components / self.shared, columns);
-        let messages = gather.messages(self.shared);
-        self.parts = Some(Parts { gather, messages });
+    /// From now on the model is in parts: keeps what acts on the nodes here.
+    pub(super) fn share_out(&mut self, portion: &Arc<Portion>) {
+        let n = self.per_node;
+        let here = |j: usize| Some(portion.local(j / n)? * n + j % n);
+        let entries = self.entries().filter_map(|(i, j, v)| Some((i, here(j)?, v)));
+        let size = [self.multipliers(), portion.nodes() * n];
+        let mobility = |j: usize| {
+            let all = (portion.global(j / n) * n + j % n) as u32;
+            let place = self.coupled.partition_point(|c| *c < all) * self.shared;
+            self.mobility[place..place + self.shared].to_vec()
+        };
+        let own = Self::of(size, [self.shared, n], entries.collect(), &mobility);
+        *self = own;
+        self.portion = Some(portion.clone());
+    }
+
+    /// Multiplier rows.
+    pub(super) fn multipliers(&self) -> usize {
+        self.pieces.len() - 1
+    }
+
+    /// A node of every piece of a multiplier, by units.
+    pub(super) fn units(&self, row: usize) -> impl Iterator<Item = usize> {
+        self.pieces_of(row).map(|p| {
+            let place = self.gather.row(p).0[0];
+            self.coupled[place as usize] as usize / self.per_node
+        })
+    }
+
+    fn pieces_of(&self, row: usize) -> Range<usize> {
+        self.pieces[row] as usize..self.pieces[row + 1] as usize
+    }
+
+    /// Entries of the multipliers before one.
+    pub(super) fn before(&self, row: usize) -> usize {
+        self.gather.starts[self.pieces[row] as usize]
     }
 
     /// Components that share the matrix; 1 if it holds all of them.
@@ -185,8 +255,9 @@ impl<T: Real> Transfer<T> {
 
     /// Entries of `B` as row, column, value, row by row.
     pub(crate) fn entries(&self) -> impl Iterator<Item = (usize, usize, T)> {
-        (0..self.gather.count()).flat_map(move |i| {
-            let (columns, values) = self.gather.row(i);
+        let pieces = (0..self.multipliers()).flat_map(|i| self.pieces_of(i).map(move |p| (i, p)));
+        pieces.flat_map(move |(i, p)| {
+            let (columns, values) = self.gather.row(p);
             let all = columns.iter().zip(values);
             all.map(move |(j, v)| (i, self.coupled[*j as usize] as usize, *v))
         })
@@ -204,7 +275,7 @@ impl<T: Real> Transfer<T> {
 
     /// The matrix.
     pub(super) fn matrix(&self) -> Coupling<T> {
-        let mut all = TriMat::with_capacity((self.gather.count(), self.columns), self.nonzeros());
+        let mut all = TriMat::with_capacity((self.multipliers(), self.columns), self.nonzeros());
         self.entries().for_each(|(i, j, v)| all.add_triplet(i, j, v));
         Coupling {
             matrix: all.to_csr(),
@@ -214,14 +285,34 @@ impl<T: Real> Transfer<T> {
 
     /// Takes the values of the coupled columns.
     pub(super) fn load(&mut self, x: &[T]) {
-        if let Some(Parts { gather, messages }) = &mut self.parts {
-            return gather.gather(self.shared, messages, x, &mut self.local);
-        }
         match self.shared {
             1 => copy_at::<T, 1>(&self.coupled, x.as_chunks().0, self.local.as_chunks_mut().0),
             2 => copy_at::<T, 2>(&self.coupled, x.as_chunks().0, self.local.as_chunks_mut().0),
             _ => copy_at::<T, 3>(&self.coupled, x.as_chunks().0, self.local.as_chunks_mut().0),
         }
+    }
+
+    /// `B x` in one piece, of numbers of the model, or without them of what the coupled columns hold.
+    #[inline]
+    pub(super) fn piece<const N: usize>(&self, piece: usize, x: Option<&[T]>) -> [T; N] {
+        match x.map(nodes::<T, N>) {
+            Some(x) => self.gather.times(piece, |j| x[self.coupled[j] as usize]),
+            None => {
+                let x = nodes::<T, N>(&self.local);
+                self.gather.times(piece, |j| x[j])
+            }
+        }
+    }
+
+    /// All pieces of a multiplier here, in their order.
+    #[inline]
+    pub(super) fn row<const N: usize>(&self, row: usize, x: Option<&[T]>) -> [T; N] {
+        total(self.pieces_of(row).map(|p| self.piece(p, x)))
+    }
+
+    /// All pieces into `out`.
+    pub(super) fn pieces<const N: usize>(&self, x: Option<&[T]>, out: &mut [[T; N]]) {
+        self.gather.each(0..out.len(), out, &|p| self.piece(p, x));
     }
 
     /// Keeps `δ = ∓M⁻¹ Bᵀ μ`.
@@ -244,40 +335,27 @@ impl<T: Real> Transfer<T> {
         });
     }
 
-    /// `δᵀ M δ`.
+    /// `δᵀ M δ`, on all ranks.
     pub(super) fn twice_kinetic(&self) -> T {
-        let terms = |k: usize| self.inertia[k] * self.local[k] * self.local[k];
-        parallel::sum(self.local.len(), &|range| range.map(terms).sum())
+        let d = self.shared;
+        let part = |places: Range<usize>| {
+            let range = places.start * d..places.end * d;
+            [parallel::weighted_squares(
+                &self.inertia[range.clone()],
+                &self.local[range],
+            )]
+        };
+        self.cuts.sum(self.portion.as_deref(), d, &part)[0]
     }
 
     /// `x += δ`.
     pub(crate) fn kick(&self, x: &mut [T]) {
-        self.add(&self.local, x);
-    }
-
-    /// Adds a vector on the coupled columns.
-    fn add(&self, change: &[T], x: &mut [T]) {
-        if let Some(parts) = &self.parts {
-            return self.own(parts, |from, to| x[to] += change[from]);
-        }
+        let change = &self.local;
         match self.shared {
             1 => add_at::<T, 1>(&self.coupled, nodes(change), 0, x.as_chunks_mut().0),
             2 => add_at::<T, 2>(&self.coupled, nodes(change), 0, x.as_chunks_mut().0),
             _ => add_at::<T, 3>(&self.coupled, nodes(change), 0, x.as_chunks_mut().0),
         }
-    }
-
-    /// Own coupled unknowns: place among all coupled ones, and number on this rank.
-    fn own(&self, parts: &Parts, mut one: impl FnMut(usize, usize)) {
-        let d = self.shared;
-        for [place, here] in parts.gather.own().iter().map(|own| own.map(|k| k as usize)) {
-            (0..d).for_each(|c| one(place * d + c, here * d + c));
-        }
-    }
-
-    /// Values of all coupled columns, of a model in parts.
-    fn gathered(&self, x: &[T]) -> Option<Vec<T>> {
-        Some(self.parts.as_ref()?.gather.gathered(self.shared, x))
     }
 
     /// `f += scale Bᵀ λ`; for set-up and the few steps that need the force itself.
@@ -290,10 +368,7 @@ impl<T: Real> Transfer<T> {
                 (0..d).for_each(|c| f[to + c] += scale * *v * multipliers[from + c]);
             }
         };
-        match &self.parts {
-            Some(parts) => (parts.gather.own().iter()).for_each(|[k, j]| add(*k as usize, *j as usize)),
-            None => (self.coupled.iter().enumerate()).for_each(|(k, j)| add(k, *j as usize)),
-        }
+        (self.coupled.iter().enumerate()).for_each(|(k, j)| add(k, *j as usize));
     }
 
     /// `B x`; for checks.
@@ -307,79 +382,18 @@ impl<T: Real> Transfer<T> {
 }
 
 /// Numbers by nodes.
-fn nodes<T, const N: usize>(x: &[T]) -> &[[T; N]] {
+pub(super) fn nodes<T, const N: usize>(x: &[T]) -> &[[T; N]] {
     x.as_chunks().0
 }
 
-/// `out = B_C x_C − B_D x_D`.
-pub(super) fn jump<T: Real>(sides: &[Transfer<T>; 2], x: [&[T]; 2], out: &mut [T]) {
-    match sides[0].shared {
-        1 => jump_of::<T, 1>(sides, x, out),
-        2 => jump_of::<T, 2>(sides, x, out),
-        _ => jump_of::<T, 3>(sides, x, out),
-    }
-}
-
-fn jump_of<T: Real, const N: usize>(sides: &[Transfer<T>; 2], x: [&[T]; 2], out: &mut [T]) {
-    let [b, c] = sides;
-    // All ranks in the same order.
-    let seen = [b.gathered(x[0]), c.gathered(x[1])];
-    let [x, y] = [0, 1].map(|m| nodes::<T, N>(seen[m].as_deref().unwrap_or(x[m])));
-    let of = |s: &Transfer<T>, x: &[[T; N]], k: usize| match s.parts {
-        Some(_) => s.gather.times(k, |j| x[j]),
-        None => s.gather.times(k, |j| x[s.coupled[j] as usize]),
-    };
-    rows_of(sides, out, &|k| minus(of(b, x, k), of(c, y, k)));
-}
-
-/// [`jump`] of what the sides hold: the first less all others.
-pub(super) fn local_jump<T: Real>(sides: &[Transfer<T>], out: &mut [T]) {
-    match sides.first().map(Transfer::shared) {
-        Some(1) => local_jump_of::<T, 1>(sides, out),
-        Some(2) => local_jump_of::<T, 2>(sides, out),
-        _ => local_jump_of::<T, 3>(sides, out),
-    }
-}
-
-fn local_jump_of<T: Real, const N: usize>(sides: &[Transfer<T>], out: &mut [T]) {
-    let of = |s: &Transfer<T>, k: usize| {
-        let x = nodes::<T, N>(&s.local);
-        s.gather.times(k, |j| x[j])
-    };
-    let Some((first, others)) = sides.split_first() else {
-        return;
-    };
-    rows_of(sides, out, &|k| {
-        others.iter().fold(of(first, k), |sum, s| minus(sum, of(s, k)))
-    });
-}
-
-/// `out = S p`; overwrites what the sides hold.
-pub(super) fn operator<T: Real>(sides: &mut [Transfer<T>], p: &[T], out: &mut [T]) {
-    sides.iter_mut().for_each(|s| s.spread(p));
-    // Kicks are opposed to the jump.
-    local_jump(sides, out);
-    out.iter_mut().for_each(|x| *x = -*x);
-}
-
-/// One number of components per multiplier, on several threads where that pays.
-fn rows_of<T: Real, const N: usize>(
-    sides: &[Transfer<T>],
-    out: &mut [T],
-    row: &(impl Fn(usize) -> [T; N] + Sync),
-) {
-    let out = out.as_chunks_mut::<N>().0;
-    // Cut by the side with most entries.
-    let longest = sides.iter().map(|s| &s.gather);
-    let longest = longest.reduce(|a, b| if b.values.len() > a.values.len() { b } else { a });
-    if let Some(rows) = longest {
-        rows.each(0..out.len(), out, row);
-    }
-}
-
-fn minus<T: Real, const N: usize>(mut a: [T; N], b: [T; N]) -> [T; N] {
-    (0..N).for_each(|c| a[c] -= b[c]);
-    a
+/// The sum of pieces in their order.
+#[inline]
+pub(super) fn total<T: Real, const N: usize>(mut pieces: impl Iterator<Item = [T; N]>) -> [T; N] {
+    let first = pieces.next().unwrap_or([T::zero(); N]);
+    pieces.fold(first, |mut sum, p| {
+        (0..N).for_each(|c| sum[c] += p[c]);
+        sum
+    })
 }
 
 /// Values of the given nodes.

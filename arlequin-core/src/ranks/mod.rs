@@ -9,19 +9,23 @@
 //! The core knows a transport by [`Communicator`] alone.
 
 mod collect;
+mod cuts;
 mod division;
 mod exact;
 mod gather;
 mod halo;
 mod near;
 mod portion;
+mod post;
 
+pub(crate) use cuts::Cuts;
 pub use division::{Division, Unit};
 pub use exact::{Exact, WORDS};
 pub use gather::Gather;
 pub use halo::Halo;
 pub(crate) use portion::largest;
 pub use portion::{Portion, add_products, sum};
+pub(crate) use post::{Places, Post};
 
 /// Nodes in a unit: what a rank holds at least, and what sums are formed over first.
 pub const UNIT: usize = 256;

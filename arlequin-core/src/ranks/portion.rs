@@ -124,7 +124,8 @@ impl Portion {
         }
     }
 
-    fn reduce(&self, words: &mut [i64], how: Reduction) -> bool {
+    /// Puts words of all ranks together; whether ranks still hear of each other, see [`Self::failure`].
+    pub(crate) fn reduce(&self, words: &mut [i64], how: Reduction) -> bool {
         self.failure.get().is_none() && self.keep(self.communicator.reduce(words, how)).is_ok()
     }
 
@@ -162,7 +163,7 @@ impl Portion {
     ///
     /// # Errors
     /// That failure.
-    pub(super) fn keep<R>(&self, of: Result<R, RankError>) -> Result<R, RankError> {
+    pub(crate) fn keep<R>(&self, of: Result<R, RankError>) -> Result<R, RankError> {
         of.inspect_err(|e| {
             self.failure.get_or_init(|| e.clone());
         })

@@ -3,9 +3,10 @@
 #![allow(dead_code, reason = "not every target uses all of it")]
 
 use arlequin_core::nalgebra::Point3;
-use arlequin_core::ranks::{Communicator, Division, RankError};
+use arlequin_core::ranks::{Communicator, Division, Message, RankError, Reduction};
 use arlequin_core::{Model, Weight};
 use dem_beam::{BeamMaterial, Container, DemModel, Packing, PackingSpec};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
@@ -86,4 +87,44 @@ pub(crate) fn together(parts: Vec<Result<Told, RankError>>) -> Told {
 
 pub(crate) fn same(a: &[f64], b: &[f64]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
+}
+
+/// A transport that counts the bytes which this rank sends: in messages, and gives to reductions.
+#[derive(Debug)]
+pub(crate) struct Counted {
+    inner: Arc<dyn Communicator>,
+    bytes: [AtomicU64; 2],
+}
+
+impl Counted {
+    pub(crate) fn new(inner: Arc<dyn Communicator>) -> Arc<Self> {
+        let bytes = Default::default();
+        Arc::new(Self { inner, bytes })
+    }
+
+    /// Bytes since the last call.
+    pub(crate) fn take(&self) -> [f64; 2] {
+        self.bytes.each_ref().map(|b| b.swap(0, Relaxed) as f64)
+    }
+}
+
+impl Communicator for Counted {
+    fn rank(&self) -> usize {
+        self.inner.rank()
+    }
+    fn ranks(&self) -> usize {
+        self.inner.ranks()
+    }
+    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError> {
+        let numbers: usize = messages.iter().map(|m| m.out.len()).sum();
+        self.bytes[0].fetch_add(8 * numbers as u64, Relaxed);
+        self.inner.exchange(messages, meanwhile)
+    }
+    fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
+        self.bytes[1].fetch_add(8 * words.len() as u64, Relaxed);
+        self.inner.reduce(words, how)
+    }
+    fn abandon(&self, why: &str) {
+        self.inner.abandon(why);
+    }
 }

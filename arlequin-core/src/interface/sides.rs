@@ -1,0 +1,122 @@
+//! All sides of multipliers that are solved for together, and products with them.
+
+use super::parts::Parts;
+use super::transfer::{self, Transfer};
+use crate::Real;
+use crate::ranks::Portion;
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+
+/// Sides of an interface or of several: the first less all others is the jump.
+#[derive(Debug)]
+pub(crate) struct Sides<T> {
+    all: Vec<Transfer<T>>,
+    /// Where models are in parts.
+    parts: Option<Parts<T>>,
+}
+
+impl<T> Deref for Sides<T> {
+    type Target = [Transfer<T>];
+    fn deref(&self) -> &[Transfer<T>] {
+        &self.all
+    }
+}
+
+impl<T> DerefMut for Sides<T> {
+    fn deref_mut(&mut self) -> &mut [Transfer<T>] {
+        &mut self.all
+    }
+}
+
+impl<T: Real> Sides<T> {
+    pub(super) fn new(all: Vec<Transfer<T>>) -> Self {
+        Self { all, parts: None }
+    }
+
+    /// From now on models are in parts, by sides: of their columns those of the nodes here are kept.
+    pub(super) fn share_out(&mut self, portions: &[Option<&Arc<Portion>>]) {
+        self.parts = Parts::new(&self.all, portions);
+        for (side, portion) in self.all.iter_mut().zip(portions) {
+            if let Some(portion) = portion {
+                side.share_out(portion);
+            }
+        }
+    }
+
+    /// Where models are in parts.
+    pub(super) fn parts(&self) -> Option<&Parts<T>> {
+        self.parts.as_ref()
+    }
+
+    /// Whether a model is in parts.
+    pub(crate) fn in_parts(&self) -> bool {
+        self.parts.is_some()
+    }
+
+    /// Of models in parts [`Self::jump`] of what the sides hold, of the multipliers that are added up here.
+    pub(super) fn jump_here(&mut self, out: &mut [T]) {
+        if let Some(parts) = &mut self.parts {
+            parts.jump_here(&self.all, out);
+        }
+    }
+
+    /// Of models in parts what every rank has of the multipliers that it adds up, all of it to all.
+    pub(super) fn publish(&mut self, own: &[T], out: &mut [T]) {
+        if let Some(parts) = &mut self.parts {
+            parts.publish(own, out);
+        }
+    }
+
+    /// `out = B_0 x_0 − B_1 x_1 − …` on all ranks, of numbers of the models, or without them of what the sides hold.
+    pub(super) fn jump(&mut self, x: Option<&[&[T]]>, out: &mut [T]) {
+        match self.all.first().map(Transfer::shared) {
+            Some(1) => self.jump_of::<1>(x, out),
+            Some(2) => self.jump_of::<2>(x, out),
+            _ => self.jump_of::<3>(x, out),
+        }
+    }
+
+    fn jump_of<const N: usize>(&mut self, x: Option<&[&[T]]>, out: &mut [T]) {
+        if let Some(parts) = &mut self.parts {
+            return parts.jump::<N>(&self.all, x, out);
+        }
+        let of = |m: usize, row: usize| self.all[m].row::<N>(row, x.map(|x| x[m]));
+        // Cut by the side with most entries.
+        let longest = (0..self.all.len()).max_by_key(|m| self.all[*m].nonzeros());
+        let Some(longest) = longest.map(|m| &self.all[m]) else {
+            return;
+        };
+        let out = out.as_chunks_mut::<N>().0;
+        transfer::each(0..out.len(), out, &|row| longest.before(row), &|row| {
+            less((0..self.all.len()).map(|m| of(m, row)))
+        });
+    }
+
+    /// `out = S p`; overwrites what the sides hold.
+    pub(super) fn operator(&mut self, p: &[T], out: &mut [T]) {
+        self.spread(p);
+        // Kicks are opposed to the jump.
+        self.jump(None, out);
+        out.iter_mut().for_each(|x| *x = -*x);
+    }
+
+    /// Keeps `δ = ∓M⁻¹ Bᵀ μ` of every side.
+    pub(super) fn spread(&mut self, multipliers: &[T]) {
+        self.all.iter_mut().for_each(|s| s.spread(multipliers));
+    }
+
+    /// `δᵀ M δ` of all sides.
+    pub(super) fn twice_kinetic(&self) -> T {
+        self.all.iter().map(Transfer::twice_kinetic).sum()
+    }
+}
+
+/// The first less all others.
+#[inline]
+pub(super) fn less<T: Real, const N: usize>(mut sides: impl Iterator<Item = [T; N]>) -> [T; N] {
+    let first = sides.next().unwrap_or([T::zero(); N]);
+    sides.fold(first, |mut left, x| {
+        (0..N).for_each(|c| left[c] -= x[c]);
+        left
+    })
+}

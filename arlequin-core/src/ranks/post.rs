@@ -1,0 +1,77 @@
+//! Numbers that ranks tell each other again and again, from and to places of a list.
+
+use super::{Message, Portion};
+use crate::Real;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// What goes to one other rank, and comes from it.
+#[derive(Debug, Default, Clone)]
+pub(crate) struct Places {
+    /// Places of what is sent.
+    pub(crate) send: Vec<u32>,
+    /// Places of what comes.
+    pub(crate) receive: Range<u32>,
+}
+
+/// The post of one list.
+#[derive(Debug)]
+pub(crate) struct Post {
+    portion: Arc<Portion>,
+    peers: Vec<Places>,
+    messages: Vec<Message>,
+}
+
+impl Post {
+    /// Between the ranks of a portion: other ranks, and what they are sent and send, so many numbers at each place. Both of two
+    /// ranks name each other.
+    pub(crate) fn new(
+        portion: Arc<Portion>,
+        numbers: usize,
+        peers: impl Iterator<Item = (usize, Places)>,
+    ) -> Self {
+        let (ranks, peers): (Vec<_>, Vec<Places>) = peers.unzip();
+        let message = |(peer, p): (usize, &Places)| Message {
+            peer,
+            out: vec![0.0; numbers * p.send.len()],
+            into: vec![0.0; numbers * p.receive.len()],
+        };
+        Self {
+            messages: ranks.into_iter().zip(&peers).map(message).collect(),
+            peers,
+            portion,
+        }
+    }
+
+    /// The portion.
+    pub(crate) fn portion(&self) -> &Arc<Portion> {
+        &self.portion
+    }
+
+    /// Sends and receives; whether ranks still hear of each other, see [`Portion::failure`].
+    pub(crate) fn exchange<T: Real, const N: usize>(&mut self, list: &mut [[T; N]]) -> bool {
+        if self.messages.is_empty() {
+            return self.portion.failure().is_none();
+        }
+        for (peer, message) in self.peers.iter().zip(&mut self.messages) {
+            let told = message.out.as_chunks_mut::<N>().0;
+            for (to, place) in told.iter_mut().zip(&peer.send) {
+                *to = list[*place as usize].map(|x| x.as_f64());
+            }
+        }
+        let told = self
+            .portion
+            .communicator()
+            .exchange(&mut self.messages, &mut || ());
+        if self.portion.keep(told).is_err() {
+            return false;
+        }
+        for (peer, message) in self.peers.iter().zip(&self.messages) {
+            let places = &mut list[peer.receive.start as usize..peer.receive.end as usize];
+            for (to, told) in places.iter_mut().zip(message.into.as_chunks::<N>().0) {
+                *to = told.map(T::of);
+            }
+        }
+        true
+    }
+}
