@@ -45,6 +45,7 @@ mod model;
 mod order;
 mod part;
 mod recovery;
+mod slit;
 
 pub use arlequin_core::Elastic;
 pub use element::{ElementKind, GaussPoint};

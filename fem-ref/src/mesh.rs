@@ -3,6 +3,7 @@
 use crate::check;
 use crate::element::{self, ElementKind, GaussPoint};
 use crate::error::{Error, Result, parameter};
+use crate::slit;
 use arlequin_core::Real;
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::geometry::{Cell, Polyhedron};
@@ -42,6 +43,7 @@ pub struct Mesh<T: Real> {
     regions: Vec<u32>,
     notices: Vec<String>,
     section: T,
+    doubled: usize,
 }
 
 impl<T: Real> Mesh<T> {
@@ -62,10 +64,10 @@ impl<T: Real> Mesh<T> {
     ///
     /// # Errors
     /// A typed error for an empty mesh, NaN coordinates, indices out of range, inverted or flat elements (hexahedra:
-    /// Jacobian at all corners), unreferenced or coincident nodes.
+    /// Jacobian at all corners), unreferenced nodes, or coincident ones that are no lips of a slit.
     pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
-        check::mesh(kind, &nodes, &connectivity)?;
-        Ok(Self {
+        let pairs = check::mesh(kind, &nodes, &connectivity)?;
+        let mesh = Self {
             kind,
             nodes,
             connectivity,
@@ -74,7 +76,9 @@ impl<T: Real> Mesh<T> {
             regions: Vec::new(),
             notices: Vec::new(),
             section: T::one(),
-        })
+            doubled: pairs.len(),
+        };
+        slit::checked(mesh, &pairs)
     }
 
     /// The same mesh with the given cross-section of its bars \[m²\].
@@ -95,8 +99,13 @@ impl<T: Real> Mesh<T> {
     /// As [`Mesh::new`], if the moved mesh is not valid.
     pub fn mapped(mut self, map: impl Fn(&Point3<T>) -> Point3<T>) -> Result<Self> {
         self.nodes.iter_mut().for_each(|x| *x = map(x));
-        check::mesh(self.kind, &self.nodes, &self.connectivity)?;
-        Ok(self)
+        let pairs = check::mesh(self.kind, &self.nodes, &self.connectivity)?;
+        slit::checked(self, &pairs)
+    }
+
+    /// Number of nodes that lie at the place of another one, across a slit.
+    pub fn doubled(&self) -> usize {
+        self.doubled
     }
 
     /// Element kind.

@@ -11,8 +11,8 @@ use crate::mesh::Mesh;
 use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model, Patches, Real,
-    Recovery, Weight, check_size,
+    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Materials, Model,
+    Patches, Real, Recovery, Weight, check_size,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -191,6 +191,10 @@ impl<T: Real> Model<T> for FemModel<T> {
 
     fn recovery(&self) -> Option<&dyn Recovery<T>> {
         Some(self)
+    }
+
+    fn gradients(&self) -> Option<&dyn Gradients<T>> {
+        (self.mesh().kind() != ElementKind::Bar2).then_some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
