@@ -74,9 +74,9 @@ impl<T: Real> BlockMatrix<T> {
         }
     }
 
-    /// Blocks in a row.
-    pub fn blocks(&self, i: usize) -> usize {
-        self.starts[i + 1] - self.starts[i]
+    /// Block columns of a row.
+    pub fn columns(&self, i: usize) -> &[u32] {
+        &self.columns[self.starts[i]..self.starts[i + 1]]
     }
 
     /// The stored values, block after block.
@@ -263,7 +263,7 @@ mod tests {
         let mut f = vec![0.0; 6];
         some.subtract_product(&wide, &mut f);
         assert_eq!(f, [&all[3..6], &all[9..12]].concat());
-        assert_eq!((some.blocks(0), some.blocks(1), some.stored()), (3, 1, 36));
+        assert_eq!((some.columns(0), some.columns(1)), (&[1, 2, 3][..], &[4][..]));
         assert_eq!(some.to_csr().shape(), (6, 15));
         let own = [&q[3..6], &q[9..12]].concat();
         let work: f64 = own.iter().zip(&f).map(|(q, f)| -0.5 * q * f).sum();

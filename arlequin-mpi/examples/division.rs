@@ -56,7 +56,45 @@ fn elements(what: &str, mesh: &Mesh<f64>) -> Done<()> {
         };
         let all = threads::run(ranks, 1, Duration::from_secs(60), part).into_iter();
         all.map(|of| Ok(of??)).collect()
-    })
+    })?;
+    times(mesh)
+}
+
+/// Evaluations of forces that are timed.
+const TIMED: u32 = 20;
+
+/// Seconds that this thread has been on a processor, as Linux tells.
+fn busy() -> f64 {
+    let told = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let first = told.split(' ').next().and_then(|ns| ns.parse().ok());
+    first.map_or(f64::NAN, |ns: f64| 1e-9 * ns)
+}
+
+/// What an evaluation of the forces costs the busiest rank, without its waits; least of three rounds in turns.
+fn times(mesh: &Mesh<f64>) -> Done<()> {
+    let whole = FemModel::new("timed", mesh.clone(), Elastic::new(75e9, 0.17, 2200.0)?)?;
+    let mut least = [f64::INFINITY; 3];
+    for _ in 0..3 {
+        for (least, ranks) in least.iter_mut().zip([1, 2, 4]) {
+            let part = |c| {
+                let mut model = whole.clone();
+                model.share_out(&c)?;
+                let q = vec![1e-6; model.layout().dofs()];
+                let mut f = vec![0.0; q.len()];
+                let start = busy();
+                (0..TIMED).try_for_each(|_| model.add_internal_forces(&q, &mut f))?;
+                Ok::<_, arlequin_core::Error>((busy() - start) / f64::from(TIMED))
+            };
+            let mut most: f64 = 0.0;
+            for of in threads::run(ranks, 1, Duration::from_secs(60), part) {
+                most = most.max(of??);
+            }
+            *least = least.min(most);
+        }
+    }
+    let [one, two, four] = least.map(|t| 1e3 * t);
+    println!("ms of processor time per evaluation of forces, 1, 2, 4 ranks: {one:.2} {two:.2} {four:.2}");
+    Ok(())
 }
 
 fn particles(cells: usize) -> Done<()> {

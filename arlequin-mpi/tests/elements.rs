@@ -1,23 +1,25 @@
 //! Bodies of finite elements on several ranks: the bits of one, whatever the division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+#[path = "support/continua.rs"]
+mod continua;
 mod support;
 
 use arlequin_core::effect::{
     BodyForce, EffectSpec, Load, LocalDamping, MassDamping, Prestress, StiffnessDamping,
 };
-use arlequin_core::geometry::Cell;
 use arlequin_core::nalgebra::{Point3, Vector3};
 use arlequin_core::ranks::{Communicator, RankError};
 use arlequin_core::{
     Coupled, Elastic, Error, Guard, Materials, Model, Partition, PrescribedMotion, Real, Recovery, Silent,
-    Subdomain, TimeFunction, TimeStep, Uniform, Weight, Weights,
+    Subdomain, TimeFunction, TimeStep, Uniform, Weights, conformance,
 };
 use arlequin_mpi::threads;
+use continua::{Falling, bits, evaluated, unknowns};
 use fem_ref::{ElementKind, FemModel, generate, gmsh};
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use support::{Told, WAIT, global, same, together};
+use support::{Told, WAIT, same, together};
 
 /// Bodies some 6 mm long: a box, tetrahedra of two materials, an L of warped hexahedra, a mesh of Gmsh, bars.
 const BODIES: [&str; 5] = ["box", "tets", "ell", "gmsh", "bars"];
@@ -59,68 +61,6 @@ fn part(kind: &str, c: &Arc<dyn Communicator>) -> FemModel<f64> {
     let mut model = body(kind);
     model.share_out(c).unwrap();
     model
-}
-
-/// From 1 to 0.2 along the body, without much ado about means.
-#[derive(Debug)]
-struct Falling;
-
-impl Weight<f64> for Falling {
-    fn at(&self, x: &Point3<f64>) -> f64 {
-        1.0 - 0.8 * (x.x / 6e-3).clamp(0.0, 1.0)
-    }
-    fn mean(&self, cell: &Cell<f64>) -> f64 {
-        let corners = cell.corners();
-        corners.iter().map(|x| self.at(x)).sum::<f64>() / corners.len() as f64
-    }
-}
-
-/// Something for every unknown, by its number in the whole body.
-fn unknowns(model: &dyn Model<f64>, size: f64) -> Vec<f64> {
-    let layout = model.layout();
-    let c = layout.components;
-    let of = |k: usize| size * (1.7 * (global(model, k / c) * c + k % c) as f64).sin();
-    (0..layout.dofs()).map(of).collect()
-}
-
-/// Bits of numbers by node of the whole body.
-fn bits(model: &dyn Model<f64>, all: &[&[f64]]) -> Vec<(usize, Vec<u64>)> {
-    let n = model.layout().nodes;
-    let of = |i: usize| {
-        let numbers = all.iter().flat_map(|x| {
-            let each = x.len() / n;
-            &x[each * i..each * (i + 1)]
-        });
-        (global(model, i), numbers.map(|x| x.to_bits()).collect())
-    };
-    (0..n).map(of).collect()
-}
-
-/// Energies and critical steps, then masses, forces and stresses; with the weights that it has been given, and with others.
-fn evaluated(mut model: FemModel<f64>) -> Told {
-    let (n, count) = (model.layout().dofs(), model.layout().nodes);
-    let (mut told, mut sums) = (Vec::<Vec<f64>>::new(), Vec::new());
-    let q = unknowns(&model, 1e-6);
-    for weight in [None, Some(&Falling)] {
-        if let Some(w) = weight {
-            model.set_internal_weight(w).unwrap();
-        }
-        let [mut inertia, mut tried, mut reached] = [(); 3].map(|()| vec![0.0; n]);
-        model.lumped_inertia(&Falling, &mut inertia).unwrap();
-        let inverse: Vec<f64> = inertia.iter().map(|m| 1.0 / m).collect();
-        sums.push(model.critical_step(&inverse).unwrap());
-        sums.push(model.advance_with_energy(&q, &mut reached).unwrap());
-        model.add_internal_forces(&inverse, &mut tried).unwrap();
-        sums.push(model.internal_energy(&q));
-        told.extend([inertia, tried, reached]);
-    }
-    let mut found = Vec::new();
-    let all: Vec<usize> = (0..count).collect();
-    model.recover(&q, &all, &mut found).unwrap();
-    told.push(found.iter().flat_map(|r| r.stress.0).collect());
-    told.push(found.iter().flat_map(|r| r.strain.unwrap().0).collect());
-    let told: Vec<&[f64]> = told.iter().map(|x| &x[..]).collect();
-    (bits(&model, &told), sums)
 }
 
 #[test]
@@ -312,6 +252,17 @@ fn halos_are_what_elements_ask_for() {
             ghosts.sort_unstable();
             let field = m.field();
             assert_eq!(field.mesh().nodes(), m.nodes());
+            let inner = field.mesh();
+            let middle = |e: usize| {
+                let corners = inner.element(e).iter().map(|k| inner.nodes()[*k as usize].coords);
+                Point3::from(corners.sum::<Vector3<f64>>() / inner.element(e).len() as f64)
+            };
+            let points: Vec<_> = (0..inner.element_count()).map(middle).collect();
+            let defect = conformance::shapes(&*field, &points, true).unwrap();
+            assert!(
+                defect.unity < 1e-13 && defect.linear < 1e-13 && defect.gradient < 1e-9,
+                "{defect:?}"
+            );
             (own, ghosts, halo.sent(), field.mesh().element_count())
         });
         let shared: Vec<_> = shared.into_iter().map(Result::unwrap).collect();

@@ -1,13 +1,13 @@
 //! Scenes on several ranks: which models go in parts, and what ranks must agree on.
 //!
-//! Every rank reads and builds the same scene. A body of particles is then shared out, if the scene asks nothing of it that needs the
+//! Every rank reads and builds the same scene. A body of particles or of elements is then shared out, if the scene asks nothing of it that needs the
 //! whole body on one rank; every other model stays whole and makes the same steps on every rank. Rank 0 alone writes and speaks.
 
 use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 use crate::setup::{Body, effect_models};
-use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec};
+use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec, Scheme};
 use arlequin::core::Subdomain;
 use arlequin::core::ranks::{self, Communicator, RankError, Reduction, UNIT};
 use serde::Serialize;
@@ -45,10 +45,14 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
             (units < ranks).then_some(rule)
         };
         let why = whole(scene, m, body).or_else(small);
+        let what = match body.model.particles() {
+            Some(_) => "particles",
+            None => "nodes",
+        };
         RankLine {
             model: body.model.name().to_owned(),
             parts: why.is_none(),
-            words: why.unwrap_or_else(|| format!("{units} units of {UNIT} particles")),
+            words: why.unwrap_or_else(|| format!("{units} units of {UNIT} {what}")),
         }
     };
     bodies.iter().enumerate().map(of).collect()
@@ -58,8 +62,11 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
 fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     let (name, table) = scene.model.iter().nth(m)?;
     let no = |words: &str| Some(words.to_owned());
-    if table.kind != ModelKind::Dem {
-        return no("only bodies of particles go in parts");
+    if !matches!(table.kind, ModelKind::Dem | ModelKind::Fem | ModelKind::Cnem) {
+        return no("only bodies of particles, of finite and of natural elements go in parts");
+    }
+    if table.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit)) {
+        return Some(format!("model.{name}.step.scheme does not go in parts"));
     }
     if scene.wake.is_some() {
         return no("models of a scene with [wake] do not go in parts");
@@ -94,7 +101,7 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
         }
     }
     for (p, probe) in &scene.probe {
-        if probe.model.as_ref() == Some(name) && (probe.quantity.is_recovered() || probe.crack.is_some()) {
+        if probe.model.as_ref() == Some(name) && probe.crack.is_some() {
             return Some(format!("probe.{p} asks for what one rank cannot tell"));
         }
     }

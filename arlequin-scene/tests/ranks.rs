@@ -81,6 +81,15 @@ component = "x"
 of = "support-1"
 quantity = "force"
 component = "z"
+[probe.pressed]
+model = "left"
+where.box = { low = [1e-3, -1e-3, -1e-3], high = [4e-3, 3e-3, 1e-3] }
+quantity = "strain"
+component = "xx"
+[probe.mises]
+model = "right"
+at = [9e-3, 1e-3, 1e-3]
+quantity = "von-mises"
 [output]
 interval = 0.5e-6
 energy_every = 5
@@ -243,7 +252,12 @@ fn files_and_summaries_are_those_of_one_rank() {
             assert_eq!(told(&r), told(&one), "rank {rank} of {ranks}");
             assert_eq!(r.folder.is_some(), rank == 0);
             let parts: Vec<bool> = r.summary().ranks.iter().map(|l| l.parts).collect();
-            let wanted: &[bool] = if ranks == 1 { &[] } else { &[false, true] };
+            let wanted: &[bool] = match ranks {
+                1 => &[],
+                // The elements have two units.
+                2 => &[true, true],
+                _ => &[false, true],
+            };
             assert_eq!(parts, wanted);
         }
         assert_same_files(&folder.join("one"), &place, &format!("{ranks} ranks"));
@@ -539,7 +553,12 @@ fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
         let built = scene(text).for_ranks(ranks).prepare().expect("built");
         let mut all = built.built().holdings.clone();
         let left = all.iter().find(|l| l.model == "left").expect("a line");
-        assert_eq!(left.words, "only bodies of particles go in parts");
+        let nodes = if ranks > 2 {
+            "fewer than ranks"
+        } else {
+            "2 units of 256 nodes"
+        };
+        assert!(left.words.contains(nodes), "{}", left.words);
         all.remove(all.iter().position(|l| l.model == "right").expect("a line"))
     };
     let parts = line(PULSE, 3);
@@ -553,11 +572,6 @@ fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
         assert!(!l.parts && l.words.contains(why), "{more}: {}", l.words);
     };
     whole("", 40, "fewer than ranks");
-    whole(
-        "[probe.stress]\nmodel = \"right\"\nat = [9e-3, 1e-3, 1e-3]\nquantity = \"stress\"\ncomponent = \"xx\"",
-        2,
-        "probe.stress",
-    );
     let two = r#"
 [model.ball]
 kind = "dem"
@@ -570,4 +584,13 @@ between = ["right", "ball"]
 contact = {}
 "#;
     whole(two, 2, "effect[1].contact");
+    let elements = |more: &str| {
+        let text = format!("{PULSE}\n{more}");
+        let built = scene(&text).for_ranks(2).prepare().expect("built");
+        let left = built.built().holdings[0].clone();
+        assert!(!left.parts, "{more}");
+        left.words
+    };
+    let viscous = elements("[[effect]]\nmodels = [\"left\"]\nbulk_viscosity = {}");
+    assert_eq!(viscous, "effect[1].bulk_viscosity does not go in parts");
 }

@@ -193,7 +193,7 @@ impl<T: Real> Mesh<T> {
             ]))),
             ElementKind::Hex8 if planar => out.push(Cell::Polyhedron(Polyhedron::hexahedron(p))),
             ElementKind::Hex8 => {
-                let tets = split_hexahedron(self.element(e));
+                let tets = element::split_hexahedron(self.element(e));
                 out.extend(
                     tets.map(|t| {
                         Cell::Polyhedron(Polyhedron::tetrahedron(t.map(|k| self.nodes[k as usize])))
@@ -222,7 +222,7 @@ impl<T: Real> Mesh<T> {
         }
         let mut connectivity = Vec::with_capacity(self.element_count() * 24);
         for e in 0..self.element_count() {
-            connectivity.extend(split_hexahedron(self.element(e)).as_flattened());
+            connectivity.extend(element::split_hexahedron(self.element(e)).as_flattened());
         }
         let mut mesh = Self::new(ElementKind::Tet4, self.nodes.clone(), connectivity)?;
         for (name, group) in &self.groups {
@@ -487,19 +487,4 @@ fn quadrilateral_shares<T: Real>(p: [Point3<T>; 4]) -> [T; 4] {
         }
     }
     shares
-}
-
-/// Cuts a hexahedron into six tetrahedra by coning its lowest-numbered corner with the three faces that do not hold it,
-/// each cut along the diagonal from its own lowest corner. Neighbours cut their common face alike.
-pub(crate) fn split_hexahedron(corners: &[u32]) -> [[u32; 4]; 6] {
-    let apex = (0..8).min_by_key(|&k| corners[k]).unwrap_or(0);
-    let mut out = [[0; 4]; 6];
-    let far = ElementKind::Hex8.faces().iter().filter(|f| !f.contains(&apex));
-    for (slot, face) in out.chunks_exact_mut(2).zip(far) {
-        let low = (0..4).min_by_key(|&k| corners[face[k]]).unwrap_or(0);
-        let at = |k: usize| corners[face[(low + k) % 4]];
-        slot[0] = [corners[apex], at(0), at(1), at(2)];
-        slot[1] = [corners[apex], at(0), at(2), at(3)];
-    }
-    out
 }

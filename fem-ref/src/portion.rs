@@ -229,7 +229,7 @@ impl<T: Real> FemModel<T> {
             let nodes = first..self.nodes().len().min(first + UNIT);
             let middle: Vector3<T> = self.nodes()[nodes.clone()].iter().map(|x| x.coords).sum();
             let middle = middle.map(|c| c.as_f64() / nodes.len() as f64);
-            let blocks: usize = nodes.map(|i| self.stiffness.blocks(i) + MOVING).sum();
+            let blocks: usize = nodes.map(|i| self.stiffness.columns(i).len() + MOVING).sum();
             Unit {
                 centre: Point3::from(middle),
                 work: blocks as f64,
