@@ -94,7 +94,7 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
         }
     }
     for (p, probe) in &scene.probe {
-        if probe.model.as_ref() == Some(name) && probe.quantity.is_recovered() {
+        if probe.model.as_ref() == Some(name) && (probe.quantity.is_recovered() || probe.crack.is_some()) {
             return Some(format!("probe.{p} asks for what one rank cannot tell"));
         }
     }

@@ -23,8 +23,8 @@ use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Patches, Recovery, Weight,
-    check_size,
+    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Patches,
+    Recovery, Weight, check_size,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -343,6 +343,10 @@ impl Model<f64> for CnemModel {
     }
 
     fn recovery(&self) -> Option<&dyn Recovery<f64>> {
+        Some(self)
+    }
+
+    fn gradients(&self) -> Option<&dyn Gradients<f64>> {
         Some(self)
     }
 

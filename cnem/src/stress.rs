@@ -2,7 +2,9 @@
 
 use crate::model::CnemModel;
 use arlequin_core::adjacency::Adjacency;
-use arlequin_core::{Model, Patches, Recovered, Recovery, Result, SymmetricTensor, check_size};
+use arlequin_core::{
+    GradientPoint, Gradients, Model, Patches, Recovered, Recovery, Result, SymmetricTensor, check_size,
+};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Centroid of a cell from the cones of its facets over the node, `Σ V_q (¾ x_q + ¼ x_I)/V`.
@@ -74,5 +76,21 @@ impl Recovery<f64> for CnemModel {
         let of = |k: usize| self.of_cell(k, q);
         self.patches()
             .recover(self.name(), nodes, self.cells().len(), of, out)
+    }
+}
+
+impl Gradients<f64> for CnemModel {
+    fn count(&self) -> usize {
+        self.cells().len()
+    }
+
+    fn for_each_point(&self, cell: usize, visit: &mut dyn FnMut(&GradientPoint<'_, f64>)) {
+        let (nodes, gradients) = self.smoothed_row(cell);
+        visit(&GradientPoint {
+            nodes,
+            gradients,
+            volume: self.cells().volumes()[cell],
+            material: self.material(),
+        });
     }
 }

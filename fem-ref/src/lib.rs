@@ -46,6 +46,7 @@ mod order;
 mod part;
 mod portion;
 mod recovery;
+mod slit;
 
 pub use arlequin_core::Elastic;
 pub use element::{ElementKind, GaussPoint};

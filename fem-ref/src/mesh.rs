@@ -3,6 +3,7 @@
 use crate::check;
 use crate::element::{self, ElementKind, GaussPoint};
 use crate::error::{Error, Result, parameter};
+use crate::slit;
 use arlequin_core::Real;
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::geometry::{Cell, Polyhedron};
@@ -42,6 +43,7 @@ pub struct Mesh<T: Real> {
     regions: Vec<u32>,
     notices: Vec<String>,
     section: T,
+    doubled: usize,
 }
 
 impl<T: Real> Mesh<T> {
@@ -62,13 +64,15 @@ impl<T: Real> Mesh<T> {
     ///
     /// # Errors
     /// A typed error for an empty mesh, NaN coordinates, indices out of range, inverted or flat elements (hexahedra:
-    /// Jacobian at all corners), unreferenced or coincident nodes.
+    /// Jacobian at all corners), unreferenced nodes, or coincident ones that are no lips of a slit.
     pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
-        check::mesh(kind, &nodes, &connectivity)?;
-        Ok(Self::bare(kind, T::one(), nodes, connectivity))
+        let pairs = check::mesh(kind, &nodes, &connectivity)?;
+        let mut mesh = Self::bare(kind, T::one(), nodes, connectivity);
+        mesh.doubled = pairs.len();
+        slit::checked(mesh, &pairs)
     }
 
-    /// A mesh without groups, unchecked.
+    /// A mesh without groups or slits, unchecked.
     pub(crate) fn bare(kind: ElementKind, section: T, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
         Self {
             kind,
@@ -79,6 +83,7 @@ impl<T: Real> Mesh<T> {
             regions: Vec::new(),
             notices: Vec::new(),
             section,
+            doubled: 0,
         }
     }
 
@@ -100,8 +105,13 @@ impl<T: Real> Mesh<T> {
     /// As [`Mesh::new`], if the moved mesh is not valid.
     pub fn mapped(mut self, map: impl Fn(&Point3<T>) -> Point3<T>) -> Result<Self> {
         self.nodes.iter_mut().for_each(|x| *x = map(x));
-        check::mesh(self.kind, &self.nodes, &self.connectivity)?;
-        Ok(self)
+        let pairs = check::mesh(self.kind, &self.nodes, &self.connectivity)?;
+        slit::checked(self, &pairs)
+    }
+
+    /// Number of nodes that lie at the place of another one, across a slit.
+    pub fn doubled(&self) -> usize {
+        self.doubled
     }
 
     /// Element kind.

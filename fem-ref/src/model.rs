@@ -13,8 +13,8 @@ use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::ranks::{Communicator, Portion};
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model, Patches, Real,
-    Recovery, Shared, Weight, check_size, spectrum,
+    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Materials, Model,
+    Patches, Real, Recovery, Shared, Weight, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -239,6 +239,10 @@ impl<T: Real> Model<T> for FemModel<T> {
 
     fn recovery(&self) -> Option<&dyn Recovery<T>> {
         Some(self)
+    }
+
+    fn gradients(&self) -> Option<&dyn Gradients<T>> {
+        (self.part.is_none() && self.mesh().kind() != ElementKind::Bar2).then_some(self)
     }
 
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {

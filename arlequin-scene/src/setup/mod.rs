@@ -3,6 +3,7 @@
 mod between;
 mod clock;
 mod cloud;
+mod crack;
 mod drive;
 mod exerted;
 pub mod filling;
@@ -183,7 +184,7 @@ pub(crate) fn build_from(
     clock.begin("mediators, probes and effects".to_owned());
     let mut interfaces = interfaces_of(scene, &bodies, folder)?;
     let probes = scene.probe.iter();
-    let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies));
+    let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies, &interfaces));
     let probes = probes.collect::<Result<_>>()?;
     let attachments = Attachments::of(scene, &mut bodies, &interfaces, folder)?;
     let pairs = between::pairs(scene, &bodies)?;
