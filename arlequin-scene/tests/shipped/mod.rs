@@ -119,8 +119,7 @@ pub(crate) const SHIPPED: [(&str, &[&str]); 15] = [
         &[
             "model.grains.spacing=0.5e-3",
             "model.grains.dem.protocol=quench",
-            "model.plate.spacing=2e-3",
-            "time.end=2e-6",
+            "time.end=1e-6",
             "output.probe_every=1",
         ],
     ),
