@@ -97,7 +97,7 @@ fn told_after(mut run: Coupled<f64>, steps: usize) -> Told {
     let mut sums = vec![e.invariant, e.work, e.drift, run.energy()];
     sums.extend(run.works().iter().map(|w| w.work));
     for line in run.effects() {
-        sums.extend([line.stored, line.supplied.unwrap()]);
+        sums.extend([line.stored, line.supplied.unwrap_or_default()]);
         sums.extend(line.facts.iter().map(|f| f.1));
     }
     let about = Point3::new(2.0, -1.0, 0.5);
@@ -116,17 +116,19 @@ fn contacts_and_obstacles_have_the_bits_of_one_rank() {
     let run = collapse(None);
     let mut seen = collapse(None);
     seen.run(STEPS, &mut Silent).unwrap();
-    let fact = |effect: usize, fact: usize| seen.effects()[effect].facts[fact].1;
-    // Most contacts at a time, searches, and the largest forces of both obstacles: nothing is spared.
+    let fact = |effect: &str, fact: &str| {
+        let lines = seen.effects();
+        let line = lines.iter().find(|l| l.name.ends_with(effect)).unwrap();
+        line.facts.iter().find(|f| f.0 == fact).unwrap().1
+    };
+    assert!(fact("contact", "most contacts") > 300.0, "{:?}", seen.effects());
     assert!(
-        fact(0, 1) > 300.0 && fact(0, 2) > 3.0,
+        fact("contact", "neighbour searches") > 3.0,
         "{:?}",
-        seen.effects()[0].facts
+        seen.effects()
     );
-    for obstacle in [1, 2] {
-        let facts = &seen.effects()[obstacle].facts;
-        let force = facts.iter().find(|f| f.0 == "largest force [N]").unwrap().1;
-        assert!(force > 0.5, "{facts:?}");
+    for obstacle in ["wall", "ball"] {
+        assert!(fact(obstacle, "largest force [N]") > 0.5, "{:?}", seen.effects());
     }
     let whole = told_after(run, STEPS);
     for ranks in [1, 2, 3, 4, 8] {

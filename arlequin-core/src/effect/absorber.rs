@@ -218,7 +218,7 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
     fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let layout = to.model.layout();
         let mut row = ShapeRow::default();
-        let mut shapes: Vec<(Place<T>, Vec<(usize, T)>)> = Vec::new();
+        let mut shapes: Vec<Shaped<T>> = Vec::new();
         for place in self.places(to)? {
             match self.resolved.shape_at(&place.x, false, &mut row) {
                 Ok(()) => {
@@ -278,6 +278,9 @@ struct Place<T: Real> {
     x: Point3<T>,
     mass: T,
 }
+
+/// A node with the shape functions there.
+type Shaped<T> = (Place<T>, Vec<(usize, T)>);
 
 impl<T: Real> Absorber<T> {
     /// The nodes of the model, of one in parts those of all ranks that the resolved space may hold.

@@ -128,8 +128,7 @@ pub(crate) const SHIPPED: [(&str, &[&str]); 17] = [
         &[
             "model.grains.spacing=0.5e-3",
             "model.grains.dem.protocol=quench",
-            "model.plate.spacing=2e-3",
-            "time.end=2e-6",
+            "time.end=1e-6",
             "output.probe_every=1",
         ],
     ),

@@ -2,6 +2,7 @@
 //!
 //! Contacts are taken one after the other, each on the velocity that those before it have left: chains of them lead from rank to
 //! rank. There are few, so every rank takes all of them, in the order of the whole body, and keeps what acts on its own particles.
+//! A step in which particles touch allocates room for them.
 
 use super::Grains;
 use crate::packing::cells::Sphere;
