@@ -1,16 +1,8 @@
 //! Shipped scenes that go in parts, for ranks as threads and as processes.
 
 /// Shipped scenes with bodies in parts, coarser and shorter.
-pub(crate) const SHIPPED: [(&str, &[&str]); 17] = [
+pub(crate) const SHIPPED: [(&str, &[&str]); 16] = [
     ("beam-fem", &["time.end=1e-6", "output.probe_every=1"]),
-    (
-        "beam-cnem",
-        &[
-            "model.left.spacing=0.35e-3",
-            "time.end=1e-6",
-            "output.probe_every=1",
-        ],
-    ),
     (
         "beam-a-alone",
         &[
