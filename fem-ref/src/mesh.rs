@@ -43,7 +43,7 @@ pub struct Mesh<T: Real> {
     regions: Vec<u32>,
     notices: Vec<String>,
     section: T,
-    doubled: usize,
+    pub(crate) doubled: usize,
 }
 
 impl<T: Real> Mesh<T> {
@@ -107,11 +107,6 @@ impl<T: Real> Mesh<T> {
         self.nodes.iter_mut().for_each(|x| *x = map(x));
         let pairs = check::mesh(self.kind, &self.nodes, &self.connectivity)?;
         slit::checked(self, &pairs)
-    }
-
-    /// Number of nodes that lie at the place of another one, across a slit.
-    pub fn doubled(&self) -> usize {
-        self.doubled
     }
 
     /// Element kind.

@@ -8,6 +8,13 @@ use arlequin_core::Real;
 use nalgebra::Vector3;
 use std::collections::HashMap;
 
+impl<T: Real> Mesh<T> {
+    /// Number of nodes that lie at the place of another one, across a slit.
+    pub fn doubled(&self) -> usize {
+        self.doubled
+    }
+}
+
 /// A mesh whose nodes coincide as `pairs` say, if it may have them.
 pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh<T>> {
     lips(&mesh, pairs).map(|()| mesh)
