@@ -82,12 +82,7 @@ fn front(radii: [f64; 2]) -> CrackFront<f64> {
 }
 
 /// What a model releases at displacements, with its own forces or none.
-fn released(
-    model: &(impl Model<f64> + CoarseModel<f64>),
-    crack: &CrackFront<f64>,
-    u: &[f64],
-    f: &[f64],
-) -> f64 {
+fn released(model: &impl CoarseModel<f64>, crack: &CrackFront<f64>, u: &[f64], f: &[f64]) -> f64 {
     let field = model.coarse_field();
     let domain = EnergyRelease::new(model, &*field, &Uniform(1.0), crack).unwrap();
     domain.at(u, f, |_| true).unwrap()
