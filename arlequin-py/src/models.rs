@@ -64,7 +64,7 @@ impl NativeModel {
         ask: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault>,
     ) -> Result<V, Fault> {
         match &mut *self.lock() {
-            Kind::Fem(m) => ask(&**m),
+            Kind::Fem(m) => ask(&mut **m),
             Kind::Cnem(m) => ask(&mut **m),
             Kind::Chain(m) => ask(m),
             Kind::Dem(Some(m)) => ask(&mut **m),
