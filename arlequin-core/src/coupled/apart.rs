@@ -258,7 +258,7 @@ mod tests {
     /// The amplitude of displacements `u(x, bent)`.
     fn amplitude(
         places: &[Vec<(Vector3<f64>, Vector3<f64>)>; 2],
-        u: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector3<f64>,
+        u: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector3<f64> + Sync,
     ) -> f64 {
         let node = |(index, (arm, _)): (usize, &(Vector3<f64>, Vector3<f64>))| Node {
             index,
