@@ -4,6 +4,7 @@
 //! same bits for any number of threads.
 
 use crate::Real;
+use crate::ranks::{self, Portion};
 use rayon::prelude::*;
 use sprs::CsMat;
 use std::ops::Range;
@@ -15,11 +16,13 @@ const CHUNK: usize = 512;
 /// some 1 300 nodes of hexahedra, 2 000 of tetrahedra, 87 000 of a bar.
 const SERIAL: usize = 1 << 18;
 
-/// A square matrix in compressed rows of square blocks: 3 × 3, or single numbers.
+/// A square matrix, or some rows of one, in compressed rows of square blocks: 3 × 3, or single numbers.
 #[derive(Debug, Clone)]
 pub struct BlockMatrix<T> {
     /// Rows and columns of a block.
     size: usize,
+    /// Block columns.
+    width: usize,
     starts: Vec<usize>,
     columns: Vec<u32>,
     values: Vec<T>,
@@ -38,10 +41,47 @@ impl<T: Real> BlockMatrix<T> {
         debug_assert_eq!(values.len(), columns.len() * size * size);
         Self {
             size,
+            width: starts.len() - 1,
             starts,
             columns,
             values,
         }
+    }
+
+    /// Some block `rows` of it, in their order, for unknowns of which there are `width` blocks: `column` tells the place among them of
+    /// those that the rows name, and keeps their order.
+    ///
+    /// # Panics
+    /// For rows that are not there.
+    #[must_use]
+    pub fn some_rows(
+        &self,
+        rows: impl Iterator<Item = usize>,
+        width: usize,
+        column: impl Fn(u32) -> u32,
+    ) -> Self {
+        let square = self.size * self.size;
+        let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+        for i in rows {
+            let range = self.starts[i]..self.starts[i + 1];
+            columns.extend(self.columns[range.clone()].iter().map(|j| column(*j)));
+            values.extend_from_slice(&self.values[range.start * square..range.end * square]);
+            starts.push(columns.len());
+        }
+        Self {
+            width,
+            ..Self::new(self.size, starts, columns, values)
+        }
+    }
+
+    /// Block columns of a row.
+    pub fn columns(&self, i: usize) -> &[u32] {
+        &self.columns[self.starts[i]..self.starts[i + 1]]
+    }
+
+    /// The stored values, block after block.
+    pub fn values(&self) -> &[T] {
+        &self.values
     }
 
     /// Sets all values to zero.
@@ -118,31 +158,30 @@ impl<T: Real> BlockMatrix<T> {
         y
     }
 
-    /// `½ qᵀ K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
+    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads. Allocates nothing.
     pub fn energy(&self, q: &[T]) -> T {
+        self.energy_of_all(q, q, None)
+    }
+
+    /// The same of the rows that all ranks have: `own` are the unknowns of those here, `q` all that they name. All ranks must ask.
+    pub fn energy_of_all(&self, own: &[T], q: &[T], portion: Option<&Portion>) -> T {
         let sum = match self.size {
-            1 => self.energy_of::<1>(0..q.len(), q.as_chunks().0),
-            _ => self.energy_of::<3>(0..q.len() / 3, q.as_chunks().0),
+            1 => self.energy_of::<1>(own.as_chunks().0, q.as_chunks().0, portion),
+            _ => self.energy_of::<3>(own.as_chunks().0, q.as_chunks().0, portion),
         };
         sum * T::of(0.5)
     }
 
-    fn energy_of<const C: usize>(&self, rows: Range<usize>, q: &[[T; C]]) -> T {
-        if rows.len() <= CHUNK {
-            return rows.fold(T::zero(), |sum, i| {
+    fn energy_of<const C: usize>(&self, own: &[[T; C]], q: &[[T; C]], portion: Option<&Portion>) -> T {
+        let part = |rows: Range<usize>| {
+            let sum = rows.fold(T::zero(), |sum, i| {
                 let y = self.row::<C>(i, q);
-                sum + y.iter().zip(&q[i]).fold(T::zero(), |s, (a, b)| s + *a * *b)
+                sum + y.iter().zip(&own[i]).fold(T::zero(), |s, (a, b)| s + *a * *b)
             });
-        }
-        let middle = rows.start + rows.len() / 2;
-        let (low, high) = (rows.start..middle, middle..rows.end);
-        let values = (self.starts[rows.end] - self.starts[rows.start]) * C * C;
-        let (a, b) = if values < SERIAL {
-            (self.energy_of::<C>(low, q), self.energy_of::<C>(high, q))
-        } else {
-            rayon::join(|| self.energy_of::<C>(low, q), || self.energy_of::<C>(high, q))
+            [sum]
         };
-        a + b
+        let [sum] = ranks::sum(own.len(), portion, &part);
+        sum
     }
 
     /// The same matrix in scalar compressed rows.
@@ -164,7 +203,7 @@ impl<T: Real> BlockMatrix<T> {
                 starts.push(columns.len());
             }
         }
-        CsMat::new((rows * c, rows * c), starts, columns, values)
+        CsMat::new((rows * c, self.width * c), starts, columns, values)
     }
 
     /// Number of stored values.
@@ -210,5 +249,24 @@ mod tests {
         }
         let work: f64 = q.iter().zip(&expected).map(|(q, f)| 0.5 * q * (1.0 - f)).sum();
         assert!((m.energy(&q) - work).abs() < 1e-12 * work.abs());
+    }
+
+    #[test]
+    fn some_rows_have_the_bits_of_all() {
+        let m = sample();
+        let q: Vec<f64> = (0..12).map(|i| f64::from(i).cos()).collect();
+        let mut all = vec![0.0; 12];
+        m.subtract_product(&q, &mut all);
+        // Rows 1 and 3 know the nodes 0 to 3 as 1 to 4 of five.
+        let some = m.some_rows([1, 3].into_iter(), 5, |j| j + 1);
+        let wide: Vec<f64> = [0.0; 3].into_iter().chain(q.iter().copied()).collect();
+        let mut f = vec![0.0; 6];
+        some.subtract_product(&wide, &mut f);
+        assert_eq!(f, [&all[3..6], &all[9..12]].concat());
+        assert_eq!((some.columns(0), some.columns(1)), (&[1, 2, 3][..], &[4][..]));
+        assert_eq!(some.to_csr().shape(), (6, 15));
+        let own = [&q[3..6], &q[9..12]].concat();
+        let work: f64 = own.iter().zip(&f).map(|(q, f)| -0.5 * q * f).sum();
+        assert!((some.energy_of_all(&own, &wide, None) - work).abs() < 1e-14 * work.abs());
     }
 }

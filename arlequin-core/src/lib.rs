@@ -55,6 +55,7 @@ pub mod blocks;
 pub mod conformance;
 mod coupled;
 pub mod effect;
+mod energy_release;
 mod error;
 mod extent;
 mod field;
@@ -88,6 +89,7 @@ pub use coupled::snapshot;
 pub use coupled::statics::Equilibrium;
 pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, Relaxation, Settled, TimeStep};
 use coupled::{ledger, momentum, observer};
+pub use energy_release::{CrackFront, EnergyRelease, GradientPoint, Gradients};
 pub use error::{Error, ModelError, Result, Share, invalid, not_negative};
 pub use field::{Interpolation, ParticleField, ShapeRow, outside};
 pub use interface::{

@@ -149,6 +149,19 @@ impl<T: Real> Materials<T> {
         &self.all[number as usize]
     }
 
+    /// Those of some elements, in their order.
+    ///
+    /// # Panics
+    /// As [`Self::at`].
+    #[must_use]
+    pub fn of_some(&self, elements: impl Iterator<Item = usize>) -> Self {
+        let told = !self.of.is_empty();
+        Self {
+            all: self.all.clone(),
+            of: elements.filter(|_| told).map(|e| self.of[e]).collect(),
+        }
+    }
+
     /// All of them.
     pub fn all(&self) -> &[Elastic<T>] {
         &self.all

@@ -1,5 +1,6 @@
 //! What a mechanics model must offer to be coupled, and the two roles it can play.
 
+use crate::energy_release::Gradients;
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::geometry::Sample;
@@ -234,6 +235,11 @@ pub trait Model<T: Real>: Send {
 
     /// The model as one that knows stresses at its nodes, if it does: for output and probes.
     fn recovery(&self) -> Option<&dyn Recovery<T>> {
+        None
+    }
+
+    /// The model as a continuum with gradients at points, if it is one: for the energy that cracks release.
+    fn gradients(&self) -> Option<&dyn Gradients<T>> {
         None
     }
 

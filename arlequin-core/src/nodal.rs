@@ -1,5 +1,6 @@
 //! Weights at the nodes: the choice of the literature, kept for comparison, for any linear model.
 
+use crate::energy_release::Gradients;
 use crate::geometry::Sample;
 use crate::model::{Arms, DofLayout, Model, Watching};
 use crate::parallel;
@@ -92,6 +93,9 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     }
     fn recovery(&self) -> Option<&dyn Recovery<T>> {
         self.model.recovery()
+    }
+    fn gradients(&self) -> Option<&dyn Gradients<T>> {
+        self.model.gradients()
     }
     fn links(&self) -> Option<&dyn Links<T>> {
         self.model.links()

@@ -1,7 +1,7 @@
 //! Highest frequency of a model by Lanczos iteration, and the critical step of velocity Verlet from it.
 
 use crate::model::DofLayout;
-use crate::ranks::{self, Portion};
+use crate::ranks::{self, Exact, Portion};
 use crate::scalar::dot;
 use crate::{Real, Result};
 use nalgebra::DMatrix;
@@ -41,17 +41,39 @@ pub fn step_of<T: Real>(largest: T) -> T {
     }
 }
 
+/// The critical step of [`critical_step`] for unknowns of `layout`, or of the part of a model that is here: the same bits on any number
+/// of ranks, all of which must ask.
+///
+/// # Errors
+/// Those of `add_forces`.
+pub fn critical_step_of_nodes<T: Real>(
+    inverse_inertia: &[T],
+    layout: DofLayout,
+    portion: Option<&Portion>,
+    add_forces: &mut AddForces<'_, T>,
+) -> Result<T> {
+    let space = Space::Nodes(layout, portion);
+    Ok(step_of(largest_in(inverse_inertia, &space, add_forces)?))
+}
+
 /// Largest eigenvalue `ω²` of `M⁻¹K` \[1/s²\], where `add_forces` adds `−K q`; `inverse_inertia = 0` marks prescribed
 /// unknowns. To round-off for most models; up to 80 vectors, all of them stored for small models only.
 ///
 /// # Errors
 /// Those of `add_forces`.
 pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
+    largest_in(inverse_inertia, &Space::Plain(inverse_inertia.len()), add_forces)
+}
+
+fn largest_in<T: Real>(
+    inverse_inertia: &[T],
+    space: &Space<'_>,
+    add_forces: &mut AddForces<'_, T>,
+) -> Result<T> {
     let root: Vec<T> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
-    let space = Space::Plain(root.len());
     let mut basis: Vec<Vec<T>> = Vec::new();
     let mut top = T::zero();
-    let all = root.len() * STEPS <= STORED;
+    let all = space.size() * STEPS <= STORED;
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
         if !all {
             t.part(w, &v, basis.last().map_or(&[], Vec::as_slice));
@@ -59,12 +81,9 @@ pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddFo
             return basis.push(v);
         }
         basis.push(v);
-        for b in basis.iter().chain(&basis) {
-            let c = dot(w, b);
-            w.iter_mut().zip(b).for_each(|(w, b)| *w -= c * *b);
-        }
+        (0..2).for_each(|_| space.take_out(w, &basis));
     };
-    lanczos((&root, &space), STEPS, add_forces, orthogonal, &mut |t| {
+    lanczos((&root, space), STEPS, add_forces, orthogonal, &mut |t| {
         let previous = top;
         top = t.top()?;
         let settled = t.diagonal.len() > 21 && (top - previous).abs() <= top * T::of(1e-10);
@@ -164,6 +183,7 @@ fn lanczos<T: Real>(
         t.diagonal.push(space.dot(&w, &v));
         orthogonal(&mut w, v, &t);
         t.rest = space.normalise(&mut w);
+        space.heard()?;
         if settled(&t)? {
             break;
         }
@@ -250,6 +270,36 @@ impl Space<'_> {
         };
         let [sum] = ranks::sum(layout.nodes, *portion, &part);
         sum
+    }
+
+    /// Takes the parts of orthonormal vectors out of `w`: one after the other, or all at once, for one sum over ranks. Twice is enough
+    /// either way.
+    fn take_out<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
+        let Self::Nodes(layout, portion) = self else {
+            return basis.iter().for_each(|b| {
+                let c = dot(w, b);
+                w.iter_mut().zip(b).for_each(|(w, b)| *w -= c * *b);
+            });
+        };
+        let mut sums = vec![Exact::zero(); basis.len()];
+        for (sum, b) in sums.iter_mut().zip(basis) {
+            ranks::add_products(layout, w, b, sum);
+        }
+        if let Some(p) = portion {
+            p.totals(&mut sums);
+        }
+        for (b, c) in basis.iter().zip(&sums) {
+            let c = T::of(c.value());
+            w.iter_mut().zip(b).for_each(|(w, b)| *w -= c * *b);
+        }
+    }
+
+    /// Whether ranks still hear of each other: an iteration with what is not a number has no end.
+    fn heard(&self) -> Result<()> {
+        match self {
+            Self::Nodes(_, Some(portion)) => portion.failure().map_or(Ok(()), |e| Err(e.clone().into())),
+            _ => Ok(()),
+        }
     }
 
     fn normalise<T: Real>(&self, v: &mut [T]) -> T {

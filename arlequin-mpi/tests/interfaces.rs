@@ -8,7 +8,7 @@ use arlequin_core::ranks::{Communicator, RankError};
 use arlequin_core::{
     Coupled, Error, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, Model, OwnStep,
     Partition, PrescribedMotion, Profile, Ramp, Sampling, Silent, Slab, Solver, Subdomain, TimeFunction,
-    TimeStep, Weights,
+    TimeStep, Weighting, Weights,
 };
 use arlequin_mpi::threads;
 use dem_beam::packing::{Lattice, lattice};
@@ -414,7 +414,8 @@ fn a_run_goes_on_from_its_snapshot_on_another_number_of_ranks() {
 #[test]
 fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let refused = threads::run(2, 1, WAIT, |c| {
-        let bar = Subdomain::coarse(bar("bar", 0.0, 1.0), Weights::uncoupled()).shared(c);
+        let weights = Weights::uncoupled().with_weighting(Weighting::Nodal);
+        let bar = Subdomain::coarse(bar("bar", 0.0, 1.0), weights).shared(c);
         Coupled::new(vec![bar], Vec::new(), TimeStep::Fraction(0.5), None).map(|_| ())
     });
     for r in refused {

@@ -1,13 +1,14 @@
 //! A body of particles on several ranks: the bits of one, whatever the division.
+#![allow(clippy::float_cmp, reason = "works are whole numbers")]
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
 
-use arlequin_core::nalgebra::Vector3;
+use arlequin_core::nalgebra::{Point3, Vector3};
 use arlequin_core::ranks::{Communicator, Division, RankError};
 use arlequin_core::{
     Coupled, Error, Guard, Model, Partition, PrescribedMotion, Relaxation, Silent, Subdomain, TimeStep,
-    Weights,
+    Weight, Weights,
 };
 use arlequin_mpi::threads;
 use dem_beam::{DemModel, LoadShare};
@@ -159,6 +160,35 @@ fn halos_are_what_bonds_ask_for() {
         heard += ghosts.len();
     }
     assert_eq!((held, sent), (count, heard));
+}
+
+/// One up to two thirds of the body, then down to 0.2.
+#[derive(Debug)]
+struct Ending;
+
+impl Weight<f64> for Ending {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        1.0 - 0.8 * ((x.x - 4e-3) / 2e-3).clamp(0.0, 1.0)
+    }
+}
+
+#[test]
+fn particles_of_an_overlap_count_for_more_work() {
+    let mut m = bar(false);
+    let work = |m: &DemModel| m.units().iter().map(|u| u.work).sum::<f64>();
+    let alone = work(&m);
+    m.set_internal_weight(&Ending).unwrap();
+    let mut coupled = vec![false; m.nodes().len()];
+    for pair in m.body().pairs().iter().map(|p| p.map(|i| i as usize)) {
+        let inside = pair.iter().any(|i| m.nodes()[*i].x > 4e-3);
+        pair.iter().for_each(|i| coupled[*i] |= inside);
+    }
+    let count = coupled.iter().filter(|c| **c).count();
+    assert!((400..600).contains(&count), "{count}");
+    assert_eq!(work(&m) - alone, 7.0 * count as f64);
+    // Fewer particles where they are coupled.
+    let halves = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
+    assert!(halves.imbalance() < 0.2, "{}", halves.imbalance());
 }
 
 fn error<R>(of: &Result<Result<R, Error>, RankError>) -> String {

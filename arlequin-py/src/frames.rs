@@ -8,6 +8,7 @@ use arlequin_scene::setup::Grid;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::Arc;
 
 /// A model at one instant: arrays over its points, then over its cells.
 type State = [Vec<Array>; 2];
@@ -18,7 +19,7 @@ pub(crate) struct Kept {
     names: Vec<String>,
     every: usize,
     /// Pictures of the models at rest.
-    pub(crate) grids: Vec<(String, Grid)>,
+    pub(crate) grids: Vec<(String, Arc<Grid>)>,
     /// Times \[s\].
     pub(crate) times: Vec<f64>,
     /// All models at these.

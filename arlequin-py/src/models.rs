@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// A model of the library.
 #[derive(Debug)]
 enum Kind {
-    Fem(Fem<f64>),
+    Fem(Box<Fem<f64>>),
     Cnem(Box<Cnem>),
     /// Particles are too many to be kept twice: the run gets them.
     Dem(Option<Box<Dem>>),
@@ -64,7 +64,7 @@ impl NativeModel {
         ask: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault>,
     ) -> Result<V, Fault> {
         match &mut *self.lock() {
-            Kind::Fem(m) => ask(m),
+            Kind::Fem(m) => ask(&mut **m),
             Kind::Cnem(m) => ask(&mut **m),
             Kind::Chain(m) => ask(m),
             Kind::Dem(Some(m)) => ask(&mut **m),
@@ -87,7 +87,7 @@ impl NativeModel {
     /// The model for a run.
     pub(crate) fn give(&self) -> Result<Box<dyn Model<f64>>, Fault> {
         match &mut *self.lock() {
-            Kind::Fem(m) => Ok(Box::new(m.clone())),
+            Kind::Fem(m) => Ok(m.clone()),
             Kind::Cnem(m) => Ok(m.clone()),
             Kind::Chain(m) => Ok(Box::new(m.clone())),
             Kind::Dem(m) => Ok(m.take().ok_or_else(|| self.gone())?),
@@ -229,7 +229,7 @@ impl FemModel {
     #[new]
     fn new(name: &str, mesh: &Mesh, material: &Elastic) -> Result<PyClassInitializer<Self>, Fault> {
         let model = Fem::new(name, mesh.0.mesh().clone(), material.0)?;
-        Ok(NativeModel::of(name, Kind::Fem(model)).add_subclass(Self))
+        Ok(NativeModel::of(name, Kind::Fem(Box::new(model))).add_subclass(Self))
     }
 }
 

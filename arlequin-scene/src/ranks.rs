@@ -1,13 +1,13 @@
 //! Scenes on several ranks: which models go in parts, and what ranks must agree on.
 //!
-//! Every rank reads and builds the same scene. A body of particles is then shared out, if the scene asks nothing of it that needs the
+//! Every rank reads and builds the same scene. A body of particles or of elements is then shared out, if the scene asks nothing of it that needs the
 //! whole body on one rank; every other model stays whole and makes the same steps on every rank. Rank 0 alone writes and speaks.
 
 use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 use crate::setup::{Body, effect_models};
-use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec};
+use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec, Scheme};
 use arlequin::core::Subdomain;
 use arlequin::core::ranks::{self, Communicator, RankError, Reduction, UNIT};
 use serde::Serialize;
@@ -25,6 +25,16 @@ pub struct RankLine {
     pub words: String,
 }
 
+impl RankLine {
+    /// Adds how even the work is, once it is shared out.
+    pub(crate) fn told(&mut self, of: &Subdomain<f64>) {
+        if let Some(portion) = of.portion() {
+            let most = 100.0 * portion.division().imbalance();
+            self.words += &format!(", {most:.1} % more work than the mean at most");
+        }
+    }
+}
+
 /// How the models of a scene are held on so many ranks.
 fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
     let of = |(m, body): (usize, &Body)| {
@@ -35,10 +45,14 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
             (units < ranks).then_some(rule)
         };
         let why = whole(scene, m, body).or_else(small);
+        let what = match body.model.particles() {
+            Some(_) => "particles",
+            None => "nodes",
+        };
         RankLine {
             model: body.model.name().to_owned(),
             parts: why.is_none(),
-            words: why.unwrap_or_else(|| format!("{units} units of {UNIT} particles")),
+            words: why.unwrap_or_else(|| format!("{units} units of {UNIT} {what}")),
         }
     };
     bodies.iter().enumerate().map(of).collect()
@@ -48,8 +62,11 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
 fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     let (name, table) = scene.model.iter().nth(m)?;
     let no = |words: &str| Some(words.to_owned());
-    if table.kind != ModelKind::Dem {
-        return no("only bodies of particles go in parts");
+    if !matches!(table.kind, ModelKind::Dem | ModelKind::Fem | ModelKind::Cnem) {
+        return no("only bodies of particles, of finite and of natural elements go in parts");
+    }
+    if table.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit)) {
+        return Some(format!("model.{name}.step.scheme does not go in parts"));
     }
     if scene.wake.is_some() {
         return no("models of a scene with [wake] do not go in parts");
@@ -65,11 +82,6 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     {
         return no("weights at nodes do not go in parts");
     }
-    let absorbs = |i: &&Interface| i.absorber.is_some() && i.fine == *name;
-    if let Some(k) = scene.interface.values().position(|i| absorbs(&i)) {
-        let name = scene.interface.keys().nth(k)?;
-        return Some(format!("interface.{name}.absorber does not go in parts"));
-    }
     for (k, e) in scene.effect.iter().enumerate() {
         let between = e.between.as_ref().is_some_and(|b| b.contains(name));
         let acts = between || effect_models(k, e, scene).unwrap_or_default().contains(&m);
@@ -78,9 +90,10 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
             | EffectKind::MassDamping(_)
             | EffectKind::StiffnessDamping(_)
             | EffectKind::LocalDamping(_)
-            | EffectKind::Prestress(_) => true,
-            // Strengths are compared at the end even where it is off.
-            EffectKind::Fracture(_) => false,
+            | EffectKind::Prestress(_)
+            | EffectKind::Fracture(_)
+            | EffectKind::Obstacle(_) => true,
+            EffectKind::Contact(_) if !between => true,
             _ => !e.enabled,
         };
         if acts && !works {
@@ -88,7 +101,7 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
         }
     }
     for (p, probe) in &scene.probe {
-        if probe.model.as_ref() == Some(name) && probe.quantity.is_recovered() {
+        if probe.model.as_ref() == Some(name) && probe.crack.is_some() {
             return Some(format!("probe.{p} asks for what one rank cannot tell"));
         }
     }

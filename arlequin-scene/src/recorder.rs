@@ -195,7 +195,7 @@ pub struct Recorder {
     pub effects: Table,
     /// Frames, if the run is kept.
     pub frames: Option<Frames>,
-    /// Pieces at the instants of the frames.
+    /// Pieces at the instants of the frames; of bodies in parts on the first rank alone.
     pub fragments: Fragments,
     /// Load steps of a scene at rest.
     pub load_steps: Vec<LoadStep>,
@@ -225,7 +225,7 @@ impl Recorder {
             if let Some(frames) = &mut frames {
                 frames.write(run)?;
             }
-            fragments.look(run);
+            fragments.look(run)?;
         }
         for r in &mut readers {
             r.share_out(run);
@@ -325,7 +325,7 @@ impl Recorder {
 
     fn write_frame(&mut self, run: &Coupled<f64>, due: bool) -> Result<()> {
         if due {
-            self.fragments.look(run);
+            self.fragments.look(run)?;
         }
         match &mut self.frames {
             Some(frames) if due => frames.write(run),

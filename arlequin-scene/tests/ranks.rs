@@ -81,11 +81,100 @@ component = "x"
 of = "support-1"
 quantity = "force"
 component = "z"
+[probe.pressed]
+model = "left"
+where.box = { low = [1e-3, -1e-3, -1e-3], high = [4e-3, 3e-3, 1e-3] }
+quantity = "strain"
+component = "xx"
+[probe.mises]
+model = "right"
+at = [9e-3, 1e-3, 1e-3]
+quantity = "von-mises"
 [output]
 interval = 0.5e-6
 energy_every = 5
 fields = ["displacement", "velocity", "weights", "energy-density", "multipliers", "stress", "von-mises", "bond-forces"]
 "#;
+
+/// A notched bar of some 1 500 spheres that is drawn out until it parts.
+const BREAKING: &str = r#"
+[model.bar]
+kind = "dem"
+shape.box = { low = [0.0, 0.0, 0.0], high = [8e-3, 2e-3, 2e-3] }
+spacing = 0.3e-3
+dem.protocol = "quench"
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+dem.notch = [{ low = [4e-3, -1e-3, -1e-3], high = [4e-3, 3e-3, 1.2e-3] }]
+[[effect]]
+fracture = { criterion = "rankine", strength = 100e6, weibull = 10.0 }
+[[initial]]
+velocity.polynomial = { component = "x", along = "x", coefficients = [-3.0, 2000.0] }
+[time]
+end = 4e-6
+[probe.end]
+model = "bar"
+where = "x-max"
+quantity = "velocity"
+component = "x"
+[output]
+interval = 0.5e-6
+energy_every = 5
+fields = ["displacement", "velocity", "bond-forces", "stress"]
+"#;
+
+/// The same, drawn out less and pushed back together, so that pieces touch; a free ball strikes one end, a driven wall the other,
+/// and elements absorb what they cannot carry.
+fn touching() -> String {
+    let more = r#"
+[model.grip]
+kind = "fem"
+role = "coarse"
+shape.box = { low = [-4e-3, 0.0, 0.0], high = [1.5e-3, 2e-3, 2e-3] }
+spacing = 0.5e-3
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+[interface.rim]
+coarse = "grip"
+fine = "bar"
+overlap.slab = { coarse = [0.0, 0.0, 0.0], fine = [1.5e-3, 0.0, 0.0] }
+mediator = { spacing = 0.75e-3 }
+absorber = { rate_factor = 0.2 }
+[[effect]]
+models = ["bar"]
+contact = { friction = 0.3, rolling = 0.1 }
+[[effect]]
+models = ["bar"]
+[effect.obstacle]
+name = "ball"
+shape.sphere = { centre = [6e-3, 1e-3, 3.002e-3], radius = 1e-3 }
+mass = 2e-5
+velocity = [2.0, 0.0, -40.0]
+spin = [0.0, 3e4, 0.0]
+contact = { friction = 0.3 }
+[[effect]]
+models = ["bar"]
+[effect.obstacle]
+name = "wall"
+shape.plane = { point = [8.02e-3, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] }
+velocity = [-60.0, 0.0, 0.0]
+contact = { restitution = 1.0 }
+[probe.ball]
+of = "ball"
+quantity = "force"
+component = "z"
+[probe.wall]
+of = "wall"
+quantity = "moment"
+about = [8e-3, 1e-3, 1e-3]
+component = "y"
+"#;
+    let bar = BREAKING
+        .replace("kind = \"dem\"\n", "kind = \"dem\"\nrole = \"fine\"\n")
+        .replace("[[initial]]", "[[initial]]\nmodels = [\"bar\"]")
+        .replace("coefficients = [-3.0, 2000.0]", "coefficients = [0.0, 0.0, 0.0]")
+        .replace("strength = 100e6", "strength = 200e6")
+        .replace("\"stress\"]", "\"contact-forces\"]");
+    format!("{bar}{more}")
+}
 
 fn scratch(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("ranks-{name}"));
@@ -163,7 +252,12 @@ fn files_and_summaries_are_those_of_one_rank() {
             assert_eq!(told(&r), told(&one), "rank {rank} of {ranks}");
             assert_eq!(r.folder.is_some(), rank == 0);
             let parts: Vec<bool> = r.summary().ranks.iter().map(|l| l.parts).collect();
-            let wanted: &[bool] = if ranks == 1 { &[] } else { &[false, true] };
+            let wanted: &[bool] = match ranks {
+                1 => &[],
+                // The elements have two units.
+                2 => &[true, true],
+                _ => &[false, true],
+            };
             assert_eq!(parts, wanted);
         }
         assert_same_files(&folder.join("one"), &place, &format!("{ranks} ranks"));
@@ -190,11 +284,8 @@ fn shipped_scenes_have_the_probes_of_one_rank() {
                 "{name}: {:?}",
                 r.summary().ranks
             );
-            assert!(
-                r.recorded.probes == one.recorded.probes,
-                "{name}: {:?}",
-                r.recorded.probes
-            );
+            let same = [&r, &one].map(|r| (&r.recorded.probes, &r.recorded.energy, &r.recorded.effects));
+            assert!(same[0] == same[1], "{name}: {:?}", r.recorded.probes);
         }
     }
 }
@@ -248,6 +339,151 @@ fn a_run_that_one_rank_stops_goes_on_with_another_number_of_ranks() {
                 &format!("{first} ranks, then {then}, finite {finite}"),
             );
         }
+    }
+}
+
+#[test]
+fn what_breaks_and_falls_to_pieces_is_written_as_by_one_rank() {
+    let folder = scratch("breaking");
+    for finite in ["false", "true"] {
+        let changed = format!("dem.finite_rotations = {finite}\ndem.protocol");
+        let scene = scene(&BREAKING.replace("dem.protocol", &changed));
+        let whole = folder.join(format!("one-{finite}"));
+        let one = run(&scene, &whole, &mut Silent).expect("runs");
+        let lines = |name: &str| {
+            std::fs::read_to_string(whole.join(name))
+                .expect("a table")
+                .lines()
+                .count()
+        };
+        let frames = one.summary().frames;
+        assert!(
+            lines("breaks.csv") > 50,
+            "{} bonds broke",
+            lines("breaks.csv") - 1
+        );
+        // The body at the start, then more and more pieces.
+        assert!(
+            lines("fragments.csv") > 2 * frames,
+            "{} pieces in {frames} frames",
+            lines("fragments.csv")
+        );
+        let warned = format!("{:?}", one.summary().warnings);
+        assert!(warned.contains("switch contact on"), "{warned}");
+        for ranks in [2, 3, 4] {
+            let place = folder.join(format!("on-{ranks}-{finite}"));
+            for r in on_ranks(ranks, &scene, &place) {
+                let r = r.expect("runs");
+                assert!(r.summary().ranks[0].parts, "{:?}", r.summary().ranks);
+                assert_eq!(told(&r), told(&one), "{ranks} ranks");
+            }
+            assert_same_files(&whole, &place, &format!("{ranks} ranks, finite {finite}"));
+        }
+    }
+}
+
+#[test]
+fn bonds_that_broke_on_some_ranks_are_broken_on_any_number_of_others() {
+    let folder = scratch("broken");
+    let scene = scene(BREAKING);
+    let whole = folder.join("whole");
+    let one = run(&scene, &whole, &mut Silent).expect("runs");
+    let half = one.planned / 2;
+    for (first, then) in [(3, 2), (2, 1), (1, 4)] {
+        let place = folder.join(format!("{first}-{then}"));
+        let stopped = threads::run(first, 1, WAIT, |c| {
+            let done = run(&scene.clone().on_ranks(c)?, &place, &mut Stop(half, true));
+            done.map(|r| (r.end, r.summary().effect_ledger[0].facts["broken bonds"]))
+        });
+        for s in stopped {
+            let (end, broken) = s.expect("there").expect("stops");
+            assert!(
+                end == End::Interrupted && broken > 10.0,
+                "{end:?} after {broken} breaks"
+            );
+        }
+        let gone_on = threads::run(then, 1, WAIT, |c| {
+            resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
+        });
+        for g in gone_on {
+            assert_eq!(g.expect("there").expect("goes on"), End::Complete);
+        }
+        assert_same_files(&whole, &place, &format!("{first} ranks, then {then}"));
+    }
+}
+
+#[test]
+fn what_touches_across_ranks_is_written_as_by_one_rank() {
+    let folder = scratch("touching");
+    let scene = scene(&touching());
+    let whole = folder.join("one");
+    let one = run(&scene, &whole, &mut Silent).expect("runs");
+    let fact = |effect: &str, fact: &str| {
+        let mut all = one.summary().effect_ledger.iter();
+        let line = all.find(|e| e.name.ends_with(effect)).expect("an effect");
+        line.facts[fact]
+    };
+    // Pieces touch, both obstacles push, and pairs are searched for again on the way.
+    assert!(fact("/fracture", "broken bonds") > 50.0);
+    assert!(
+        fact("/contact", "most contacts") > 20.0,
+        "{:?}",
+        one.summary().effect_ledger
+    );
+    assert!(fact("/contact", "neighbour searches") > 1.0);
+    assert!(fact("/ball", "largest force [N]") > 1.0 && fact("/wall", "largest force [N]") > 1.0);
+    for ranks in [2, 3, 4] {
+        let place = folder.join(format!("on-{ranks}"));
+        for r in on_ranks(ranks, &scene, &place) {
+            let r = r.expect("runs");
+            let bar = r
+                .summary()
+                .ranks
+                .iter()
+                .find(|l| l.model == "bar")
+                .expect("a line");
+            assert!(bar.parts, "{bar:?}");
+            assert_eq!(told(&r), told(&one), "{ranks} ranks");
+        }
+        assert_same_files(&whole, &place, &format!("{ranks} ranks"));
+    }
+    for (first, then) in [(3, 2), (2, 1), (1, 4)] {
+        let place = folder.join(format!("{first}-{then}"));
+        let stopped = threads::run(first, 1, WAIT, |c| {
+            let mut stop = Stop(one.planned / 2, true);
+            run(&scene.clone().on_ranks(c)?, &place, &mut stop).map(|r| r.end)
+        });
+        for s in stopped {
+            assert_eq!(s.expect("there").expect("stops"), End::Interrupted);
+        }
+        let gone_on = threads::run(then, 1, WAIT, |c| {
+            resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
+        });
+        for g in gone_on {
+            assert_eq!(g.expect("there").expect("goes on"), End::Complete);
+        }
+        assert_same_files(&whole, &place, &format!("{first} ranks, then {then}"));
+    }
+}
+
+/// Strengths that nothing enforces are compared at the end: on whatever rank the bonds are.
+#[test]
+fn ranks_find_together_what_a_state_would_need() {
+    let off = BREAKING.replace("weibull = 10.0 }", "weibull = 10.0 }\nenabled = false");
+    let scene = scene(&off).set("time.end", "1.5e-6").expect("a scene");
+    let one = scene.prepare().expect("built").run(&mut Silent).expect("runs");
+    let warned = format!("{:?}", one.summary().warnings);
+    assert!(
+        warned.contains("bonds are loaded above their strength"),
+        "{warned}"
+    );
+    let all = threads::run(3, 1, WAIT, |c| {
+        scene.clone().on_ranks(c)?.prepare()?.run(&mut Silent)
+    });
+    for r in all {
+        let r = r.expect("there").expect("runs");
+        assert!(r.summary().ranks[0].parts, "{:?}", r.summary().ranks);
+        assert_eq!(told(&r), told(&one));
     }
 }
 
@@ -316,8 +552,14 @@ fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
     let line = |text: &str, ranks: usize| {
         let built = scene(text).for_ranks(ranks).prepare().expect("built");
         let mut all = built.built().holdings.clone();
-        assert_eq!(all[0].words, "only bodies of particles go in parts");
-        all.remove(1)
+        let left = all.iter().find(|l| l.model == "left").expect("a line");
+        let nodes = if ranks > 2 {
+            "fewer than ranks"
+        } else {
+            "2 units of 256 nodes"
+        };
+        assert!(left.words.contains(nodes), "{}", left.words);
+        all.remove(all.iter().position(|l| l.model == "right").expect("a line"))
     };
     let parts = line(PULSE, 3);
     assert!(
@@ -330,10 +572,25 @@ fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
         assert!(!l.parts && l.words.contains(why), "{more}: {}", l.words);
     };
     whole("", 40, "fewer than ranks");
-    whole(
-        "[probe.stress]\nmodel = \"right\"\nat = [9e-3, 1e-3, 1e-3]\nquantity = \"stress\"\ncomponent = \"xx\"",
-        2,
-        "probe.stress",
-    );
-    whole("[[effect]]\ncontact = {}", 2, "effect[1].contact");
+    let two = r#"
+[model.ball]
+kind = "dem"
+shape.box = { low = [13e-3, 0.0, 0.0], high = [15e-3, 2e-3, 2e-3] }
+spacing = 0.4e-3
+dem.protocol = "quench"
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+[[effect]]
+between = ["right", "ball"]
+contact = {}
+"#;
+    whole(two, 2, "effect[1].contact");
+    let elements = |more: &str| {
+        let text = format!("{PULSE}\n{more}");
+        let built = scene(&text).for_ranks(2).prepare().expect("built");
+        let left = built.built().holdings[0].clone();
+        assert!(!left.parts, "{more}");
+        left.words
+    };
+    let viscous = elements("[[effect]]\nmodels = [\"left\"]\nbulk_viscosity = {}");
+    assert_eq!(viscous, "effect[1].bulk_viscosity does not go in parts");
 }

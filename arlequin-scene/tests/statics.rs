@@ -401,3 +401,74 @@ fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
     assert_eq!(breaks(500), 0.0);
     assert!(breaks(1) > 0.0);
 }
+
+/// Contact with a plane that is far away keeps a linear scene from the direct solution: what it relaxes to is that, across a tie with
+/// particles, which take several own steps in time.
+#[test]
+fn ties_relax_to_the_direct_solution() {
+    for left in ["kind = \"fem\"", "kind = \"cnem\""] {
+        let right = "kind = \"dem\"\nspacing = 0.6\ndem.protocol = \"quench\"";
+        let at = |more: &str| {
+            let ends = [("left", "x-max"), ("right", "x-max"), ("right", "z-min")];
+            let watched = ends.map(|(m, place)| {
+                ["x", "z"].map(|c| {
+                    format!(
+                        "[probe.{m}-{place}-{c}]\nmodel = \"{m}\"\nwhere = \"{place}\"\ncomponent = \"{c}\"\n"
+                    )
+                })
+            });
+            let text = coupled(right).replace("kind = \"fem\"", left)
+                + ACTS
+                + &watched.concat().concat()
+                + &probes(&["bed", "pull", "body-force"]);
+            run(&(text + more + "[static]\nsteps = 1\ntolerance = 1e-9\n"))
+        };
+        let far = "[[effect]]\nmodels = [\"right\"]\n\
+                   obstacle = { shape.plane = { point = [0.0, 0.0, -50.0], normal = [0.0, 0.0, 1.0] } }\n";
+        let [direct, relaxed] = ["", far].map(at);
+        let [a, b] = [&direct, &relaxed].map(|r| r.summary().load_steps[0].clone());
+        assert!(a.method == "direct" && b.method == "relaxed");
+        let names = direct.recorded.probes.names.clone();
+        let size = |unit: &str| {
+            let of = names
+                .iter()
+                .zip(&direct.recorded.probes.columns)
+                .filter(|c| c.0.contains(unit));
+            of.fold(0.0_f64, |m, c| m.max(c.1[0].abs()))
+        };
+        let mut off = 0.0_f64;
+        for (k, name) in names.iter().enumerate() {
+            let unit = ["[m]", "[N]", "[N m]"]
+                .into_iter()
+                .find(|u| name.contains(u))
+                .expect("a unit");
+            let [x, y] = [&direct, &relaxed].map(|r| r.recorded.probes.columns[k][0]);
+            off = off.max((x - y).abs() / size(unit));
+        }
+        println!(
+            "{left}: {} steps to {:e}, off by {off:e}",
+            b.iterations, b.residual
+        );
+        assert!(off < 1e-6, "{left}: {off:e}");
+    }
+}
+
+/// What is torn into parts carries nothing any more, and each of its load steps is an equilibrium all the same.
+#[test]
+fn bodies_torn_apart_come_to_rest() {
+    let grip = |far: f64| {
+        format!(
+            "[[support]]\nname = \"grip\"\nmodel = \"bar\"\nwhere = \"x-max\"\n\
+             motion = {{ amplitude = {far:e}, time.table = [[0.0, 0.0], [0.7, 1.0], [1.0, 1.0]] }}\n\
+             [probe.grip]\nof = \"grip\"\nquantity = \"force\"\ncomponent = \"x\""
+        )
+    };
+    let results = run(&torn(&grip(1.2e-5), ""));
+    let force = results.probe("grip").expect("probe").1;
+    let steps = &results.summary().load_steps;
+    let iterations: Vec<usize> = steps.iter().map(|s| s.iterations).collect();
+    println!("forces {force:?} N, steps {iterations:?}");
+    assert!(steps.len() == 6 && steps.iter().all(|s| s.method == "relaxed" && s.residual <= 1e-6));
+    // It bears the first load step, and nothing at the end.
+    assert!(force[0] > 1.0 && force[5].abs() < 1e-4 * force[0], "{force:?}");
+}

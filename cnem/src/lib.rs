@@ -78,6 +78,7 @@ mod hilbert;
 mod inertia;
 mod model;
 pub mod natural;
+mod portion;
 pub mod predicates;
 pub mod scni;
 mod stress;

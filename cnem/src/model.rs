@@ -17,14 +17,16 @@ use crate::error::{Error, Result, parameter};
 use crate::field::NaturalField;
 use crate::inertia::{Inertia, Spread};
 use crate::natural::Interpolant;
+use crate::portion::Part;
 use crate::scni::{BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells, stiffness};
 use crate::stress;
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
+use arlequin_core::ranks::{Communicator, Portion};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Patches, Recovery, Weight,
-    check_size,
+    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Patches,
+    Recovery, Shared, Weight, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -74,12 +76,14 @@ pub struct CnemModel {
     options: Options,
     smoothing: Smoothing,
     sub: SubCells,
-    forces: MatrixFree,
+    pub(crate) forces: MatrixFree,
     /// Where cells do not keep their mass.
     spread: Option<Spread>,
     neighbours: Neighbours,
     /// How stresses come to the nodes, once they are asked for.
     patches: OnceLock<Patches<f64>>,
+    /// What is here of a body in parts.
+    pub(crate) part: Option<Part>,
 }
 
 impl CnemModel {
@@ -131,6 +135,7 @@ impl CnemModel {
             spread,
             neighbours,
             patches: OnceLock::new(),
+            part: None,
         };
         model.check_linear_fields()?;
         Ok(model)
@@ -197,7 +202,15 @@ impl CnemModel {
         self.smoothing.row(cell)
     }
 
-    /// The displacement field.
+    /// The field that others see.
+    fn seen(&self) -> Arc<dyn Interpolation<f64>> {
+        match &self.part {
+            Some(part) => part.field.clone(),
+            None => self.field.clone(),
+        }
+    }
+
+    /// The displacement field of the whole body.
     pub fn field(&self) -> Arc<NaturalField> {
         self.field.clone()
     }
@@ -304,19 +317,23 @@ impl Model<f64> for CnemModel {
 
     fn layout(&self) -> DofLayout {
         DofLayout {
-            nodes: self.cells.len(),
+            nodes: self.nodes().len(),
             components: 3,
             rotations: 0,
         }
     }
 
     fn nodes(&self) -> &[Point3<f64>] {
-        self.domain().nodes()
+        let part = self.part.as_ref();
+        part.map_or_else(|| self.domain().nodes(), |p| &p.nodes)
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
-        let masses = self.masses(&self.cell_means(weight));
+        let mut masses = self.masses(&self.cell_means(weight));
+        if let Some(part) = &self.part {
+            masses = part.own.iter().map(|k| masses[*k as usize]).collect();
+        }
         out.chunks_exact_mut(3)
             .zip(masses)
             .for_each(|(out, m)| out.fill(m));
@@ -326,48 +343,93 @@ impl Model<f64> for CnemModel {
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
         let means = self.cell_means(alpha);
         arlequin_core::check_finite("cell weights", &means)?;
-        self.forces.set_weights(&self.sub, means);
+        let Some(part) = &mut self.part else {
+            self.forces.set_weights(&self.sub, means);
+            return Ok(());
+        };
+        let named = [&part.own[..], &part.cells, &part.named];
+        self.forces.set_weights_of(&self.sub, &means, named);
+        part.alpha = means;
         Ok(())
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
+        let q = match &mut self.part {
+            Some(part) => part.hear(q)?,
+            None => q,
+        };
         self.forces.subtract_product(q, f);
         Ok(())
     }
 
+    fn advance_with_energy(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<f64> {
+        self.add_internal_forces(q, f)?;
+        Ok(match &self.part {
+            // What the forces have heard is still there.
+            Some(part) => self.forces.energy(q, part.heard(), Some(part.portion())),
+            None => self.forces.energy(q, q, None),
+        })
+    }
+
     /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        self.forces.energy(q)
+        let Some(part) = &self.part else {
+            return self.forces.energy(q, q, None);
+        };
+        // A failure is kept for the portion, whose sums are then not numbers.
+        let x = part.heard_at(q).unwrap_or_else(|_| part.heard().to_vec());
+        self.forces.energy(q, &x, Some(part.portion()))
+    }
+
+    fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
+        check_size(self, "inverse inertia", inverse_inertia.len())?;
+        let portion = self.part.as_ref().map(|p| p.portion().clone());
+        let (layout, portion) = (self.layout(), portion.as_deref());
+        let forces = &mut |q: &[f64], f: &mut [f64]| self.add_internal_forces(q, f);
+        spectrum::critical_step_of_nodes(inverse_inertia, layout, portion, forces)
+    }
+
+    fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<f64>> {
+        self.keep_part(communicator)
+    }
+
+    fn portion(&self) -> Option<&Portion> {
+        self.part.as_ref().map(|p| &**p.portion())
     }
 
     fn recovery(&self) -> Option<&dyn Recovery<f64>> {
         Some(self)
     }
 
+    fn gradients(&self) -> Option<&dyn Gradients<f64>> {
+        self.part.is_none().then_some(self as _)
+    }
+
     fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        Some(self)
+        self.part.is_none().then_some(self as _)
     }
 }
 
 impl LinearModel<f64> for CnemModel {
-    /// `K_α`, assembled here.
+    /// `K_α` of the whole body, assembled here.
     fn stiffness(&self) -> CsMat<f64> {
-        let weights = self.forces.weights();
+        let part = self.part.as_ref();
+        let weights = part.map_or_else(|| self.forces.weights(), |p| &p.alpha);
         stiffness(&self.smoothing, &self.sub, &self.material, weights).to_csr()
     }
 }
 
 impl CoarseModel<f64> for CnemModel {
     fn coarse_field(&self) -> Arc<dyn Interpolation<f64>> {
-        self.field.clone()
+        self.seen()
     }
 }
 
 impl FineModel<f64> for CnemModel {
     fn fine_field(&self) -> Arc<dyn Interpolation<f64>> {
-        self.field.clone()
+        self.seen()
     }
 }
 

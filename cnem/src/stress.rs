@@ -2,12 +2,14 @@
 
 use crate::model::CnemModel;
 use arlequin_core::adjacency::Adjacency;
-use arlequin_core::{Model, Patches, Recovered, Recovery, Result, SymmetricTensor, check_size};
+use arlequin_core::{
+    GradientPoint, Gradients, Model, Patches, Recovered, Recovery, Result, SymmetricTensor, check_size,
+};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Centroid of a cell from the cones of its facets over the node, `Σ V_q (¾ x_q + ¼ x_I)/V`.
 fn centroid(model: &CnemModel, cell: usize) -> Point3<f64> {
-    let x = model.nodes()[cell].coords;
+    let x = model.domain().nodes()[cell].coords;
     let (mut sum, mut volume) = (Vector3::zeros(), 0.0);
     for f in model.cells().facets(cell) {
         let v = f.area.dot(&(f.centroid.coords - x)) / 3.0;
@@ -23,7 +25,7 @@ fn centroid(model: &CnemModel, cell: usize) -> Point3<f64> {
 
 /// Patches of all nodes: a cell and those it has shape functions of.
 pub(crate) fn patches(model: &CnemModel) -> Patches<f64> {
-    let nodes = model.nodes();
+    let nodes = model.domain().nodes();
     let samples: Vec<Point3<f64>> = (0..nodes.len()).map(|i| centroid(model, i)).collect();
     let mut edges: Vec<[u32; 2]> = model
         .domain()
@@ -69,10 +71,33 @@ impl Recovery<f64> for CnemModel {
         true
     }
 
+    /// Of a part of a body all ranks must ask.
     fn recover(&self, q: &[f64], nodes: &[usize], out: &mut Vec<Recovered<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let of = |k: usize| self.of_cell(k, q);
-        self.patches()
-            .recover(self.name(), nodes, self.cells().len(), of, out)
+        let cells = self.cells().len();
+        let Some(part) = &self.part else {
+            let of = |k: usize| self.of_cell(k, q);
+            return self.patches().recover(self.name(), nodes, cells, of, out);
+        };
+        let x = part.heard_around(self, q)?;
+        let of = |k: usize| self.of_cell(k, &x);
+        let numbers = part.numbers(self.name(), nodes)?;
+        self.patches().recover(self.name(), &numbers, cells, of, out)
+    }
+}
+
+impl Gradients<f64> for CnemModel {
+    fn count(&self) -> usize {
+        self.cells().len()
+    }
+
+    fn for_each_point(&self, cell: usize, visit: &mut dyn FnMut(&GradientPoint<'_, f64>)) {
+        let (nodes, gradients) = self.smoothed_row(cell);
+        visit(&GradientPoint {
+            nodes,
+            gradients,
+            volume: self.cells().volumes()[cell],
+            material: self.material(),
+        });
     }
 }

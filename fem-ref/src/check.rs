@@ -16,8 +16,12 @@ fn plain<T: Real>(p: &Point3<T>) -> [f64; 3] {
     [p.x.as_f64(), p.y.as_f64(), p.z.as_f64()]
 }
 
-/// All checks of [`crate::Mesh::new`], cheapest first.
-pub(crate) fn mesh<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32]) -> Result<()> {
+/// Checks of [`crate::Mesh::new`], cheapest first; nodes that coincide, which lips of a slit may.
+pub(crate) fn mesh<T: Real>(
+    kind: ElementKind,
+    nodes: &[Point3<T>],
+    connectivity: &[u32],
+) -> Result<Vec<[u32; 2]>> {
     let n = kind.corners();
     if nodes.is_empty() || connectivity.is_empty() {
         return Err(Error::EmptyMesh {
@@ -42,8 +46,8 @@ pub(crate) fn mesh<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity
         }
     }
     references(kind, nodes, connectivity)?;
-    coincident(nodes)?;
-    shapes(kind, nodes, connectivity)
+    let pairs = coincident(nodes)?;
+    shapes(kind, nodes, connectivity).map(|()| pairs)
 }
 
 fn references<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32]) -> Result<()> {
@@ -70,18 +74,25 @@ fn references<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u
     }
 }
 
-/// Refuses nodes closer than 1e-9 of the mesh diagonal (more in single precision).
-fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<()> {
+/// Distance below which nodes coincide: 1e-9 of the mesh diagonal (more in single precision).
+fn nearness<T: Real>(nodes: &[Point3<T>]) -> f64 {
     let [low, high] = bounds_of(nodes.iter());
     let relative = T::of(1e-9).max(T::epsilon() * T::of(4.0));
-    let limit = ((high - low).norm() * relative).as_f64();
+    ((high - low).norm() * relative).as_f64()
+}
+
+/// Nodes that coincide, each with one before it.
+fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<Vec<[u32; 2]>> {
+    let [low, _] = bounds_of(nodes.iter());
+    let limit = nearness(nodes);
     if limit <= 0.0 {
         return match nodes {
-            [_] => Ok(()),
-            _ => Err(same_place(nodes, 0, 1, limit)),
+            [_] => Ok(Vec::new()),
+            _ => Err(same_place(nodes, 0, 1)),
         };
     }
     // A node is filed under every cell of a grid that its surroundings touch: nearly always one.
+    let mut pairs = Vec::new();
     let mut bins: HashMap<[i64; 3], Vec<u32>> = HashMap::with_capacity(nodes.len());
     for (k, p) in nodes.iter().enumerate() {
         let offset = (p - low).map(|c| c.as_f64() / (64.0 * limit));
@@ -97,25 +108,26 @@ fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<()> {
                 keys.push(key);
             }
         }
+        let mut twin = None;
         for key in keys {
             let bin = bins.entry(key).or_default();
             let near = |j: &&u32| (nodes[**j as usize] - p).norm().as_f64() < limit;
-            if let Some(&j) = bin.iter().find(near) {
-                return Err(same_place(nodes, j as usize, k, limit));
-            }
+            twin = twin.or_else(|| bin.iter().find(near).copied());
             bin.push(k as u32);
         }
+        pairs.extend(twin.map(|j| [j, k as u32]));
     }
-    Ok(())
+    Ok(pairs)
 }
 
-fn same_place<T: Real>(nodes: &[Point3<T>], first: usize, second: usize, limit: f64) -> Error {
+/// Two nodes that coincide.
+pub(crate) fn same_place<T: Real>(nodes: &[Point3<T>], first: usize, second: usize) -> Error {
     Error::CoincidentNodes {
         first,
         second,
         point: plain(&nodes[first]),
         distance: (nodes[second] - nodes[first]).norm().as_f64(),
-        limit,
+        limit: nearness(nodes),
     }
 }
 

@@ -44,7 +44,9 @@ mod mesh;
 mod model;
 mod order;
 mod part;
+mod portion;
 mod recovery;
+mod slit;
 
 pub use arlequin_core::Elastic;
 pub use element::{ElementKind, GaussPoint};

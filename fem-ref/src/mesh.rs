@@ -3,6 +3,7 @@
 use crate::check;
 use crate::element::{self, ElementKind, GaussPoint};
 use crate::error::{Error, Result, parameter};
+use crate::slit;
 use arlequin_core::Real;
 use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::geometry::{Cell, Polyhedron};
@@ -42,6 +43,7 @@ pub struct Mesh<T: Real> {
     regions: Vec<u32>,
     notices: Vec<String>,
     section: T,
+    pub(crate) doubled: usize,
 }
 
 impl<T: Real> Mesh<T> {
@@ -62,10 +64,17 @@ impl<T: Real> Mesh<T> {
     ///
     /// # Errors
     /// A typed error for an empty mesh, NaN coordinates, indices out of range, inverted or flat elements (hexahedra:
-    /// Jacobian at all corners), unreferenced or coincident nodes.
+    /// Jacobian at all corners), unreferenced nodes, or coincident ones that are no lips of a slit.
     pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
-        check::mesh(kind, &nodes, &connectivity)?;
-        Ok(Self {
+        let pairs = check::mesh(kind, &nodes, &connectivity)?;
+        let mut mesh = Self::bare(kind, T::one(), nodes, connectivity);
+        mesh.doubled = pairs.len();
+        slit::checked(mesh, &pairs)
+    }
+
+    /// A mesh without groups or slits, unchecked.
+    pub(crate) fn bare(kind: ElementKind, section: T, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
+        Self {
             kind,
             nodes,
             connectivity,
@@ -73,8 +82,9 @@ impl<T: Real> Mesh<T> {
             volumes: Vec::new(),
             regions: Vec::new(),
             notices: Vec::new(),
-            section: T::one(),
-        })
+            section,
+            doubled: 0,
+        }
     }
 
     /// The same mesh with the given cross-section of its bars \[m²\].
@@ -95,8 +105,8 @@ impl<T: Real> Mesh<T> {
     /// As [`Mesh::new`], if the moved mesh is not valid.
     pub fn mapped(mut self, map: impl Fn(&Point3<T>) -> Point3<T>) -> Result<Self> {
         self.nodes.iter_mut().for_each(|x| *x = map(x));
-        check::mesh(self.kind, &self.nodes, &self.connectivity)?;
-        Ok(self)
+        let pairs = check::mesh(self.kind, &self.nodes, &self.connectivity)?;
+        slit::checked(self, &pairs)
     }
 
     /// Element kind.
@@ -178,7 +188,7 @@ impl<T: Real> Mesh<T> {
             ]))),
             ElementKind::Hex8 if planar => out.push(Cell::Polyhedron(Polyhedron::hexahedron(p))),
             ElementKind::Hex8 => {
-                let tets = split_hexahedron(self.element(e));
+                let tets = element::split_hexahedron(self.element(e));
                 out.extend(
                     tets.map(|t| {
                         Cell::Polyhedron(Polyhedron::tetrahedron(t.map(|k| self.nodes[k as usize])))
@@ -207,7 +217,7 @@ impl<T: Real> Mesh<T> {
         }
         let mut connectivity = Vec::with_capacity(self.element_count() * 24);
         for e in 0..self.element_count() {
-            connectivity.extend(split_hexahedron(self.element(e)).as_flattened());
+            connectivity.extend(element::split_hexahedron(self.element(e)).as_flattened());
         }
         let mut mesh = Self::new(ElementKind::Tet4, self.nodes.clone(), connectivity)?;
         for (name, group) in &self.groups {
@@ -472,19 +482,4 @@ fn quadrilateral_shares<T: Real>(p: [Point3<T>; 4]) -> [T; 4] {
         }
     }
     shares
-}
-
-/// Cuts a hexahedron into six tetrahedra by coning its lowest-numbered corner with the three faces that do not hold it,
-/// each cut along the diagonal from its own lowest corner. Neighbours cut their common face alike.
-pub(crate) fn split_hexahedron(corners: &[u32]) -> [[u32; 4]; 6] {
-    let apex = (0..8).min_by_key(|&k| corners[k]).unwrap_or(0);
-    let mut out = [[0; 4]; 6];
-    let far = ElementKind::Hex8.faces().iter().filter(|f| !f.contains(&apex));
-    for (slot, face) in out.chunks_exact_mut(2).zip(far) {
-        let low = (0..4).min_by_key(|&k| corners[face[k]]).unwrap_or(0);
-        let at = |k: usize| corners[face[(low + k) % 4]];
-        slot[0] = [corners[apex], at(0), at(1), at(2)];
-        slot[1] = [corners[apex], at(0), at(2), at(3)];
-    }
-    out
 }

@@ -8,11 +8,13 @@ use crate::error::{Error, Result, parameter};
 use crate::field::FemField;
 use crate::kernel;
 use crate::mesh::Mesh;
+use crate::portion::Part;
 use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
+use arlequin_core::ranks::{Communicator, Portion};
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model, Patches, Real,
-    Recovery, Weight, check_size,
+    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Materials, Model,
+    Patches, Real, Recovery, Shared, Weight, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -22,14 +24,16 @@ use std::sync::{Arc, OnceLock};
 /// A linear elastic body meshed with finite elements; bars carry axial displacements only.
 #[derive(Debug, Clone)]
 pub struct FemModel<T: Real> {
-    name: String,
-    field: Arc<FemField<T>>,
-    materials: Materials<T>,
+    pub(crate) name: String,
+    pub(crate) field: Arc<FemField<T>>,
+    pub(crate) materials: Materials<T>,
     /// Unweighted lumped mass contributions `ρ ∫ N_i dV` \[kg\], per element and corner.
-    masses: Vec<T>,
-    stiffness: BlockMatrix<T>,
+    pub(crate) masses: Vec<T>,
+    pub(crate) stiffness: BlockMatrix<T>,
     /// How stresses come to the nodes, once they are asked for.
-    patches: OnceLock<Patches<T>>,
+    pub(crate) patches: OnceLock<Patches<T>>,
+    /// What is here of a body in parts.
+    pub(crate) part: Option<Part<T>>,
 }
 
 impl<T: Real> FemModel<T> {
@@ -70,10 +74,11 @@ impl<T: Real> FemModel<T> {
             materials,
             masses,
             patches: OnceLock::new(),
+            part: None,
         })
     }
 
-    /// The mesh.
+    /// The mesh; of a part of a body the elements around its nodes and those around their nodes.
     pub fn mesh(&self) -> &Mesh<T> {
         self.field.mesh()
     }
@@ -92,9 +97,14 @@ impl<T: Real> FemModel<T> {
         self.patches.get_or_init(|| recovery::patches(self.mesh()))
     }
 
-    /// The displacement field.
+    /// The displacement field; of a part of a body in the elements all of whose nodes are here.
     pub fn field(&self) -> Arc<FemField<T>> {
-        self.field.clone()
+        self.part.as_ref().map_or(&self.field, |p| &p.field).clone()
+    }
+
+    /// Number among the nodes of the model of a node of the mesh, if it is one of them.
+    fn row(&self, node: u32) -> Option<usize> {
+        self.part.as_ref().map_or(Some(node as usize), |p| p.row(node))
     }
 
     /// Mean of a weight over every element \[–\].
@@ -145,14 +155,14 @@ impl<T: Real> Model<T> for FemModel<T> {
 
     fn layout(&self) -> DofLayout {
         DofLayout {
-            nodes: self.mesh().nodes().len(),
+            nodes: self.nodes().len(),
             components: self.mesh().kind().components(),
             rotations: 0,
         }
     }
 
     fn nodes(&self) -> &[Point3<T>] {
-        self.mesh().nodes()
+        self.part.as_ref().map_or(self.mesh().nodes(), |p| &p.nodes)
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<T>, out: &mut [T]) -> arlequin_core::Result<()> {
@@ -162,10 +172,9 @@ impl<T: Real> Model<T> for FemModel<T> {
         let means = self.element_means(weight);
         out.fill(T::zero());
         for (slot, (&node, mass)) in mesh.connectivity().iter().zip(&self.masses).enumerate() {
+            let Some(k) = self.row(node) else { continue };
             let m = *mass * means[slot / corners];
-            out[node as usize * c..(node as usize + 1) * c]
-                .iter_mut()
-                .for_each(|o| *o += m);
+            out[k * c..(k + 1) * c].iter_mut().for_each(|o| *o += m);
         }
         arlequin_core::check_finite("weighted inertia", out)
     }
@@ -173,33 +182,76 @@ impl<T: Real> Model<T> for FemModel<T> {
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> arlequin_core::Result<()> {
         let means = self.element_means(alpha);
         arlequin_core::check_finite("element weights", &means)?;
-        kernel::assemble(&mut self.stiffness, self.field.mesh(), &self.materials, &means);
+        let part = &self.part;
+        let row = |node: u32| part.as_ref().map_or(Some(node as usize), |p| p.row(node));
+        let mesh = self.field.mesh();
+        kernel::assemble(&mut self.stiffness, mesh, &self.materials, &means, &row);
         Ok(())
     }
 
     fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
+        let q = match &mut self.part {
+            Some(part) => part.hear(q)?,
+            None => q,
+        };
         self.stiffness.subtract_product(q, f);
         Ok(())
     }
 
+    fn advance_with_energy(&mut self, q: &[T], f: &mut [T]) -> arlequin_core::Result<T> {
+        self.add_internal_forces(q, f)?;
+        Ok(match &self.part {
+            // What the forces have heard is still there.
+            Some(part) => self
+                .stiffness
+                .energy_of_all(q, part.heard(), Some(part.portion())),
+            None => self.stiffness.energy(q),
+        })
+    }
+
     /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[T]) -> T {
-        self.stiffness.energy(q)
+        let Some(part) = &self.part else {
+            return self.stiffness.energy(q);
+        };
+        // A failure is kept for the portion, whose sums are then not numbers.
+        let x = part.heard_at(q).unwrap_or_else(|_| part.heard().to_vec());
+        self.stiffness.energy_of_all(q, &x, Some(part.portion()))
+    }
+
+    fn critical_step(&mut self, inverse_inertia: &[T]) -> arlequin_core::Result<T> {
+        check_size(self, "inverse inertia", inverse_inertia.len())?;
+        let (layout, portion) = (self.layout(), self.part.as_ref().map(Part::shared_portion));
+        let portion = portion.as_deref();
+        let forces = &mut |q: &[T], f: &mut [T]| self.add_internal_forces(q, f);
+        spectrum::critical_step_of_nodes(inverse_inertia, layout, portion, forces)
+    }
+
+    fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<T>> {
+        self.keep_part(communicator)
+    }
+
+    fn portion(&self) -> Option<&Portion> {
+        self.part.as_ref().map(Part::portion)
     }
 
     fn recovery(&self) -> Option<&dyn Recovery<T>> {
         Some(self)
     }
 
+    fn gradients(&self) -> Option<&dyn Gradients<T>> {
+        (self.part.is_none() && self.mesh().kind() != ElementKind::Bar2).then_some(self)
+    }
+
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
-        Some(self)
+        self.part.is_none().then_some(self as _)
     }
 }
 
 impl<T: Real> LinearModel<T> for FemModel<T> {
-    /// `K_α`.
+    /// `K_α`; of a part of a body its rows of the nodes of [`FemModel::mesh`].
     fn stiffness(&self) -> CsMat<T> {
         self.stiffness.to_csr()
     }
@@ -207,12 +259,12 @@ impl<T: Real> LinearModel<T> for FemModel<T> {
 
 impl<T: Real> CoarseModel<T> for FemModel<T> {
     fn coarse_field(&self) -> Arc<dyn Interpolation<T>> {
-        self.field.clone()
+        self.field()
     }
 }
 
 impl<T: Real> FineModel<T> for FemModel<T> {
     fn fine_field(&self) -> Arc<dyn Interpolation<T>> {
-        self.field.clone()
+        self.field()
     }
 }

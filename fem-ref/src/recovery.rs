@@ -4,7 +4,9 @@ use crate::element::ElementKind;
 use crate::mesh::Mesh;
 use crate::model::FemModel;
 use arlequin_core::adjacency::Adjacency;
-use arlequin_core::{Model, Patches, Real, Recovered, Recovery, Result, SymmetricTensor, check_size};
+use arlequin_core::{
+    GradientPoint, Gradients, Model, Patches, Real, Recovered, Recovery, Result, SymmetricTensor, check_size,
+};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Centroid and mean shape gradients of an element, where displacements of linear elements have their best gradients.
@@ -116,10 +118,35 @@ impl<T: Real> Recovery<T> for FemModel<T> {
         true
     }
 
+    /// Of a part of a body all ranks must ask.
     fn recover(&self, q: &[T], nodes: &[usize], out: &mut Vec<Recovered<T>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let of = |k: usize| self.of_element(k, q);
-        self.patches()
-            .recover(self.name(), nodes, self.mesh().element_count(), of, out)
+        let elements = self.mesh().element_count();
+        let Some(part) = &self.part else {
+            let of = |k: usize| self.of_element(k, q);
+            return self.patches().recover(self.name(), nodes, elements, of, out);
+        };
+        let x = part.heard_around(self.mesh(), q)?;
+        let of = |k: usize| self.of_element(k, &x);
+        let places = part.places(self.name(), nodes)?;
+        self.patches().recover(self.name(), &places, elements, of, out)
+    }
+}
+
+impl<T: Real> Gradients<T> for FemModel<T> {
+    fn count(&self) -> usize {
+        self.mesh().element_count()
+    }
+
+    fn for_each_point(&self, cell: usize, visit: &mut dyn FnMut(&GradientPoint<'_, T>)) {
+        let nodes = self.mesh().element(cell);
+        self.mesh().for_each_gauss_point(cell, |g| {
+            visit(&GradientPoint {
+                nodes,
+                gradients: &g.gradients[..nodes.len()],
+                volume: g.weight,
+                material: self.materials().at(cell),
+            });
+        });
     }
 }

@@ -10,6 +10,7 @@
 //! sides, so that reactions, loads and inertia balance to round-off.
 
 use super::Coupled;
+use crate::energy_release::EnergyRelease;
 use crate::error::invalid;
 use crate::ranks::Exact;
 use crate::scalar::check_finite;
@@ -101,6 +102,20 @@ impl<T: Real> Coupled<T> {
             }
         }
         Ok(out)
+    }
+
+    /// Energy that a crack in a subdomain releases per area at the present displacements \[J/m²\], the mean over the part of its front;
+    /// takes the time of one evaluation of the model's forces.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] if there is no such subdomain; those of the model's forces and of [`EnergyRelease::at`].
+    pub fn energy_release(&mut self, subdomain: usize, crack: &EnergyRelease<T>) -> Result<T> {
+        self.known(subdomain)?;
+        let s = &mut self.subdomains[subdomain];
+        let mut forces = vec![T::zero(); s.model().layout().dofs()];
+        s.forces_of_displacements(&mut forces)?;
+        let free = |d: usize| s.inverse_inertia()[d] > T::zero();
+        crack.at(&s.state().q, &forces, free)
     }
 
     /// Adds the last forces of all contacts on one subdomain \[N, N m\], weighted, to `f`; whether there is any effect of the kind.

@@ -7,6 +7,7 @@
 
 use super::{Coupled, portions};
 use crate::error::invalid;
+use crate::geometry::bounds_of;
 use crate::phase::Phase;
 use crate::subdomain::{Reached, Subdomain};
 use crate::{Error, Real, Result, parallel};
@@ -14,7 +15,8 @@ use crate::{Error, Real, Result, parallel};
 /// How a state is relaxed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Relaxation<T> {
-    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement over the largest internal force.
+    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement over the largest internal force that there was on
+    /// the way from the instant before.
     pub tolerance: T,
     /// Most steps.
     pub most: usize,
@@ -113,10 +115,45 @@ impl<T: Real> Coupled<T> {
         })
     }
 
+    /// Relaxes with one own step of all models. With several, a model moves on between two reflections under forces that the
+    /// multipliers balance in the mean only, by its stiffness: what comes back at every reflection is no equilibrium.
     fn relax(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
+        let steps: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
+        if steps.iter().all(|m| *m == 1) {
+            return self.relax_in_step(from, time, how);
+        }
+        let run = self.dt;
+        let shortest = self.subdomains.iter().fold(run, |m, s| m.min(s.own_dt()));
+        self.change_pace(shortest, &vec![1; steps.len()])?;
+        let settled = self.relax_in_step(from, time, how);
+        self.change_pace(run, &steps)?;
+        settled
+    }
+
+    /// Steps of another length from now on; multipliers stay as they are.
+    fn change_pace(&mut self, run: T, steps: &[usize]) -> Result<()> {
+        for (s, m) in self.subdomains.iter_mut().zip(steps) {
+            s.set_pace(run, *m)?;
+        }
+        self.dt = run;
+        for i in &mut self.interfaces {
+            let lambda = i.multipliers().to_vec();
+            i.pace(run);
+            i.hold(&lambda);
+        }
+        for j in &mut self.joints {
+            j.pace(run);
+            j.restore(&self.interfaces);
+        }
+        Ok(())
+    }
+
+    fn relax_in_step(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         let mut peak = T::zero();
         let mut residual = T::of(f64::INFINITY);
         self.stop()?;
+        // What came apart is held against what it bore, not against the nothing that is left.
+        let mut borne = self.carried()?;
         for k in 1..=how.most {
             let share = T::of((k as f64 / how.ramp.max(1) as f64).min(1.0));
             let now = if k >= how.ramp {
@@ -136,8 +173,10 @@ impl<T: Real> Coupled<T> {
                     self.stop()?;
                     peak = T::zero();
                 }
+                borne = borne.max(self.carried()?).max(self.last_digits() / how.tolerance);
                 if k >= how.ramp {
-                    residual = self.unbalanced(now)?;
+                    let off = self.unbalanced(now)?;
+                    residual = if borne > T::zero() { off / borne } else { off };
                     if residual <= how.tolerance {
                         self.stop()?;
                         return Ok(Settled {
@@ -186,15 +225,40 @@ impl<T: Real> Coupled<T> {
         self.reflect_start()
     }
 
-    /// Largest unbalanced force on a free displacement over the largest internal force.
+    /// Force that last digits of displacements and places are worth, `m ω² ε (|q| + |x|)` with the highest frequency of each model.
+    fn last_digits(&self) -> T {
+        let all = self.subdomains.iter().zip(&self.critical);
+        all.map(|(s, critical)| {
+            let layout = s.model().layout();
+            let mass = parallel::largest(&s.inertia()[..layout.translations()]);
+            let [low, high] = bounds_of(s.model().nodes().iter());
+            let reach = parallel::largest(&s.state().q[..layout.translations()]) + (high - low).norm();
+            let omega = T::of(2.0) / *critical;
+            mass * omega * omega * reach * T::epsilon()
+        })
+        .filter(|f| f.is_finite())
+        .fold(T::zero(), |a, b| a.max(b))
+    }
+
+    /// Largest internal force on a displacement.
+    fn carried(&mut self) -> Result<T> {
+        let mut most = T::zero();
+        for s in &mut self.subdomains {
+            let layout = s.model().layout();
+            let mut forces = vec![T::zero(); layout.dofs()];
+            s.internal_forces_now(&mut forces)?;
+            most = most.max(parallel::largest(&forces[..layout.translations()]));
+        }
+        Ok(most)
+    }
+
+    /// Largest unbalanced force on a free displacement.
     fn unbalanced(&mut self, time: T) -> Result<T> {
-        let (mut off, mut size) = (T::zero(), T::zero());
+        let mut off = T::zero();
         for k in 0..self.subdomains.len() {
             let s = &mut self.subdomains[k];
             let moving = s.model().layout().translations();
             let mut forces = vec![T::zero(); s.model().layout().dofs()];
-            s.internal_forces_now(&mut forces)?;
-            size = size.max(parallel::largest(&forces[..moving]));
             s.pull(time, &mut forces)?;
             for i in &self.interfaces {
                 for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
@@ -207,6 +271,6 @@ impl<T: Real> Coupled<T> {
             let free = free.filter(|(w, _)| **w > T::zero());
             off = free.fold(off, |m, (_, f)| m.max(f.abs()));
         }
-        Ok(if size > T::zero() { off / size } else { off })
+        Ok(off)
     }
 }

@@ -10,15 +10,17 @@ use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::interface::{Rows, add_at};
 use crate::linalg::SpdFactor;
-use crate::model::Arms;
+use crate::model::{Arms, DofLayout};
+use crate::ranks::{Exact, Gather, Message, Portion};
 use crate::scalar::dot;
 use crate::{Error, Real, Result, parallel};
+use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::{CsMat, TriMat};
 use std::sync::Arc;
 
 /// Damping rate `η` \[1/s\] as a function of position.
-pub type RateField<T> = Arc<dyn Fn(&nalgebra::Point3<T>) -> T + Send + Sync>;
+pub type RateField<T> = Arc<dyn Fn(&Point3<T>) -> T + Send + Sync>;
 
 /// The absorber of one overlap, acting on the fine model.
 pub struct Absorber<T: Real> {
@@ -33,8 +35,12 @@ pub struct Absorber<T: Real> {
 struct AttachedAbsorber<T: Real> {
     top_rate: T,
     components: usize,
-    /// Nodes in the resolved space, ascending.
+    /// Nodes in the resolved space, ascending: of a model in parts those of all ranks, by their places.
     nodes: Vec<u32>,
+    /// Place and number of those that are here.
+    here: Vec<[u32; 2]>,
+    /// How velocities of other ranks come.
+    told: Option<Told<T>>,
     /// Their masses `m`, and `m η`.
     mass: Vec<[T; 2]>,
     /// `Nᵀ`, `N` and `NᵀDN`.
@@ -50,6 +56,13 @@ struct AttachedAbsorber<T: Real> {
     resolved: Vec<T>,
     columns: Vec<T>,
     force: Vec<T>,
+}
+
+/// Velocities of all nodes in the resolved space, on whatever rank these are.
+struct Told<T> {
+    gather: Gather,
+    messages: Vec<Message>,
+    v: Vec<T>,
 }
 
 impl<T: Real> std::fmt::Debug for Absorber<T> {
@@ -87,6 +100,8 @@ impl<T: Real> AttachedAbsorber<T> {
             resolved: zeros(n.cols()),
             columns: zeros(n.cols()),
             force: zeros(nodes.len()),
+            here: (0..).zip(nodes).map(|(place, k)| [place, *k as u32]).collect(),
+            told: None,
             nodes: nodes.iter().map(|k| *k as u32).collect(),
             mass,
         })
@@ -111,8 +126,43 @@ impl<T: Real> AttachedAbsorber<T> {
         }
     }
 
+    /// Lets all ranks know the nodes, whose numbers in the whole model these are.
+    fn share_out(mut self, portion: &Arc<Portion>, nodes: &[usize]) -> Self {
+        let gather = Gather::new(portion.clone(), 1, nodes.iter().copied());
+        self.here = gather.own().to_vec();
+        self.nodes = (0..nodes.len() as u32).collect();
+        self.told = Some(Told {
+            messages: gather.messages(self.components),
+            v: vec![T::zero(); nodes.len() * self.components],
+            gather,
+        });
+        self
+    }
+
     /// The force for `N` components, `W = 2 N`.
     fn act<const N: usize, const W: usize>(&mut self, v: &[T], f: &mut [T]) {
+        if let Some(mut told) = self.told.take() {
+            told.gather.gather(N, &mut told.messages, v, &mut told.v);
+            self.find::<N, W>(&told.v);
+            self.told = Some(told);
+        } else {
+            self.find::<N, W>(v);
+            return add_at(
+                &self.nodes,
+                self.force.as_chunks::<N>().0,
+                0,
+                f.as_chunks_mut::<N>().0,
+            );
+        }
+        let (force, f) = (self.force.as_chunks::<N>().0, f.as_chunks_mut::<N>().0);
+        for [place, node] in &self.here {
+            let (force, f) = (&force[*place as usize], &mut f[*node as usize]);
+            (0..N).for_each(|c| f[c] += force[c]);
+        }
+    }
+
+    /// The forces on all nodes.
+    fn find<const N: usize, const W: usize>(&mut self, v: &[T]) {
         let v = v.as_chunks::<N>().0;
         let load = |nodes: &[u32], mass: &[[T; 2]], local: &mut [[T; W]]| {
             for ((node, mass), local) in nodes.iter().zip(mass).zip(local) {
@@ -161,7 +211,6 @@ impl<T: Real> AttachedAbsorber<T> {
             );
             std::array::from_fn(|c| mass * both[N + c] - damping * (v[c] - both[c]))
         });
-        add_at(&self.nodes, force, 0, f.as_chunks_mut::<N>().0);
     }
 }
 
@@ -169,17 +218,13 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
     fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let layout = to.model.layout();
         let mut row = ShapeRow::default();
-        let mut shapes: Vec<(usize, Vec<(usize, T)>)> = Vec::new();
-        for (node, x) in to.model.nodes().iter().enumerate() {
-            match self.resolved.shape_at(x, false, &mut row) {
-                Ok(()) => shapes.push((
-                    node,
-                    row.nodes
-                        .iter()
-                        .copied()
-                        .zip(row.values.iter().copied())
-                        .collect(),
-                )),
+        let mut shapes: Vec<Shaped<T>> = Vec::new();
+        for place in self.places(to)? {
+            match self.resolved.shape_at(&place.x, false, &mut row) {
+                Ok(()) => {
+                    let entries = row.nodes.iter().copied().zip(row.values.iter().copied());
+                    shapes.push((place, entries.collect()));
+                }
                 Err(Error::OutsideDomain { .. }) => {}
                 Err(e) => return Err(e),
             }
@@ -191,7 +236,7 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
                 "has no node of this model in its resolved space",
             ));
         }
-        let nodes: Vec<usize> = shapes.iter().map(|s| s.0).collect();
+        let nodes: Vec<usize> = shapes.iter().map(|s| s.0.node).collect();
         // Only shape functions that touch a node take part.
         let mut used: Vec<usize> = shapes
             .iter()
@@ -206,11 +251,11 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
             }
         }
         let n: CsMat<T> = n.to_csr();
-        let rates: Vec<T> = nodes.iter().map(|&k| (self.rate)(&to.model.nodes()[k])).collect();
+        let rates: Vec<T> = shapes.iter().map(|s| (self.rate)(&s.0.x)).collect();
         if let Some(bad) = rates.iter().find(|r| !(**r >= T::zero() && r.is_finite())) {
             return Err(invalid("absorber rate", bad, "must be finite and not negative"));
         }
-        let masses = nodes.iter().map(|k| to.inertia[k * layout.components]);
+        let masses = shapes.iter().map(|s| s.0.mass);
         let mass: Vec<[T; 2]> = masses.zip(&rates).map(|(m, r)| [m, m * *r]).collect();
         let top = rates.iter().fold(T::zero(), |a, b| a.max(*b));
         let counts = format!("{} resolved unknowns for {} nodes", used.len(), nodes.len());
@@ -219,7 +264,57 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
             let rule = "the resolved space must be coarser than the model";
             invalid("absorber", counts, rule)
         })?;
-        Ok(Box::new(made))
+        Ok(Box::new(match to.shared()? {
+            Some(portion) => made.share_out(portion, &nodes),
+            None => made,
+        }))
+    }
+}
+
+/// A node with its number in the whole model, its place at rest and its mass.
+#[derive(Clone, Copy)]
+struct Place<T: Real> {
+    node: usize,
+    x: Point3<T>,
+    mass: T,
+}
+
+/// A node with the shape functions there.
+type Shaped<T> = (Place<T>, Vec<(usize, T)>);
+
+impl<T: Real> Absorber<T> {
+    /// The nodes of the model, of one in parts those of all ranks that the resolved space may hold.
+    fn places(&self, to: &Host<'_, T>) -> Result<Vec<Place<T>>> {
+        let d = to.model.layout().components;
+        let all = to.model.nodes().iter().enumerate();
+        let all = all.map(|(k, x)| Place {
+            node: to.portion.map_or(k, |p| p.global(k)),
+            x: *x,
+            mass: to.inertia[k * d],
+        });
+        let Some(portion) = to.shared()? else {
+            return Ok(all.collect());
+        };
+        let mut row = ShapeRow::default();
+        let mut words = Vec::new();
+        for p in all {
+            let outside = self.resolved.shape_at(&p.x, false, &mut row);
+            if !matches!(outside, Err(Error::OutsideDomain { .. })) {
+                let numbers = [p.x.x, p.x.y, p.x.z, p.mass].map(|x| x.as_f64().to_bits().cast_signed());
+                words.push(p.node as i64);
+                words.extend(numbers);
+            }
+        }
+        let mut words = portion.listed(&words)?;
+        let words = words.as_chunks_mut::<5>().0;
+        words.sort_unstable_by_key(|w| w[0]);
+        let real = |w: i64| T::of(f64::from_bits(w.cast_unsigned()));
+        let place = |&[node, x, y, z, mass]: &[i64; 5]| Place {
+            node: node as usize,
+            x: Point3::new(real(x), real(y), real(z)),
+            mass: real(mass),
+        };
+        Ok(words.iter().map(place).collect())
     }
 }
 
@@ -236,6 +331,17 @@ fn gram<T: Real>(n: &CsMat<T>, w: impl Fn(usize) -> T) -> CsMat<T> {
 
 fn rows<T: Real>(matrix: &CsMat<T>) -> Rows<T> {
     Rows::of(matrix.rows(), matrix.iter().map(|(v, (i, j))| (i, j, *v)))
+}
+
+impl<T: Real> AttachedAbsorber<T> {
+    /// Power of the last forces on each node that is here.
+    fn powers<'a>(&'a self, v: &'a [T]) -> impl Iterator<Item = T> + 'a {
+        let d = self.components;
+        let of = move |x: &'a [T], k: u32| &x[k as usize * d..][..d];
+        self.here
+            .iter()
+            .map(move |[place, node]| dot(of(&self.force, *place), of(v, *node)))
+    }
 }
 
 impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
@@ -263,10 +369,14 @@ impl<T: Real> Effect<T> for AttachedAbsorber<T> {
         Ok(())
     }
 
+    /// Of the nodes here.
     fn power(&self, v: &[T]) -> T {
-        let d = self.components;
-        let node = |(force, k): (&[T], &u32)| dot(force, &v[*k as usize * d..][..d]);
-        self.force.chunks_exact(d).zip(&self.nodes).map(node).sum()
+        self.powers(v).sum()
+    }
+
+    fn add_power(&self, _: &DofLayout, v: &[T], to: &mut Exact) -> bool {
+        self.powers(v).for_each(|p| to.add(p.as_f64()));
+        true
     }
 
     fn step_demand(&self) -> StepDemand<T> {

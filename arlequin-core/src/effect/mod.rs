@@ -23,12 +23,13 @@ pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
 pub use simple::*;
 
 use crate::model::{Arms, DofLayout, Model};
-use crate::ranks::Exact;
+use crate::ranks::{Exact, Portion};
 use crate::record::Record;
 use crate::subdomain::local;
 use crate::weight::Weights;
 use crate::{Real, Result};
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 /// The subdomain that an effect acts on, as the effect sees it when it is attached. Of a model in parts all of it is of the part
 /// that is here; unknowns that a specification names are those of the whole model ([`Host::unknown`]).
@@ -42,9 +43,27 @@ pub struct Host<'a, T: Real> {
     pub inertia: &'a [T],
     /// Its inverse, zero for prescribed unknowns.
     pub inverse_inertia: &'a [T],
+    /// What this rank holds of a model that the run has shared out: by which effects hear of other ranks as they act.
+    pub portion: Option<&'a Arc<Portion>>,
 }
 
 impl<T: Real> Host<'_, T> {
+    /// [`Self::portion`] for an effect that needs to hear of other ranks.
+    ///
+    /// # Errors
+    /// [`crate::Error::Unsupported`] for a model that was in parts before the run had it.
+    pub fn shared(&self) -> Result<Option<&Arc<Portion>>> {
+        if self.portion.is_none() && self.model.portion().is_some() {
+            let what = "have an effect that hears of other ranks where it is in parts already; the run must share it out itself \
+                        (Subdomain::shared)";
+            return Err(crate::Error::Unsupported {
+                model: self.model.name().to_owned(),
+                what: what.to_owned(),
+            });
+        }
+        Ok(self.portion)
+    }
+
     /// Unknowns of the whole model.
     #[must_use]
     pub fn unknowns(&self) -> usize {
@@ -186,6 +205,12 @@ pub trait AnyEffect<T: Real>: Send {
     /// Nothing for most.
     fn save(&self) -> Record<T> {
         Record::default()
+    }
+
+    /// Whether, of a model in parts, it saves by itself what it remembers of the whole, on the first rank, and every rank goes back
+    /// to all of that. All ranks save together. Else a record has a number for every unknown here, or none.
+    fn saves_whole(&self) -> bool {
+        false
     }
 
     /// Goes back to what [`Self::save`] returned.

@@ -1,9 +1,36 @@
 //! All of a model in parts, on one rank: for output.
 
-use super::{Message, Portion, RankError};
+use super::{Message, Portion, RankError, Reduction};
 use crate::Real;
 
 impl Portion {
+    /// Lists of numbers of all ranks one after the other, in the order of ranks, on rank 0; none on the others. All ranks must ask.
+    ///
+    /// # Errors
+    /// Those of the transport, which [`Self::failure`] remembers.
+    pub fn listed_on_first(&self, own: &[f64]) -> Result<Option<Vec<f64>>, RankError> {
+        let (rank, ranks) = (self.communicator().rank(), self.communicator().ranks());
+        let mut counts = vec![0; ranks];
+        counts[rank] = own.len() as i64;
+        self.keep(self.communicator().reduce(&mut counts, Reduction::Sum))?;
+        let message = |peer: usize, out: Vec<f64>, count: i64| Message {
+            peer,
+            out,
+            into: vec![0.0; count as usize],
+        };
+        let mut messages: Vec<Message> = match rank {
+            0 => (1..ranks)
+                .zip(&counts[1..])
+                .map(|(r, n)| message(r, Vec::new(), *n))
+                .collect(),
+            _ => vec![message(0, own.to_vec(), 0)],
+        };
+        messages.retain(|m| !(m.out.is_empty() && m.into.is_empty()));
+        self.keep(self.communicator().exchange(&mut messages, &mut || ()))?;
+        let others = messages.iter().flat_map(|m| &m.into);
+        Ok((rank == 0).then(|| own.iter().chain(others).copied().collect()))
+    }
+
     /// Numbers of all nodes in the order of the whole model, so many each, on rank 0; none on the others. `x` are those of
     /// the nodes here. All ranks must ask.
     ///

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 /// What a rank tells one other.
 #[derive(Debug, Clone)]
-struct Peer {
-    rank: usize,
+pub(super) struct Peer {
+    pub(super) rank: usize,
     /// Own nodes that it needs.
-    send: Vec<u32>,
+    pub(super) send: Vec<u32>,
     /// Those of its nodes that are needed here, among all such.
-    receive: Range<usize>,
+    pub(super) receive: Range<usize>,
 }
 
 /// Ghosts: nodes of other ranks that are linked with own ones, by rank and then by number.
@@ -19,9 +19,9 @@ struct Peer {
 /// Both ends of a link know of it, so that each rank finds what the other will ask for without asking.
 #[derive(Debug, Clone)]
 pub struct Halo {
-    portion: Arc<Portion>,
-    peers: Vec<Peer>,
-    ghosts: Vec<u32>,
+    pub(super) portion: Arc<Portion>,
+    pub(super) peers: Vec<Peer>,
+    pub(super) ghosts: Vec<u32>,
 }
 
 impl Halo {

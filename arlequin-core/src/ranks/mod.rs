@@ -14,6 +14,7 @@ mod division;
 mod exact;
 mod gather;
 mod halo;
+mod near;
 mod portion;
 mod post;
 

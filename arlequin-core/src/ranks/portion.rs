@@ -140,6 +140,9 @@ impl Portion {
         self.keep(self.communicator.reduce(&mut counts, Reduction::Sum))?;
         let before: i64 = counts[..rank].iter().sum();
         let all: i64 = counts.iter().sum();
+        if all == 0 {
+            return Ok(Vec::new());
+        }
         let mut words = vec![0; all as usize];
         words[before as usize..][..own.len()].copy_from_slice(own);
         self.keep(self.communicator.reduce(&mut words, Reduction::Sum))?;

@@ -2,6 +2,7 @@
 
 use super::Subdomain;
 use super::account::Energies;
+use crate::effect::{Attached, Effect};
 use crate::record::{Record, same};
 use crate::scalar::check_finite;
 use crate::{Real, Result};
@@ -45,16 +46,15 @@ impl<T: Real> Subdomain<T> {
             works: self.effects.iter().map(|e| e.work()).collect(),
             evolved: self.evolved.map(|e| e.work),
             model: self.save_model()?,
-            effects: (self.effects.iter().map(|e| self.recorded_of(e.effect.save())))
-                .collect::<Result<_>>()?,
+            effects: (self.effects.iter().map(|e| self.recorded_of(&*e.effect))).collect::<Result<_>>()?,
         })
     }
 
     /// What an effect remembers, of a model in parts a number for every unknown or nothing: of the whole model on the first rank.
-    fn recorded_of(&self, own: Record<T>) -> Result<Record<T>> {
-        let Some(portion) = self.portion() else {
-            return Ok(own);
-        };
+    fn recorded_of(&self, effect: &dyn Effect<T>) -> Result<Record<T>> {
+        let own = effect.save();
+        let portion = self.portion().filter(|_| !effect.saves_whole());
+        let Some(portion) = portion else { return Ok(own) };
         if !portion.any(!own.numbers.is_empty())? {
             return Ok(own);
         }
@@ -118,14 +118,14 @@ impl<T: Real> Subdomain<T> {
             line.work = work;
         }
         self.restore_model(&from.model)?;
-        let here = |record: &Record<T>| match self.portion() {
-            Some(_) if record.numbers.len() == all => Record {
+        let here = |(e, record): (&Attached<T, dyn Effect<T>>, &Record<T>)| match self.portion() {
+            Some(_) if record.numbers.len() == all && !e.effect.saves_whole() => Record {
                 numbers: self.here(&record.numbers),
                 integers: record.integers.clone(),
             },
             _ => record.clone(),
         };
-        let records: Vec<_> = from.effects.iter().map(here).collect();
+        let records: Vec<_> = self.effects.iter().zip(&from.effects).map(here).collect();
         for (e, (work, record)) in self.effects.iter_mut().zip(from.works.iter().zip(&records)) {
             e.restore(*work, record)?;
         }

@@ -49,6 +49,11 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
+    /// Adds internal forces, weighted, of the present displacements, whatever is known of the last step.
+    pub(crate) fn forces_of_displacements(&mut self, out: &mut [T]) -> Result<()> {
+        self.model.add_internal_forces(&self.state.q, out)
+    }
+
     /// Writes internal forces alone, weighted, of the present state.
     pub(crate) fn internal_forces_now(&mut self, out: &mut [T]) -> Result<()> {
         if self.forces.internal().is_empty() && matches!(self.stepper, Stepper::Verlet) {

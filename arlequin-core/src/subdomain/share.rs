@@ -102,8 +102,8 @@ impl<T: Real> Subdomain<T> {
                 .collect();
         }
         self.forces = Forces::zero(self.inertia.len());
-        self.attach(false)?;
         self.portion = Some(portion.clone());
+        self.attach(false)?;
         Ok(Some(portion))
     }
 }

@@ -80,44 +80,57 @@ pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Ve
     Ok(out)
 }
 
-/// Sum of the contact forces on every node of a model that has contact.
-pub(super) fn contacts(fields: &[OutputField], run: &Coupled<f64>, model: usize) -> Option<Array> {
-    let layout = run.subdomains()[model].model().layout();
+/// Sum of the contact forces on every node of a model that has contact; of one in parts on the first rank, all of which must ask.
+pub(super) fn contacts(fields: &[OutputField], run: &Coupled<f64>, model: usize) -> Result<Option<Array>> {
+    let s = &run.subdomains()[model];
+    let layout = s.model().layout();
     if !fields.contains(&OutputField::ContactForces) || layout.components != 3 {
-        return None;
+        return Ok(None);
     }
     let mut forces = vec![0.0; layout.dofs()];
     let any = run.add_contact_forces(model, &mut forces);
     forces.truncate(layout.translations());
-    any.then(|| Array {
+    if let Some(portion) = s.portion().filter(|_| any) {
+        forces = portion
+            .collect(3, &forces)
+            .map_err(elsewhere)?
+            .unwrap_or_default();
+    }
+    Ok(any.then(|| Array {
         name: "contact force [N]".into(),
         components: 3,
         values: forces,
-    })
+    }))
 }
+
+/// Numbers of a bond.
+const WIDTH: usize = 3;
+
+/// Axial and shear force and utilisation of a bond.
+type Carried = [f64; WIDTH];
 
 /// Numbers of all bonds in the order of the whole model, on the first rank; `here`: first particle and numbers of those whose first
 /// particle is here, in that order.
-fn of_all_bonds(portion: &Portion, here: &[(usize, [f64; 2])]) -> Result<Vec<[f64; 2]>> {
+fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carried>> {
     let mut counts = vec![0.0; portion.nodes()];
     here.iter().for_each(|b| counts[b.0] += 1.0);
     // As many places per particle as one of them needs.
     let most = portion.largest(counts.iter().fold(0.0, |m: f64, c| m.max(*c))) as usize;
-    let mut places = vec![0.0; 2 * most * portion.nodes()];
+    let mut places = vec![0.0; WIDTH * most * portion.nodes()];
     for bonds in here.chunk_by(|a, b| a.0 == b.0) {
-        let first = 2 * most * bonds[0].0;
+        let first = WIDTH * most * bonds[0].0;
         let numbers = bonds.iter().flat_map(|b| b.1);
         places[first..].iter_mut().zip(numbers).for_each(|(p, x)| *p = x);
     }
     let counts = portion.collect(1, &counts).map_err(elsewhere)?;
-    let places = portion.collect(2 * most, &places).map_err(elsewhere)?;
+    let places = portion.collect(WIDTH * most, &places).map_err(elsewhere)?;
     let (Some(counts), Some(places)) = (counts, places) else {
         return Ok(Vec::new());
     };
     let of = |(k, count): (usize, &f64)| {
-        let first = 2 * most * k;
-        places[first..first + 2 * *count as usize]
-            .as_chunks::<2>()
+        let first = WIDTH * most * k;
+        places[first..first + WIDTH * *count as usize]
+            .as_chunks::<WIDTH>()
             .0
             .to_vec()
     };
@@ -140,22 +153,28 @@ pub(super) fn bonds(fields: &[OutputField], s: &Subdomain<f64>, cells: usize) ->
         components: 1,
         values,
     };
-    if let Some(portion) = s.portion() {
-        let own = |p: &[u32; 2]| (p[0] as usize) < portion.nodes();
-        let here = links.pairs().iter().zip(&found).filter(|b| own(b.0));
-        let here: Vec<(usize, [f64; 2])> = here.map(|(p, f)| (p[0] as usize, [f.axial, f.shear])).collect();
-        let all = of_all_bonds(portion, &here)?;
-        let part = |c: usize| all.iter().map(|x| x[c]).collect();
-        return Ok(vec![
-            array("axial force [N]", part(0)),
-            array("shear force [N]", part(1)),
-        ]);
-    }
+    let known = found.iter().all(|b| b.utilisation.is_some());
+    let numbers = found
+        .iter()
+        .map(|b| [b.axial, b.shear, b.utilisation.unwrap_or_default()]);
+    let (all, known) = match s.portion() {
+        None => (numbers.collect(), known),
+        Some(portion) => {
+            let here = links.pairs().iter().map(|p| p[0] as usize).zip(numbers);
+            let here: Vec<(usize, Carried)> = here.filter(|b| b.0 < portion.nodes()).collect();
+            (
+                of_all_bonds(portion, &here)?,
+                !portion.any(!known).map_err(elsewhere)?,
+            )
+        }
+    };
+    let part = |c: usize| all.iter().map(|x: &Carried| x[c]).collect();
     let mut out = vec![
-        array("axial force [N]", found.iter().map(|b| b.axial).collect()),
-        array("shear force [N]", found.iter().map(|b| b.shear).collect()),
+        array("axial force [N]", part(0)),
+        array("shear force [N]", part(1)),
     ];
-    let used: Option<Vec<f64>> = found.iter().map(|b| b.utilisation).collect();
-    out.extend(used.map(|u| array("utilisation [-]", u)));
+    if known {
+        out.push(array("utilisation [-]", part(2)));
+    }
     Ok(out)
 }

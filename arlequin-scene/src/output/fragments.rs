@@ -2,12 +2,16 @@
 
 use super::put;
 use crate::error::{Result, core};
+use crate::ranks::elsewhere;
+use crate::setup::{Grid, ModelInfo};
 use arlequin::core::adjacency::lowest_connected;
-use arlequin::core::{Coupled, Uniform};
+use arlequin::core::{Coupled, Subdomain, Uniform};
 use arlequin::dem_beam::fracture::{SharedLog, locked};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Most pieces of one model that are listed at one instant, the heaviest.
 const MOST: usize = 1_000;
@@ -36,7 +40,18 @@ pub struct Piece {
 struct Body {
     number: usize,
     breaks: SharedLog,
+    /// Particles and bonds at rest.
+    grid: Arc<Grid>,
+    /// Of a body in parts on the first rank alone, which has its pieces.
     masses: Vec<f64>,
+}
+
+/// Numbers of all particles, so many each, of which `x` are those here: of a body in parts on the first rank alone.
+fn on_first<'a>(s: &Subdomain<f64>, each: usize, x: &'a [f64]) -> Result<Option<Cow<'a, [f64]>>> {
+    match s.portion() {
+        None => Ok(Some(x.into())),
+        Some(p) => Ok(p.collect(each, x).map_err(elsewhere)?.map(Cow::from)),
+    }
 }
 
 /// The pieces of all models whose bonds can break.
@@ -80,26 +95,25 @@ impl Sums {
 }
 
 impl Fragments {
-    /// Of the models whose bonds can break.
-    pub(crate) fn new(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<Self> {
+    /// Of the models whose bonds can break. All ranks must ask.
+    pub(crate) fn new(run: &Coupled<f64>, models: &[ModelInfo]) -> Result<Self> {
         let mut bodies = Vec::new();
-        for (number, log) in breaks.iter().enumerate() {
-            let model = run.subdomains()[number].model();
-            let Some(breaks) = log.clone().filter(|_| model.links().is_some()) else {
+        for (number, (s, info)) in run.subdomains().iter().zip(models).enumerate() {
+            let model = s.model();
+            let Some(breaks) = info.breaks.clone().filter(|_| model.links().is_some()) else {
                 continue;
             };
             let mut inertia = vec![0.0; model.layout().dofs()];
             let weighed = model.lumped_inertia(&Uniform(1.0), &mut inertia);
             weighed.map_err(core(format!("model.{}", model.name())))?;
             let d = model.layout().components;
-            let masses = inertia[..model.layout().translations()]
-                .iter()
-                .step_by(d)
-                .copied();
+            let masses = inertia[..model.layout().translations()].iter().step_by(d);
+            let masses: Vec<f64> = masses.copied().collect();
             bodies.push(Body {
                 number,
                 breaks,
-                masses: masses.collect(),
+                grid: info.grid.clone(),
+                masses: on_first(s, 1, &masses)?.unwrap_or_default().into_owned(),
             });
         }
         Ok(Self {
@@ -108,21 +122,21 @@ impl Fragments {
         })
     }
 
-    /// Finds the pieces of this instant.
-    pub(crate) fn look(&mut self, run: &Coupled<f64>) {
+    /// Finds the pieces of this instant. All ranks must ask.
+    pub(crate) fn look(&mut self, run: &Coupled<f64>) -> Result<()> {
         for b in &self.bodies {
             let s = &run.subdomains()[b.number];
-            let Some(links) = s.model().links() else { continue };
+            let moving = s.model().layout().translations();
+            let q = on_first(s, 3, &s.state().q[..moving])?;
+            let v = on_first(s, 3, &s.state().v[..moving])?;
+            let (Some(q), Some(v)) = (q, v) else { continue };
             let log = locked(&b.breaks);
-            let whole = links
-                .pairs()
-                .iter()
-                .enumerate()
-                .filter(|(k, _)| !log.is_broken(*k));
+            let bonds = b.grid.connectivity.as_chunks::<2>().0.iter().enumerate();
+            let whole = bonds.filter(|(k, _)| !log.is_broken(*k));
             let piece = lowest_connected(b.masses.len(), whole.map(|(_, p)| *p));
             let mut sums = vec![Sums::default(); b.masses.len()];
-            for (i, x) in s.model().nodes().iter().enumerate() {
-                let (m, q, v) = (b.masses[i], &s.state().q, &s.state().v);
+            for (i, x) in b.grid.points.iter().enumerate() {
+                let m = b.masses[i];
                 sums[piece[i] as usize].add(&Sums {
                     particles: 1,
                     mass: m,
@@ -146,6 +160,7 @@ impl Fragments {
                 self.rows.push(dust.piece(time, name, 0));
             }
         }
+        Ok(())
     }
 
     /// Whether there is any model that can fall to pieces.

@@ -12,6 +12,7 @@ use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Writes frames and, at the end, their index.
 #[derive(Debug)]
@@ -79,7 +80,7 @@ fn in_all(s: &Subdomain<f64>, x: &[f64]) -> Result<Option<Vec<f64>>> {
 /// What a model's files repeat.
 #[derive(Debug)]
 struct Painter {
-    grid: Grid,
+    grid: Arc<Grid>,
     /// Empty if the energy density is not wanted, the field has no gradient or the material is not known.
     centres: Vec<Cell>,
     weights: Vec<Array>,
@@ -184,7 +185,7 @@ impl Frames {
         };
         let name = s.model().name();
         let (mut points, cells) = painter.arrays(&self.fields, s, &seen)?;
-        points.extend(fields::contacts(&self.fields, run, part));
+        points.extend(fields::contacts(&self.fields, run, part)?);
         Ok(Some(Picture {
             name: name.to_owned(),
             grid: &painter.grid,
@@ -197,7 +198,7 @@ impl Frames {
     pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
         let Some(folder) = self.folder.clone() else {
             // What the first rank asks of models in parts, in its order.
-            for s in run.subdomains() {
+            for (part, s) in run.subdomains().iter().enumerate() {
                 check_state(run, s)?;
                 if s.portion().is_none() {
                     continue;
@@ -205,6 +206,7 @@ impl Frames {
                 Seen::of(s)?;
                 fields::recovered(&self.fields, s)?;
                 fields::bonds(&self.fields, s, 0)?;
+                fields::contacts(&self.fields, run, part)?;
             }
             return Ok(());
         };

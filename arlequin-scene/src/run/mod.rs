@@ -92,7 +92,7 @@ pub struct Recorded {
     pub effects: Table,
     /// One probe over another.
     pub curves: Vec<CurveLine>,
-    /// Pieces into which bodies fell, at the instants of the frames.
+    /// Pieces into which bodies fell, at the instants of the frames; of bodies in parts on the first rank alone.
     pub fragments: Vec<Piece>,
 }
 

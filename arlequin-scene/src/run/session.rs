@@ -12,11 +12,12 @@ use crate::output::{Frames, Pictures};
 use crate::ranks::RankLine;
 use crate::recorder::{self, PhaseClock, Recorder};
 use crate::scene::Scene;
-use crate::setup::{Bounds, Built, LoadSteps, ParticlesWithoutContact, PhaseTime};
+use crate::setup::{Bounds, Built, Grid, LoadSteps, ParticlesWithoutContact, PhaseTime};
 use crate::wake::Stage;
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::SharedLog;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 /// A run with everything that records it.
 #[derive(Debug)]
@@ -46,8 +47,20 @@ impl<'a> Session<'a> {
     /// Records the state before the first step of a run that took so many seconds to set up.
     pub(crate) fn new(scene: &'a Scene, mut built: Built, keep: Option<Keep>, setup: f64) -> Result<Self> {
         let settings = &scene.spec().output;
+        // What the first rank alone draws.
+        if !scene.ranks().leads() {
+            let in_parts = built.run.subdomains().iter().map(|s| s.portion().is_some());
+            let others = built.models.iter_mut().zip(in_parts).filter(|(_, parts)| *parts);
+            others.for_each(|(info, _)| {
+                let corners = info.grid.corners;
+                info.grid = Arc::new(Grid {
+                    corners,
+                    ..Grid::default()
+                });
+            });
+        }
         let breaks: Vec<_> = built.models.iter().map(|d| d.breaks.clone()).collect();
-        let fragments = Fragments::new(&built.run, &breaks)?;
+        let fragments = Fragments::new(&built.run, &built.models)?;
         let packings = built.models.iter().map(|d| d.packing.clone()).collect();
         let frames = match &keep {
             None => None,

@@ -160,8 +160,8 @@ fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>
 
 /// Refuses what can be seen to be wrong with a probe of forces before anything is built.
 pub(super) fn check(path: &str, of: &str, probe: &Probe, scene: &SceneSpec) -> Result<()> {
-    if probe.at.is_some() || probe.over.is_some() {
-        return Err(key(path, "of is a place by itself; remove at and where"));
+    if probe.at.is_some() || probe.over.is_some() || probe.crack.is_some() {
+        return Err(key(path, "of is a place by itself; remove at, where and crack"));
     }
     if !matches!(probe.quantity, Quantity::Force | Quantity::Moment) {
         let rule = "is read with quantity = \"force\" or \"moment\"; choose one";

@@ -29,7 +29,7 @@ pub struct Body {
     /// Its field.
     pub field: Arc<dyn Interpolation<f64>>,
     /// Its picture.
-    pub grid: Grid,
+    pub grid: Arc<Grid>,
     /// Nodes of the named groups.
     pub groups: BTreeMap<String, Vec<usize>>,
     /// Facets of the named surfaces.
@@ -224,7 +224,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         field: model.coarse_field(),
         model: Box::new(model),
         solver: None,
-        grid,
+        grid: Arc::new(grid),
         groups,
         surfaces,
         boundary,
@@ -278,7 +278,7 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
     let ends = [("x-min", vec![0]), ("x-max", vec![bonds])];
     Ok(Body {
         field: model.fine_field(),
-        grid: Grid::of_line(model.nodes()),
+        grid: Arc::new(Grid::of_line(model.nodes())),
         model: Box::new(model),
         solver: None,
         groups: ends.map(|(n, k)| (n.to_owned(), k)).into_iter().collect(),

@@ -136,7 +136,7 @@ pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> R
         spacing: spacing(&grid),
         groups: groups(&solver),
         field,
-        grid,
+        grid: Arc::new(grid),
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         material: None,

@@ -3,6 +3,7 @@
 mod between;
 mod clock;
 mod cloud;
+mod crack;
 mod drive;
 mod exerted;
 pub mod filling;
@@ -65,7 +66,7 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub struct ModelInfo {
     /// Picture.
-    pub grid: Grid,
+    pub grid: Arc<Grid>,
     /// Field.
     pub field: Arc<dyn Interpolation<f64>>,
     /// Material, but for volumes of other ones, if it is known.
@@ -183,7 +184,7 @@ pub(crate) fn build_from(
     clock.begin("mediators, probes and effects".to_owned());
     let mut interfaces = interfaces_of(scene, &bodies, folder)?;
     let probes = scene.probe.iter();
-    let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies));
+    let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies, &interfaces));
     let probes = probes.collect::<Result<_>>()?;
     let attachments = Attachments::of(scene, &mut bodies, &interfaces, folder)?;
     let pairs = between::pairs(scene, &bodies)?;
@@ -196,7 +197,7 @@ pub(crate) fn build_from(
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
-    let holdings = ranks.holdings(scene, &bodies);
+    let mut holdings = ranks.holdings(scene, &bodies);
     let mut subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
     if let Some(c) = ranks.communicator() {
         let shared =
@@ -216,6 +217,9 @@ pub(crate) fn build_from(
     let mut announce = |phase| clock.begin(clock::name(phase, &names));
     let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce);
     let run = run.map_err(located)?;
+    for (line, s) in holdings.iter_mut().zip(run.subdomains()) {
+        line.told(s);
+    }
     for i in run.interfaces().iter().map(|i| i.report()) {
         warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
     }

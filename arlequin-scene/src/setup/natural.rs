@@ -15,6 +15,7 @@ use arlequin::fem_ref::Mesh;
 use arlequin::fem_ref::generate::Rim;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::Arc;
 
 /// The mesh whose nodes a table asks for.
 pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<Request<'a>> {
@@ -72,7 +73,7 @@ pub(super) fn body(
         field: model.coarse_field(),
         model: Box::new(model),
         solver: None,
-        grid,
+        grid: Arc::new(grid),
         groups,
         surfaces,
         boundary,

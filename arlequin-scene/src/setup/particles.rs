@@ -157,7 +157,7 @@ pub(super) fn body(
     Ok(Body {
         groups: groups(&model, &table.shape, &filling),
         field,
-        grid,
+        grid: Arc::new(grid),
         surfaces: BTreeMap::new(),
         boundary: Vec::new(),
         spacing,

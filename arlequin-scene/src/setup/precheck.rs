@@ -3,7 +3,8 @@
 use super::drive::{self, model_index};
 use super::kinds;
 use super::{
-    between, effects_by_model, exerted, grains, interface, link, load, mediator, probe, select, sides_of,
+    between, crack, effects_by_model, exerted, grains, interface, link, load, mediator, probe, select,
+    sides_of,
 };
 use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{
@@ -112,6 +113,10 @@ fn watched(scene: &SceneSpec) -> Result<()> {
         let called = probe::model(&path, p)?;
         let table = model(&path, called, scene)?;
         probe::check(&path, p)?;
+        if let Some(c) = &p.crack {
+            crack::check(&path, p, c, scene)?;
+            continue;
+        }
         if !p.quantity.is_recovered() {
             let axis = probe::axis(&path, p)?;
             along(&format!("{path}.component"), axis, called, table, "\"x\"")?;

@@ -2,15 +2,17 @@
 
 use super::drive::model_index;
 use super::exerted::{Exerted, Readings};
+use super::interface::BuiltInterface;
 use super::kinds::Body;
 use super::plausible::corners;
 use super::select;
 use super::tensor::{self, TensorRow};
+use super::{crack, weights};
 use crate::error::{Error, Result, core, key, value};
 use crate::spec::{Axis, Probe, Quantity, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::ranks::Gather;
-use arlequin::core::{Arms, Coupled, ShapeRow, Subdomain};
+use arlequin::core::{Arms, Coupled, EnergyRelease, ShapeRow, Subdomain};
 
 /// A probe, ready to be read.
 #[derive(Debug, Clone)]
@@ -31,6 +33,8 @@ enum Source {
     Exerted(Exerted, usize),
     /// Stress or strain.
     Tensor(TensorRow),
+    /// Model, and what a crack in it releases.
+    Released(usize, EnergyRelease<f64>),
 }
 
 /// Unknowns and factors.
@@ -46,12 +50,24 @@ struct Row {
 
 impl ProbeReader {
     /// Prepares `[probe.NAME]`.
-    pub fn new(name: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
+    pub(super) fn new(
+        name: &str,
+        probe: &Probe,
+        scene: &SceneSpec,
+        bodies: &[Body],
+        joints: &[BuiltInterface],
+    ) -> Result<Self> {
         let path = format!("probe.{name}");
         let source = match &probe.of {
             Some(of) => {
                 let what = Exerted::new(&path, of, probe, scene, bodies)?;
                 Source::Exerted(what, axis(&path, probe)?.index())
+            }
+            None if probe.crack.is_some() || probe.quantity == Quantity::EnergyRelease => {
+                let called = model(&path, probe)?;
+                let m = model_index(&format!("{path}.model"), called, scene)?;
+                let weights = weights::of(m, joints)?;
+                Source::Released(m, crack::release(&path, probe, &bodies[m], &weights)?)
             }
             None if probe.quantity.is_recovered() => Source::Tensor(tensor_row(&path, probe, scene, bodies)?),
             None => Source::Motion(Row::new(&path, probe, scene, bodies)?),
@@ -87,6 +103,10 @@ impl ProbeReader {
         match &self.source {
             Source::Motion(row) => Ok(row.read(self.quantity, run.subdomains())),
             Source::Tensor(row) => row.read(self.quantity, run.subdomains()),
+            Source::Released(m, crack) => {
+                let found = run.energy_release(*m, crack);
+                found.map_err(core(format!("probe.{}", self.name)))
+            }
             Source::Exerted(what, c) => {
                 let found = readings.of(what, run)?;
                 Ok(match self.quantity {
@@ -184,7 +204,7 @@ pub(super) fn axis(path: &str, probe: &Probe) -> Result<Axis> {
     }
 }
 
-const ONE_PLACE: &str = "needs exactly one of at, where, of";
+const ONE_PLACE: &str = "needs exactly one of at, where, of, crack";
 
 /// The model that a probe of motion must name.
 pub(super) fn model<'a>(path: &str, probe: &'a Probe) -> Result<&'a str> {
@@ -201,17 +221,19 @@ pub(super) fn check(path: &str, probe: &Probe) -> Result<()> {
         let rule = "is what something exerts on the models; name it with of = \"…\" in place of at and where";
         return Err(key(format!("{path}.quantity"), rule));
     }
+    crack::check_quantity(path, probe)?;
     tensor::check(path, probe.quantity, probe.component)?;
     if probe.about.is_some() {
         let rule = "is the point of a moment; remove it";
         return Err(key(format!("{path}.about"), rule));
     }
     match (&probe.at, &probe.over) {
-        (Some(_), None) if probe.quantity == Quantity::Rotation => Err(key(
+        (None, None) if probe.crack.is_some() => Ok(()),
+        (Some(_), None) if probe.crack.is_none() && probe.quantity == Quantity::Rotation => Err(key(
             format!("{path}.at"),
             "a rotation is that of a group of nodes; give where",
         )),
-        (Some(_), None) | (None, Some(_)) => Ok(()),
+        (Some(_), None) | (None, Some(_)) if probe.crack.is_none() => Ok(()),
         _ => Err(key(path, ONE_PLACE)),
     }
 }

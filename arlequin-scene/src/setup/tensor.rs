@@ -3,8 +3,10 @@
 use super::kinds::Body;
 use super::select;
 use crate::error::{Result, core, key, value};
+use crate::ranks::elsewhere;
 use crate::spec::{Component, Probe, Quantity};
-use arlequin::core::{Recovered, Subdomain, SymmetricTensor};
+use arlequin::core::ranks::Portion;
+use arlequin::core::{Recovered, Recovery, Subdomain, SymmetricTensor};
 
 /// A value of a tensor that is recovered at nodes.
 #[derive(Debug, Clone)]
@@ -47,6 +49,20 @@ pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>
     }
 }
 
+/// Place, stress and strain of a node, as ranks tell them.
+const WORDS: usize = 13;
+
+fn recovered(
+    recovery: &dyn Recovery<f64>,
+    s: &Subdomain<f64>,
+    nodes: &[usize],
+) -> Result<Vec<Recovered<f64>>> {
+    let mut found = Vec::with_capacity(nodes.len());
+    let told = recovery.recover(&s.state().q, nodes, &mut found);
+    told.map_err(core(format!("model.{}", s.model().name())))?;
+    Ok(found)
+}
+
 impl TensorRow {
     /// Prepares a probe of model number `model`; `placed` are the nodes and shape functions of its point.
     pub(super) fn new(
@@ -84,15 +100,52 @@ impl TensorRow {
         })
     }
 
-    /// The value: of the tensor interpolated to a point, or averaged over nodes.
+    /// What is recovered at its nodes, on whatever ranks they are; all of them must ask.
+    fn of_all(
+        &self,
+        recovery: &dyn Recovery<f64>,
+        s: &Subdomain<f64>,
+        portion: &Portion,
+    ) -> Result<Vec<Recovered<f64>>> {
+        let here = |(place, node): (i64, &usize)| portion.local(*node).map(|n| (place, n));
+        let (places, nodes): (Vec<i64>, Vec<usize>) = (0..).zip(&self.nodes).filter_map(here).unzip();
+        let mut words = Vec::with_capacity(WORDS * nodes.len());
+        for (place, r) in places.iter().zip(recovered(recovery, s, &nodes)?) {
+            let strain = r.strain.unwrap_or_else(SymmetricTensor::zero);
+            let numbers = r.stress.0.into_iter().chain(strain.0);
+            words.push(*place);
+            words.extend(numbers.map(|x| x.to_bits().cast_signed()));
+        }
+        let mut all = portion
+            .listed(&words)
+            .map_err(elsewhere)?
+            .as_chunks::<WORDS>()
+            .0
+            .to_vec();
+        all.sort_unstable_by_key(|of| of[0]);
+        let tensor = |of: &[i64]| {
+            let mut out = SymmetricTensor::zero();
+            let numbers = of.iter().map(|w| f64::from_bits(w.cast_unsigned()));
+            out.0.iter_mut().zip(numbers).for_each(|(x, y)| *x = y);
+            out
+        };
+        let of = |of: &[i64; WORDS]| Recovered {
+            stress: tensor(&of[1..7]),
+            strain: recovery.has_strain().then(|| tensor(&of[7..])),
+        };
+        Ok(all.iter().map(of).collect())
+    }
+
+    /// The value: of the tensor interpolated to a point, or averaged over nodes; of a model in parts all ranks must ask.
     pub(super) fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> Result<f64> {
         let s = &subdomains[self.model];
         let Some(recovery) = s.model().recovery() else {
             return Ok(f64::NAN);
         };
-        let mut found: Vec<Recovered<f64>> = Vec::with_capacity(self.nodes.len());
-        let told = recovery.recover(&s.state().q, &self.nodes, &mut found);
-        told.map_err(core(format!("model.{}", s.model().name())))?;
+        let found = match s.portion() {
+            None => recovered(recovery, s, &self.nodes)?,
+            Some(portion) => self.of_all(recovery, s, portion)?,
+        };
         let mut sum = SymmetricTensor::zero();
         for (r, factor) in found.iter().zip(&self.factors) {
             let tensor = match quantity {

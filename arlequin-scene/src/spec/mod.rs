@@ -22,7 +22,7 @@ pub use model::{
     CnemTable, DemTable, Element, FemTable, Functions, Hole, LooseKind, Masses, Material, ModelKind,
     ModelTable, NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
 };
-pub use probe::{Component, Curve, Probe, Quantity};
+pub use probe::{Component, Crack, Curve, Probe, Quantity};
 pub use statics::Static;
 pub use wake::{Near, Wake};
 

@@ -8,11 +8,11 @@ use serde::{Deserialize, Serialize};
 /// `[probe.NAME]`: a value over time.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::exactly_one("at where of"))]
+#[schemars(transform = schema::exactly_one("at where of crack"))]
 pub struct Probe {
     /// Model that is looked at. With `of`: only what acts on this model counts; all by default.
     pub model: Option<String>,
-    /// Point of the model's field \[m\]; exactly one of `at`, `where` and `of`.
+    /// Point of the model's field \[m\]; exactly one of `at`, `where`, `of` and `crack`.
     pub at: Option<[f64; 3]>,
     /// Group or box of nodes whose mean is taken.
     #[serde(rename = "where")]
@@ -20,6 +20,8 @@ pub struct Probe {
     /// Name of a support, load, rigid body or effect of which the `force` or `moment` on the models is read. Several of one
     /// name are added up: the two halves of a support in an overlap.
     pub of: Option<String>,
+    /// Front of a crack in a finite or natural element model, for `quantity = "energy-release"`.
+    pub crack: Option<Crack>,
     /// Point about which a moment is taken \[m\]; by default the centroid of the nodes that are held or loaded, or the
     /// centre of the rigid body at rest.
     pub about: Option<[f64; 3]>,
@@ -27,8 +29,20 @@ pub struct Probe {
     #[serde(default)]
     pub quantity: Quantity,
     /// Which component: `"x"`, `"y"`, `"z"`; `"xx"`, `"yy"`, `"zz"`, `"xy"`, `"yz"`, `"xz"` of a stress or strain; `"1"`, `"2"`, `"3"`
-    /// of the principal stresses, largest first. The stress of von Mises has none.
+    /// of the principal stresses, largest first. The stress of von Mises and the energy release have none.
     pub component: Option<Component>,
+}
+
+/// `[probe.NAME] crack`: a straight front and the domain around it over which the energy release is integrated.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Crack {
+    /// Ends of the part of the front over which the mean is taken \[m\]: from surface to surface, or within the body.
+    pub front: [[f64; 3]; 2],
+    /// Direction in which the crack would grow, along its faces; what of it lies along the front does not count.
+    pub direction: [f64; 3],
+    /// Inner and outer radius of the domain \[m\]: the ring between them lies in the body, beside the faces of the crack.
+    pub radii: [f64; 2],
 }
 
 /// Components of vectors, of symmetric tensors and of their principal values.
@@ -116,6 +130,8 @@ pub enum Quantity {
     VonMises,
     /// A principal stress \[Pa\].
     PrincipalStress,
+    /// Energy that a crack releases per area as it grows, J \[J/m²\]: an integral over a domain around its front.
+    EnergyRelease,
 }
 
 impl Quantity {
@@ -139,6 +155,7 @@ impl Quantity {
             Self::Strain => "strain [-]",
             Self::VonMises => "von Mises stress [Pa]",
             Self::PrincipalStress => "principal stress [Pa]",
+            Self::EnergyRelease => "energy release [J/m2]",
         }
     }
 }

@@ -20,7 +20,7 @@ pub struct Static {
     /// Time of the last of the `steps` \[s\].
     #[serde(default = "one")]
     pub end: f64,
-    /// Residual of relaxation that counts as equilibrium: largest unbalanced force over the largest internal force.
+    /// Residual of relaxation that counts as equilibrium: largest unbalanced force over the largest internal force since the load step before.
     #[serde(default = "tolerance")]
     pub tolerance: f64,
     /// Most steps of relaxation in a load step.

@@ -1,7 +1,8 @@
 //! Shipped scenes that go in parts, for ranks as threads and as processes.
 
 /// Shipped scenes with bodies in parts, coarser and shorter.
-pub(crate) const SHIPPED: [(&str, &[&str]); 6] = [
+pub(crate) const SHIPPED: [(&str, &[&str]); 16] = [
+    ("beam-fem", &["time.end=1e-6", "output.probe_every=1"]),
     (
         "beam-a-alone",
         &[
@@ -44,4 +45,83 @@ pub(crate) const SHIPPED: [(&str, &[&str]); 6] = [
         ],
     ),
     ("three-levels", &["model.near.spacing=0.5e-3", "time.end=2e-6"]),
+    // Bonds that break, contact, obstacles.
+    (
+        "brazilian-disc",
+        &[
+            "model.disc.spacing=0.38e-3",
+            "model.disc.dem.protocol=quench",
+            "time.end=3e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "direct-tension",
+        &[
+            "model.bar.spacing=0.38e-3",
+            "model.bar.dem.protocol=quench",
+            "time.end=1e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "notched-bar",
+        &[
+            "model.bar.spacing=0.5e-3",
+            "model.bar.dem.protocol=quench",
+            "time.end=2e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "notched-bend",
+        &[
+            "model.grains.spacing=0.5e-3",
+            "model.grains.dem.protocol=quench",
+            "time.end=2e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "three-point-bend",
+        &[
+            "model.beam.spacing=0.5e-3",
+            "model.beam.dem.protocol=quench",
+            "time.end=2e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "struck-block",
+        &[
+            "zone.struck.spacing=0.6e-3",
+            "time.end=2e-6",
+            "output.probe_every=1",
+        ],
+    ),
+    (
+        "ball-impact",
+        &[
+            "model.grains.spacing=0.45e-3",
+            "model.grains.dem.protocol=quench",
+            "time.end=2e-6",
+        ],
+    ),
+    (
+        "ball-on-block",
+        &[
+            "model.grains.spacing=0.5e-3",
+            "model.grains.dem.protocol=quench",
+            "time.end=2e-6",
+        ],
+    ),
+    (
+        "plate-impact",
+        &[
+            "model.grains.spacing=0.5e-3",
+            "model.grains.dem.protocol=quench",
+            "time.end=1e-6",
+            "output.probe_every=1",
+        ],
+    ),
 ];

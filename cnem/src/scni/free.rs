@@ -15,6 +15,7 @@ use super::{Smoothing, SubCells};
 use arlequin_core::Elastic;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
+use arlequin_core::ranks::{self, Portion};
 use nalgebra::Vector3;
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
@@ -136,6 +137,23 @@ impl Rows {
         }))
     }
 
+    /// Some rows, with other numbers of columns.
+    fn some(&self, rows: &[u32], column: impl Fn(&u32) -> u32) -> Self {
+        let mut out = Self::new(std::iter::empty::<std::iter::Empty<Entry>>());
+        (out.b, out.c) = (Vec::new(), Vec::new());
+        for i in rows {
+            let row = self.row(*i as usize);
+            out.columns.extend(row.columns.iter().map(&column));
+            out.b.extend(&row.b[..row.b.len() - 1]);
+            out.c.extend(&row.c[..row.c.len() - 1]);
+            out.starts.push(out.columns.len());
+            out.with_c.push(out.c.len() / 3);
+        }
+        out.b.push(0.0);
+        out.c.push(0.0);
+        out
+    }
+
     #[inline(always)]
     fn row(&self, i: usize) -> Row<'_> {
         let (b, c) = (
@@ -211,6 +229,8 @@ pub(crate) struct MatrixFree {
     alpha: Vec<f64>,
     /// Stiffness of the tetrahedra; none without stabilisation.
     tets: Option<BlockMatrix<f64>>,
+    /// Places among the cells of those of the nodes that are here, for a part of a body.
+    own: Option<Vec<u32>>,
     /// Computed by every call.
     cells: Vec<Stresses>,
 }
@@ -322,6 +342,7 @@ impl MatrixFree {
             cells: vec![Stresses::default(); alpha.len()],
             alpha: Vec::new(),
             tets: None,
+            own: None,
         };
         out.set_weights(sub, alpha);
         out
@@ -338,7 +359,57 @@ impl MatrixFree {
         &self.alpha
     }
 
-    /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
+    /// Entries that the forces on a node are gathered from.
+    pub(crate) fn entries(&self, node: usize) -> usize {
+        let row = |of: &Rows| of.starts[node + 1] - of.starts[node];
+        let tets = self.tets.as_ref().map_or(0, |t| t.columns(node).len());
+        row(&self.rows) + row(&self.columns) + tets
+    }
+
+    /// Cells that nodes gather from, and their own ones, ascending.
+    pub(crate) fn cells_of(&self, nodes: &[u32]) -> Vec<u32> {
+        let from = |i: &u32| self.columns.row(*i as usize).columns;
+        let mut out: Vec<u32> = nodes.iter().flat_map(from).chain(nodes).copied().collect();
+        out.sort_unstable();
+        out.dedup();
+        out
+    }
+
+    /// Nodes that name a cell, and its own one.
+    pub(crate) fn named_by(&self, cell: u32) -> impl Iterator<Item = u32> {
+        let row = self.rows.row(cell as usize).columns;
+        row.iter().copied().chain([cell])
+    }
+
+    /// Nodes that share a tetrahedron with one, itself included.
+    pub(crate) fn tetrahedra_of(&self, node: u32) -> &[u32] {
+        self.tets.as_ref().map_or(&[], |t| t.columns(node as usize))
+    }
+
+    /// What is needed for the forces on `own` nodes, from `cells` and for displacements of the nodes `named`; all ascending.
+    pub(crate) fn part(&self, own: &[u32], cells: &[u32], named: &[u32]) -> Self {
+        let place = |of: &[u32], k: &u32| of.partition_point(|n| n < k) as u32;
+        let of = |x: &[f64]| cells.iter().map(|c| x[*c as usize]).collect();
+        Self {
+            rows: self.rows.some(cells, |k| place(named, k)),
+            columns: self.columns.some(own, |k| place(cells, k)),
+            volumes: of(&self.volumes),
+            lame: self.lame,
+            alpha: of(&self.alpha),
+            tets: self.tets.as_ref().map(|t| some_of(t, own, named)),
+            own: Some(own.iter().map(|k| place(cells, k)).collect()),
+            cells: vec![Stresses::default(); cells.len()],
+        }
+    }
+
+    /// Changes the weights \[–\] of a part, see [`Self::part`]; `alpha` are those of all cells.
+    pub(crate) fn set_weights_of(&mut self, sub: &SubCells, alpha: &[f64], [own, cells, named]: [&[u32]; 3]) {
+        let tets = (!sub.tets.is_empty()).then(|| of_tetrahedra(sub, self.lame, alpha));
+        self.tets = tets.map(|t| some_of(&t, own, named));
+        self.alpha = cells.iter().map(|c| alpha[*c as usize]).collect();
+    }
+
+    /// Subtracts `K q` from `f` \[N\]; of a part `q` are the displacements of the named nodes. Allocates nothing.
     pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
         let arch = Arch::new();
         let nodes = q.as_chunks::<3>().0;
@@ -362,29 +433,28 @@ impl MatrixFree {
         }
     }
 
-    /// `½ qᵀ K q` \[J\], summed over a fixed tree: the same bits for any number of threads. Allocates nothing.
-    pub(crate) fn energy(&self, q: &[f64]) -> f64 {
+    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads. Allocates nothing. Of a part on
+    /// all ranks: `own` are the displacements of its nodes, `q` those of the named ones.
+    pub(crate) fn energy(&self, own: &[f64], q: &[f64], portion: Option<&Portion>) -> f64 {
         let arch = Arch::new();
         let nodes = q.as_chunks::<3>().0;
-        let cells = tree(0..nodes.len(), &|range| {
-            let (of, q) = (self, nodes);
-            arch.dispatch(Energies { of, q, range })
-        });
-        0.5 * cells + self.tets.as_ref().map_or(0.0, |t| t.energy(q))
+        let part = |unit: Range<usize>| {
+            // Cells of a unit follow each other.
+            let first = self
+                .own
+                .as_ref()
+                .map_or(unit.start, |own| own[unit.start] as usize);
+            let (of, q, range) = (self, nodes, first..first + unit.len());
+            [arch.dispatch(Energies { of, q, range })]
+        };
+        let [cells] = ranks::sum(own.len() / 3, portion, &part);
+        let tets = self.tets.as_ref();
+        0.5 * cells + tets.map_or(0.0, |t| t.energy_of_all(own, q, portion))
     }
 }
 
-/// Sums over a fixed tree.
-fn tree(range: Range<usize>, sum: &(impl Fn(Range<usize>) -> f64 + Sync)) -> f64 {
-    if range.len() <= CHUNK {
-        return sum(range);
-    }
-    let middle = range.start + range.len() / 2;
-    let (low, high) = (range.start..middle, middle..range.end);
-    let (a, b) = if range.len() < SERIAL {
-        (tree(low, sum), tree(high, sum))
-    } else {
-        rayon::join(|| tree(low, sum), || tree(high, sum))
-    };
-    a + b
+/// Some rows of the stiffness of the tetrahedra, for displacements of the nodes `named`.
+fn some_of(tets: &BlockMatrix<f64>, own: &[u32], named: &[u32]) -> BlockMatrix<f64> {
+    let rows = own.iter().map(|k| *k as usize);
+    tets.some_rows(rows, named.len(), |k| named.partition_point(|n| *n < k) as u32)
 }

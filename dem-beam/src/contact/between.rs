@@ -118,7 +118,7 @@ impl AnyEffect<f64> for Contacts {
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
-        self.touching.facts(&self.list.listed)
+        self.touching.facts(self.list.listed.counts())
     }
 }
 

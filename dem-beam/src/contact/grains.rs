@@ -2,9 +2,11 @@
 
 use super::body::ContactBody;
 use super::budget::End;
+use super::company::{self, Seen};
 use crate::bond::Twist;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::{Host, Instant};
+use arlequin_core::ranks::Portion;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -43,6 +45,53 @@ impl Grains {
 
     pub(crate) fn len(&self) -> usize {
         self.rest.len()
+    }
+
+    /// Keeps those that are here of a body that is now in parts; what they are attached to is the part.
+    ///
+    /// # Errors
+    /// A portion of another body; `of` names the effect.
+    pub(crate) fn share_out(&mut self, portion: &Portion, of: &str) -> arlequin_core::Result<()> {
+        let found = portion.division().nodes();
+        if found != self.len() {
+            return Err(arlequin_core::Error::SizeMismatch {
+                what: format!("particles of {of}"),
+                expected: self.len(),
+                found,
+            });
+        }
+        let own = || (0..portion.nodes()).map(|i| portion.global(i));
+        self.rest = own().map(|i| self.rest[i]).collect();
+        self.full = own().map(|i| self.full[i]).collect();
+        self.now.clone_from(&self.rest);
+        Ok(())
+    }
+
+    /// What other ranks are told of particle `i`.
+    pub(super) fn told(&self, i: usize) -> Seen {
+        let [x, y, z, r] = self.rest[i];
+        let [a, b, c, d, e, f] = self.unknowns(i).map(|o| self.light[o]);
+        [x, y, z, r, self.share[i], self.mass[i], a, b, c, d, e, f]
+    }
+
+    /// Of particles that are told of.
+    pub(crate) fn heard(told: &[Seen]) -> Self {
+        let count = told.len();
+        let mut out = Self {
+            rest: told.iter().map(company::sphere).collect(),
+            now: told.iter().map(company::sphere).collect(),
+            full: Vec::new(),
+            share: told.iter().map(|x| x[4]).collect(),
+            mass: told.iter().map(|x| x[5]).collect(),
+            light: vec![0.0; 6 * count],
+            own: vec![0.0; 6 * count],
+        };
+        for (i, x) in told.iter().enumerate() {
+            for (c, o) in out.unknowns(i).into_iter().enumerate() {
+                out.light[o] = x[6 + c];
+            }
+        }
+        out
     }
 
     /// Takes weighted masses from the subdomain; `of` names the effect in errors.
@@ -109,7 +158,7 @@ impl Grains {
         }
     }
 
-    fn unknowns(&self, i: usize) -> [usize; 6] {
+    pub(crate) fn unknowns(&self, i: usize) -> [usize; 6] {
         let (o, turn) = (3 * i, 3 * (self.len() + i));
         [o, o + 1, o + 2, turn, turn + 1, turn + 2]
     }

@@ -18,9 +18,13 @@
 mod between;
 mod body;
 pub(crate) mod budget;
+pub(crate) mod company;
 mod grains;
 mod law;
 pub(crate) mod neighbours;
+mod pairs;
+mod parts;
+mod surrounding;
 mod touching;
 
 pub use between::ContactBetween;
@@ -33,10 +37,12 @@ pub use touching::{DAMPED_CONTACTS, STIFF_CONTACTS};
 use crate::error::Result;
 use crate::fracture::{SharedLog, locked};
 use crate::model::DemModel;
-use arlequin_core::Arms;
 use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
+use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
+use arlequin_core::{Arms, DofLayout};
 use neighbours::PairList;
+use parts::ContactsInParts;
 use std::slice::from_ref;
 use touching::Touching;
 
@@ -75,6 +81,9 @@ impl Contact {
 impl EffectSpec<f64> for Contact {
     fn attach(mut self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
         let of = format!("contact on '{}'", to.model.name());
+        if let Some(portion) = to.shared()? {
+            return Ok(Box::new(ContactsInParts::new(self.0, portion, to, &of)?));
+        }
         self.0.grains.attach(to, &of)?;
         Ok(Box::new(self.0))
     }
@@ -121,7 +130,7 @@ impl AnyEffect<f64> for Contacts {
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
-        self.touching.facts(&self.list.listed)
+        self.touching.facts(self.list.listed.counts())
     }
 }
 
@@ -144,6 +153,11 @@ impl Effect<f64> for Contacts {
 
     fn power(&self, v: &[f64]) -> f64 {
         self.touching.power([v, v])
+    }
+
+    fn add_power(&self, _: &DofLayout, v: &[f64], to: &mut Exact) -> bool {
+        self.touching.add_power(v, &Some, to);
+        true
     }
 
     fn add_contact(&self, f: &mut [f64]) -> bool {

@@ -20,21 +20,78 @@ pub(crate) struct Candidate {
     pub(crate) rest: f64,
 }
 
-fn distance(a: &Sphere, b: &Sphere) -> f64 {
+pub(super) fn distance(a: &Sphere, b: &Sphere) -> f64 {
     let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
     (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
 }
 
 /// Where two particles that were never bonded begin to push.
-fn rest_of(a: &Sphere, b: &Sphere) -> f64 {
+pub(super) fn rest_of(a: &Sphere, b: &Sphere) -> f64 {
     (a[3] + b[3]).min(distance(a, b))
 }
 
 /// Bond between two particles, if there ever was one.
-fn bond_between(adjacency: &Adjacency<[u32; 2]>, i: u32, j: u32) -> Option<usize> {
+pub(super) fn bond_between(adjacency: &Adjacency<[u32; 2]>, i: u32, j: u32) -> Option<usize> {
     let bonds = adjacency.row(i as usize);
     let k = bonds.partition_point(|e| e[0] < j);
     bonds.get(k).filter(|e| e[0] == j).map(|e| e[1] as usize)
+}
+
+/// Whether a sphere has moved by half the skin since it was `built` into a list, or that has another number of spheres.
+pub(super) fn is_stale<'a>(
+    built: &[Sphere],
+    skin: f64,
+    count: usize,
+    now: impl Iterator<Item = &'a Sphere>,
+) -> bool {
+    let half = 0.5 * skin;
+    let far = |(a, b): (&Sphere, &Sphere)| {
+        let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+        d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > half * half
+    };
+    built.len() != count || built.iter().zip(now).any(far)
+}
+
+/// Pairs of a sphere of `first` and one of `other` that are closer than their radii and the skin, for which `rest` says where they
+/// begin to push, in parts; each with a higher one where both are the same spheres. Sorted by their ends.
+pub(super) fn search(
+    cells: &mut CellList,
+    [first, other]: [&[Sphere]; 2],
+    within: bool,
+    [reach, skin]: [f64; 2],
+    rest: &(impl Fn(usize, usize) -> Option<f64> + Sync),
+) -> Vec<Vec<Candidate>> {
+    let (low, high) = bounds(other, reach);
+    cells.build(other, reach);
+    let cells = &*cells;
+    let of = |i: usize, part: &mut Vec<Candidate>| {
+        let a = &first[i];
+        if (0..3).any(|c| a[c] < low[c] || a[c] > high[c]) {
+            return;
+        }
+        cells.around(a, |j| {
+            let k = j as usize;
+            let b = &other[k];
+            if within && k <= i || distance(a, b) > a[3] + b[3] + skin {
+                return;
+            }
+            let ends = [i as u32, j];
+            part.extend(rest(i, k).map(|rest| Candidate { ends, rest }));
+        });
+    };
+    let part = |c: usize| {
+        let mut part = Vec::new();
+        for i in c * CHUNK..((c + 1) * CHUNK).min(first.len()) {
+            let start = part.len();
+            of(i, &mut part);
+            part[start..].sort_unstable_by_key(|c| c.ends);
+        }
+        part
+    };
+    (0..first.len().div_ceil(CHUNK))
+        .into_par_iter()
+        .map(part)
+        .collect()
 }
 
 /// Pairs near each other, with what their contacts remember.
@@ -43,14 +100,14 @@ pub(crate) struct Listed {
     pub(crate) pairs: Vec<Candidate>,
     pub(crate) springs: Vec<Spring>,
     pub(crate) searches: usize,
-    skin: f64,
+    pub(super) skin: f64,
     /// Spheres of all bodies at the last search.
-    built: Vec<Sphere>,
+    pub(super) built: Vec<Sphere>,
     cells: CellList,
 }
 
 impl Listed {
-    fn new(skin: f64) -> Self {
+    pub(super) fn new(skin: f64) -> Self {
         Self {
             pairs: Vec::new(),
             springs: Vec::new(),
@@ -61,14 +118,9 @@ impl Listed {
         }
     }
 
-    /// Whether a sphere has moved by half the skin since the last search, or there was none.
-    fn is_stale<'a>(&self, count: usize, now: impl Iterator<Item = &'a Sphere>) -> bool {
-        let half = 0.5 * self.skin;
-        let far = |(a, b): (&Sphere, &Sphere)| {
-            let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
-            d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > half * half
-        };
-        self.built.len() != count || self.built.iter().zip(now).any(far)
+    /// Searches made, and pairs.
+    pub(crate) fn counts(&self) -> [usize; 2] {
+        [self.searches, self.pairs.len()]
     }
 
     /// Searches anew, if a sphere has moved by half the skin since the last search, for pairs of spheres of `first` and
@@ -82,43 +134,14 @@ impl Listed {
     ) {
         let all = || first.iter().chain(second.unwrap_or_default());
         let (within, other) = (second.is_none(), second.unwrap_or(first));
-        if !self.is_stale(all().count(), all()) {
+        if !is_stale(&self.built, self.skin, all().count(), all()) {
             return;
         }
         self.searches += 1;
         self.built.clear();
         self.built.extend(all());
         let reach = 2.0 * all().fold(0.0_f64, |m, s| m.max(s[3])) + self.skin;
-        let (low, high) = bounds(other, reach);
-        self.cells.build(other, reach);
-        let (cells, skin) = (&self.cells, self.skin);
-        let of = |i: usize, part: &mut Vec<Candidate>| {
-            let a = &first[i];
-            if (0..3).any(|c| a[c] < low[c] || a[c] > high[c]) {
-                return;
-            }
-            cells.around(a, |j| {
-                let k = j as usize;
-                let b = &other[k];
-                if within && k <= i || distance(a, b) > a[3] + b[3] + skin {
-                    return;
-                }
-                let ends = [i as u32, j];
-                part.extend(rest(i, k).map(|rest| Candidate { ends, rest }));
-            });
-        };
-        let parts: Vec<Vec<Candidate>> = (0..first.len().div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|c| {
-                let mut part = Vec::new();
-                for i in c * CHUNK..((c + 1) * CHUNK).min(first.len()) {
-                    let start = part.len();
-                    of(i, &mut part);
-                    part[start..].sort_unstable_by_key(|c| c.ends);
-                }
-                part
-            })
-            .collect();
+        let parts = search(&mut self.cells, [first, other], within, [reach, self.skin], &rest);
         self.relist(&parts);
     }
 
@@ -193,9 +216,9 @@ impl Listed {
 #[derive(Debug)]
 pub(crate) struct PairList {
     pub(crate) listed: Listed,
-    adjacency: Arc<Adjacency<[u32; 2]>>,
+    pub(super) adjacency: Arc<Adjacency<[u32; 2]>>,
     /// Distance at which each broken bond broke.
-    broken_at: Vec<f64>,
+    pub(super) broken_at: Vec<f64>,
 }
 
 impl PairList {
@@ -285,7 +308,7 @@ fn bounds(spheres: &[Sphere], margin: f64) -> ([f64; 3], [f64; 3]) {
 }
 
 /// Spheres displaced by `q`.
-fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
+pub(crate) fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
     let moves = q.as_chunks::<3>().0;
     let put = |(s, u): (&Sphere, &[f64; 3])| [s[0] + u[0], s[1] + u[1], s[2] + u[2], s[3]];
     rest.iter().zip(moves).map(put).collect()
@@ -313,7 +336,9 @@ pub(crate) fn overlaps_between(rest: [&[Sphere]; 2], q: [&[f64]; 2], tolerance: 
     count_overlaps(rest, [&first, &second], tolerance, |_, _| true)
 }
 
-fn count_overlaps(
+/// Pairs of a sphere of the first and one of the second that overlap by more than `tolerance` of their radii beyond rest, as far
+/// as they may touch: how many, and the largest overlap over the sum of radii.
+pub(crate) fn count_overlaps(
     rest: [&[Sphere]; 2],
     now: [&[Sphere]; 2],
     tolerance: f64,

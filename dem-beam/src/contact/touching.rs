@@ -3,8 +3,9 @@
 use super::budget::BudgetedLaw;
 use super::grains::{self, Grains};
 use super::law::{ContactLaw, Pair, Spring};
-use super::neighbours::{Candidate, Listed};
+use super::neighbours::{Candidate, Listed, distance};
 use arlequin_core::effect::{Instant, StepDemand};
+use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -49,6 +50,9 @@ pub(crate) struct Touching {
 }
 
 impl Touching {
+    /// Integers of a record before the pairs that push.
+    pub(crate) const COUNTS: usize = 4;
+
     pub(crate) fn new(law: ContactLaw) -> Self {
         Self {
             law: BudgetedLaw::new(law),
@@ -76,8 +80,7 @@ impl Touching {
         let (first, second) = (&grains[0].now, &grains[grains.len() - 1].now);
         let gap = |(g, p): (&mut f64, &Candidate)| {
             let (a, b) = (&first[p.ends[0] as usize], &second[p.ends[1] as usize]);
-            let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
-            *g = p.rest - (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+            *g = p.rest - distance(a, b);
         };
         if pairs.len() > 2 * CHUNK && rayon::current_num_threads() > 1 {
             self.gaps
@@ -180,6 +183,35 @@ impl Touching {
         self.active.iter().map(|a| a.power(v)).sum()
     }
 
+    /// The same within one model, a term per end that is `here`, with its number there.
+    pub(crate) fn add_power(&self, v: &[f64], here: &dyn Fn(usize) -> Option<usize>, to: &mut Exact) {
+        for (i, force, torque) in self.on_ends(here) {
+            to.add(grains::power(v, i, &force, &torque));
+        }
+    }
+
+    /// Forces and torques on all ends that are `here`, with their numbers there, within one model.
+    pub(crate) fn on_ends<'a>(
+        &'a self,
+        here: &'a dyn Fn(usize) -> Option<usize>,
+    ) -> impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>)> + 'a {
+        let of = move |a: &'a Active| {
+            let signed = [-a.force, a.force];
+            (0..2).filter_map(move |e| Some((here(a.ends[e] as usize)?, signed[e], a.torque[e])))
+        };
+        self.active.iter().flat_map(of)
+    }
+
+    /// Gives the ends of what pushed in the last step other numbers.
+    pub(crate) fn renumber(&mut self, number: impl Fn(u32) -> u32) {
+        self.active.iter_mut().for_each(|a| a.ends = a.ends.map(&number));
+    }
+
+    /// Pairs that pushed in the last step, by their places in the list.
+    pub(crate) fn pushing(&mut self) -> impl Iterator<Item = &mut usize> {
+        self.active.iter_mut().map(|a| &mut a.pair)
+    }
+
     pub(crate) fn stored(&self) -> f64 {
         self.active.iter().fold(0.0, |sum, a| sum + a.stored)
     }
@@ -202,12 +234,13 @@ impl Touching {
         self.law.law.stiffness(radii)
     }
 
-    pub(crate) fn facts(&self, listed: &Listed) -> Vec<(String, f64)> {
+    /// Figures, with the searches and pairs of the list.
+    pub(crate) fn facts(&self, [searches, pairs]: [usize; 2]) -> Vec<(String, f64)> {
         vec![
             ("contacts".into(), self.active.len() as f64),
             ("most contacts".into(), self.top_contacts as f64),
-            ("neighbour searches".into(), listed.searches as f64),
-            ("listed pairs".into(), listed.pairs.len() as f64),
+            ("neighbour searches".into(), searches as f64),
+            ("listed pairs".into(), pairs as f64),
             ("calls".into(), self.calls as f64),
         ]
     }
@@ -237,7 +270,7 @@ impl Touching {
         integers: &'a [u64],
         numbers: &'a [f64],
     ) -> Option<(&'a [u64], &'a [f64])> {
-        let (&[calls, top, begun, count], integers) = integers.split_first_chunk::<4>()?;
+        let (&[calls, top, begun, count], integers) = integers.split_first_chunk::<{ Self::COUNTS }>()?;
         let (&[supplied], numbers) = numbers.split_first_chunk::<1>()?;
         let count = usize::try_from(count).ok()?;
         let (pushes, integers) = integers.split_at_checked(count.checked_mul(WIDTH[1])?)?;

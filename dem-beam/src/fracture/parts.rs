@@ -163,7 +163,7 @@ impl Parts {
         inside: impl Fn(usize) -> bool,
     ) -> bool {
         let broken = from.integers.get(1..).unwrap_or_default().as_chunks::<4>().0;
-        let here = |bond: u64| self.numbers.binary_search(&u32::try_from(bond).ok()?).ok();
+        let here = |bond: u64| self.here(u32::try_from(bond).ok()?);
         let mut told = Vec::new();
         for [bond, ..] in broken {
             if let Some(b) = here(*bond).filter(|b| body.pairs()[*b][0] < self.halo.portion().nodes() as u32)
@@ -191,6 +191,11 @@ impl Parts {
             let place = Vector3::new(real(x), real(y), real(z));
             known.then_some((place, overlap > 0))
         })
+    }
+
+    /// Number here of a bond of the whole body, if it is here.
+    pub(super) fn here(&self, bond: u32) -> Option<usize> {
+        self.numbers.binary_search(&bond).ok()
     }
 
     /// Number of a particle in the whole body.

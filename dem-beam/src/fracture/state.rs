@@ -215,9 +215,18 @@ impl FractureState {
         self.spec.criterion.value(&self.section, &strain) / self.strength[b]
     }
 
-    /// Largest load over strength of all whole bonds, and how many are at or above one.
+    /// Number here of a bond of the whole body, if it is here.
+    pub(crate) fn here(&self, bond: u32) -> Option<usize> {
+        let parts = self.parts.as_ref();
+        parts.map_or(Some(bond as usize), |p| p.here(bond))
+    }
+
+    /// Largest load over strength of all whole bonds, and how many are at or above one; in a part of a body of those whose first
+    /// particle is here.
     pub(crate) fn peak(&self, body: &BondedParticles, reader: &Reader<'_>) -> (f64, usize) {
-        (0..body.pairs().len()).fold((0.0, 0), |(top, count), b| {
+        let of_here = |b: &usize| (body.pairs()[*b][0] as usize) < self.own;
+        let all = (0..body.pairs().len()).filter(of_here);
+        all.fold((0.0, 0), |(top, count), b| {
             let r = self.ratio(body, reader, b);
             (f64::max(top, r), count + usize::from(r >= 1.0))
         })

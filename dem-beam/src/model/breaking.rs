@@ -3,22 +3,14 @@
 use super::DemModel;
 use super::forces::Heard;
 use super::poses::Reader;
-use crate::contact::neighbours;
 use crate::error::{Error, Result};
 use crate::fracture::parts::Parts;
 use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
 use arlequin_core::Evolution;
-use arlequin_core::effect::Finding;
 use arlequin_core::ranks::Halo;
 use arlequin_core::snapshot::Record;
-
-/// Rotation \[rad\] up to which the small-rotation law is good to half a per cent of its forces.
-const SMALL_ROTATION: f64 = 0.1;
-
-/// Overlap of unbonded particles beyond that at rest that is worth a word, over the sum of their radii.
-const TOLERATED_OVERLAP: f64 = 0.01;
 
 impl DemModel {
     /// The same body with bonds that break.
@@ -138,11 +130,10 @@ impl DemModel {
     }
 
     /// Lets a part of a body break like the whole: bonds here with their numbers there, of so many.
-    pub(super) fn break_apart(&mut self, halo: &Halo, numbers: Vec<u32>, bonds: usize) {
-        let Some(whole) = self.fracture.take() else {
-            return;
-        };
-        self.fracture = Some(whole.part(&self.body, halo.clone(), numbers, bonds));
+    pub(super) fn break_apart(&mut self, halo: &Halo, numbers: &[u32], bonds: usize) {
+        let part = |of: FractureState| of.part(&self.body, halo.clone(), numbers.to_vec(), bonds);
+        self.watched = self.watched.take().map(part);
+        self.fracture = self.fracture.take().map(part);
         self.spare_overlap();
         if let Some(mut fracture) = self.fracture.take() {
             self.sever(&mut fracture);
@@ -241,63 +232,5 @@ impl DemModel {
                 log.events().first().map_or(-1.0, |e| e.time),
             ),
         ]
-    }
-
-    pub(super) fn findings(&self, q: &[f64]) -> Vec<Finding> {
-        let mut out = Vec::new();
-        if !self.has_finite_rotations() {
-            out.extend(self.large_rotation(q));
-        }
-        if let Some(w) = &self.watched {
-            let (top, count) = w.peak(&self.body, &self.reader(q));
-            if count > 0 {
-                out.push(Finding {
-                    effect: "fracture",
-                    message: format!(
-                        "{count} bonds are loaded above their strength, up to {top:.2} times: switch fracture on"
-                    ),
-                });
-            }
-        }
-        out.extend(self.overlapping(q));
-        out.extend(self.torn_in_overlap(q));
-        out
-    }
-
-    fn large_rotation(&self, q: &[f64]) -> Option<Finding> {
-        let log = locked(&self.log);
-        // A free particle may turn: no bond feels it.
-        let mut held = vec![false; self.nodes.len()];
-        for (b, pair) in self.body.pairs().iter().enumerate() {
-            if !log.is_broken(b) {
-                pair.iter().for_each(|i| held[*i as usize] = true);
-            }
-        }
-        let th = q[q.len() / 2..].chunks_exact(3).zip(&held);
-        let angles = th
-            .filter(|(_, held)| **held)
-            .map(|(t, _)| (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]).sqrt());
-        let (top, count) = angles.fold((0.0_f64, 0), |(top, n), a| {
-            (top.max(a), n + usize::from(a > SMALL_ROTATION))
-        });
-        (count > 0).then(|| Finding {
-            effect: "finite-rotations",
-            message: format!(
-                "{count} particles have turned by up to {top:.3} rad, beyond {SMALL_ROTATION} rad, the range of the \
-                 small-rotation law: switch finite rotations on"
-            ),
-        })
-    }
-
-    fn overlapping(&self, q: &[f64]) -> Option<Finding> {
-        let log = locked(&self.log);
-        let found = neighbours::overlaps(&self.body, q, TOLERATED_OVERLAP, |b| log.is_broken(b));
-        found.map(|(count, worst)| Finding {
-            effect: "contact",
-            message: format!(
-                "{count} pairs of unbonded particles overlap, by up to {:.1} % of their radii: switch contact on",
-                100.0 * worst
-            ),
-        })
     }
 }

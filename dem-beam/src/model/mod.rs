@@ -27,6 +27,7 @@ mod report;
 mod select;
 mod stiffness;
 mod torn;
+mod wanting;
 mod weights;
 
 pub use report::DemReport;
@@ -400,7 +401,7 @@ impl Model<f64> for DemModel {
     }
 
     fn watching(&self) -> Option<&dyn Watching<f64>> {
-        self.halo.is_none().then_some(self as _)
+        Some(self)
     }
 
     /// Weights stay; orientations begin from rest.
@@ -459,6 +460,7 @@ impl Evolving<f64> for DemModel {
 }
 
 impl Watching<f64> for DemModel {
+    /// Of a part of a body all ranks must ask.
     fn watch(&self, state: &State<f64>) -> Vec<Finding> {
         self.findings(&state.q)
     }

@@ -1,9 +1,10 @@
 //! Bonds that broke inside an overlap: the multipliers know nothing of it.
 
 use super::DemModel;
+use super::poses::Reader;
 use crate::fracture::locked;
+use arlequin_core::Model;
 use arlequin_core::effect::Finding;
-use nalgebra::Vector3;
 
 /// Particles a message names before it says that there are more.
 const NAMED: usize = 8;
@@ -20,20 +21,35 @@ impl DemModel {
     /// Particles that lost all bonds in an overlap, and pieces that parted there by more than a particle radius.
     pub(super) fn torn_in_overlap(&self, q: &[f64]) -> Option<Finding> {
         let fracture = self.fracture.as_ref()?;
+        let ghosts = self.heard(q);
+        let reader = Reader {
+            ghosts: &ghosts,
+            ..self.reader(q)
+        };
         let log = locked(&self.log);
-        let at = |i: usize| self.body.positions()[i] + Vector3::new(q[3 * i], q[3 * i + 1], q[3 * i + 2]);
+        let at = |i: usize| self.body.positions()[i] + reader.twist(i).linear;
+        let gone = |i: &usize| {
+            let mut bonds = fracture.adjacency.row(*i).iter();
+            *i < self.nodes.len() && bonds.all(|e| log.is_broken_here(e[1] as usize))
+        };
+        let portion = self.portion();
+        let global = |i: &usize| portion.map_or(*i, |p| p.global(*i)) as i64;
         let (mut broken, mut opening) = (0, 0.0_f64);
-        let mut loose: Vec<usize> = Vec::new();
-        for event in log.events().iter().filter(|e| self.in_overlap(e.bond as usize)) {
+        let mut loose: Vec<i64> = Vec::new();
+        for event in log.events().iter().filter(|e| e.overlap) {
             broken += 1;
-            let [i, j] = event.pair.map(|i| i as usize);
+            let Some(b) = fracture.here(event.bond) else {
+                continue;
+            };
+            let [i, j] = self.body.pairs()[b].map(|i| i as usize);
             let radius = 0.5 * (self.body.radii()[i] + self.body.radii()[j]);
             opening = opening.max(((at(j) - at(i)).norm() - event.distance) / radius);
-            let gone = |i: &usize| {
-                let mut bonds = fracture.adjacency.row(*i).iter();
-                bonds.all(|e| log.is_broken(e[1] as usize))
-            };
-            loose.extend([i, j].iter().filter(|i| gone(i)));
+            loose.extend([i, j].iter().filter(|i| gone(i)).map(global));
+        }
+        if let Some(p) = portion {
+            // What goes wrong between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+            loose = p.listed(&loose).unwrap_or_default();
+            opening = p.largest(opening);
         }
         loose.sort_unstable();
         loose.dedup();

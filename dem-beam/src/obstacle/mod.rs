@@ -10,6 +10,8 @@
 //! ([`crate::contact`]).
 
 mod near;
+mod parts;
+mod record;
 mod shape;
 
 pub use shape::{Motion, RigidShape};
@@ -20,14 +22,13 @@ use crate::contact::{self, ContactBody, ContactLaw, Grains, Pair, Spring};
 use crate::error::{Error, Result, positive};
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
-use arlequin_core::TimeFunction;
 use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
+use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
+use arlequin_core::{DofLayout, TimeFunction};
 use nalgebra::{Point3, Vector3};
 use near::Near;
-
-/// Numbers of a record before those of springs and pushes.
-const BALANCE: usize = 24;
+use parts::Crowd;
 
 /// Where an obstacle pushed in the last step.
 #[derive(Debug, Clone, Copy)]
@@ -82,7 +83,11 @@ struct Body {
     pending: f64,
     first_energy: f64,
     peak: f64,
+    /// Smallest and largest radius of the whole body \[m\].
     smallest: f64,
+    largest: f64,
+    /// What it knows of other ranks, on a body in parts: particles are then those that touch, of all ranks.
+    crowd: Option<Crowd>,
 }
 
 impl Obstacle {
@@ -104,14 +109,11 @@ impl Obstacle {
         }
         let turning = shape.turning(&motion)?;
         let grains = Grains::new(ContactBody::of(model));
-        let allowed = grains
-            .rest
-            .iter()
-            .map(|s| (shape.distance(&centre(s), &Vector3::zeros()).0 - s[3]).min(0.0))
-            .collect();
+        let allowed = allowed(&shape, &grains.rest);
         Ok(Self(Body {
             name: name.to_owned(),
             allowed,
+            crowd: None,
             springs: vec![Spring::default(); grains.len()],
             near: Near::new(&grains.rest),
             active: Vec::new(),
@@ -130,6 +132,7 @@ impl Obstacle {
             pending: 0.0,
             first_energy: 0.0,
             peak: 0.0,
+            largest: grains.largest(),
             smallest: grains.rest.iter().fold(f64::INFINITY, |m, s| m.min(s[3])),
             shape,
             motion,
@@ -290,11 +293,8 @@ impl Body {
         }
     }
 
+    /// Acts on the particles near it.
     fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
-        self.active.clear();
-        (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
-        self.weight = self.weight_at(at.time);
-        self.law.begin(at.dt);
         let springs = &mut self.springs;
         let lost = |i: usize| {
             if springs[i].on {
@@ -304,10 +304,22 @@ impl Body {
         let u = &at.q[..3 * self.grains.len()];
         self.near
             .refresh(&self.shape, &self.moved, u, &self.grains.rest, lost);
-        let count = self.near.particles.len();
+        let near = std::mem::take(&mut self.near.particles);
+        self.act_on(&near, at, f);
+        self.near.particles = near;
+    }
+
+    /// Acts on those of some particles that it touches; no others do.
+    fn act_on(&mut self, particles: &[u32], at: &Instant<'_, f64>, f: &mut [f64]) {
+        self.active.clear();
+        (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
+        self.weight = self.weight_at(at.time);
+        self.law.begin(at.dt);
+        let u = &at.q[..3 * self.grains.len()];
+        let count = particles.len();
         for n in 0..count {
             let n = if self.backwards { count - 1 - n } else { n };
-            let i = self.near.particles[n] as usize;
+            let i = particles[n] as usize;
             let rest = self.grains.rest[i];
             let (distance, normal) = self.shape.distance(&near::place(&rest, u, i), &self.moved);
             let gap = rest[3] + self.allowed[i] - distance;
@@ -394,6 +406,10 @@ impl Body {
 impl EffectSpec<f64> for Obstacle {
     fn attach(mut self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
         let of = format!("obstacle '{}'", self.0.name);
+        if let Some(portion) = to.shared()? {
+            self.0.share_out(portion, to, &of)?;
+            return Ok(Box::new(self.0));
+        }
         self.0.grains.attach(to, &of)?;
         Ok(Box::new(self.0))
     }
@@ -412,85 +428,16 @@ impl AnyEffect<f64> for Body {
         Some(self.law.supplied + self.supplied - self.pending)
     }
 
-    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact, where it pushes.
-    /// Numbers: its motion and balance, the springs, the pushes.
+    fn saves_whole(&self) -> bool {
+        true
+    }
+
     fn save(&self) -> Record<f64> {
-        let mut out = Record::default();
-        let flags = [self.started, self.law.begun, self.backwards];
-        out.integers.extend(flags.map(u64::from));
-        for v in [
-            self.moved,
-            self.velocity,
-            self.reaction,
-            self.spin,
-            self.torque,
-            self.weight,
-        ] {
-            out.numbers.extend(v.iter());
-        }
-        let balance = [
-            self.supplied,
-            self.pending,
-            self.first_energy,
-            self.peak,
-            self.fallen,
-        ];
-        out.numbers.extend(balance);
-        out.numbers.push(self.law.supplied);
-        for s in &self.springs {
-            out.integers.push(u64::from(s.on));
-            out.numbers.extend(s.numbers());
-        }
-        for a in &self.active {
-            out.integers.push(u64::from(a.particle));
-            let vectors = [a.force, a.torque, a.back];
-            out.numbers.extend(vectors.iter().flat_map(|v| v.iter()));
-            out.numbers.extend([a.stored, a.expected]);
-        }
-        out
+        self.recorded()
     }
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
-        let n = self.springs.len();
-        let pushes = from.integers.len().saturating_sub(3 + n);
-        from.expect(
-            &format!("obstacle '{}'", self.name),
-            BALANCE + 7 * n + 11 * pushes,
-            3 + n + pushes,
-        )?;
-        let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
-        [self.started, self.law.begun, self.backwards] = [0, 1, 2].map(|k: usize| from.integers[k] == 1);
-        [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
-        [self.spin, self.torque, self.weight] = [three(9), three(12), three(15)];
-        [
-            self.supplied,
-            self.pending,
-            self.first_energy,
-            self.peak,
-            self.fallen,
-            self.law.supplied,
-        ] = [18, 19, 20, 21, 22, 23].map(|k: usize| from.numbers[k]);
-        let (springs, pushed) = from.numbers[BALANCE..].split_at(7 * n);
-        let (on, particles) = from.integers[3..].split_at(n);
-        for ((s, on), x) in self.springs.iter_mut().zip(on).zip(springs.as_chunks::<7>().0) {
-            *s = Spring::from_numbers(*on == 1, *x);
-        }
-        self.active.clear();
-        for (particle, x) in particles.iter().zip(pushed.as_chunks::<11>().0) {
-            if *particle >= n as u64 {
-                return from.expect(&format!("obstacle '{}'", self.name), BALANCE + 7 * n, 3 + n);
-            }
-            self.active.push(Active {
-                particle: *particle as u32,
-                force: Vector3::new(x[0], x[1], x[2]),
-                torque: Vector3::new(x[3], x[4], x[5]),
-                back: Vector3::new(x[6], x[7], x[8]),
-                stored: x[9],
-                expected: x[10],
-            });
-        }
-        self.near.clear();
-        Ok(())
+        self.recall(from)
     }
 
     fn rigid(&self) -> Option<RigidMotion<f64>> {
@@ -522,33 +469,50 @@ impl AnyEffect<f64> for Body {
 impl Effect<f64> for Body {
     fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
         self.advance(at)?;
-        self.settle_budgets(at);
-        self.respond(at, f);
+        match self.crowd.take() {
+            Some(mut crowd) => {
+                let done = self.respond_in_parts(&mut crowd, at, f);
+                self.crowd = Some(crowd);
+                done?;
+            }
+            None => {
+                self.settle_budgets(at);
+                self.respond(at, f);
+            }
+        }
         self.settle(at);
         Ok(())
     }
 
+    /// Of a body in parts on the particles here.
     fn power(&self, v: &[f64]) -> f64 {
-        let of = |a: &Active| contact::power(v, a.particle as usize, &a.force, &a.torque);
-        self.active.iter().map(of).sum()
+        let here = self.pushed();
+        here.map(|(i, a)| contact::power(v, i, &a.force, &a.torque)).sum()
+    }
+
+    fn add_power(&self, _: &DofLayout, v: &[f64], to: &mut Exact) -> bool {
+        let here = self.pushed();
+        here.for_each(|(i, a)| to.add(contact::power(v, i, &a.force, &a.torque)));
+        true
     }
 
     fn add_contact(&self, f: &mut [f64]) -> bool {
-        let active = self.active.iter();
-        active.for_each(|a| contact::add(f, a.particle as usize, &a.force, &a.torque));
+        let here = self.pushed();
+        here.for_each(|(i, a)| contact::add(f, i, &a.force, &a.torque));
         true
     }
 
     fn step_demand(&self) -> StepDemand<f64> {
         let flat = |r: f64| self.law.law.stiffness([1e12 * r, r]);
-        let mut top = self.grains.top(flat);
+        let grains = self.crowd.as_ref().map_or(&self.grains, |c| &c.grains);
+        let mut top = grains.top(flat);
         if let Motion::Free { mass, .. } = &self.motion {
             // A body lighter than the particles it meets is the softer end of the spring.
             // Sliding turns a ball of any inertia, the law's own allowance is for full ones.
             let slide = self
                 .turning
                 .map_or(0.0, |(r, inertia)| (1.0 / mass + r * r / inertia) / 3.5);
-            top = top.max(flat(self.grains.largest()) * slide.max(1.0 / mass));
+            top = top.max(flat(self.largest) * slide.max(1.0 / mass));
         }
         let [stiffness, damping] = self.law.law.demand(top);
         StepDemand {
@@ -557,6 +521,12 @@ impl Effect<f64> for Body {
             ..StepDemand::none()
         }
     }
+}
+
+/// Gap of each particle at rest where that is an overlap, zero otherwise.
+fn allowed(shape: &RigidShape, rest: &[Sphere]) -> Vec<f64> {
+    let gap = |s: &Sphere| (shape.distance(&centre(s), &Vector3::zeros()).0 - s[3]).min(0.0);
+    rest.iter().map(gap).collect()
 }
 
 fn centre(s: &Sphere) -> Point3<f64> {

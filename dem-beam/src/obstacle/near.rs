@@ -33,6 +33,17 @@ impl Near {
         }
     }
 
+    /// An empty one for so many of the particles.
+    pub(super) fn of_part(&self, particles: usize) -> Self {
+        Self {
+            skin: self.skin,
+            particles: Vec::new(),
+            built: Vec::with_capacity(3 * particles),
+            moved: Vector3::zeros(),
+            searches: 0,
+        }
+    }
+
     /// Whether no particle off the list can have come to touch: distances change by no more than both have moved.
     fn holds(&self, u: &[f64], moved: &Vector3<f64>) -> bool {
         // A thousandth for round-off.

@@ -23,7 +23,14 @@ pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
     }
     let (volumes, regions) = volumes(file, kind);
     mesh.set_volumes(volumes, regions);
-    mesh.set_notices(file.notices.clone());
+    let mut notices = file.notices.clone();
+    if mesh.doubled() > 0 {
+        notices.push(format!(
+            "{} nodes lie at the place of another one, on faces that face each other: they are taken for the lips of a slit",
+            mesh.doubled()
+        ));
+    }
+    mesh.set_notices(notices);
     Ok(mesh.renumbered())
 }
 

@@ -29,17 +29,19 @@ pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, materials: &Materials<T>, weigh
         starts.push(columns.len());
     }
     let mut matrix = BlockMatrix::zeros(mesh.kind().components(), starts, columns);
-    assemble(&mut matrix, mesh, materials, weights);
+    assemble(&mut matrix, mesh, materials, weights, &|k| Some(k as usize));
     matrix
 }
 
-/// Replaces the values of a stiffness by those of other weights `α_e`.
+/// Replaces the values of a stiffness by those of other weights `α_e`; `row` tells the row of a node, if it is here.
 pub(crate) fn assemble<T: Real>(
     matrix: &mut BlockMatrix<T>,
     mesh: &Mesh<T>,
     materials: &Materials<T>,
     weights: &[T],
+    row: &(dyn Fn(u32) -> Option<usize> + Sync),
 ) {
+    let here = |e: &usize| mesh.element(*e).iter().any(|k| row(*k).is_some());
     matrix.clear();
     let mut batch = Vec::with_capacity(BATCH);
     for first in (0..mesh.element_count()).step_by(BATCH) {
@@ -47,13 +49,14 @@ pub(crate) fn assemble<T: Real>(
         range
             .clone()
             .into_par_iter()
-            .map(|e| element_stiffness(mesh, materials, e))
+            .map(|e| here(&e).then(|| element_stiffness(mesh, materials, e)))
             .collect_into_vec(&mut batch);
         for (e, k) in range.zip(&batch) {
             let nodes = mesh.element(e);
-            for (i, k) in nodes.iter().zip(k) {
+            for (i, k) in nodes.iter().zip(k.iter().flatten()) {
+                let Some(i) = row(*i) else { continue };
                 for (j, block) in nodes.iter().zip(k) {
-                    matrix.add(*i as usize, *j, block, weights[e]);
+                    matrix.add(i, *j, block, weights[e]);
                 }
             }
         }

@@ -1,0 +1,363 @@
+//! The energy that a crack releases as it grows, per area: Rice's J as an integral over a domain around the front.
+//!
+//! A field `s = q d` moves material points along the direction `d` in which the crack would grow: `q` is one around its front, up to
+//! an inner radius, and falls to zero at an outer one. The energy released as the front moves by `∫ q dl` is (Li, Shih and
+//! Needleman 1985; de Lorenzi 1982 as a virtual extension of the crack)
+//!
+//! ```text
+//! J ∫ q dl = ∫ (σ_ij u_i,k − W δ_jk) s_k,j dV − Σ_a (f_a − m_a ü_a)·(∇u s)_a
+//! ```
+//!
+//! with the forces `f_a` on the nodes. `q` has nodal values, and stress and energy density `W` are those of the integration points of
+//! the model: without forces the integral is then minus the derivative of the model's own potential energy as its nodes move by `s`,
+//! exactly. By the balance of the nodes `f − m ü` is minus the internal force: loads, body forces and inertia in the domain need no
+//! words of their own. Where supports prescribe a displacement it is taken for uniform along `d`.
+//!
+//! Small strains, linear elasticity. Faces of the crack, and all other surfaces and borders of materials in the ring between the radii, are
+//! parallel to `d`; others are refused.
+
+mod front;
+
+pub use front::CrackFront;
+
+use crate::error::invalid;
+use crate::field::Interpolation;
+use crate::material::Elastic;
+use crate::model::Model;
+use crate::recovery::SymmetricTensor;
+use crate::weight::Weight;
+use crate::{Error, Real, Result};
+use front::{Cylinder, place, swept, tapers};
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use std::collections::BTreeMap;
+
+/// A point at which a model has its strain, and what it stands for.
+#[derive(Debug)]
+pub struct GradientPoint<'a, T: Real> {
+    /// Nodes on whose displacements the strain depends.
+    pub nodes: &'a [u32],
+    /// Gradients of their shape functions there \[1/m\].
+    pub gradients: &'a [Vector3<T>],
+    /// Volume \[m³\].
+    pub volume: T,
+    /// What it is made of.
+    pub material: &'a Elastic<T>,
+}
+
+/// A continuum whose energy `Σ V W(ε)`, without weights, is a sum over integration points.
+pub trait Gradients<T: Real> {
+    /// Number of its cells: finite elements, cells of nodes.
+    fn count(&self) -> usize;
+
+    /// Visits the integration points of a cell.
+    fn for_each_point(&self, cell: usize, visit: &mut dyn FnMut(&GradientPoint<'_, T>));
+}
+
+/// Share of a node's surface that may face the direction of the crack: faces a few degrees off count as parallel.
+const FACING: f64 = 0.02;
+/// The same of a node that lies on a surface at all.
+const ON_SURFACE: f64 = 0.05;
+/// Distance from the front over the inner radius below which a node lies on it.
+const AT_FRONT: f64 = 1e-3;
+/// An integration point in the domain; places in the lists of [`EnergyRelease`].
+#[derive(Debug, Clone)]
+struct Place<T: Real> {
+    /// First and last but one node and gradient.
+    rows: [usize; 2],
+    volume: T,
+    material: Elastic<T>,
+}
+
+/// The integral over a domain, ready to be taken of any displacements.
+#[derive(Debug, Clone)]
+pub struct EnergyRelease<T: Real> {
+    /// Nodes of the domain, ascending.
+    nodes: Vec<usize>,
+    /// `s` at each of them.
+    shifts: Vec<Vector3<T>>,
+    places: Vec<Place<T>>,
+    /// Nodes of the points, by their places in `nodes`, and their gradients.
+    rows: Vec<(u32, Vector3<T>)>,
+    /// `∂u/∂s` at every node that moves: the nodes it comes from and their factors.
+    slopes: Vec<(usize, Vec<(u32, T)>)>,
+    /// `∫ q dl` \[m\].
+    swept: T,
+    unknowns: usize,
+}
+
+/// What of a node lies on the surface: its area vector, and the sum of the areas it is the balance of \[m²\].
+type Facing<T> = (Vector3<T>, T);
+
+impl<T: Real> EnergyRelease<T> {
+    /// The domain around a crack front in a model with its field and the weight `α` of its energy.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] for a model without [`Model::gradients`]; [`Error::InvalidParameter`] for radii, a front or a direction that
+    /// make no sense, a front without material ahead or without a surface around it, surfaces or borders of materials across the
+    /// ring, and a domain in which the weight is not one.
+    pub fn new(
+        model: &dyn Model<T>,
+        field: &dyn Interpolation<T>,
+        alpha: &dyn Weight<T>,
+        crack: &CrackFront<T>,
+    ) -> Result<Self> {
+        let Some(gradients) = model.gradients() else {
+            return Err(Error::Unsupported {
+                model: model.name().to_owned(),
+                what: format!(
+                    "tell the energy that a crack releases: models of kind '{}' have no stresses over a volume; look at a \
+                     solid of finite or natural elements",
+                    model.kind()
+                ),
+            });
+        };
+        let (axis, length, direction) = crack.axes()?;
+        let cylinder = Cylinder {
+            from: crack.ends[0],
+            axis,
+            length,
+            radii: crack.radii,
+            tapers: tapers(model.name(), field, crack, length, &direction)?,
+        };
+        let mut out = Self::of_domain(model, gradients, &cylinder, &direction);
+        if out.places.is_empty() {
+            let found = format_args!("[{}, {}]", crack.radii[0], crack.radii[1]);
+            let rule = format!("no node of model '{}' lies within; enlarge them", model.name());
+            return Err(invalid("radii of the crack front", found, &rule));
+        }
+        out.check_weight(model, alpha)?;
+        let facing = out.check_surfaces(model, &cylinder, &direction)?;
+        out.find_slopes(model, &cylinder, &facing);
+        out.swept = swept(field, crack, &cylinder, &direction)?;
+        Ok(out)
+    }
+
+    /// The points that feel nodes move.
+    fn of_domain(
+        model: &dyn Model<T>,
+        gradients: &dyn Gradients<T>,
+        cylinder: &Cylinder<T>,
+        direction: &Vector3<T>,
+    ) -> Self {
+        let all = model.nodes();
+        let share = |x: &Point3<T>| cylinder.at(x).into_iter().fold(T::one(), |q, f| q * f);
+        let q: Vec<T> = all.iter().map(share).collect();
+        let (mut places, mut rows) = (Vec::new(), Vec::new());
+        for cell in 0..gradients.count() {
+            gradients.for_each_point(cell, &mut |p| {
+                if p.nodes.iter().any(|n| q[*n as usize] > T::zero()) {
+                    let first = rows.len();
+                    rows.extend(p.nodes.iter().copied().zip(p.gradients.iter().copied()));
+                    places.push(Place {
+                        rows: [first, rows.len()],
+                        volume: p.volume,
+                        material: *p.material,
+                    });
+                }
+            });
+        }
+        let mut nodes: Vec<usize> = rows.iter().map(|r| r.0 as usize).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let number: BTreeMap<usize, u32> = nodes.iter().copied().zip(0..).collect();
+        rows.iter_mut().for_each(|r| r.0 = number[&(r.0 as usize)]);
+        Self {
+            shifts: nodes.iter().map(|n| direction * q[*n]).collect(),
+            nodes,
+            places,
+            rows,
+            slopes: Vec::new(),
+            swept: T::zero(),
+            unknowns: model.layout().dofs(),
+        }
+    }
+
+    /// Refuses a domain that shares its energy with another model.
+    fn check_weight(&self, model: &dyn Model<T>, alpha: &dyn Weight<T>) -> Result<()> {
+        let slack = T::epsilon() * T::of(1e3);
+        for n in &self.nodes {
+            let (x, w) = (model.nodes()[*n], alpha.at(&model.nodes()[*n]));
+            if (w - T::one()).abs() > slack {
+                let rule = format!(
+                    "the domain around the crack front reaches into an overlap, where another model has a part of the energy \
+                     (weight {w} of '{}'); take smaller radii, or move the overlap away from the crack",
+                    model.name()
+                );
+                return Err(invalid("node", place(&x), &rule));
+            }
+        }
+        Ok(())
+    }
+
+    fn row(&self, p: &Place<T>) -> &[(u32, Vector3<T>)] {
+        &self.rows[p.rows[0]..p.rows[1]]
+    }
+
+    /// Refuses a ring that is cut by what moves with it: surfaces of the body, or of a material in it, that face the direction of the
+    /// crack; and a front without a surface around it. `Σ V ∇N` over the points of a material around a node is its surface there.
+    fn check_surfaces(
+        &self,
+        model: &dyn Model<T>,
+        cylinder: &Cylinder<T>,
+        direction: &Vector3<T>,
+    ) -> Result<Vec<Facing<T>>> {
+        let mut materials: Vec<Elastic<T>> = Vec::new();
+        let none = (Vector3::zeros(), T::zero());
+        let mut areas: Vec<Vec<Vector3<T>>> = Vec::new();
+        let mut all = vec![none; self.nodes.len()];
+        for p in &self.places {
+            let known = materials.iter().position(|m| *m == p.material);
+            let m = known.unwrap_or_else(|| {
+                materials.push(p.material);
+                areas.push(vec![Vector3::zeros(); self.nodes.len()]);
+                materials.len() - 1
+            });
+            for (n, g) in self.row(p) {
+                let area = g * p.volume;
+                areas[m][*n as usize] += area;
+                all[*n as usize].0 += area;
+                all[*n as usize].1 += area.norm();
+            }
+        }
+        let mut cracked = false;
+        for (k, n) in self
+            .nodes
+            .iter()
+            .enumerate()
+            .filter(|k| self.shifts[k.0] != Vector3::zeros())
+        {
+            let x = model.nodes()[*n];
+            let (area, size) = all[k];
+            if cylinder.at(&x)[0] >= T::one() {
+                let across = area - cylinder.axis * area.dot(&cylinder.axis);
+                cracked |= across.norm() > size * T::of(ON_SURFACE);
+                continue;
+            }
+            let faces = |area: &Vector3<T>| area.dot(direction).abs() > size * T::of(FACING);
+            let rule = if faces(&area) {
+                "the ring between the radii of the crack front meets a surface there that is not parallel to the direction of the \
+                 crack: an end of the body, or faces of the crack that are not along the direction; change radii or direction"
+            } else if areas.iter().any(|a| faces(&a[k])) {
+                "the ring between the radii of the crack front meets a border of materials there that is not parallel to the \
+                 direction of the crack; take smaller radii"
+            } else {
+                continue;
+            };
+            return Err(invalid("node", place(&x), rule));
+        }
+        if cracked {
+            return Ok(all);
+        }
+        let rule = "there is no surface of a crack within this distance of the front; put the front where the crack ends, with an \
+                    inner radius of two elements or more";
+        Err(invalid(
+            "inner radius of the crack front",
+            cylinder.radii[0],
+            rule,
+        ))
+    }
+
+    /// Derivatives of displacements along `s` at the nodes that move, by least squares over the nodes of their cells; at the surface over those
+    /// that lie in it, so that the sum over the faces of a crack is that of parts. A node of the front belongs to both faces, whose forces on it
+    /// cancel: what it should have is told by the nodes beside it, from the front to which they have half of their own share.
+    fn find_slopes(&mut self, model: &dyn Model<T>, cylinder: &Cylinder<T>, facing: &[Facing<T>]) {
+        let mut around: Vec<Vec<u32>> = vec![Vec::new(); self.nodes.len()];
+        for p in &self.places {
+            for (n, _) in self.row(p) {
+                if self.shifts[*n as usize] != Vector3::zeros() {
+                    around[*n as usize].extend(self.row(p).iter().map(|r| r.0));
+                }
+            }
+        }
+        let x = |n: usize| model.nodes()[self.nodes[n]];
+        let of = |(n, near): (usize, &mut Vec<u32>)| {
+            near.sort_unstable();
+            near.dedup();
+            let (area, size) = facing[n];
+            let normal = (area.norm() > size * T::of(ON_SURFACE)).then(|| area.normalize());
+            let arm = |m: &u32| {
+                let d = x(*m as usize) - x(n);
+                let out = normal.map_or(T::zero(), |normal| normal.dot(&d));
+                let flat = d.norm() > T::zero() && out.abs() <= d.norm() * T::of(ON_SURFACE);
+                let d = normal.map_or(d, |normal| d - normal * out);
+                flat.then_some((*m, d))
+            };
+            let arms: Vec<(u32, Vector3<T>)> = near.iter().filter_map(arm).collect();
+            let mut row = slope(n as u32, &arms, &self.shifts[n]);
+            if normal.is_some() {
+                let at_front =
+                    |m: u32| cylinder.distance(&x(m as usize)) < cylinder.radii[0] * T::of(AT_FRONT);
+                let ends: Vec<_> = arms.iter().filter(|a| at_front(a.0)).copied().collect();
+                let half = slope(n as u32, &ends, &self.shifts[n]).into_iter();
+                row.extend(half.map(|(m, c)| (m, c * T::of(0.5))));
+            }
+            (n, row)
+        };
+        let moving = around.iter_mut().enumerate().filter(|(_, near)| !near.is_empty());
+        self.slopes = moving.map(of).collect();
+    }
+
+    /// Nodes of the domain, ascending.
+    pub fn nodes(&self) -> &[usize] {
+        &self.nodes
+    }
+
+    /// Energy released per area of crack \[J/m²\], the mean over the part of the front, at displacements `q` and internal forces `f` of the
+    /// model; `free` tells of an unknown that no support prescribes.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] for displacements or forces of another model.
+    pub fn at(&self, q: &[T], f: &[T], free: impl Fn(usize) -> bool) -> Result<T> {
+        for (what, x) in [("displacements", q), ("internal forces", f)] {
+            if x.len() != self.unknowns {
+                return Err(Error::SizeMismatch {
+                    what: format!("{what} around a crack front"),
+                    expected: self.unknowns,
+                    found: x.len(),
+                });
+            }
+        }
+        let u = |n: u32| Vector3::from_column_slice(&q[3 * self.nodes[n as usize]..][..3]);
+        let mut released = T::zero();
+        for p in &self.places {
+            let h = self
+                .row(p)
+                .iter()
+                .fold(Matrix3::zeros(), |h, (n, g)| h + u(*n) * g.transpose());
+            let strain = SymmetricTensor::of(&h);
+            let stress = p.material.stress(&strain).matrix();
+            let density = stress.component_mul(&strain.matrix()).sum() * T::of(0.5);
+            let flux = h.transpose() * stress - Matrix3::from_diagonal_element(density);
+            for (n, g) in self.row(p) {
+                released += self.shifts[*n as usize].dot(&(flux * g)) * p.volume;
+            }
+        }
+        for (n, row) in &self.slopes {
+            let slope = row.iter().fold(Vector3::zeros(), |s, (m, c)| s + u(*m) * *c);
+            let first = 3 * self.nodes[*n];
+            for c in (0..3).filter(|c| free(first + c)) {
+                released += f[first + c] * slope[c];
+            }
+        }
+        Ok(released / self.swept)
+    }
+}
+
+/// Factors of the derivative along `s` at a node: `Σ_m (s·M⁺ d_m/|d_m|) (u_m − u_n)`, `M = Σ d dᵀ/|d|` over the arms `d` to others. Along a line
+/// this is the difference over both intervals.
+fn slope<T: Real>(n: u32, arms: &[(u32, Vector3<T>)], s: &Vector3<T>) -> Vec<(u32, T)> {
+    let spread = arms
+        .iter()
+        .fold(Matrix3::zeros(), |m, (_, d)| m + d * d.transpose() / d.norm());
+    let eigen = SymmetricEigen::new(spread);
+    let flat = spread.trace() * T::epsilon().sqrt();
+    let mut along = Vector3::zeros();
+    for k in (0..3).filter(|k| eigen.eigenvalues[*k] > flat) {
+        let axis = eigen.eigenvectors.column(k);
+        along += axis * (axis.dot(s) / eigen.eigenvalues[k]);
+    }
+    let mut row: Vec<(u32, T)> = arms.iter().map(|(m, d)| (*m, along.dot(d) / d.norm())).collect();
+    let own = row.iter().fold(T::zero(), |sum, r| sum - r.1);
+    row.push((n, own));
+    row
+}

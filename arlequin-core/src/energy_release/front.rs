@@ -1,0 +1,174 @@
+//! The front of a crack, and the field `q` around it.
+
+use crate::error::invalid;
+use crate::field::{Interpolation, ShapeRow};
+use crate::{Error, Real, Result};
+use nalgebra::{Point3, Vector3};
+
+/// Where a crack ends within a body, and the cylinder around it over which is integrated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CrackFront<T: Real> {
+    /// Ends of the part of the front that is looked at, which is straight \[m\]. At an end that lies inside the body `q` falls to
+    /// zero within the part, over the difference of the radii or half of the part.
+    pub ends: [Point3<T>; 2],
+    /// Direction in which the crack would grow; what of it lies along the front does not count.
+    pub direction: Vector3<T>,
+    /// Radius up to which `q` is one, and that at which it is zero \[m\].
+    pub radii: [T; 2],
+}
+
+/// How far within the front, over its length, its ends are looked at: files round places.
+const NEAR_END: f64 = 1e-3;
+/// Places along the front at which there must be material ahead of it.
+const PLACES: usize = 8;
+/// Places along the front at which `q` is looked at.
+const SAMPLES: usize = 256;
+
+impl<T: Real> CrackFront<T> {
+    /// Refuses radii, ends and a direction that make no sense.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`].
+    pub fn check(&self) -> Result<()> {
+        self.axes().map(|_| ())
+    }
+
+    /// The axis of the front, its length, and the unit direction across it.
+    pub(super) fn axes(&self) -> Result<(Vector3<T>, T, Vector3<T>)> {
+        let [inner, outer] = self.radii;
+        if !(inner > T::zero() && outer > inner && outer.is_finite()) {
+            let found = format_args!("[{inner}, {outer}]");
+            return Err(invalid(
+                "radii of the crack front",
+                found,
+                "must be positive, the inner one below the outer one [m]",
+            ));
+        }
+        let along = self.ends[1] - self.ends[0];
+        let length = along.norm();
+        if !(length > T::zero() && length.is_finite()) {
+            let rule = "its ends must be two different points [m]";
+            return Err(invalid("length of the crack front", length, rule));
+        }
+        let axis = along / length;
+        let d = self.direction;
+        let across = d - axis * axis.dot(&d);
+        let share = across.norm() / d.norm();
+        // Not `<`: a direction of no length is none either.
+        let turned = share > T::of(1e-6);
+        if !turned {
+            let found = format_args!("{:?}", d.as_slice());
+            let rule = "must have a length and not lie along the front; give the direction in which the crack would grow";
+            return Err(invalid("direction of the crack", found, rule));
+        }
+        Ok((axis, length, across.normalize()))
+    }
+}
+
+/// `q` over a cylinder.
+pub(super) struct Cylinder<T: Real> {
+    pub(super) from: Point3<T>,
+    pub(super) axis: Vector3<T>,
+    pub(super) length: T,
+    pub(super) radii: [T; 2],
+    /// Length over which it falls to zero towards each end; zero where the front ends at a surface.
+    pub(super) tapers: [T; 2],
+}
+
+impl<T: Real> Cylinder<T> {
+    /// Distance from the line of the front \[m\].
+    pub(super) fn distance(&self, x: &Point3<T>) -> T {
+        let arm = x - self.from;
+        (arm - self.axis * arm.dot(&self.axis)).norm()
+    }
+
+    /// Shares of `q` across and along the front.
+    pub(super) fn at(&self, x: &Point3<T>) -> [T; 2] {
+        let t = (x - self.from).dot(&self.axis);
+        let r = self.distance(x);
+        let [inner, outer] = self.radii;
+        let share = |x: T| x.max(T::zero()).min(T::one());
+        let ends = [t, self.length - t];
+        let along = self.tapers.iter().zip(ends).fold(T::one(), |q, (taper, x)| {
+            if *taper > T::zero() {
+                q.min(share(x / *taper))
+            } else {
+                q
+            }
+        });
+        [share((outer - r) / (outer - inner)), along]
+    }
+}
+
+pub(super) fn place<T: Real>(x: &Point3<T>) -> String {
+    let [x, y, z] = [x.x, x.y, x.z].map(T::as_f64);
+    format!("({x:.6e}, {y:.6e}, {z:.6e}) m")
+}
+
+/// A place along the front, an inner radius ahead of it, where a notch ends as well as a slit.
+fn ahead<T: Real>(crack: &CrackFront<T>, direction: &Vector3<T>, t: f64) -> Point3<T> {
+    crack.ends[0] + (crack.ends[1] - crack.ends[0]) * T::of(t) + direction * crack.radii[0]
+}
+
+/// `∫ q dl` along the front \[m\], of `q` as its nodal values and the shape functions make it.
+pub(super) fn swept<T: Real>(
+    field: &dyn Interpolation<T>,
+    crack: &CrackFront<T>,
+    cylinder: &Cylinder<T>,
+    direction: &Vector3<T>,
+) -> Result<T> {
+    if cylinder.tapers == [T::zero(); 2] {
+        return Ok(cylinder.length);
+    }
+    let (mut row, mut sum) = (ShapeRow::default(), T::zero());
+    for k in 0..SAMPLES {
+        let x = ahead(crack, direction, (k as f64 + 0.5) / SAMPLES as f64);
+        field.shape_at(&x, false, &mut row)?;
+        let all = row.nodes.iter().zip(&row.values);
+        sum += all.fold(T::zero(), |q, (n, w)| q + cylinder.at(&field.nodes()[*n])[1] * *w);
+    }
+    let share = sum / T::of(SAMPLES as f64);
+    if share < T::of(0.1) {
+        let rule = "no node lies well within the part of the front; look at a longer part, or at all of it";
+        return Err(invalid("length of the crack front", cylinder.length, rule));
+    }
+    Ok(share * cylinder.length)
+}
+
+/// Lengths over which `q` falls to zero towards the ends of the front: none where the body ends there as well.
+pub(super) fn tapers<T: Real>(
+    model: &str,
+    field: &dyn Interpolation<T>,
+    crack: &CrackFront<T>,
+    length: T,
+    direction: &Vector3<T>,
+) -> Result<[T; 2]> {
+    let mut row = ShapeRow::default();
+    let mut outside = |t: f64| {
+        let x = ahead(crack, direction, t);
+        match field.shape_at(&x, false, &mut row) {
+            Ok(()) => Ok(None),
+            Err(Error::OutsideDomain { .. }) => Ok(Some(x)),
+            Err(e) => Err(e),
+        }
+    };
+    let within = (0..PLACES).map(|k| (k as f64 + 0.5) / PLACES as f64);
+    for t in [NEAR_END, 1.0 - NEAR_END].into_iter().chain(within) {
+        if let Some(x) = outside(t)? {
+            let rule = format!(
+                "model '{model}' is not there, an inner radius ahead of the crack front; move the front to where the crack ends in the \
+                 body, turn the direction, or take a smaller inner radius"
+            );
+            return Err(invalid("point", place(&x), &rule));
+        }
+    }
+    let [inner, outer] = crack.radii;
+    let taper = (outer - inner).min(length * T::of(0.5));
+    let mut out = [T::zero(); 2];
+    for (out, t) in out.iter_mut().zip([-NEAR_END, 1.0 + NEAR_END]) {
+        if outside(t)?.is_none() {
+            *out = taper;
+        }
+    }
+    Ok(out)
+}

@@ -1,0 +1,87 @@
+//! Nodes of other ranks that are near own ones, wherever these are now.
+
+use super::halo::Peer;
+use super::{Halo, Message, Portion, RankError};
+use std::sync::Arc;
+
+/// Lower corner, then upper one; of nothing from infinity to minus infinity.
+type Corners = [f64; 6];
+
+fn corners(points: &[[f64; 3]]) -> Corners {
+    let mut out = [
+        f64::INFINITY,
+        f64::INFINITY,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::NEG_INFINITY,
+        f64::NEG_INFINITY,
+    ];
+    for x in points {
+        for c in 0..3 {
+            out[c] = out[c].min(x[c]);
+            out[3 + c] = out[3 + c].max(x[c]);
+        }
+    }
+    out
+}
+
+impl Halo {
+    /// All nodes of other ranks that may be within `reach` \[m\] of an own one, of nodes that are at `points` now, those of this rank:
+    /// those within it of the box around its own. All ranks must ask.
+    ///
+    /// # Errors
+    /// Those of the transport, which [`Portion::failure`] remembers.
+    pub fn near(portion: Arc<Portion>, points: &[[f64; 3]], reach: f64) -> Result<Self, RankError> {
+        let mine = portion.communicator().rank();
+        let own = corners(points);
+        let boxes = portion.listed(&own.map(|x| x.to_bits().cast_signed()))?;
+        let boxes = boxes.as_chunks::<6>().0.iter();
+        let boxes = boxes.map(|b| b.map(|x| f64::from_bits(x.cast_unsigned())));
+        // The same two comparisons on both ranks: they agree that they are neighbours.
+        let meet = |b: &Corners| (0..3).all(|c| own[c] - reach <= b[3 + c] && b[c] - reach <= own[3 + c]);
+        let inside =
+            |b: &Corners, x: &[f64; 3]| (0..3).all(|c| x[c] >= b[c] - reach && x[c] <= b[3 + c] + reach);
+        let mut peers = Vec::new();
+        for (rank, b) in boxes.enumerate().filter(|(r, b)| *r != mine && meet(b)) {
+            let send = (0..).zip(points).filter(|(_, x)| inside(&b, x));
+            peers.push(Peer {
+                rank,
+                send: send.map(|(node, _)| node).collect(),
+                receive: 0..0,
+            });
+        }
+        let message = |p: &Peer, out: Vec<f64>, count: usize| Message {
+            peer: p.rank,
+            out,
+            into: vec![0.0; count],
+        };
+        let counts = peers.iter().map(|p| message(p, vec![p.send.len() as f64], 1));
+        let counts: Vec<usize> = told(&portion, counts.collect())?
+            .map(|m| m.into[0] as usize)
+            .collect();
+        let global = |p: &Peer| {
+            p.send
+                .iter()
+                .map(|i| portion.global(*i as usize) as f64)
+                .collect()
+        };
+        let numbers = peers.iter().zip(&counts).map(|(p, n)| message(p, global(p), *n));
+        let numbers = told(&portion, numbers.collect())?;
+        let mut ghosts = Vec::with_capacity(counts.iter().sum());
+        for (p, m) in peers.iter_mut().zip(numbers) {
+            p.receive = ghosts.len()..ghosts.len() + m.into.len();
+            ghosts.extend(m.into.iter().map(|x| *x as u32));
+        }
+        peers.retain(|p| !(p.send.is_empty() && p.receive.is_empty()));
+        Ok(Self {
+            portion,
+            peers,
+            ghosts,
+        })
+    }
+}
+
+fn told(portion: &Portion, mut messages: Vec<Message>) -> Result<std::vec::IntoIter<Message>, RankError> {
+    portion.keep(portion.communicator().exchange(&mut messages, &mut || ()))?;
+    Ok(messages.into_iter())
+}

@@ -1,0 +1,197 @@
+//! Contact and obstacles of a body of particles on several ranks: the bits of one, and checkpoints for any number of them.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+mod support;
+
+use arlequin_core::nalgebra::{Point3, Vector3};
+use arlequin_core::ranks::Communicator;
+use arlequin_core::{Coupled, Guard, Partition, Silent, Subdomain, TimeStep, Uniform, Weights};
+use arlequin_mpi::threads;
+use dem_beam::{BeamMaterial, Contact, ContactLaw, DemModel, Matter, Motion, Obstacle, RigidShape};
+use std::sync::Arc;
+use support::{Told, WAIT, bar, bits, part, same, together};
+
+/// A block of 1 000 spheres, bonded in twos, apart from each other by a twentieth of their size: turned, and shifted far.
+fn dumbbells() -> DemModel {
+    let (radius, n) = (1e-4, 10);
+    let turn = arlequin_core::nalgebra::Rotation3::from_euler_angles(0.3, -0.5, 1.1);
+    let shift = Vector3::new(2.0, -1.0, 0.5);
+    let place = |k: usize| {
+        let jitter = |c: usize| 4e-6 * (1.3 * (3 * k + c) as f64).sin();
+        let [i, j, l] = [k % n, k / n % n, k / n / n].map(|i| 2.1 * radius * i as f64);
+        shift + turn * Vector3::new(i + jitter(0), j + jitter(1), l + jitter(2))
+    };
+    let positions: Vec<Vector3<f64>> = (0..n * n * n).map(place).collect();
+    let radii: Vec<f64> = (0..positions.len())
+        .map(|k| radius * (1.0 - 0.05 * (0.7 * k as f64).cos()))
+        .collect();
+    let pairs: Vec<[u32; 2]> = (0..positions.len() as u32 / 2)
+        .map(|k| [2 * k, 2 * k + 1])
+        .collect();
+    let matter = Matter {
+        beam: BeamMaterial::SILICA,
+        density: 2200.0,
+        volume: radii.iter().map(|r| 4.19 * r.powi(3)).sum(),
+    };
+    DemModel::from_spheres("dumbbells", &positions, &radii, &pairs, &matter).unwrap()
+}
+
+/// They fly through each other's places, onto a wall that comes to meet them; a heavy ball follows.
+fn collapse(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
+    let model = dumbbells().with_finite_rotations();
+    let n = model.body().len();
+    let all = model.body().positions();
+    let middle = all.iter().sum::<Vector3<f64>>() / n as f64;
+    let law = ContactLaw {
+        restitution: 0.6,
+        friction: 0.4,
+        rolling: 0.1,
+        ..ContactLaw::elastic(72.5e9)
+    };
+    let contact = Contact::new(&model, law).unwrap();
+    let law = ContactLaw { rolling: 0.0, ..law };
+    let down = Vector3::new(0.3, -0.2, -1.0).normalize();
+    let wall = RigidShape::Plane {
+        point: Point3::from(middle + down * 1.95e-3),
+        normal: -down,
+    };
+    let wall = Obstacle::new("wall", &model, wall, Motion::Velocity(-down * 20.0), law).unwrap();
+    let ball = RigidShape::Sphere {
+        centre: Point3::from(middle - down * 3.3e-3),
+        radius: 1.5e-3,
+    };
+    let motion = Motion::Free {
+        mass: 2e-5,
+        velocity: down * 60.0,
+        inertia: None,
+    };
+    let ball = Obstacle::new("ball", &model, ball, motion, law).unwrap();
+    let ball = ball.with_spin(Vector3::new(1e4, 0.0, 2e4)).unwrap();
+    // Towards the middle.
+    let speed = |k: usize| match k < 3 * n {
+        true => -2e4 * (all[k / 3][k % 3] - middle[k % 3]) + 30.0 * down[k % 3],
+        false => 1e3 * (0.9 * k as f64).sin(),
+    };
+    let v = (0..6 * n).map(speed).collect();
+    let side = Subdomain::fine(model, Weights::same(Arc::new(Uniform(1.0))))
+        .with_partition(Partition::Unchecked)
+        .with_effect(Box::new(contact))
+        .with_effect(Box::new(wall))
+        .with_effect(Box::new(ball))
+        .with_initial(vec![0.0; 6 * n], v)
+        .unwrap();
+    let side = match ranks {
+        Some(c) => side.shared(c),
+        None => side,
+    };
+    let guard = Guard {
+        interval: 5,
+        growth: 0.5,
+    };
+    Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard)).unwrap()
+}
+
+fn told_after(mut run: Coupled<f64>, steps: usize) -> Told {
+    run.run(steps, &mut Silent).unwrap();
+    let e = run.last_energy().unwrap().clone();
+    let mut sums = vec![e.invariant, e.work, e.drift, run.energy()];
+    sums.extend(run.works().iter().map(|w| w.work));
+    for line in run.effects() {
+        sums.extend([line.stored, line.supplied.unwrap_or_default()]);
+        sums.extend(line.facts.iter().map(|f| f.1));
+    }
+    let about = Point3::new(2.0, -1.0, 0.5);
+    for effect in ["contact", "wall", "ball"] {
+        let r = run.effect_resultant(0, effect, &about).unwrap();
+        sums.extend(r.force.iter().chain(r.moment.iter()));
+    }
+    let s = &run.subdomains()[0];
+    (bits(s.model(), &[&s.state().q, &s.state().v, &s.state().a]), sums)
+}
+
+const STEPS: usize = 240;
+
+#[test]
+fn contacts_and_obstacles_have_the_bits_of_one_rank() {
+    let run = collapse(None);
+    let mut seen = collapse(None);
+    seen.run(STEPS, &mut Silent).unwrap();
+    let fact = |effect: &str, fact: &str| {
+        let lines = seen.effects();
+        let line = lines.iter().find(|l| l.name.ends_with(effect)).unwrap();
+        line.facts.iter().find(|f| f.0 == fact).unwrap().1
+    };
+    assert!(fact("contact", "most contacts") > 150.0, "{:?}", seen.effects());
+    assert!(
+        fact("contact", "neighbour searches") > 1.0,
+        "{:?}",
+        seen.effects()
+    );
+    for obstacle in ["wall", "ball"] {
+        assert!(fact(obstacle, "largest force [N]") > 0.5, "{:?}", seen.effects());
+    }
+    let whole = told_after(run, STEPS);
+    for ranks in [1, 2, 3, 4, 8] {
+        let all = together(threads::run(ranks, 1, WAIT, |c| {
+            told_after(collapse(Some(c)), STEPS)
+        }));
+        assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
+        assert!(all.0 == whole.0, "{ranks} ranks");
+    }
+}
+
+#[test]
+fn contacts_of_three_ranks_go_on_on_others() {
+    let whole = told_after(collapse(None), STEPS);
+    let half = STEPS / 2;
+    let mut one = collapse(None);
+    one.run(half, &mut Silent).unwrap();
+    let one = one.snapshot().unwrap();
+    let saved = threads::run(3, 1, WAIT, |c| {
+        let mut run = collapse(Some(c));
+        run.run(half, &mut Silent).unwrap();
+        run.snapshot().unwrap()
+    });
+    let saved = saved.into_iter().next().unwrap().unwrap();
+    assert!(
+        saved.subdomains[0].effects == one.subdomains[0].effects,
+        "records differ"
+    );
+    for ranks in [1, 2, 4] {
+        let all = together(threads::run(ranks, 1, WAIT, |c| {
+            let mut run = collapse(Some(c));
+            run.restore(&saved).unwrap();
+            told_after(run, STEPS - half)
+        }));
+        assert!(same(&all.1, &whole.1), "{ranks} ranks");
+        assert!(all.0 == whole.0, "{ranks} ranks");
+    }
+    // A record of another body.
+    let mut other = saved;
+    other.subdomains[0].effects[0].numbers.pop();
+    let refused = threads::run(2, 1, WAIT, |c| {
+        collapse(Some(c)).restore(&other).unwrap_err().to_string()
+    });
+    for e in refused {
+        let e = e.unwrap();
+        assert!(e.contains("record of contacts"), "{e}");
+    }
+}
+
+#[test]
+fn a_body_in_parts_before_its_run_has_no_contact() {
+    let refused = threads::run(2, 1, WAIT, |c| {
+        let whole = bar(false);
+        let contact = Contact::new(&whole, ContactLaw::elastic(72.5e9)).unwrap();
+        let side = Subdomain::fine(part(whole, c), Weights::same(Arc::new(Uniform(1.0))))
+            .with_partition(Partition::Unchecked)
+            .with_effect(Box::new(contact));
+        Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None)
+            .unwrap_err()
+            .to_string()
+    });
+    for e in refused {
+        let e = e.unwrap();
+        assert!(e.contains("'bar'") && e.contains("Subdomain::shared"), "{e}");
+    }
+}

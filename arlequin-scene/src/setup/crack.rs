@@ -1,0 +1,70 @@
+//! Probes of the energy that a crack releases.
+
+use super::effect_models;
+use super::kinds::Body;
+use crate::error::{Result, core, key, value};
+use crate::spec::{Crack, EffectKind, Probe, Quantity, SceneSpec};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{CrackFront, EnergyRelease, Weights};
+
+/// Refuses a crack with another quantity, and the quantity without a crack.
+pub(super) fn check_quantity(path: &str, probe: &Probe) -> Result<()> {
+    match (&probe.crack, probe.quantity) {
+        (Some(_), Quantity::EnergyRelease) => match probe.component {
+            None => Ok(()),
+            Some(c) => {
+                let rule = "is none of the energy that a crack releases; remove it";
+                Err(value(format!("{path}.component"), c.name(), rule))
+            }
+        },
+        (Some(_), _) => {
+            let rule = "is looked at with quantity = \"energy-release\"; name it, or remove crack";
+            Err(key(format!("{path}.crack"), rule))
+        }
+        (None, Quantity::EnergyRelease) => {
+            let rule = "is that of a crack; give crack = { front = [[…], […]], direction = […], radii = […] } in place of at and where";
+            Err(key(format!("{path}.quantity"), rule))
+        }
+        (None, _) => Ok(()),
+    }
+}
+
+fn front(crack: &Crack) -> CrackFront<f64> {
+    CrackFront {
+        ends: crack.front.map(Point3::from),
+        direction: Vector3::from(crack.direction),
+        radii: crack.radii,
+    }
+}
+
+/// Refuses what can be seen to be wrong before anything is built.
+pub(super) fn check(path: &str, probe: &Probe, crack: &Crack, scene: &SceneSpec) -> Result<()> {
+    front(crack).check().map_err(core(format!("{path}.crack")))?;
+    let of = |name: &String| scene.model.keys().position(|n| n == name);
+    let model = probe.model.as_ref().and_then(of);
+    for (k, e) in scene.effect.iter().enumerate() {
+        let prestressed = e.enabled && matches!(e.kind, EffectKind::Prestress(_));
+        if prestressed && effect_models(k, e, scene)?.iter().any(|m| Some(*m) == model) {
+            let rule = format!(
+                "needs all of the stress, and effect[{k}].prestress keeps some of it apart; remove one of them"
+            );
+            return Err(key(format!("{path}.crack"), rule));
+        }
+    }
+    Ok(())
+}
+
+/// The integral over the domain of a probe.
+pub(super) fn release(
+    path: &str,
+    probe: &Probe,
+    body: &Body,
+    weights: &Weights<f64>,
+) -> Result<EnergyRelease<f64>> {
+    super::probe::check(path, probe)?;
+    let Some(crack) = &probe.crack else {
+        return Err(key(path, "needs crack"));
+    };
+    let made = EnergyRelease::new(&*body.model, &*body.field, &*weights.internal, &front(crack));
+    made.map_err(core(format!("{path}.crack")))
+}

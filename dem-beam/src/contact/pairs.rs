@@ -1,0 +1,318 @@
+//! Pairs near each other in a body in parts: each rank lists those whose first particle it has.
+
+use super::grains::Grains;
+use super::law::Spring;
+use super::neighbours::{self, Candidate, Listed, PairList, bond_between, distance, rest_of};
+use super::surrounding::Surrounding;
+use crate::fracture::{Break, BreakLog};
+use crate::packing::cells::{CellList, Sphere};
+use arlequin_core::adjacency::Adjacency;
+use arlequin_core::ranks::{Portion, RankError};
+use arlequin_core::snapshot::Record;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Pairs per unit of parallel work.
+const CHUNK: usize = 2_048;
+
+/// How often a wider surrounding is looked for at most, twice as wide each time.
+const WIDER: usize = 60;
+
+/// Where a pair stands in the list of the whole body: what a search found by its ends, then those of broken bonds as they broke.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Key {
+    /// From one, in the order of breaks since the last search; zero for what that found.
+    broken: u32,
+    /// Numbers in the whole body.
+    pub(super) ends: [u32; 2],
+}
+
+impl Key {
+    fn words(self) -> [i64; 2] {
+        let [i, j] = self.ends.map(u64::from);
+        [i64::from(self.broken), (i << 32 | j).cast_signed()]
+    }
+
+    fn of([broken, ends]: [i64; 2]) -> Self {
+        let ends = ends.cast_unsigned();
+        Self {
+            broken: broken as u32,
+            ends: [(ends >> 32) as u32, ends as u32],
+        }
+    }
+}
+
+/// A pair whose first particle is here.
+#[derive(Debug, Clone, Copy)]
+struct Near {
+    key: Key,
+    /// Distance below which it pushes \[m\]; the distance at the break until the second particle is known.
+    rest: f64,
+    /// Numbers here and among those around; none as long as the second is not known.
+    here: Option<[u32; 2]>,
+}
+
+/// The pairs of this rank, and what all ranks know of theirs.
+#[derive(Debug)]
+pub(super) struct PairsInParts {
+    portion: Arc<Portion>,
+    skin: f64,
+    /// Largest radius of the whole body \[m\].
+    largest: f64,
+    near: Vec<Near>,
+    /// Searches made, and pairs of all ranks.
+    searches: usize,
+    all: usize,
+    /// Breaks since the last search.
+    breaks: u32,
+    /// Spheres here at the last search, if one was made.
+    built: Option<Vec<Sphere>>,
+    cells: CellList,
+    around: Option<Surrounding>,
+    /// Whether there may be pairs whose second particle is not known here.
+    strange: bool,
+    /// Bonds of the particles here, with numbers of the whole body, and how many that has.
+    bonds: Adjacency<[u32; 2]>,
+    all_bonds: usize,
+    /// Distance at which bonds broke \[m\].
+    broken_at: BTreeMap<u32, f64>,
+}
+
+impl PairsInParts {
+    /// Of a whole body before its first step, whose largest particle has a radius of `largest` \[m\].
+    pub(super) fn new(whole: PairList, portion: &Arc<Portion>, largest: f64) -> Self {
+        let own = (0..portion.nodes()).map(|i| whole.adjacency.row(portion.global(i)).to_vec());
+        Self {
+            portion: portion.clone(),
+            skin: whole.listed.skin,
+            largest,
+            near: Vec::new(),
+            searches: 0,
+            all: 0,
+            breaks: 0,
+            built: None,
+            cells: CellList::default(),
+            around: None,
+            strange: true,
+            bonds: Adjacency::from_rows(own),
+            all_bonds: whole.broken_at.len(),
+            broken_at: BTreeMap::new(),
+        }
+    }
+
+    /// Searches made, and pairs of all ranks.
+    pub(super) fn counts(&self) -> [usize; 2] {
+        [self.searches, self.all]
+    }
+
+    /// Lists the pair of a bond that just broke, on whatever rank.
+    pub(super) fn add_broken(&mut self, event: &Break) {
+        self.broken_at.insert(event.bond, event.distance);
+        self.breaks += 1;
+        self.all += 1;
+        self.strange = true;
+        if self.portion.local(event.pair[0] as usize).is_some() {
+            self.near.push(Near {
+                key: Key {
+                    broken: self.breaks,
+                    ends: event.pair,
+                },
+                rest: event.distance,
+                here: None,
+            });
+        }
+    }
+
+    /// Searches anew if a particle of any rank has moved by half the skin since the last search, and finds out where the particles
+    /// around are.
+    pub(super) fn refresh(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
+        let stale = self
+            .built
+            .as_ref()
+            .is_none_or(|built| neighbours::is_stale(built, self.skin, grains.len(), grains.now.iter()));
+        if self.portion.any(stale)? {
+            return self.search(grains, log);
+        }
+        if let Some(around) = &mut self.around {
+            around.place(&grains.now)?;
+        }
+        self.meet(grains)
+    }
+
+    fn search(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
+        self.searches += 1;
+        self.built = Some(grains.now.clone());
+        let reach = 2.0 * self.largest + self.skin;
+        let around = Surrounding::new(&self.portion, grains, reach)?;
+        let (bonds, broken_at, portion) = (&self.bonds, &self.broken_at, &self.portion);
+        let rest = |i: usize, k: usize| {
+            let (first, second) = (portion.global(i) as u32, around.id(k));
+            if second <= first {
+                return None;
+            }
+            let limit = rest_of(&around.rest[i], &around.rest[k]);
+            match bond_between(bonds, i as u32, second) {
+                Some(b) if !log.is_broken(b) => None,
+                Some(b) => Some(limit.min(broken_at.get(&(b as u32)).copied().unwrap_or(f64::INFINITY))),
+                None => Some(limit),
+            }
+        };
+        let spheres = [&grains.now[..], &around.now[..]];
+        let found = neighbours::search(&mut self.cells, spheres, false, [reach, self.skin], &rest);
+        let near = found.iter().flatten().map(|c| Near {
+            key: Key {
+                broken: 0,
+                ends: c.ends.map(|k| around.id(k as usize)),
+            },
+            rest: c.rest,
+            here: Some(c.ends),
+        });
+        self.near = near.collect();
+        self.near.sort_unstable_by_key(|n| n.key);
+        let counts = self.portion.listed(&[self.near.len() as i64])?;
+        self.all = counts.iter().sum::<i64>() as usize;
+        (self.breaks, self.strange, self.around) = (0, false, Some(around));
+        Ok(())
+    }
+
+    /// Gets to know the second particles of pairs that a search has not found.
+    fn meet(&mut self, grains: &Grains) -> Result<(), RankError> {
+        if !std::mem::take(&mut self.strange) {
+            return Ok(());
+        }
+        // Particles have moved by less than half the skin each since they were near.
+        let mut reach = 2.0 * (self.largest + self.skin);
+        for _ in 0..WIDER {
+            let known = self.around.as_ref();
+            let unknown = |n: &Near| known.and_then(|a| a.find(n.key.ends[1])).is_none();
+            if !self
+                .portion
+                .any(known.is_none() || self.near.iter().any(unknown))?
+            {
+                break;
+            }
+            self.around = Some(Surrounding::new(&self.portion, grains, reach)?);
+            self.near
+                .iter_mut()
+                .filter(|n| n.key.broken == 0)
+                .for_each(|n| n.here = None);
+            reach *= 2.0;
+        }
+        let Some(around) = &self.around else { return Ok(()) };
+        for n in &mut self.near {
+            let [Some(i), Some(k)] = n.key.ends.map(|id| around.find(id)) else {
+                continue;
+            };
+            if n.here.is_none() && n.key.broken > 0 {
+                let limit = rest_of(&around.rest[i as usize], &around.rest[k as usize]);
+                n.rest = n.rest.min(limit);
+            }
+            n.here = Some([i, k]);
+        }
+        Ok(())
+    }
+
+    /// Pairs of all ranks that push now, in the order of the whole body, with the distance at which each begins to.
+    pub(super) fn closed(&self) -> Result<Vec<(Key, f64)>, RankError> {
+        let now = self.around.as_ref().map_or(&[][..], |a| &a.now);
+        let pushes = |n: &&Near| {
+            n.here
+                .is_some_and(|[i, k]| n.rest - distance(&now[i as usize], &now[k as usize]) > 0.0)
+        };
+        let own = self.near.par_iter().with_min_len(CHUNK).filter(pushes);
+        let own: Vec<&Near> = own.collect();
+        let words = own.iter().flat_map(|n| {
+            let [broken, ends] = n.key.words();
+            [broken, ends, n.rest.to_bits().cast_signed()]
+        });
+        let all = self.portion.listed(&words.collect::<Vec<i64>>())?;
+        let all = all.as_chunks::<3>().0.iter();
+        let all =
+            all.map(|[broken, ends, rest]| (Key::of([*broken, *ends]), f64::from_bits(rest.cast_unsigned())));
+        let mut all: Vec<(Key, f64)> = all.collect();
+        all.sort_unstable_by_key(|p| p.0);
+        Ok(all)
+    }
+
+    /// The list of the whole body on the first rank, without its springs; none on the others. All ranks must ask.
+    pub(super) fn whole(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
+        let numbers = |n: &Near| {
+            let [i, j] = n.key.ends.map(f64::from);
+            [f64::from(n.key.broken), i, j, n.rest]
+        };
+        let own: Vec<f64> = self.near.iter().flat_map(numbers).collect();
+        let all = self.portion.listed_on_first(&own)?;
+        let built = match &self.built {
+            Some(spheres) => self.portion.collect(4, spheres.as_flattened())?,
+            None => Some(Vec::new()),
+        };
+        let (Some(all), Some(built)) = (all, built) else {
+            return Ok(None);
+        };
+        let mut all = all.as_chunks::<4>().0.to_vec();
+        all.sort_unstable_by(|a, b| a[..3].partial_cmp(&b[..3]).unwrap_or(std::cmp::Ordering::Equal));
+        let mut list = Listed::new(self.skin);
+        let ends = |x: &[f64; 4]| [x[1] as u32, x[2] as u32];
+        list.pairs = all
+            .iter()
+            .map(|x| Candidate {
+                ends: ends(x),
+                rest: x[3],
+            })
+            .collect();
+        list.springs = vec![Spring::default(); all.len()];
+        list.searches = self.searches;
+        list.built = built.as_chunks::<4>().0.to_vec();
+        let key = |x: &[f64; 4]| Key {
+            broken: x[0] as u32,
+            ends: ends(x),
+        };
+        Ok(Some((all.iter().map(key).collect(), list)))
+    }
+
+    /// Where bonds of the whole body broke, behind its list, as [`PairList::save`] has it.
+    pub(super) fn save_broken(&self, out: &mut Record<f64>) {
+        let all = 0..self.all_bonds as u32;
+        out.numbers
+            .extend(all.map(|b| self.broken_at.get(&b).copied().unwrap_or(-1.0)));
+    }
+
+    /// Goes back to a list of the whole body and the distances at which its bonds broke; where each of its pairs stands. `None` for
+    /// those of another body.
+    pub(super) fn restore(&mut self, list: &Listed, broken: &[f64]) -> Option<Vec<Key>> {
+        if broken.len() != self.all_bonds {
+            return None;
+        }
+        let gone = (0..).zip(broken).filter(|(_, d)| **d >= 0.0);
+        self.broken_at = gone.map(|(b, d)| (b, *d)).collect();
+        self.breaks = 0;
+        let mut last = [0, 0];
+        let mut keys = Vec::with_capacity(list.pairs.len());
+        for pair in &list.pairs {
+            // Behind what the last search found stand pairs of broken bonds.
+            if self.breaks > 0 || pair.ends < last {
+                self.breaks += 1;
+            }
+            last = pair.ends;
+            keys.push(Key {
+                broken: self.breaks,
+                ends: pair.ends,
+            });
+        }
+        let here = |key: &Key| self.portion.local(key.ends[0] as usize).is_some();
+        let near = keys.iter().zip(&list.pairs).filter(|(key, _)| here(key));
+        self.near = near
+            .map(|(key, pair)| Near {
+                key: *key,
+                rest: pair.rest,
+                here: None,
+            })
+            .collect();
+        (self.searches, self.all) = (list.searches, keys.len());
+        let own = || (0..self.portion.nodes()).map(|i| list.built[self.portion.global(i)]);
+        self.built = (!list.built.is_empty()).then(|| own().collect());
+        (self.around, self.strange) = (None, true);
+        Some(keys)
+    }
+}

@@ -1,0 +1,248 @@
+//! Contact within a body in parts on several ranks.
+//!
+//! A rank lists and measures the pairs whose first particle it has, with the particles of others that are around. Pairs that push
+//! are told to all ranks, and these take them together ([`Company`]).
+
+use super::Contacts;
+use super::company::Company;
+use super::grains::Grains;
+use super::law::Spring;
+use super::neighbours::{Candidate, Listed};
+use super::pairs::{Key, PairsInParts};
+use super::touching::Touching;
+use super::{add, grains};
+use crate::fracture::{SharedLog, locked};
+use arlequin_core::effect::{AnyEffect, Effect, Host, Instant, StepDemand};
+use arlequin_core::ranks::{Exact, Portion, RankError};
+use arlequin_core::snapshot::Record;
+use arlequin_core::{Arms, DofLayout};
+use std::slice::{from_mut, from_ref};
+use std::sync::Arc;
+
+/// Contact between the particles of all ranks, as one of these takes part in it.
+#[derive(Debug)]
+pub(super) struct ContactsInParts {
+    portion: Arc<Portion>,
+    grains: Grains,
+    /// Largest radius of the whole body \[m\].
+    largest: f64,
+    log: SharedLog,
+    seen: usize,
+    list: PairsInParts,
+    touching: Touching,
+    /// Pairs that push, of all ranks in the order of the whole body, and where they stand in its list.
+    closed: Listed,
+    keys: Vec<Key>,
+    company: Company,
+}
+
+impl ContactsInParts {
+    /// The part of contact in a whole body that belongs to the particles here; `of` names the effect in errors.
+    pub(super) fn new(
+        whole: Contacts,
+        portion: &Arc<Portion>,
+        to: &Host<'_, f64>,
+        of: &str,
+    ) -> arlequin_core::Result<Self> {
+        let mut grains = whole.grains;
+        let largest = grains.largest();
+        grains.share_out(portion, of)?;
+        grains.attach(to, of)?;
+        Ok(Self {
+            list: PairsInParts::new(whole.list, portion, largest),
+            portion: portion.clone(),
+            grains,
+            largest,
+            log: whole.log,
+            seen: whole.seen,
+            touching: whole.touching,
+            closed: Listed::new(0.0),
+            keys: Vec::new(),
+            company: Company::default(),
+        })
+    }
+
+    /// All pairs that push now, on whatever rank, in the order of the whole body; where each begins to.
+    fn push(&mut self) -> Result<Vec<(Key, f64)>, RankError> {
+        let log = locked(&self.log);
+        for event in &log.events()[self.seen..] {
+            self.list.add_broken(event);
+        }
+        self.seen = log.events().len();
+        self.list.refresh(&self.grains, &log)?;
+        drop(log);
+        self.list.closed()
+    }
+
+    /// What the contacts of all pairs remember of the last step.
+    fn springs(&self, pairs: &[(Key, f64)]) -> Vec<Spring> {
+        let old = self.keys.iter().map(|k| k.ends).zip(&self.closed.springs);
+        let mut old: Vec<([u32; 2], &Spring)> = old.collect();
+        old.sort_unstable_by_key(|o| o.0);
+        let of = |(key, _): &(Key, f64)| {
+            let k = old.binary_search_by_key(&key.ends, |o| o.0).ok()?;
+            Some(*old[k].1)
+        };
+        pairs.iter().map(|p| of(p).unwrap_or_default()).collect()
+    }
+
+    /// Takes all contacts together with the other ranks.
+    fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> Result<(), RankError> {
+        let pairs = self.push()?;
+        // Those that pushed in the last step too: their budgets are not settled yet.
+        let here = |place: usize| self.company.here(place);
+        let mut members: Vec<u32> = self.touching.on_ends(&here).map(|e| e.0 as u32).collect();
+        let now = pairs.iter().flat_map(|p| p.0.ends);
+        members.extend(
+            now.filter_map(|id| self.portion.local(id as usize))
+                .map(|i| i as u32),
+        );
+        members.sort_unstable();
+        members.dedup();
+        let (company, mut grains, mut forces) = Company::hear(&self.portion, &members, &self.grains, at, f)?;
+        let place = |id: u32| company.place(id).unwrap_or_default() as u32;
+        let before = &self.company.ids;
+        self.touching.renumber(|p| place(before[p as usize]));
+        let now = company.at(at);
+        self.touching.settle(&mut self.closed, from_ref(&now));
+        let springs = self.springs(&pairs);
+        let candidate = |(key, rest): &(Key, f64)| Candidate {
+            ends: key.ends.map(place),
+            rest: *rest,
+        };
+        self.closed.pairs = pairs.iter().map(candidate).collect();
+        self.closed.springs = springs;
+        self.keys = pairs.iter().map(|p| p.0).collect();
+        self.touching.respond(
+            &mut self.closed,
+            from_mut(&mut grains),
+            from_ref(&now),
+            &mut [&mut forces],
+        );
+        company.deliver(&forces, f);
+        self.company = company;
+        Ok(())
+    }
+
+    /// As the whole body saves it, on the first rank; nothing on the others.
+    fn recorded(&self) -> Result<Record<f64>, RankError> {
+        let Some((keys, mut list)) = self.list.whole()? else {
+            return Ok(Record::default());
+        };
+        let place = |key: &Key| keys.binary_search(key).unwrap_or_default();
+        for (key, spring) in self.keys.iter().zip(&self.closed.springs) {
+            list.springs[place(key)] = *spring;
+        }
+        let mut out = Record::default();
+        out.integers.push(self.seen as u64);
+        let first = out.integers.len();
+        self.touching.save(&mut out);
+        for pair in out.integers[first..].iter_mut().skip(Touching::COUNTS) {
+            *pair = place(&self.keys[*pair as usize]) as u64;
+        }
+        list.save(&mut out);
+        self.list.save_broken(&mut out);
+        Ok(out)
+    }
+
+    /// Undoes [`Self::recorded`] from the record of the whole body; `None` for one of another body.
+    fn recall(&mut self, from: &Record<f64>) -> Option<()> {
+        let count = self.portion.division().nodes();
+        let (seen, integers) = from.integers.split_first()?;
+        self.seen = *seen as usize;
+        let (integers, numbers) = self.touching.restore(integers, &from.numbers)?;
+        let mut list = Listed::new(0.0);
+        let broken = list.restore([count; 2], count, integers, numbers)?;
+        self.touching.find(&list)?;
+        let keys = self.list.restore(&list, broken)?;
+        let on: Vec<usize> = (0..keys.len()).filter(|k| list.springs[*k].on).collect();
+        let mut ids: Vec<u32> = on.iter().flat_map(|k| keys[*k].ends).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        self.company = Company::of(ids);
+        self.company.find(&self.portion);
+        for pair in self.touching.pushing() {
+            *pair = on.binary_search(pair).ok()?;
+        }
+        let company = &self.company;
+        self.touching
+            .renumber(|id| company.place(id).unwrap_or_default() as u32);
+        self.closed.pairs = on.iter().map(|k| list.pairs[*k]).collect();
+        self.closed.springs = on.iter().map(|k| list.springs[*k]).collect();
+        self.keys = on.iter().map(|k| keys[*k]).collect();
+        Some(())
+    }
+}
+
+impl AnyEffect<f64> for ContactsInParts {
+    fn name(&self) -> &str {
+        "contact"
+    }
+
+    fn arms(&self) -> Option<Arms> {
+        Some(Arms::Current)
+    }
+
+    fn saves_whole(&self) -> bool {
+        true
+    }
+
+    /// What goes wrong between ranks is kept for [`Portion::failure`].
+    fn save(&self) -> Record<f64> {
+        self.recorded().unwrap_or_default()
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+        self.recall(from)
+            .ok_or_else(|| arlequin_core::Error::SizeMismatch {
+                what: "particles in the record of contacts".into(),
+                expected: self.portion.division().nodes(),
+                found: from.numbers.len() / 4,
+            })
+    }
+
+    fn stored(&self) -> f64 {
+        self.touching.stored()
+    }
+
+    fn supplied(&self) -> Option<f64> {
+        Some(self.touching.supplied())
+    }
+
+    fn facts(&self) -> Vec<(String, f64)> {
+        self.touching.facts(self.list.counts())
+    }
+}
+
+impl Effect<f64> for ContactsInParts {
+    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.grains.place(at.q);
+        Ok(self.respond(at, f)?)
+    }
+
+    /// Of the particles here.
+    fn power(&self, v: &[f64]) -> f64 {
+        let here = |place: usize| self.company.here(place);
+        let ends = self.touching.on_ends(&here);
+        ends.map(|(i, force, torque)| grains::power(v, i, &force, &torque))
+            .sum()
+    }
+
+    fn add_power(&self, _: &DofLayout, v: &[f64], to: &mut Exact) -> bool {
+        self.touching.add_power(v, &|place| self.company.here(place), to);
+        true
+    }
+
+    fn add_contact(&self, f: &mut [f64]) -> bool {
+        let here = |place: usize| self.company.here(place);
+        for (i, force, torque) in self.touching.on_ends(&here) {
+            add(f, i, &force, &torque);
+        }
+        true
+    }
+
+    fn step_demand(&self) -> StepDemand<f64> {
+        let top = self.grains.top(|r| self.touching.stiffness([r, self.largest]));
+        self.touching.demand(top)
+    }
+}

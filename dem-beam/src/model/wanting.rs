@@ -1,0 +1,152 @@
+//! What a state would need that is not on: of a body in parts, found on all ranks together.
+
+use super::DemModel;
+use super::poses::Reader;
+use crate::contact::neighbours;
+use crate::fracture::{BreakLog, locked};
+use crate::packing::cells::{Sphere, spheres};
+use arlequin_core::Model;
+use arlequin_core::effect::Finding;
+use arlequin_core::ranks::{Exact, Halo, RankError};
+
+/// Rotation \[rad\] up to which the small-rotation law is good to half a per cent of its forces.
+const SMALL_ROTATION: f64 = 0.1;
+
+/// Overlap of unbonded particles beyond that at rest that is worth a word, over the sum of their radii.
+const TOLERATED_OVERLAP: f64 = 0.01;
+
+impl DemModel {
+    pub(super) fn findings(&self, q: &[f64]) -> Vec<Finding> {
+        let mut out = Vec::new();
+        if !self.has_finite_rotations() {
+            out.extend(self.large_rotation(q));
+        }
+        out.extend(self.overloaded(q));
+        out.extend(self.overlapping(q));
+        out.extend(self.torn_in_overlap(q));
+        out
+    }
+
+    /// How many on all ranks, and the largest of a number there that is not negative; all ranks must ask.
+    fn on_all_ranks(&self, count: usize, top: f64) -> (usize, f64) {
+        let Some(portion) = self.portion() else {
+            return (count, top);
+        };
+        let mut sum = Exact::zero();
+        sum.add(count as f64);
+        let [count] = portion.total([sum]);
+        // What goes wrong between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+        (count as usize, portion.largest(top))
+    }
+
+    fn large_rotation(&self, q: &[f64]) -> Option<Finding> {
+        let log = locked(&self.log);
+        // A free particle may turn: no bond feels it.
+        let mut held = vec![false; self.body.len()];
+        for (b, pair) in self.body.pairs().iter().enumerate() {
+            if !log.is_broken_here(b) {
+                pair.iter().for_each(|i| held[*i as usize] = true);
+            }
+        }
+        let th = q[q.len() / 2..].chunks_exact(3).zip(&held);
+        let angles = th
+            .filter(|(_, held)| **held)
+            .map(|(t, _)| (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]).sqrt());
+        let (top, count) = angles.fold((0.0_f64, 0), |(top, n), a| {
+            (top.max(a), n + usize::from(a > SMALL_ROTATION))
+        });
+        let (count, top) = self.on_all_ranks(count, top);
+        (count > 0).then(|| Finding {
+            effect: "finite-rotations",
+            message: format!(
+                "{count} particles have turned by up to {top:.3} rad, beyond {SMALL_ROTATION} rad, the range of the \
+                 small-rotation law: switch finite rotations on"
+            ),
+        })
+    }
+
+    /// Bonds above a strength that nothing enforces.
+    fn overloaded(&self, q: &[f64]) -> Option<Finding> {
+        let watched = self.watched.as_ref()?;
+        let ghosts = self.heard(q);
+        let reader = Reader {
+            ghosts: &ghosts,
+            ..self.reader(q)
+        };
+        let (top, count) = watched.peak(&self.body, &reader);
+        let (count, top) = self.on_all_ranks(count, top);
+        (count > 0).then(|| Finding {
+            effect: "fracture",
+            message: format!(
+                "{count} bonds are loaded above their strength, up to {top:.2} times: switch fracture on"
+            ),
+        })
+    }
+
+    fn overlapping(&self, q: &[f64]) -> Option<Finding> {
+        let log = locked(&self.log);
+        let found = match &self.halo {
+            None => neighbours::overlaps(&self.body, q, TOLERATED_OVERLAP, |b| log.is_broken(b)),
+            // What goes wrong between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+            Some(halo) => self.overlaps_in_parts(halo, q, &log).unwrap_or_default(),
+        };
+        let (count, worst) = found.unwrap_or_default();
+        let (count, worst) = self.on_all_ranks(count, worst);
+        (count > 0).then(|| Finding {
+            effect: "contact",
+            message: format!(
+                "{count} pairs of unbonded particles overlap, by up to {:.1} % of their radii: switch contact on",
+                100.0 * worst
+            ),
+        })
+    }
+
+    /// The overlaps of particles here with those of higher numbers, on whatever rank.
+    fn overlaps_in_parts(
+        &self,
+        halo: &Halo,
+        q: &[f64],
+        log: &BreakLog,
+    ) -> Result<Option<(usize, f64)>, RankError> {
+        let (own, portion) = (self.nodes.len(), halo.portion());
+        let mut rest = spheres(&self.body.positions()[..own], &self.body.radii()[..own]);
+        let mut now = neighbours::displaced(&rest, q);
+        let centres: Vec<[f64; 3]> = now.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();
+        let reach = portion.largest(2.0 * rest.iter().fold(0.0_f64, |m, s| m.max(s[3])));
+        let near = Halo::near(portion.clone(), &centres, reach)?;
+        let mut told: Vec<[Sphere; 2]> = vec![[[0.0; 4]; 2]; near.ghosts().len()];
+        let read = |i: usize| {
+            let both = [rest[i], now[i]];
+            std::array::from_fn::<f64, 8, _>(|k| both[k / 4][k % 4])
+        };
+        near.exchange(&mut near.messages(8), read, |ghost, x| {
+            told[ghost] = std::array::from_fn(|k| std::array::from_fn(|c| x[4 * k + c]));
+        })?;
+        rest.extend(told.iter().map(|t| t[0]));
+        now.extend(told.iter().map(|t| t[1]));
+        let of_near = |k: usize| match k.checked_sub(own) {
+            None => portion.global(k),
+            Some(ghost) => near.ghosts()[ghost] as usize,
+        };
+        let of_body = |k: u32| match (k as usize).checked_sub(own) {
+            None => portion.global(k as usize),
+            Some(ghost) => halo.ghosts()[ghost] as usize,
+        };
+        let bonds = self.body.adjacency();
+        let may_touch = |i: usize, k: usize| {
+            let k = of_near(k);
+            let mut bonds = bonds.row(i).iter();
+            k > portion.global(i)
+                && bonds
+                    .find(|e| of_body(e[0]) == k)
+                    .is_none_or(|e| log.is_broken_here(e[1] as usize))
+        };
+        let first = [&rest[..own], &rest[..]];
+        Ok(neighbours::count_overlaps(
+            first,
+            [&now[..own], &now[..]],
+            TOLERATED_OVERLAP,
+            may_touch,
+        ))
+    }
+}

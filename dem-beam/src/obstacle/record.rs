@@ -1,0 +1,95 @@
+//! What an obstacle must remember: of a body in parts the same on every rank, and as of the whole body.
+
+use super::{Active, Body};
+use crate::contact::Spring;
+use arlequin_core::snapshot::Record;
+use nalgebra::Vector3;
+
+/// Numbers of a record before those of springs and pushes.
+const BALANCE: usize = 24;
+
+impl Body {
+    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact, where it pushes.
+    /// Numbers: its motion and balance, the springs, the pushes.
+    pub(super) fn recorded(&self) -> Record<f64> {
+        let mut out = Record::default();
+        let flags = [self.started, self.law.begun, self.backwards];
+        out.integers.extend(flags.map(u64::from));
+        for v in [
+            self.moved,
+            self.velocity,
+            self.reaction,
+            self.spin,
+            self.torque,
+            self.weight,
+        ] {
+            out.numbers.extend(v.iter());
+        }
+        let balance = [
+            self.supplied,
+            self.pending,
+            self.first_energy,
+            self.peak,
+            self.fallen,
+        ];
+        out.numbers.extend(balance);
+        out.numbers.push(self.law.supplied);
+        for s in self.all_springs().iter() {
+            out.integers.push(u64::from(s.on));
+            out.numbers.extend(s.numbers());
+        }
+        for a in &self.active {
+            let company = self.crowd.as_ref().map(|c| &c.company);
+            let particle = company.map_or(a.particle, |c| c.ids[a.particle as usize]);
+            out.integers.push(u64::from(particle));
+            let vectors = [a.force, a.torque, a.back];
+            out.numbers.extend(vectors.iter().flat_map(|v| v.iter()));
+            out.numbers.extend([a.stored, a.expected]);
+        }
+        out
+    }
+
+    /// Undoes [`Self::recorded`].
+    pub(super) fn recall(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+        let n = self.all_particles();
+        let pushes = from.integers.len().saturating_sub(3 + n);
+        from.expect(
+            &format!("obstacle '{}'", self.name),
+            BALANCE + 7 * n + 11 * pushes,
+            3 + n + pushes,
+        )?;
+        let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
+        [self.started, self.law.begun, self.backwards] = [0, 1, 2].map(|k: usize| from.integers[k] == 1);
+        [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
+        [self.spin, self.torque, self.weight] = [three(9), three(12), three(15)];
+        [
+            self.supplied,
+            self.pending,
+            self.first_energy,
+            self.peak,
+            self.fallen,
+            self.law.supplied,
+        ] = [18, 19, 20, 21, 22, 23].map(|k: usize| from.numbers[k]);
+        let (springs, pushed) = from.numbers[BALANCE..].split_at(7 * n);
+        let (on, particles) = from.integers[3..].split_at(n);
+        let all = on.iter().zip(springs.as_chunks::<7>().0);
+        self.springs = all.map(|(on, x)| Spring::from_numbers(*on == 1, *x)).collect();
+        self.active.clear();
+        for (particle, x) in particles.iter().zip(pushed.as_chunks::<11>().0) {
+            if *particle >= n as u64 {
+                return from.expect(&format!("obstacle '{}'", self.name), BALANCE + 7 * n, 3 + n);
+            }
+            self.active.push(Active {
+                particle: *particle as u32,
+                force: Vector3::new(x[0], x[1], x[2]),
+                torque: Vector3::new(x[3], x[4], x[5]),
+                back: Vector3::new(x[6], x[7], x[8]),
+                stored: x[9],
+                expected: x[10],
+            });
+        }
+        self.near.clear();
+        self.meet_again();
+        Ok(())
+    }
+}

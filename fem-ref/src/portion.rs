@@ -1,0 +1,321 @@
+//! A body in parts on several ranks.
+//!
+//! A rank has whole units of nodes in their order, and the rows of the stiffness that belong to them, as they stand in the whole
+//! body: products with them have its bits. Displacements of nodes of other ranks that these rows name come from there, once per
+//! evaluation. Elements around these nodes are here as well, in the order of the whole body, so that masses and stiffnesses of
+//! other weights and recovered stresses are sums of the same terms: a patch asks for the elements around the nodes of the own ones.
+
+use crate::field::FemField;
+use crate::mesh::Mesh;
+use crate::model::FemModel;
+use arlequin_core::adjacency::Adjacency;
+use arlequin_core::ranks::{self, Communicator, Division, Halo, Message, Portion, RankError, UNIT, Unit};
+use arlequin_core::{Error, Model, Real, Result, Shared};
+use nalgebra::{Point3, Vector3};
+use std::hash::{DefaultHasher, Hasher};
+use std::sync::{Arc, OnceLock};
+
+/// Blocks of the stiffness that take as long as moving a node.
+const MOVING: usize = 3;
+
+/// Number of a node that is not there.
+const NONE: u32 = u32::MAX;
+
+/// Ghosts, and their places in the mesh.
+#[derive(Debug, Clone)]
+struct Reach {
+    halo: Halo,
+    places: Vec<u32>,
+}
+
+/// What a rank holds of a body.
+#[derive(Debug, Clone)]
+pub(crate) struct Part<T: Real> {
+    /// Own nodes \[m\].
+    pub(crate) nodes: Vec<Point3<T>>,
+    /// The field in the elements that have own nodes only.
+    pub(crate) field: Arc<FemField<T>>,
+    /// Numbers in the whole body of the nodes of the mesh, ascending.
+    numbers: Vec<u32>,
+    /// Places of the own nodes in the mesh.
+    own: Vec<u32>,
+    /// Own numbers of the nodes of the mesh.
+    rows: Vec<u32>,
+    components: usize,
+    /// Of the stiffness.
+    reach: Reach,
+    /// Of recovered stresses, once they are asked for.
+    around: OnceLock<Reach>,
+    messages: Vec<Message>,
+    /// Displacements of the nodes of the mesh that the stiffness names.
+    x: Vec<T>,
+}
+
+impl<T: Real> Part<T> {
+    pub(crate) fn portion(&self) -> &Portion {
+        self.reach.halo.portion()
+    }
+
+    pub(crate) fn shared_portion(&self) -> Arc<Portion> {
+        self.reach.halo.portion().clone()
+    }
+
+    /// Own number of a node of the mesh, if it is one.
+    pub(crate) fn row(&self, node: u32) -> Option<usize> {
+        let row = self.rows[node as usize];
+        (row != NONE).then_some(row as usize)
+    }
+
+    /// Places in the mesh of own nodes.
+    pub(crate) fn places(&self, model: &str, nodes: &[usize]) -> Result<Vec<usize>> {
+        let place = |k: &usize| {
+            let place = self.own.get(*k).ok_or_else(|| Error::InvalidParameter {
+                name: "number of a node".into(),
+                value: k.to_string(),
+                rule: format!("the part of '{model}' here has {} nodes", self.own.len()),
+            });
+            place.map(|p| *p as usize)
+        };
+        nodes.iter().map(place).collect()
+    }
+
+    /// Displacements of the nodes of the mesh that the stiffness names, for those of the own ones.
+    pub(crate) fn hear(&mut self, q: &[T]) -> Result<&[T]> {
+        let (c, own, messages) = (self.components, &self.own, &mut self.messages);
+        self.reach.spread(c, own, messages, q, &mut self.x)?;
+        Ok(&self.x)
+    }
+
+    /// What was heard last.
+    pub(crate) fn heard(&self) -> &[T] {
+        &self.x
+    }
+
+    /// As [`Self::hear`], kept apart.
+    pub(crate) fn heard_at(&self, q: &[T]) -> Result<Vec<T>> {
+        self.told(&self.reach, q)
+    }
+
+    /// Displacements of all nodes of the mesh that own patches name.
+    pub(crate) fn heard_around(&self, mesh: &Mesh<T>, q: &[T]) -> Result<Vec<T>> {
+        self.told(self.around.get_or_init(|| self.patched(mesh)), q)
+    }
+
+    fn told(&self, reach: &Reach, q: &[T]) -> Result<Vec<T>> {
+        let c = self.components;
+        let mut x = vec![T::zero(); self.x.len()];
+        reach.spread(c, &self.own, &mut reach.halo.messages(c), q, &mut x)?;
+        Ok(x)
+    }
+
+    /// Nodes of the elements around the nodes of the elements around own nodes.
+    fn patched(&self, mesh: &Mesh<T>) -> Reach {
+        let corners = mesh.kind().corners();
+        let at = Adjacency::of_slots(self.rows.len(), mesh.connectivity());
+        let near = |k: u32| {
+            let elements = at.row(k as usize).iter().map(|slot| *slot as usize / corners);
+            elements.flat_map(|e| mesh.element(e)).copied()
+        };
+        let other = |k: u32| self.rows[k as usize] == NONE;
+        let touches: Vec<bool> = (0..self.rows.len() as u32).map(|k| near(k).any(other)).collect();
+        let mut links = Vec::new();
+        let mut wide: Vec<u32> = Vec::new();
+        for i in self.own.iter().copied() {
+            wide.clear();
+            wide.extend(near(i));
+            wide.sort_unstable();
+            wide.dedup();
+            wide.retain(|k| touches[*k as usize]);
+            let mut named: Vec<u32> = wide.iter().flat_map(|k| near(*k)).filter(|j| other(*j)).collect();
+            named.sort_unstable();
+            named.dedup();
+            links.extend(named.iter().map(|j| [i, *j].map(|k| self.numbers[k as usize])));
+        }
+        Reach::new(self.reach.halo.portion(), links.into_iter(), &self.numbers)
+    }
+}
+
+impl Reach {
+    fn new(portion: &Arc<Portion>, links: impl Iterator<Item = [u32; 2]>, numbers: &[u32]) -> Self {
+        let halo = Halo::of_links(portion.clone(), links);
+        let place = |k: &u32| numbers.partition_point(|n| n < k) as u32;
+        Self {
+            places: halo.ghosts().iter().map(place).collect(),
+            halo,
+        }
+    }
+
+    /// Writes the displacements `q` of own nodes, and those of ghosts, to their places.
+    fn spread<T: Real>(
+        &self,
+        components: usize,
+        own: &[u32],
+        messages: &mut [Message],
+        q: &[T],
+        x: &mut [T],
+    ) -> Result<(), RankError> {
+        match components {
+            1 => self.spread_of::<T, 1>(own, messages, q, x),
+            _ => self.spread_of::<T, 3>(own, messages, q, x),
+        }
+    }
+
+    fn spread_of<T: Real, const C: usize>(
+        &self,
+        own: &[u32],
+        messages: &mut [Message],
+        q: &[T],
+        x: &mut [T],
+    ) -> Result<(), RankError> {
+        let (q, x) = (q.as_chunks::<C>().0, x.as_chunks_mut::<C>().0);
+        for (place, q) in own.iter().zip(q) {
+            x[*place as usize] = *q;
+        }
+        let read = |i: usize| q[i].map(|x| x.as_f64());
+        self.halo.exchange(messages, read, |ghost, told| {
+            x[self.places[ghost] as usize] = told.map(T::of);
+        })
+    }
+}
+
+/// Nodes and elements that a rank needs, ascending.
+struct Needed {
+    nodes: Vec<u32>,
+    elements: Vec<u32>,
+    /// Pairs of nodes of elements that have own nodes and others.
+    links: Vec<[u32; 2]>,
+}
+
+impl Needed {
+    fn new<T: Real>(mesh: &Mesh<T>, portion: &Portion) -> Self {
+        let mut mine: Vec<bool> = vec![false; mesh.nodes().len()];
+        (0..portion.nodes()).for_each(|i| mine[portion.global(i)] = true);
+        let touching = |nodes: &[bool]| -> Vec<u32> {
+            let touches = |e: &u32| mesh.element(*e as usize).iter().any(|k| nodes[*k as usize]);
+            (0..mesh.element_count() as u32).filter(touches).collect()
+        };
+        let all_of = |elements: &[u32]| {
+            let mut nodes = vec![false; mesh.nodes().len()];
+            let corners = elements.iter().flat_map(|e| mesh.element(*e as usize));
+            corners.for_each(|k| nodes[*k as usize] = true);
+            nodes
+        };
+        let first = touching(&mine);
+        let mut links = Vec::new();
+        for e in &first {
+            let corners = mesh.element(*e as usize);
+            if corners.iter().all(|k| mine[*k as usize]) {
+                continue;
+            }
+            for (at, i) in corners.iter().enumerate() {
+                links.extend(corners[..at].iter().map(|j| [*i, *j]));
+            }
+        }
+        let elements = touching(&all_of(&first));
+        let nodes = (0..).zip(all_of(&elements));
+        Self {
+            nodes: nodes.filter(|n| n.1).map(|n| n.0).collect(),
+            elements,
+            links,
+        }
+    }
+}
+
+impl<T: Real> FemModel<T> {
+    /// The units of the body: middle \[m\], and blocks of the stiffness, the motion of nodes included.
+    #[must_use]
+    pub fn units(&self) -> Vec<Unit> {
+        let unit = |first: usize| {
+            let nodes = first..self.nodes().len().min(first + UNIT);
+            let middle: Vector3<T> = self.nodes()[nodes.clone()].iter().map(|x| x.coords).sum();
+            let middle = middle.map(|c| c.as_f64() / nodes.len() as f64);
+            let blocks: usize = nodes.map(|i| self.stiffness.columns(i).len() + MOVING).sum();
+            Unit {
+                centre: Point3::from(middle),
+                work: blocks as f64,
+            }
+        };
+        (0..self.nodes().len()).step_by(UNIT).map(unit).collect()
+    }
+
+    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the other side. None for a
+    /// whole body.
+    #[must_use]
+    pub fn halo(&self) -> Option<&Halo> {
+        self.part.as_ref().map(|p| &p.reach.halo)
+    }
+
+    /// Becomes the part of the rank of `communicator`, of a division by the work of units.
+    pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
+        if self.part.is_some() {
+            return Err(Error::Unsupported {
+                model: self.name.clone(),
+                what: "be shared out: it is a part of a body already".into(),
+            });
+        }
+        let what = format!("the mesh of '{}', its materials or its weights", self.name);
+        ranks::agree(&**communicator, &what, self.digest())?;
+        let division = Division::bisect(self.nodes().len(), &self.units(), communicator.ranks())?;
+        let portion = Arc::new(Portion::new(division, communicator.clone())?);
+        let needed = Needed::new(self.mesh(), &portion);
+        self.part = Some(self.cut(&portion, &needed));
+        let field = self.field();
+        Ok(Shared { portion, field })
+    }
+
+    /// Keeps what is needed; returns what is new of the part.
+    fn cut(&mut self, portion: &Arc<Portion>, needed: &Needed) -> Part<T> {
+        let whole = self.mesh();
+        let (kind, section) = (whole.kind(), whole.section());
+        let place = |k: u32| needed.nodes.partition_point(|n| *n < k) as u32;
+        let own: Vec<u32> = (0..portion.nodes())
+            .map(|i| place(portion.global(i) as u32))
+            .collect();
+        let mut rows = vec![NONE; needed.nodes.len()];
+        (0..).zip(&own).for_each(|(i, k)| rows[*k as usize] = i);
+        let nodes: Vec<Point3<T>> = needed.nodes.iter().map(|k| whole.nodes()[*k as usize]).collect();
+        let corners = needed.elements.iter().flat_map(|e| whole.element(*e as usize));
+        let connectivity: Vec<u32> = corners.map(|k| place(*k)).collect();
+        let here: Vec<Point3<T>> = own.iter().map(|k| nodes[*k as usize]).collect();
+        let numbered = connectivity.iter().map(|k| rows[*k as usize]);
+        let numbered: Vec<u32> = numbered.collect();
+        let inner = numbered.chunks(kind.corners()).filter(|e| !e.contains(&NONE));
+        let inner = Mesh::bare(kind, section, here.clone(), inner.flatten().copied().collect());
+        let globals = (0..portion.nodes()).map(|i| portion.global(i));
+        self.stiffness = self.stiffness.some_rows(globals, nodes.len(), place);
+        let kept = || needed.elements.iter().map(|e| *e as usize);
+        let n = kind.corners();
+        self.masses = kept()
+            .flat_map(|e| self.masses[e * n..(e + 1) * n].to_vec())
+            .collect();
+        self.materials = self.materials.of_some(kept());
+        self.field = Arc::new(FemField::new(Mesh::bare(kind, section, nodes, connectivity)));
+        self.patches = OnceLock::new();
+        let reach = Reach::new(portion, needed.links.iter().copied(), &needed.nodes);
+        Part {
+            nodes: here,
+            field: Arc::new(FemField::new(inner)),
+            numbers: needed.nodes.clone(),
+            own,
+            x: vec![T::zero(); kind.components() * rows.len()],
+            rows,
+            components: kind.components(),
+            messages: reach.halo.messages(kind.components()),
+            reach,
+            around: OnceLock::new(),
+        }
+    }
+
+    /// A number that tells bodies apart.
+    fn digest(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        let places = self.nodes().iter().flat_map(|x| x.coords.iter());
+        let numbers = places.chain(&self.masses).chain(self.stiffness.values());
+        numbers.for_each(|x| hasher.write_u64(x.as_f64().to_bits()));
+        self.mesh()
+            .connectivity()
+            .iter()
+            .for_each(|k| hasher.write_u32(*k));
+        hasher.finish()
+    }
+}
