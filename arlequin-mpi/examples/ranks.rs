@@ -4,26 +4,53 @@
 //! cargo run --release -p arlequin-mpi --features mpi --example ranks -- 47 3
 //! ```
 //!
-//! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their times counts.
+//! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their times counts. Two more numbers
+//! tie the first cells to elements: cells along an element (4, where 4 divides the cells), of which the overlap has two across, and
+//! whether multipliers are solved for by conjugate gradients (0 or 1).
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
     reason = "a table is all it makes"
 )]
 
+use arlequin_core::nalgebra::Point3;
 use arlequin_core::ranks::{self, Communicator, Message, RankError, Reduction};
-use arlequin_core::{Coupled, Guard, Model, Partition, Silent, Subdomain, TimeStep, Uniform, Weights};
+use arlequin_core::{
+    Coupled, Guard, InterfaceSpec, L2, Model, Partition, Profile, Ramp, Sampling, Silent, Slab, Solver,
+    Subdomain, TimeStep, Uniform, Weights,
+};
 use arlequin_core::{DofLayout, parallel};
 use arlequin_mpi::processes::{self, Ending};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, DemModel};
+use fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// Tells a started process how many cells its body has along each edge.
-const CELLS: &str = "ARLEQUIN_RANKS_CELLS";
+/// Tells a started process what it is to do.
+const DECK: &str = "ARLEQUIN_RANKS_DECK";
+
+/// A cube of particles, and what it is tied to.
+#[derive(Debug, Clone, Copy)]
+struct Deck {
+    /// Along each edge.
+    cells: usize,
+    /// Along an element; none without an interface.
+    element: usize,
+    iterated: bool,
+}
+
+impl Deck {
+    fn of(number: impl Fn(usize) -> Result<usize, std::num::ParseIntError>) -> Result<Self, Failure> {
+        Ok(Self {
+            cells: number(0)?,
+            element: number(1)?,
+            iterated: number(2)? > 0,
+        })
+    }
+}
 
 /// Batches of steps of which the fastest counts, and steps in each: as many as between two drawings of the ledger.
 const BATCHES: usize = 8;
@@ -36,20 +63,21 @@ type Told = [i64; 9];
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
-    if let Ok(cells) = std::env::var(CELLS) {
+    if let Ok(deck) = std::env::var(DECK) {
         let ending = Ending {
             wait: Duration::from_secs(120),
             code: 3,
             report: |why| eprintln!("{why}"),
             echo: false,
         };
-        let cells = cells.parse()?;
-        processes::run(ending, |c| one_rank(cells, c))?;
+        let deck = Deck::of(|k| deck.split(' ').nth(k).unwrap_or_default().parse())?;
+        processes::run(ending, |c| one_rank(deck, c))?;
         return Ok(());
     }
     let argument = |k: usize, default: usize| std::env::args().nth(k).map_or(Ok(default), |a| a.parse());
-    let (cells, rounds) = (argument(1, 47)?, argument(2, 3)?);
-    sums(cells)?;
+    let rounds = argument(2, 3)?;
+    let deck = Deck::of(|k| argument([1, 3, 4][k], [47, 0, 0][k]))?;
+    sums(deck.cells)?;
     println!(
         "ranks x threads | ms per step | particles | kB in use | kB at most | messages per step | kB per step | reductions per step | \
          words each | imbalance %"
@@ -58,13 +86,13 @@ fn main() -> Result<(), Failure> {
     let mut best: Vec<Option<Told>> = vec![None; timed.len()];
     for _ in 0..rounds {
         for (of, best) in timed.iter().zip(&mut best) {
-            let now = started(cells, *of)?;
+            let now = started(deck, *of)?;
             *best = Some(best.filter(|b| b[0] <= now[0]).unwrap_or(now));
         }
     }
     for of in [(4, 1), (8, 1)] {
         timed.push(of);
-        best.push(Some(started(cells, of)?));
+        best.push(Some(started(deck, of)?));
     }
     let all = BATCHES * STEPS + STEPS;
     for ((ranks, threads), told) in timed.iter().zip(best.iter().flatten()) {
@@ -100,7 +128,7 @@ fn main() -> Result<(), Failure> {
 }
 
 /// Starts so many ranks with so many threads each, and hears the largest of what they tell.
-fn started(cells: usize, (ranks, threads): (usize, usize)) -> Result<Told, Failure> {
+fn started(deck: Deck, (ranks, threads): (usize, usize)) -> Result<Told, Failure> {
     let mut run = Command::new("mpirun");
     run.args([
         "--oversubscribe",
@@ -111,7 +139,12 @@ fn started(cells: usize, (ranks, threads): (usize, usize)) -> Result<Told, Failu
         "1",
     ]);
     run.args(["-n", &ranks.to_string()]).arg(std::env::current_exe()?);
-    run.env(CELLS, cells.to_string());
+    let Deck {
+        cells,
+        element,
+        iterated,
+    } = deck;
+    run.env(DECK, format!("{cells} {element} {}", u8::from(iterated)));
     run.env("RAYON_NUM_THREADS", threads.to_string());
     for key in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
         run.env(key, "1");
@@ -120,6 +153,8 @@ fn started(cells: usize, (ranks, threads): (usize, usize)) -> Result<Told, Failu
     run.env("OMPI_MCA_btl_vader_single_copy_mechanism", "none");
     let run = run.output()?;
     let text = String::from_utf8_lossy(&run.stdout).into_owned();
+    let notes = text.lines().filter(|l| l.starts_with('#'));
+    notes.for_each(|l| println!("{ranks} ranks {l}"));
     let line = text.lines().find_map(|l| l.strip_prefix("told "));
     let line = line.ok_or_else(|| format!("{ranks} ranks: {}", String::from_utf8_lossy(&run.stderr)))?;
     let numbers: Vec<i64> = line.split(' ').map(str::parse).collect::<Result<_, _>>()?;
@@ -158,12 +193,12 @@ impl Communicator for Counted {
 }
 
 /// One rank of a run, all of whose particles move.
-fn one_rank(cells: usize, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
+fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     let counted = Arc::new(Counted {
         inner: inner.clone(),
         counts: Default::default(),
     });
-    let mut run = body(cells, Some(counted.clone()))?;
+    let mut run = tied(deck, counted.clone())?;
     counted.counts.iter().for_each(|c| c.store(0, Relaxed));
     run.run(STEPS, &mut Silent)?;
     let mut best = Duration::MAX;
@@ -171,6 +206,16 @@ fn one_rank(cells: usize, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
         let begun = Instant::now();
         run.run(STEPS, &mut Silent)?;
         best = best.min(begun.elapsed());
+    }
+    for i in run.interfaces().iter().filter(|_| inner.rank() == 0) {
+        let r = i.report();
+        println!(
+            "# {} multipliers, {} coupled particles, {}, {} iterations",
+            r.multipliers,
+            r.coupled_nodes[1],
+            r.solver,
+            i.iterations()
+        );
     }
     let s = &run.subdomains()[0];
     let imbalance = s.portion().map_or(0.0, |p| p.division().imbalance());
@@ -194,28 +239,51 @@ fn one_rank(cells: usize, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     Ok(())
 }
 
-fn body(cells: usize, ranks: Option<Arc<dyn Communicator>>) -> Result<Coupled<f64>, Failure> {
+/// The cube, and elements that share its first cells.
+fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failure> {
+    let cells = deck.cells;
     let cube = lattice(Lattice::BodyCentred, [cells; 3], 1e-4)?;
     let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0)?;
+    let cell = cube.volume.cbrt() / cells as f64;
     drop(cube);
+    let mut bodies = Vec::new();
+    let mut interfaces = Vec::new();
+    let mut weights = Weights::same(Arc::new(Uniform(1.0)));
+    if deck.element > 0 {
+        let across = cells / deck.element;
+        let border = 2.0 * deck.element as f64 * cell;
+        let edge = cells as f64 * cell;
+        let block = |from: f64, along: usize| {
+            let corners = [Point3::new(from, 0.0, 0.0), Point3::new(border, edge, edge)];
+            generate::block(ElementKind::Hex8, corners[0], corners[1], [along, across, across])
+        };
+        let elements = FemModel::new("elements", block(-border, 4)?, Elastic::new(72e9, 0.17, 2200.0)?)?;
+        let slab = Slab::between(Point3::new(border, 0.0, 0.0), Point3::origin())?;
+        let ramp = Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05)?));
+        weights = Weights::complement_of(std::slice::from_ref(&ramp));
+        bodies.push(Subdomain::coarse(elements, ramp).with_partition(Partition::Unchecked));
+        let mut spec = InterfaceSpec::new("tie", 1, 0, Arc::new(FemField::new(block(0.0, 2)?)), L2);
+        spec.options.sampling = Sampling::Particles;
+        if deck.iterated {
+            spec.options.solver = Solver::conjugate_gradients();
+        }
+        interfaces.push(spec);
+    }
     let n = model.layout().dofs();
     let v = (0..n)
         .map(|k| if k < n / 2 { (0.37 * k as f64).sin() } else { 0.0 })
         .collect();
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Uniform(1.0))))
+    let side = Subdomain::fine(model, weights)
         .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; n], v)?;
-    let side = match ranks {
-        Some(c) => side.shared(c),
-        None => side,
-    };
+    bodies.insert(0, side.shared(ranks));
     let guard = Guard {
         interval: STEPS,
         growth: 0.05,
     };
     Ok(Coupled::new(
-        vec![side],
-        Vec::new(),
+        bodies,
+        interfaces,
         TimeStep::Fraction(0.5),
         Some(guard),
     )?)
