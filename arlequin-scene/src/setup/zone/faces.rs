@@ -34,6 +34,10 @@ impl Faces {
         self.triangles.is_empty()
     }
 
+    pub(in crate::setup) fn triangles(&self) -> &[[Point3<f64>; 3]] {
+        &self.triangles
+    }
+
     /// Number of the nearest triangle and its distance \[m\]; of several the first. There must be one.
     pub(in crate::setup) fn nearest(&self, x: &Point3<f64>) -> (usize, f64) {
         let [low, high] = &self.bounds;

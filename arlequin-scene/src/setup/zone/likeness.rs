@@ -11,10 +11,11 @@ use crate::error::{Result, core, dem, fem};
 use crate::setup::materials;
 use crate::setup::select::{inside, slack};
 use crate::spec::{Axis, ModelTable, Selection, Support};
+use arlequin::core::adjacency::Adjacency;
 use arlequin::core::geometry::Cell;
-use arlequin::core::nalgebra::{Matrix3, Matrix6, Point3, Vector3};
+use arlequin::core::nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 use arlequin::core::sprs::TriMat;
-use arlequin::core::{LinearModel, Model, Overlap, Place, Real, Weight};
+use arlequin::core::{LinearModel, Model, Overlap, Place, Real, Uniform, Weight};
 use arlequin::dem_beam::bond::Twist;
 use arlequin::dem_beam::statics::StaticProblem;
 use arlequin::dem_beam::{DemModel, Held};
@@ -27,6 +28,9 @@ use std::sync::Arc;
 const TOLERANCE: f64 = 3e-3;
 /// Most iterations of each.
 const ITERATIONS: usize = 20_000;
+
+/// Part of the area of a border that must be left over of `∫ n dA` for it to be open.
+const CLOSED: f64 = 1e-3;
 
 /// What a packing is like in its place.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -58,10 +62,10 @@ impl Weight<f64> for Share {
     }
 }
 
-/// `u_k · K_w u_l` of a model with weights `share`, for six fields.
-fn stiffness(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> Result<Matrix6<f64>> {
+/// `u_k · K_w u_l` of a model with weights `share`, for some fields.
+fn energies(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> Result<DMatrix<f64>> {
     model.set_internal_weight(share).map_err(core("zone"))?;
-    let mut out = Matrix6::zeros();
+    let mut out = DMatrix::zeros(fields.len(), fields.len());
     for (l, u) in fields.iter().enumerate() {
         let mut force = vec![0.0; u.len()];
         model.add_internal_forces(u, &mut force).map_err(core("zone"))?;
@@ -69,7 +73,7 @@ fn stiffness(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> 
             out[(k, l)] = -v.iter().zip(&force).map(|(v, f)| v * f).sum::<f64>();
         }
     }
-    Ok((out + out.transpose()) * 0.5)
+    Ok((&out + out.transpose()) * 0.5)
 }
 
 /// Components that supports hold of points so far apart \[m\], some of which are in groups.
@@ -125,6 +129,8 @@ pub(in crate::setup) struct Twin<'a> {
     bearings: [Faces; 3],
     border: Faces,
     middle: Vector3<f64>,
+    /// Forces that are spread over the zone by mass \[N\]; none where its border can hold every stress by itself.
+    pulls: Vec<Vector3<f64>>,
 }
 
 impl<'a> Twin<'a> {
@@ -152,6 +158,8 @@ impl<'a> Twin<'a> {
         let mut held = supported(supports, mesh.nodes(), mesh.spacing(), &group);
         let bearings = [0, 1, 2]
             .map(|c| faces(&|f| !on_border(f) && mesh.facet_nodes(*f).iter().all(|k| held[*k as usize][c])));
+        let supported = [0, 1, 2].map(|c| !bearings[c].is_empty());
+        let pulls = pulls(border.triangles(), table.material.young, supported);
         for (held, outer) in held.iter_mut().zip(&outer) {
             held.iter_mut().for_each(|c| *c |= *outer);
         }
@@ -166,10 +174,26 @@ impl<'a> Twin<'a> {
             held,
             bearings,
             border,
+            pulls,
         }))
     }
 
-    /// Displacements of the elements under the six strains of their border.
+    /// Forces on the nodes of a model under a pull \[N\] that acts on the part of its mass which is the zone's share.
+    fn spread(&self, model: &dyn Model<f64>, pull: &Vector3<f64>) -> Result<Vec<f64>> {
+        let mut mass = vec![0.0; model.layout().dofs()];
+        let mut share = mass.clone();
+        model
+            .lumped_inertia(&self.share, &mut share)
+            .map_err(core(self.key))?;
+        model
+            .lumped_inertia(&Uniform(1.0), &mut mass)
+            .map_err(core(self.key))?;
+        let moved = model.layout().translations();
+        let all = share[..moved].iter().sum::<f64>() / 3.0;
+        Ok((0..moved).map(|r| pull[r % 3] * mass[r] / all).collect())
+    }
+
+    /// Displacements of the elements under the six strains of their border, and under the pulls.
     fn equilibria(&self, model: &FemModel<f64>) -> Result<Vec<Vec<f64>>> {
         let whole = model.stiffness();
         let mut place = vec![usize::MAX; whole.rows()];
@@ -185,11 +209,16 @@ impl<'a> Twin<'a> {
                 nodes.flat_map(|n| <[f64; 3]>::from(at(n))).collect()
             })
             .collect();
+        fields.resize(6 + self.pulls.len(), vec![0.0; whole.rows()]);
         if free.is_empty() {
             return Ok(fields);
         }
         let mut matrix = TriMat::new((free.len(), free.len()));
         let mut sides = vec![0.0; 6 * free.len()];
+        for pull in &self.pulls {
+            let force = self.spread(model, pull)?;
+            sides.extend(free.iter().map(|r| force[*r]));
+        }
         for (v, (r, c)) in whole.iter() {
             match (place[r], place[c]) {
                 (usize::MAX, _) => {}
@@ -241,30 +270,60 @@ impl<'a> Twin<'a> {
         model.nodes().iter().zip(fixed).map(both).collect()
     }
 
-    /// Displacements and rotations of a packing under the six strains.
+    /// Displacements and rotations of a packing under the six strains, and under the pulls.
     fn settle(&self, model: &DemModel, held: &[Held]) -> Result<Vec<Vec<f64>>> {
         let body = model.body();
-        let field = |k: usize| {
+        let solved = |problem: StaticProblem| {
+            let done = problem.solve(body, TOLERANCE, ITERATIONS);
+            let done = done.map_err(dem(self.key))?.displacements;
+            let moves = done.iter().flat_map(|t| <[f64; 3]>::from(t.linear));
+            let turns = done.iter().flat_map(|t| <[f64; 3]>::from(t.angular));
+            Ok(moves.chain(turns).collect())
+        };
+        let mut out = Vec::new();
+        for k in 0..6 {
             let moved = |sphere| Twist {
                 linear: self.moved(k, model, sphere),
                 ..Twist::zero()
             };
-            let problem = StaticProblem {
+            out.push(solved(StaticProblem {
                 held: held.to_vec(),
                 start: model.nodes().iter().zip(held).map(moved).collect(),
                 ..StaticProblem::free(body.len())
-            };
-            let done = problem
-                .solve(body, TOLERANCE, ITERATIONS)
-                .map_err(dem(self.key))?;
-            let moves = done.displacements.iter().flat_map(|t| <[f64; 3]>::from(t.linear));
-            let turns = done
-                .displacements
-                .iter()
-                .flat_map(|t| <[f64; 3]>::from(t.angular));
-            Ok(moves.chain(turns).collect())
-        };
-        (0..6).map(field).collect()
+            })?);
+        }
+        for pull in &self.pulls {
+            out.push(solved(self.hanging(model, held, pull)?)?);
+        }
+        Ok(out)
+    }
+
+    /// A packing that hangs on its border. Spheres there do not turn, so that all that bonds join to them is held; what is not
+    /// joined carries nothing.
+    fn hanging(&self, model: &DemModel, held: &[Held], pull: &Vector3<f64>) -> Result<StaticProblem> {
+        let body = model.body();
+        let mut problem = StaticProblem::free(body.len());
+        problem.held = held.to_vec();
+        let force = self.spread(model, pull)?;
+        let ends = |&[i, j]: &[u32; 2]| [(i, j), (j, i)];
+        let bonds = Adjacency::new(body.len(), body.pairs().iter().flat_map(ends));
+        let mut joined = vec![false; body.len()];
+        let mut next: Vec<usize> = (0..body.len())
+            .filter(|p| self.on_border(model, &model.nodes()[*p]))
+            .collect();
+        for p in &next {
+            problem.held[*p] = Held::ALL;
+            joined[*p] = true;
+        }
+        while let Some(p) = next.pop() {
+            problem.loads[p].linear = Vector3::from_fn(|c, _| force[3 * p + c]);
+            for q in bonds.row(p) {
+                if !std::mem::replace(&mut joined[*q as usize], true) {
+                    next.push(*q as usize);
+                }
+            }
+        }
+        Ok(problem)
     }
 
     /// What a packing is like, whose beams get another modulus if they may be `chosen`. None where it cannot be tested: it
@@ -279,16 +338,25 @@ impl<'a> Twin<'a> {
         let elements = FemModel::new("body", self.mesh.clone(), materials);
         let mut elements = elements.map_err(fem(self.key))?;
         let fields = self.equilibria(&elements)?;
-        let wanted = stiffness(&mut elements, &self.share, &fields)?;
+        let wanted = energies(&mut elements, &self.share, &fields)?;
         let held = self.holds(&model, group);
         let fields = self.settle(&model, &held)?;
-        let found = stiffness(&mut model, &self.share, &fields)?;
-        let factor = inner(&found, &wanted) / inner(&wanted, &wanted);
-        if !(factor > 0.0 && factor.is_finite()) {
+        let found = energies(&mut model, &self.share, &fields)?;
+        let of = |first: usize, count: usize| {
+            let part = |all: &DMatrix<f64>| all.view((first, first), (count, count)).into_owned();
+            [part(&found), part(&wanted)]
+        };
+        let Some(strained) = Compared::strained(&of(0, 6)) else {
             return Ok(None);
-        }
-        let off = found / factor - wanted;
-        let uneven = (inner(&off, &off) / inner(&wanted, &wanted)).sqrt();
+        };
+        let Some(hanging) = Compared::hanging(&of(6, self.pulls.len())) else {
+            return Ok(None);
+        };
+        // Energies are those of unit strains and of stresses of the size of Young's modulus: the larger says more.
+        let weight = hanging.size / (strained.size + hanging.size);
+        let both = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
+        let factor = both(strained.factor.ln(), hanging.factor.ln()).exp();
+        let uneven = both(strained.off, hanging.off).sqrt();
         // Stiffness goes with the modulus of the beams.
         Ok(Some(Likeness {
             stiffness: if chosen { 1.0 } else { factor },
@@ -298,8 +366,66 @@ impl<'a> Twin<'a> {
     }
 }
 
+/// Forces under which a zone hangs on its border, where that faces one way rather than all: along each axis on which no support holds a face of
+/// the zone, what the border would have to carry of a stress `E` \[N\].
+///
+/// Where a border is closed (`∫ n dA = 0`), it strains what is inside by itself. At the end of a body strain dies away
+/// from it, and what a zone carries comes from its own surface.
+fn pulls(border: &[[Point3<f64>; 3]], young: f64, supported: [bool; 3]) -> Vec<Vector3<f64>> {
+    let areas = border.iter().map(|[a, b, c]| (b - a).cross(&(c - a)) * 0.5);
+    let (sum, size) = areas.fold((Vector3::zeros(), 0.0), |(sum, size), a| {
+        (sum + a, size + a.norm())
+    });
+    let axes = (0..3).filter(|c| sum.norm() > CLOSED * size && !supported[*c]);
+    axes.map(|c| Vector3::ith(c, young * sum.norm())).collect()
+}
+
+/// A packing beside the body's elements.
+#[derive(Debug)]
+struct Compared {
+    /// How much stiffer it is.
+    factor: f64,
+    /// Square of what is left over, but for the factor, relative to the elements.
+    off: f64,
+    /// Square of the elements' energies \[J²\].
+    size: f64,
+}
+
+impl Compared {
+    /// Under strains of the border: the projection of the one stiffness on the other as tensors of fourth order.
+    fn strained([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
+        let size = inner(wanted, wanted);
+        let factor = inner(found, wanted) / size;
+        let off = found / factor - wanted;
+        Self::sound(factor, inner(&off, &off) / size, size)
+    }
+
+    /// Under forces, whose work goes with the inverse of the stiffness: the mean over all directions, each beside the elements'
+    /// own work, as bending may be much softer than tension.
+    fn hanging([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
+        if wanted.is_empty() {
+            return Self::sound(1.0, 0.0, 0.0);
+        }
+        let root = wanted.clone().cholesky()?.l().try_inverse()?;
+        let softer = &root * found * root.transpose();
+        let count = softer.nrows();
+        let mean = softer.trace() / count as f64;
+        let off = softer / mean - DMatrix::identity(count, count);
+        Self::sound(
+            1.0 / mean,
+            off.norm_squared() / count as f64,
+            wanted.norm_squared(),
+        )
+    }
+
+    /// None where nothing carries.
+    fn sound(factor: f64, off: f64, size: f64) -> Option<Self> {
+        (factor > 0.0 && factor.is_finite() && off.is_finite()).then_some(Self { factor, off, size })
+    }
+}
+
 /// Product of two stiffnesses as tensors of fourth order.
-fn inner(a: &Matrix6<f64>, b: &Matrix6<f64>) -> f64 {
+fn inner(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
     // An entry with a shear component appears twice per such component.
     let times = |k: usize| if k < 3 { 1.0 } else { 2.0 };
     let entries = (0..36).map(|k| (k / 6, k % 6));
