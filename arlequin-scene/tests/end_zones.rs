@@ -4,6 +4,7 @@
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin::core::nalgebra::{Rotation3, Vector3};
+use arlequin_scene::setup::zone::Likeness;
 use arlequin_scene::{Scene, Silent, Source};
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -42,12 +43,12 @@ enum Zone {
     Inside(f64),
 }
 
-/// A bar whose end is particles, eight across.
+/// A bar whose end is particles, twelve across.
 const BAR: Case = Case {
-    cells: [12, 6, 6],
-    zone: Zone::End(5.0),
-    overlap: 3.0,
-    diameter: 0.75,
+    cells: [20, 10, 10],
+    zone: Zone::End(8.0),
+    overlap: 4.0,
+    diameter: 0.8,
     turn: 0.0,
     shift: 0.0,
     unit: 1e-3,
@@ -102,7 +103,7 @@ impl Case {
 
     /// Displacement of the end along the block over the unit of length, under a pull that is alike in all units; of the
     /// models named, and what beams the zone has.
-    fn pulled(&self, kind: &str, probed: &[&str]) -> (Vec<f64>, f64) {
+    fn pulled(&self, kind: &str, probed: &[&str]) -> (Vec<f64>, Option<Likeness>) {
         let u = self.unit;
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("end-zones");
         let own = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
@@ -161,7 +162,7 @@ impl Case {
         let last = |name: String| *results.probe(&name).unwrap().1.last().unwrap();
         let moved =
             |name: &&str| Vector3::from(["x", "y", "z"].map(|c| last(format!("{name}{c}")))).dot(&along) / u;
-        (probed.iter().map(moved).collect(), beams.map_or(1.0, |b| b.beams))
+        (probed.iter().map(moved).collect(), beams)
     }
 
     fn of_elements(&self, probed: &[&str]) -> Vec<f64> {
@@ -177,7 +178,7 @@ impl Case {
         );
         let (moved, beams) = self.pulled(&kind, probed);
         let off: Vec<f64> = moved.iter().zip(alone).map(|(u, v)| u / v - 1.0).collect();
-        println!("{:?} seed {seed}: off by {off:.4?}, beams {beams:.3}", self.cells);
+        println!("{:?} seed {seed}: off by {off:.4?}, {beams:?}", self.cells);
         off
     }
 }
@@ -191,14 +192,13 @@ fn all(below: [usize; 3]) -> impl Iterator<Item = (usize, usize, usize)> {
 #[test]
 fn issue_015_a_bar_that_ends_in_particles_is_as_stiff_as_elements_however_it_lies_and_in_any_unit() {
     let alone = BAR.of_elements(&["tip"]);
-    let turned = Case { turn: 0.7, ..BAR };
     let far = Case {
-        turn: -0.4,
+        turn: 0.7,
         shift: 1e3,
         unit: 1e3,
         ..BAR
     };
-    for (case, seed) in [(BAR, 1), (BAR, 2), (turned, 1), (far, 2)] {
+    for (case, seed) in [(BAR, 1), (far, 2)] {
         let off = case.off(seed, &["tip"], &alone);
         assert!(off[0].abs() < 0.02, "turned by {}: {off:?}", case.turn);
     }
@@ -208,24 +208,28 @@ const EDGE: Case = Case {
     cells: [10, 10, 6],
     zone: Zone::Edge(4.0),
     overlap: 3.0,
+    diameter: 0.75,
     ..BAR
 };
 const CORNER: Case = Case {
     cells: [10, 10, 10],
     zone: Zone::Corner(4.5),
     overlap: 3.0,
+    diameter: 0.75,
     ..BAR
 };
 const SURFACE: Case = Case {
     cells: [9, 12, 12],
     zone: Zone::Surface(3.0),
     overlap: 3.0,
+    diameter: 0.75,
     ..BAR
 };
 const INSIDE: Case = Case {
     cells: [11, 11, 11],
     zone: Zone::Inside(2.2),
     overlap: 3.0,
+    diameter: 0.75,
     ..BAR
 };
 
@@ -246,12 +250,12 @@ fn blocks_with_many_zones() {
     let table: [(&str, Case, &[&str]); 6] = [
         ("end", BAR, &["tip"]),
         (
-            "end, finer",
+            "end, coarser",
             Case {
-                cells: [20, 10, 10],
-                zone: Zone::End(8.0),
-                overlap: 4.0,
-                diameter: 0.8,
+                cells: [12, 6, 6],
+                zone: Zone::End(5.0),
+                overlap: 3.0,
+                diameter: 0.75,
                 ..BAR
             },
             &["tip"],

@@ -4,7 +4,8 @@
 //! lies. Its border to the body is moved by each of six unit strains, and what supports hold with it; all else is in
 //! equilibrium, and with the shares `w` that the zone has of the energy, `C_kl = u_k · K_w u_l`. The same is found for the
 //! body's elements. The factor by which the beams' modulus is off is the projection of the one on the other as tensors, so
-//! that nothing depends on how the body is turned. Decision 0041.
+//! that nothing depends on how the body is turned. Where the border is open, as at the end of a body, both also hang on it
+//! under forces. Decision 0041.
 
 use super::{Faces, Piece, corners_of};
 use crate::error::{Result, core, dem, fem};
@@ -286,11 +287,12 @@ impl<'a> Twin<'a> {
                 linear: self.moved(k, model, sphere),
                 ..Twist::zero()
             };
-            out.push(solved(StaticProblem {
+            let problem = StaticProblem {
                 held: held.to_vec(),
                 start: model.nodes().iter().zip(held).map(moved).collect(),
                 ..StaticProblem::free(body.len())
-            })?);
+            };
+            out.push(solved(problem)?);
         }
         for pull in &self.pulls {
             out.push(solved(self.hanging(model, held, pull)?)?);
