@@ -74,13 +74,13 @@ impl Plate {
             let [a, b, c] = p.map(|c| c / scale);
             let _ = writeln!(text, "{} {a:e} {b:e} {c:e}", n + 1);
         };
-        for i in 0..nx {
-            for j in 0..ny {
-                (0..nz).for_each(|k| node(at(i, j, k), [x[i], y[j], z[k]]));
+        for (i, x) in x.iter().enumerate() {
+            for (j, y) in y.iter().enumerate() {
+                (0..nz).for_each(|k| node(at(i, j, k), [*x, *y, z[k]]));
             }
         }
-        for i in 0..front {
-            (0..nz).for_each(|k| node(upper(i, k), [x[i], 0.0, z[k]]));
+        for (i, x) in x[..front].iter().enumerate() {
+            (0..nz).for_each(|k| node(upper(i, k), [*x, 0.0, z[k]]));
         }
         let mut elements = Vec::new();
         for (i, j, k) in
