@@ -42,6 +42,9 @@ pub struct Likeness {
     pub uneven: f64,
     /// Young's modulus of its beams over that of beams for the bulk, or of the scene's own.
     pub beams: f64,
+    /// Spheres across the border on which it hangs: `√|∫ n dA|` over their mean diameter; none where the border is closed
+    /// or supports hold what it does not.
+    pub across: Option<f64>,
 }
 
 /// The fine share of the energy: one in the zone, falling to zero across the overlap.
@@ -359,11 +362,14 @@ impl<'a> Twin<'a> {
         let both = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
         let factor = both(strained.factor.ln(), hanging.factor.ln()).exp();
         let uneven = both(strained.off, hanging.off).sqrt();
+        let diameter = 2.0 * model.body().mean_radius();
+        let across = |pull: &Vector3<f64>| (pull.norm() / self.table.material.young).sqrt() / diameter;
         // Stiffness goes with the modulus of the beams.
         Ok(Some(Likeness {
             stiffness: if chosen { 1.0 } else { factor },
             uneven,
             beams: if chosen { 1.0 / factor } else { 1.0 },
+            across: self.pulls.first().map(across),
         }))
     }
 }
