@@ -51,18 +51,27 @@ fn collapse(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let contact = Contact::new(&model, law).unwrap();
     let law = ContactLaw { rolling: 0.0, ..law };
     let down = Vector3::new(0.3, -0.2, -1.0).normalize();
+    // Both begin a little off the spheres next to them.
+    let (gap, round) = (3e-6, 1.5e-3);
+    let spheres = || all.iter().map(|x| x - middle).zip(model.body().radii());
+    let below = spheres().map(|(x, r)| x.dot(&down) + r).fold(0.0, f64::max);
+    let above = spheres().filter_map(|(x, r)| {
+        let t = x.dot(&down);
+        let reach = (round + r + gap).powi(2) - (x.norm_squared() - t * t);
+        (reach > 0.0).then(|| reach.sqrt() - t)
+    });
     let wall = RigidShape::Plane {
-        point: Point3::from(middle + down * 1.95e-3),
+        point: Point3::from(middle + down * (below + gap)),
         normal: -down,
     };
     let wall = Obstacle::new("wall", &model, wall, Motion::Velocity(-down * 20.0), law).unwrap();
     let ball = RigidShape::Sphere {
-        centre: Point3::from(middle - down * 3.3e-3),
-        radius: 1.5e-3,
+        centre: Point3::from(middle - down * above.fold(0.0, f64::max)),
+        radius: round,
     };
     let motion = Motion::Free {
         mass: 2e-5,
-        velocity: down * 60.0,
+        velocity: down * 120.0,
         inertia: None,
     };
     let ball = Obstacle::new("ball", &model, ball, motion, law).unwrap();

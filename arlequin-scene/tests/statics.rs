@@ -463,7 +463,7 @@ fn bodies_torn_apart_come_to_rest() {
              [probe.grip]\nof = \"grip\"\nquantity = \"force\"\ncomponent = \"x\""
         )
     };
-    let results = run(&torn(&grip(1.2e-5), ""));
+    let results = run(&torn(&grip(1e-6), ""));
     let force = results.probe("grip").expect("probe").1;
     let steps = &results.summary().load_steps;
     let iterations: Vec<usize> = steps.iter().map(|s| s.iterations).collect();

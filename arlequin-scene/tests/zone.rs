@@ -477,6 +477,19 @@ fn what_makes_no_body_or_zone_is_refused_with_key_and_remedy() {
 }
 
 #[test]
+fn probes_of_a_body_name_the_zone_that_has_its_face() {
+    for quantity in ["displacement\"\ncomponent = \"x", "von-mises"] {
+        let probe =
+            format!("{BAR}[probe.end]\nmodel = \"body\"\nwhere = \"x-max\"\nquantity = \"{quantity}\"\n");
+        let e = scene(&probe).and_then(|s| s.prepare()).err().unwrap();
+        assert_eq!(e.place().0, Some("probe.end.where"), "{e}");
+        assert!(e.to_string().ends_with("give model = \"tip\""), "{e}");
+        let probe = probe.replace("\"body\"\nwhere", "\"tip\"\nwhere");
+        scene(&probe).unwrap().prepare().unwrap();
+    }
+}
+
+#[test]
 fn zones_need_a_body_a_name_of_their_own_and_room() {
     let refused = |text: &str| {
         let e = scene(text).and_then(|s| s.prepare()).err();

@@ -7,9 +7,9 @@ use super::kinds::Body;
 use super::plausible::corners;
 use super::select;
 use super::tensor::{self, TensorRow};
-use super::{crack, weights};
+use super::{crack, weights, zone};
 use crate::error::{Error, Result, core, key, value};
-use crate::spec::{Axis, Probe, Quantity, SceneSpec};
+use crate::spec::{Axis, Probe, Quantity, SceneSpec, Selection};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::ranks::Gather;
 use arlequin::core::{Arms, Coupled, EnergyRelease, ShapeRow, Subdomain};
@@ -133,7 +133,7 @@ impl Row {
         let mut along = None;
         let row = match (&probe.at, &probe.over) {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
-                let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
+                let nodes = chosen(path, selection, model, scene, bodies)?;
                 let [row, stretch] = rotation(path, body, &nodes, c)?;
                 along = (body.model.arms() == Arms::Current).then_some(stretch);
                 row
@@ -144,7 +144,7 @@ impl Row {
                 row.map(|(n, v)| (n * count + c, v)).collect()
             }
             (None, Some(selection)) => {
-                let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
+                let nodes = chosen(path, selection, model, scene, bodies)?;
                 let share = 1.0 / nodes.len() as f64;
                 nodes.iter().map(|n| (n * count + c, share)).collect()
             }
@@ -174,6 +174,31 @@ impl Row {
     }
 }
 
+/// Nodes of a model that a probe names; where only zones of a body have some, they are named.
+pub(super) fn chosen(
+    path: &str,
+    selection: &Selection,
+    model: usize,
+    scene: &SceneSpec,
+    bodies: &[Body],
+) -> Result<Vec<usize>> {
+    let path = format!("{path}.where");
+    let of = |m: usize| select::nodes(&path, &bodies[m], selection);
+    let found = of(model);
+    let zones = || zone::parts(scene, model).into_iter().filter(|m| *m != model);
+    match (found, zones().find(|m| of(*m).is_ok())) {
+        (Err(_), Some(zone)) => {
+            let name = bodies[zone].model.name();
+            let rule = format!(
+                "{selection} holds nodes of zone '{name}' only, and model '{}' is the body outside its zones; give model = \"{name}\"",
+                bodies[model].model.name()
+            );
+            Err(key(path, rule))
+        }
+        (found, _) => found,
+    }
+}
+
 /// Nodes and shape functions of a point.
 fn placed(path: &str, called: &str, at: &[f64; 3], body: &Body) -> Result<(Vec<usize>, Vec<f64>)> {
     let mut row = ShapeRow::default();
@@ -189,7 +214,7 @@ fn tensor_row(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> 
     check(path, probe)?;
     let body = &bodies[number];
     let place = probe.at.as_ref().map(|at| placed(path, called, at, body));
-    TensorRow::new(path, probe, (number, body), place.transpose()?)
+    TensorRow::new(path, probe, (number, scene, bodies), place.transpose()?)
 }
 
 /// The direction that a probe of a vector must name.

@@ -1,10 +1,10 @@
 //! Probes of stress and strain, at a point or as the mean over nodes.
 
 use super::kinds::Body;
-use super::select;
+use super::probe;
 use crate::error::{Result, core, key, value};
 use crate::ranks::elsewhere;
-use crate::spec::{Component, Probe, Quantity};
+use crate::spec::{Component, Probe, Quantity, SceneSpec};
 use arlequin::core::ranks::Portion;
 use arlequin::core::{Recovered, Recovery, Subdomain, SymmetricTensor};
 
@@ -68,9 +68,10 @@ impl TensorRow {
     pub(super) fn new(
         path: &str,
         probe: &Probe,
-        (model, body): (usize, &Body),
+        (model, scene, bodies): (usize, &SceneSpec, &[Body]),
         placed: Option<(Vec<usize>, Vec<f64>)>,
     ) -> Result<Self> {
+        let body = &bodies[model];
         let name = body.model.name();
         let Some(recovery) = body.model.recovery() else {
             let rule = format!("model '{name}' of kind '{}' knows no stresses", body.model.kind());
@@ -83,7 +84,7 @@ impl TensorRow {
         let (nodes, factors) = match (placed, &probe.over) {
             (Some(placed), _) => placed,
             (None, Some(selection)) => {
-                let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
+                let nodes = probe::chosen(path, selection, model, scene, bodies)?;
                 // Particles stand for the volume of their spheres: a plain mean would count the small ones, which carry more, too high.
                 let size = |n: &usize| body.grid.radii.get(*n).map_or(1.0, |r| r.powi(3));
                 let sum: f64 = nodes.iter().map(size).sum();
