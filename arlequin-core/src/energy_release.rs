@@ -20,6 +20,7 @@ mod front;
 
 pub use front::CrackFront;
 
+use crate::adjacency::lowest_connected;
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::material::Elastic;
@@ -27,9 +28,10 @@ use crate::model::Model;
 use crate::recovery::SymmetricTensor;
 use crate::weight::Weight;
 use crate::{Error, Real, Result};
-use front::{Cylinder, place, swept, tapers};
+use front::{Cylinder, nodes_along, place, swept, tapers};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
-use std::collections::BTreeMap;
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A point at which a model has its strain, and what it stands for.
 #[derive(Debug)]
@@ -59,6 +61,10 @@ const FACING: f64 = 0.02;
 const ON_SURFACE: f64 = 0.05;
 /// Distance from the front over the inner radius below which a node lies on it.
 const AT_FRONT: f64 = 1e-3;
+/// Part of the inner radius that faces of a slit may reach ahead of the front: its tip is well within the radius.
+const BEHIND: f64 = 0.25;
+/// Distance over the outer radius below which two nodes lie at one place.
+const COINCIDENT: f64 = 1e-6;
 /// An integration point in the domain; places in the lists of [`EnergyRelease`].
 #[derive(Debug, Clone)]
 struct Place<T: Real> {
@@ -83,6 +89,27 @@ pub struct EnergyRelease<T: Real> {
     /// `∫ q dl` \[m\].
     swept: T,
     unknowns: usize,
+}
+
+/// Takes `q` from nodes that do not hang together with some where it is not zero: another front on the same line is another crack.
+fn leave_others_out<T: Real>(gradients: &dyn Gradients<T>, along: &[u32], q: &mut [T]) {
+    let mut pairs: Vec<[u32; 2]> = Vec::new();
+    for cell in 0..gradients.count() {
+        gradients.for_each_point(cell, &mut |p| {
+            let mut moved = p.nodes.iter().filter(|n| q[**n as usize] > T::zero());
+            if let Some(first) = moved.next() {
+                pairs.extend(moved.map(|n| [*first, *n]));
+            }
+        });
+    }
+    let piece = lowest_connected(q.len(), pairs.iter().copied());
+    let moved = along.iter().filter(|n| q[**n as usize] > T::zero());
+    let own: BTreeSet<u32> = moved.map(|n| piece[*n as usize]).collect();
+    for (q, piece) in q.iter_mut().zip(&piece) {
+        if !own.contains(piece) {
+            *q = T::zero();
+        }
+    }
 }
 
 /// What of a node lies on the surface: its area vector, and the sum of the areas it is the balance of \[m²\].
@@ -119,13 +146,17 @@ impl<T: Real> EnergyRelease<T> {
             radii: crack.radii,
             tapers: tapers(model.name(), field, crack, length, &direction)?,
         };
-        let mut out = Self::of_domain(model, gradients, &cylinder, &direction);
+        let share = |x: &Point3<T>| cylinder.at(x).into_iter().fold(T::one(), |q, f| q * f);
+        let mut q: Vec<T> = model.nodes().iter().map(share).collect();
+        leave_others_out(gradients, &nodes_along(field, crack, &direction)?, &mut q);
+        let mut out = Self::of_domain(model, gradients, &q, &direction);
         if out.places.is_empty() {
             let found = format_args!("[{}, {}]", crack.radii[0], crack.radii[1]);
             let rule = format!("no node of model '{}' lies within; enlarge them", model.name());
             return Err(invalid("radii of the crack front", found, &rule));
         }
         out.check_weight(model, alpha)?;
+        out.check_slits(model, &cylinder, &direction)?;
         let facing = out.check_surfaces(model, &cylinder, &direction)?;
         out.find_slopes(model, &cylinder, &facing);
         out.swept = swept(field, crack, &cylinder, &direction)?;
@@ -136,12 +167,9 @@ impl<T: Real> EnergyRelease<T> {
     fn of_domain(
         model: &dyn Model<T>,
         gradients: &dyn Gradients<T>,
-        cylinder: &Cylinder<T>,
+        q: &[T],
         direction: &Vector3<T>,
     ) -> Self {
-        let all = model.nodes();
-        let share = |x: &Point3<T>| cylinder.at(x).into_iter().fold(T::one(), |q, f| q * f);
-        let q: Vec<T> = all.iter().map(share).collect();
         let (mut places, mut rows) = (Vec::new(), Vec::new());
         for cell in 0..gradients.count() {
             gradients.for_each_point(cell, &mut |p| {
@@ -191,6 +219,33 @@ impl<T: Real> EnergyRelease<T> {
 
     fn row(&self, p: &Place<T>) -> &[(u32, Vector3<T>)] {
         &self.rows[p.rows[0]..p.rows[1]]
+    }
+
+    /// Refuses faces of a slit ahead of the front, where two nodes lie at one place: the front is behind its tip, or the direction
+    /// leads back.
+    fn check_slits(
+        &self,
+        model: &dyn Model<T>,
+        cylinder: &Cylinder<T>,
+        direction: &Vector3<T>,
+    ) -> Result<()> {
+        let [inner, outer] = cylinder.radii;
+        let close = outer * T::of(COINCIDENT);
+        // Along a line that no mesh has planes across, places that are close are neighbours in a list.
+        let skew = Vector3::new(T::of(0.727), T::of(0.549), T::of(0.412));
+        let arms = self.nodes.iter().map(|n| model.nodes()[*n] - cylinder.from);
+        let ahead = arms.filter(|arm| arm.dot(direction) > inner * T::of(BEHIND));
+        let mut ahead: Vec<(T, Vector3<T>)> = ahead.map(|arm| (skew.dot(&arm), arm)).collect();
+        ahead.sort_by(|a, b| a.0.partial_cmp(&b.0).unwrap_or(Ordering::Equal));
+        for (k, (key, arm)) in ahead.iter().enumerate() {
+            let near = ahead[k + 1..].iter().take_while(|b| b.0 - *key <= close);
+            if near.into_iter().any(|(_, b)| (b - arm).norm() <= close) {
+                let rule = "faces of a slit lie there, ahead of the front: put the front where the crack ends, and let the direction \
+                            lead away from its faces; or take smaller radii, if it is another crack";
+                return Err(invalid("node", place(&(cylinder.from + arm)), rule));
+            }
+        }
+        Ok(())
     }
 
     /// Refuses a ring that is cut by what moves with it: surfaces of the body, or of a material in it, that face the direction of the

@@ -500,3 +500,72 @@ fn cracks_in_an_overlap_and_among_particles_are_refused() {
         "cannot tell the energy that a crack releases",
     );
 }
+
+/// A part of the front need not end at nodes: in plane strain it releases what the whole does.
+#[test]
+fn parts_of_the_front_that_end_between_nodes_release_the_same() {
+    let plate = Plate {
+        crack: 0.04,
+        fine: 2e-3,
+        layers: 8,
+        tetrahedra: false,
+    };
+    let part = |name: &str, ends: [f64; 2]| {
+        probe(name, [plate.crack, 0.0, 0.0], [1.0, 0.0, 0.0], [4e-3, 8e-3], ends)
+    };
+    let text = scene(&plate, "sent-between", &pulled(1.0), 1.0)
+        + &part("whole", [0.0, THICK])
+        + &part("inner", [0.2 * THICK, 0.69 * THICK])
+        + &part("short", [0.45 * THICK, 0.62 * THICK])
+        + STATIC;
+    let results = run(&text);
+    let [whole, inner, short] = ["whole", "inner", "short"].map(|n| read(&results, n));
+    println!("{whole} {inner} {short}");
+    assert!((inner / whole - 1.0).abs() < 0.01 && (short / whole - 1.0).abs() < 0.01);
+}
+
+/// Where a slit goes on ahead of the front, the front is not there, or the direction points back along the faces.
+#[test]
+fn fronts_within_a_slit_and_directions_along_its_faces_are_refused() {
+    let plate = Plate {
+        crack: 0.04,
+        fine: 2e-3,
+        layers: 1,
+        tetrahedra: false,
+    };
+    for (x, along) in [(0.04, -1.0), (0.034, 1.0), (0.03, 1.0)] {
+        let front = probe("j", [x, 0.0, 0.0], [along, 0.0, 0.0], [4e-3, 8e-3], [0.0, THICK]);
+        let text = scene(&plate, "sent-within", &pulled(1.0), 1.0) + &front + STATIC;
+        let made = Scene::from_text(text).and_then(|s| s.prepare().map(|_| ()));
+        let error = made.expect_err("refused");
+        assert_eq!(error.place().0, Some("probe.j.crack"), "{error}");
+    }
+}
+
+/// A body cut in half along its crack: supports ahead of the front, whose forces are none of a load.
+#[test]
+fn half_a_body_releases_half() {
+    let (crack, thick) = (0.04, 0.004);
+    let support = |from: [f64; 3], to: [f64; 3], axis: &str| {
+        format!(
+            "[[support]]\nmodel = \"plate\"\nwhere = {{ box = [{from:?}, {to:?}] }}\ncomponents = [\"{axis}\"]\n"
+        )
+    };
+    let mut text = format!(
+        "[model.plate]\nkind = \"fem\"\ndivisions = [50, 75, 1]\n\
+         shape.box = {{ low = [0.0, 0.0, 0.0], high = [0.1, 0.15, {thick}] }}\n\
+         material = {{ young = {YOUNG}, poisson = {POISSON}, density = 2700.0 }}\n\
+         [[load]]\nmodel = \"plate\"\nwhere = \"y-max\"\ntraction = [0.0, {PULL}, 0.0]\ntime = \"step\"\n"
+    );
+    text += &support([-1.0, -1.0, -1e-6], [1.0, 1.0, 1.0], "z");
+    text += &support([crack - 1e-6, -1e-6, -1.0], [1.0, 1e-6, 1.0], "y");
+    text += &support([0.0999, 0.1499, -1.0], [1.0, 1.0, 1.0], "x");
+    for (name, radii) in [("near", [4e-3, 8e-3]), ("far", [8e-3, 14e-3])] {
+        text += &probe(name, [crack, 0.0, 0.0], [1.0, 0.0, 0.0], radii, [0.0, thick]);
+    }
+    let results = run(&(text + STATIC));
+    let [near, far] = ["near", "far"].map(|n| read(&results, n));
+    let exact = 0.5 * handbook(crack);
+    println!("{near} and {far} of {exact}");
+    assert!((near / far - 1.0).abs() < 2e-3 && (far / exact - 1.0).abs() < 0.04);
+}

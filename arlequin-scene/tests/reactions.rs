@@ -294,7 +294,7 @@ fn probes_and_curves_of_forces_refuse_what_makes_no_sense() {
     says(
         &(probe.to_owned() + "at = [1.0, 1.0, 1.0]\n"),
         "probe.p",
-        "remove at and where",
+        "remove at, where and crack",
     );
     says(
         &(probe.to_owned() + "model = \"x\"\n"),

@@ -23,6 +23,8 @@ const NEAR_END: f64 = 1e-3;
 const PLACES: usize = 8;
 /// Places along the front at which `q` is looked at.
 const SAMPLES: usize = 256;
+/// Most lengths of a part over which `q` is followed beyond its ends.
+const BEYOND: usize = 16;
 
 impl<T: Real> CrackFront<T> {
     /// Refuses radii, ends and a direction that make no sense.
@@ -110,7 +112,26 @@ fn ahead<T: Real>(crack: &CrackFront<T>, direction: &Vector3<T>, t: f64) -> Poin
     crack.ends[0] + (crack.ends[1] - crack.ends[0]) * T::of(t) + direction * crack.radii[0]
 }
 
-/// `∫ q dl` along the front \[m\], of `q` as its nodal values and the shape functions make it.
+/// Nodes of the cells ahead of the front, at places where the model is known to be.
+pub(super) fn nodes_along<T: Real>(
+    field: &dyn Interpolation<T>,
+    crack: &CrackFront<T>,
+    direction: &Vector3<T>,
+) -> Result<Vec<u32>> {
+    let (mut row, mut out) = (ShapeRow::default(), Vec::new());
+    for t in places() {
+        field.shape_at(&ahead(crack, direction, t), false, &mut row)?;
+        out.extend(row.nodes.iter().map(|n| *n as u32));
+    }
+    Ok(out)
+}
+
+fn places() -> impl Iterator<Item = f64> {
+    (0..PLACES).map(|k| (k as f64 + 0.5) / PLACES as f64)
+}
+
+/// `∫ q dl` along the front \[m\], of `q` as its nodal values and the shape functions make it: it reaches beyond the ends of a part by as
+/// much as elements do.
 pub(super) fn swept<T: Real>(
     field: &dyn Interpolation<T>,
     crack: &CrackFront<T>,
@@ -120,12 +141,25 @@ pub(super) fn swept<T: Real>(
     if cylinder.tapers == [T::zero(); 2] {
         return Ok(cylinder.length);
     }
-    let (mut row, mut sum) = (ShapeRow::default(), T::zero());
-    for k in 0..SAMPLES {
-        let x = ahead(crack, direction, (k as f64 + 0.5) / SAMPLES as f64);
-        field.shape_at(&x, false, &mut row)?;
+    let mut row = ShapeRow::default();
+    let mut at = |t: f64| {
+        field.shape_at(&ahead(crack, direction, t), false, &mut row)?;
         let all = row.nodes.iter().zip(&row.values);
-        sum += all.fold(T::zero(), |q, (n, w)| q + cylinder.at(&field.nodes()[*n])[1] * *w);
+        Ok(all.fold(T::zero(), |q, (n, w)| q + cylinder.at(&field.nodes()[*n])[1] * *w))
+    };
+    let mut sum = T::zero();
+    for k in 0..SAMPLES {
+        sum += at((k as f64 + 0.5) / SAMPLES as f64)?;
+    }
+    for end in [0.0, 1.0] {
+        for k in 0..BEYOND * SAMPLES {
+            let off = (k as f64 + 0.5) / SAMPLES as f64;
+            match at(if end > 0.0 { end + off } else { -off }) {
+                Ok(q) if q > T::zero() => sum += q,
+                Ok(_) | Err(Error::OutsideDomain { .. }) => break,
+                Err(e) => return Err(e),
+            }
+        }
     }
     let share = sum / T::of(SAMPLES as f64);
     if share < T::of(0.1) {
@@ -152,8 +186,7 @@ pub(super) fn tapers<T: Real>(
             Err(e) => Err(e),
         }
     };
-    let within = (0..PLACES).map(|k| (k as f64 + 0.5) / PLACES as f64);
-    for t in [NEAR_END, 1.0 - NEAR_END].into_iter().chain(within) {
+    for t in [NEAR_END, 1.0 - NEAR_END].into_iter().chain(places()) {
         if let Some(x) = outside(t)? {
             let rule = format!(
                 "model '{model}' is not there, an inner radius ahead of the crack front; move the front to where the crack ends in the \
