@@ -91,6 +91,34 @@ pub struct EnergyRelease<T: Real> {
     unknowns: usize,
 }
 
+/// Refuses faces of a slit ahead of the front, where two nodes lie at one place: the front is behind its tip, or the direction
+/// leads back.
+fn check_slits<T: Real>(
+    model: &dyn Model<T>,
+    q: &[T],
+    cylinder: &Cylinder<T>,
+    direction: &Vector3<T>,
+) -> Result<()> {
+    let [inner, outer] = cylinder.radii;
+    let close = outer * T::of(COINCIDENT);
+    // Along a line that no mesh has planes across, places that are close are neighbours in a list.
+    let skew = Vector3::new(T::of(0.727), T::of(0.549), T::of(0.412));
+    let moved = model.nodes().iter().zip(q).filter(|(_, q)| **q > T::zero());
+    let arms = moved.map(|(x, _)| x - cylinder.from);
+    let ahead = arms.filter(|arm| arm.dot(direction) > inner * T::of(BEHIND));
+    let mut ahead: Vec<(T, Vector3<T>)> = ahead.map(|arm| (skew.dot(&arm), arm)).collect();
+    ahead.sort_by(|a, b| a.0.partial_cmp(&b.0).unwrap_or(Ordering::Equal));
+    for (k, (key, arm)) in ahead.iter().enumerate() {
+        let near = ahead[k + 1..].iter().take_while(|b| b.0 - *key <= close);
+        if near.into_iter().any(|(_, b)| (b - arm).norm() <= close) {
+            let rule = "faces of a slit lie there, ahead of the front: put the front where the crack ends, and let the direction \
+                        lead away from its faces; or take smaller radii, if it is another crack";
+            return Err(invalid("node", place(&(cylinder.from + arm)), rule));
+        }
+    }
+    Ok(())
+}
+
 /// Takes `q` from nodes that do not hang together with some where it is not zero: another front on the same line is another crack.
 fn leave_others_out<T: Real>(gradients: &dyn Gradients<T>, along: &[u32], q: &mut [T]) {
     let mut pairs: Vec<[u32; 2]> = Vec::new();
@@ -148,6 +176,7 @@ impl<T: Real> EnergyRelease<T> {
         };
         let share = |x: &Point3<T>| cylinder.at(x).into_iter().fold(T::one(), |q, f| q * f);
         let mut q: Vec<T> = model.nodes().iter().map(share).collect();
+        check_slits(model, &q, &cylinder, &direction)?;
         leave_others_out(gradients, &nodes_along(field, crack, &direction)?, &mut q);
         let mut out = Self::of_domain(model, gradients, &q, &direction);
         if out.places.is_empty() {
@@ -156,7 +185,6 @@ impl<T: Real> EnergyRelease<T> {
             return Err(invalid("radii of the crack front", found, &rule));
         }
         out.check_weight(model, alpha)?;
-        out.check_slits(model, &cylinder, &direction)?;
         let facing = out.check_surfaces(model, &cylinder, &direction)?;
         out.find_slopes(model, &cylinder, &facing);
         out.swept = swept(field, crack, &cylinder, &direction)?;
@@ -219,33 +247,6 @@ impl<T: Real> EnergyRelease<T> {
 
     fn row(&self, p: &Place<T>) -> &[(u32, Vector3<T>)] {
         &self.rows[p.rows[0]..p.rows[1]]
-    }
-
-    /// Refuses faces of a slit ahead of the front, where two nodes lie at one place: the front is behind its tip, or the direction
-    /// leads back.
-    fn check_slits(
-        &self,
-        model: &dyn Model<T>,
-        cylinder: &Cylinder<T>,
-        direction: &Vector3<T>,
-    ) -> Result<()> {
-        let [inner, outer] = cylinder.radii;
-        let close = outer * T::of(COINCIDENT);
-        // Along a line that no mesh has planes across, places that are close are neighbours in a list.
-        let skew = Vector3::new(T::of(0.727), T::of(0.549), T::of(0.412));
-        let arms = self.nodes.iter().map(|n| model.nodes()[*n] - cylinder.from);
-        let ahead = arms.filter(|arm| arm.dot(direction) > inner * T::of(BEHIND));
-        let mut ahead: Vec<(T, Vector3<T>)> = ahead.map(|arm| (skew.dot(&arm), arm)).collect();
-        ahead.sort_by(|a, b| a.0.partial_cmp(&b.0).unwrap_or(Ordering::Equal));
-        for (k, (key, arm)) in ahead.iter().enumerate() {
-            let near = ahead[k + 1..].iter().take_while(|b| b.0 - *key <= close);
-            if near.into_iter().any(|(_, b)| (b - arm).norm() <= close) {
-                let rule = "faces of a slit lie there, ahead of the front: put the front where the crack ends, and let the direction \
-                            lead away from its faces; or take smaller radii, if it is another crack";
-                return Err(invalid("node", place(&(cylinder.from + arm)), rule));
-            }
-        }
-        Ok(())
     }
 
     /// Refuses a ring that is cut by what moves with it: surfaces of the body, or of a material in it, that face the direction of the

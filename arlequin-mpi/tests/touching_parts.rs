@@ -140,7 +140,7 @@ fn contacts_and_obstacles_have_the_bits_of_one_rank() {
         assert!(fact(obstacle, "largest force [N]") > 0.5, "{:?}", seen.effects());
     }
     let whole = told_after(run, STEPS);
-    for ranks in [1, 2, 3, 4, 8] {
+    for ranks in [1, 2, 3, 4] {
         let all = together(threads::run(ranks, 1, WAIT, |c| {
             told_after(collapse(Some(c)), STEPS)
         }));
