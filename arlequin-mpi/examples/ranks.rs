@@ -249,8 +249,7 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
     let mut bodies = Vec::new();
     let mut interfaces = Vec::new();
     let mut weights = Weights::same(Arc::new(Uniform(1.0)));
-    if deck.element > 0 {
-        let across = cells / deck.element;
+    if let Some(across) = cells.checked_div(deck.element) {
         let border = 2.0 * deck.element as f64 * cell;
         let edge = cells as f64 * cell;
         let block = |from: f64, along: usize| {
