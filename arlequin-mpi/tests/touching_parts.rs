@@ -9,7 +9,7 @@ use arlequin_core::{Coupled, Guard, Partition, Silent, Subdomain, TimeStep, Unif
 use arlequin_mpi::threads;
 use dem_beam::{BeamMaterial, Contact, ContactLaw, DemModel, Matter, Motion, Obstacle, RigidShape};
 use std::sync::Arc;
-use support::{Told, WAIT, bar, bits, part, same, together};
+use support::{Told, WAIT, bar, bits, first, part, same_on, shared};
 
 /// A block of 1 000 spheres, bonded in twos, apart from each other by a twentieth of their size: turned, and shifted far.
 fn dumbbells() -> DemModel {
@@ -89,10 +89,7 @@ fn collapse(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
         .with_effect(Box::new(ball))
         .with_initial(vec![0.0; 6 * n], v)
         .unwrap();
-    let side = match ranks {
-        Some(c) => side.shared(c),
-        None => side,
-    };
+    let side = shared(side, ranks);
     let guard = Guard {
         interval: 5,
         growth: 0.5,
@@ -140,13 +137,9 @@ fn contacts_and_obstacles_have_the_bits_of_one_rank() {
         assert!(fact(obstacle, "largest force [N]") > 0.5, "{:?}", seen.effects());
     }
     let whole = told_after(run, STEPS);
-    for ranks in [1, 2, 3, 4] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| {
-            told_after(collapse(Some(c)), STEPS)
-        }));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[1, 2, 3, 4], &"", &whole, |c| {
+        told_after(collapse(Some(c)), STEPS)
+    });
 }
 
 #[test]
@@ -156,25 +149,20 @@ fn contacts_of_three_ranks_go_on_on_others() {
     let mut one = collapse(None);
     one.run(half, &mut Silent).unwrap();
     let one = one.snapshot().unwrap();
-    let saved = threads::run(3, 1, WAIT, |c| {
+    let saved = first(3, |c| {
         let mut run = collapse(Some(c));
         run.run(half, &mut Silent).unwrap();
         run.snapshot().unwrap()
     });
-    let saved = saved.into_iter().next().unwrap().unwrap();
     assert!(
         saved.subdomains[0].effects == one.subdomains[0].effects,
         "records differ"
     );
-    for ranks in [1, 2, 4] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| {
-            let mut run = collapse(Some(c));
-            run.restore(&saved).unwrap();
-            told_after(run, STEPS - half)
-        }));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks");
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[1, 2, 4], &"", &whole, |c| {
+        let mut run = collapse(Some(c));
+        run.restore(&saved).unwrap();
+        told_after(run, STEPS - half)
+    });
     // A record of another body.
     let mut other = saved;
     other.subdomains[0].effects[0].numbers.pop();
