@@ -72,7 +72,7 @@ impl Gather {
         if messages.is_empty() {
             return;
         }
-        let told: Result<(), RankError> = self.portion.communicator().exchange(messages, &mut || ());
+        let told: Result<(), RankError> = self.portion.communicator().exchange(messages, &mut || false);
         if self.portion.keep(told).is_err() {
             out.fill(T::of(f64::NAN));
             return;

@@ -73,11 +73,16 @@ pub trait Communicator: std::fmt::Debug + Send + Sync {
     /// How many there are.
     fn ranks(&self) -> usize;
 
-    /// Sends and receives all messages, whose peers do the same; `meanwhile` runs while they are on their way.
+    /// Sends and receives all messages, whose peers do the same. While they are on their way `meanwhile` does a piece of other work
+    /// and says whether there is more of it: it is called until there is none, and messages are looked after in between.
     ///
     /// # Errors
     /// A peer that is silent, lost or gave up; a message of another length.
-    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError>;
+    fn exchange(
+        &self,
+        messages: &mut [Message],
+        meanwhile: &mut dyn FnMut() -> bool,
+    ) -> Result<(), RankError>;
 
     /// Puts the words of all ranks together, entry by entry; all get the result.
     ///

@@ -70,6 +70,6 @@ impl Halo {
 }
 
 fn told(portion: &Portion, mut messages: Vec<Message>) -> Result<std::vec::IntoIter<Message>, RankError> {
-    portion.keep(portion.communicator().exchange(&mut messages, &mut || ()))?;
+    portion.keep(portion.communicator().exchange(&mut messages, &mut || false))?;
     Ok(messages.into_iter())
 }

@@ -60,7 +60,7 @@ impl Post {
         let told = self
             .portion
             .communicator()
-            .exchange(&mut self.messages, &mut || ());
+            .exchange(&mut self.messages, &mut || false);
         if self.portion.keep(told).is_err() {
             return false;
         }
