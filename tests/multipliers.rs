@@ -285,6 +285,29 @@ fn more_dependent_multipliers_than_a_dense_solver_takes_are_harmless_and_counted
     );
 }
 
+/// By the model of decision 0046, whatever the run is solved by.
+#[test]
+fn sums_over_many_ranks_are_what_a_chebyshev_iteration_saves() {
+    for solver in [Solver::Auto, gradients(1e-12, 500), Solver::chebyshev()] {
+        let c = solid_pair(Box::new(L2), solver);
+        let of = |ranks: usize| {
+            let all = c.interfaces()[0].solution_times(ranks);
+            assert_eq!(
+                all.iter().map(|t| t.solver).collect::<Vec<_>>(),
+                ["factor", "conjugate gradients", "chebyshev"]
+            );
+            [0, 1, 2].map(|k| all[k].seconds)
+        };
+        let [alone, few, many] = [1, 10, 1000].map(of);
+        assert!(alone.iter().all(|s| *s > 0.0), "{alone:?}");
+        assert!(
+            many[2] < 0.5 * many[1] && many[1] > 1.5 * few[1],
+            "{few:?} {many:?}"
+        );
+        assert!(many[2] < 1.1 * few[2], "{few:?} {many:?}");
+    }
+}
+
 /// Nodes on the face `z` least are held in `z` alone, overlap included: the operator of that component is another one.
 #[test]
 fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {

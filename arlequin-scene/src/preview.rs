@@ -150,13 +150,21 @@ impl Preview {
             Ok(()) => "directly".to_owned(),
             Err(why) => format!("by relaxation, as {why}"),
         });
+        let mut interface = summary::interfaces(&run, &[]);
+        let ranks = scene.ranks().count();
+        if ranks > 1 {
+            for (line, i) in interface.iter_mut().zip(run.interfaces()) {
+                let times = i.solution_times(ranks).into_iter();
+                line.solution_times = times.map(|t| (t.solver, t.seconds)).collect();
+            }
+        }
         let plan = run.plan();
         let count = usize::from(last.is_none()) + steps.div_ceil(frame_every);
         Self {
             scene: scene.source().path.display().to_string(),
             title: scene.spec().title.clone(),
             models: summary::models(&run, &packings),
-            interface: summary::interfaces(&run, &[]),
+            interface,
             zones,
             ranks: holdings,
             links: LinkLine::met(scene, &run),

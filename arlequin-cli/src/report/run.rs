@@ -184,6 +184,9 @@ fn sizes(p: &Preview) {
     warnings(&p.warnings);
 }
 
+/// A solver is asked for where it takes less than this share of the time of the one that is taken: the model of times is no closer.
+const WORTH: f64 = 0.7;
+
 /// Says before the first step how models are held on several ranks.
 pub(crate) fn holdings(all: &[RankLine], json: bool) {
     if !json && !super::loudness().quiet {
@@ -334,6 +337,26 @@ fn models(all: &[ModelLine]) {
     }
 }
 
+/// What a solution on many ranks takes by each solver, and which should be asked for.
+fn solutions(i: &InterfaceLine) -> Option<String> {
+    let all = &i.solution_times;
+    let by = |(solver, s): &(&str, f64)| format!("{:.3} ms by {solver}", 1e3 * s);
+    let words: Vec<String> = all.iter().map(by).collect();
+    let (best, least) = all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let taken = all.iter().find(|t| t.0 == i.solver);
+    // Dense eigenvectors are slower still.
+    let gains = taken.is_none_or(|t| *least < WORTH * t.1);
+    let key = if gains {
+        format!("; take solver = \"{}\"", best.replace(' ', "-"))
+    } else {
+        String::new()
+    };
+    Some(format!(
+        "a solution on these ranks, expected: {}{key}",
+        words.join(", ")
+    ))
+}
+
 fn interfaces(all: &[InterfaceLine]) {
     for i in all {
         println!(
@@ -357,6 +380,9 @@ fn interfaces(all: &[InterfaceLine]) {
             println!(
                 "           {count} iterations per solution for eigenvalues from {low:.3e} to {high:.3e}"
             );
+        }
+        if let Some(words) = solutions(i) {
+            println!("           {words}");
         }
         let [coarse, fine] = i.tied.map(|t| 100.0 * t);
         println!(

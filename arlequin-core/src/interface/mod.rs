@@ -15,6 +15,8 @@
 mod advice;
 mod assembly;
 mod chebyshev;
+mod cost;
+mod coupling;
 mod dots;
 mod gradients;
 mod iterated;
@@ -31,6 +33,8 @@ mod system;
 mod transfer;
 
 pub use assembly::Sampling;
+pub use cost::SolutionTime;
+pub(crate) use coupling::Coupling;
 pub use rank::NullMode;
 pub use report::{Damped, InterfaceReport};
 pub use solver::Solver;
@@ -42,10 +46,11 @@ use crate::model::DofLayout;
 use crate::ranks::Portion;
 use crate::weight::Weight;
 use crate::{Error, Real, Result};
+use cost::Work;
 use nalgebra::Point3;
 use operator::{Operator, Wanted};
 pub(crate) use sides::Sides;
-use sprs::{CsMat, TriMat};
+use sprs::CsMat;
 use std::ops::Range;
 use std::sync::Arc;
 use system::System;
@@ -160,41 +165,6 @@ impl<T: Real> std::fmt::Debug for Side<'_, T> {
     }
 }
 
-/// Coupling matrix of one side, multiplier rows by model columns.
-#[derive(Debug, Clone)]
-pub(crate) struct Coupling<T> {
-    pub(crate) matrix: CsMat<T>,
-    /// Vector components that share a scalar matrix; 1 if the matrix itself holds all components.
-    pub(crate) shared: usize,
-}
-
-impl<T: Real> Coupling<T> {
-    /// `Σ_j ‖B_ij‖` of a multiplier node `i` over the nodes `j` of the model, with the root mean square of the singular values of
-    /// each block as its norm: it does not depend on how axes lie.
-    fn measure(&self, node: usize, components: usize) -> T {
-        let split = components / self.shared;
-        let rows = (node * split..(node + 1) * split).filter_map(|k| self.matrix.outer_view(k));
-        let mut entries: Vec<(usize, T)> = rows
-            .flat_map(|r| r.iter().map(|(j, b)| (j / split, *b * *b)).collect::<Vec<_>>())
-            .collect();
-        entries.sort_by_key(|e| e.0);
-        let blocks = entries.chunk_by(|a, b| a.0 == b.0);
-        let square = |block: &[(usize, T)]| block.iter().map(|e| e.1).sum::<T>() / T::of(split as f64);
-        blocks.map(|block| square(block).sqrt()).sum()
-    }
-
-    /// The matrix for all components, interleaved.
-    fn expanded(&self) -> CsMat<T> {
-        let d = self.shared;
-        let size = (self.matrix.rows() * d, self.matrix.cols() * d);
-        let mut all = TriMat::with_capacity(size, self.matrix.nnz() * d);
-        for (v, (i, j)) in self.matrix.iter() {
-            (0..d).for_each(|c| all.add_triplet(i * d + c, j * d + c, *v));
-        }
-        all.to_csr()
-    }
-}
-
 /// A ready interface between a coarse and a fine subdomain.
 #[derive(Debug)]
 pub struct Interface<T: Real> {
@@ -216,6 +186,8 @@ pub struct Interface<T: Real> {
     pub(crate) start_jump: T,
     components: usize,
     nodes: Vec<Point3<T>>,
+    /// What solvers have to do; of interfaces that are solved for together the first has it.
+    work: Option<Work>,
 }
 
 /// An interface whose multipliers nobody solves for yet.
@@ -293,6 +265,7 @@ impl<T: Real> Draft<T> {
             start_jump: spec.options.start_jump,
             components,
             nodes: spec.mediator.nodes().to_vec(),
+            work: None,
         };
         Ok(Self {
             interface,
@@ -362,6 +335,7 @@ impl<T: Real> Interface<T> {
         report.condition = operator.condition.as_f64();
         if own.start == 0 {
             report.nonzeros += operator.nonzeros();
+            self.work = (operator.solver != "lumped").then_some(operator.work);
         }
         report.together = together;
         let told = advice::of_rank(report, operator.ranked);
@@ -402,6 +376,12 @@ impl<T: Real> Interface<T> {
     /// Iterations that the last solve took; zero with a factor.
     pub fn iterations(&self) -> usize {
         self.iterations
+    }
+
+    /// What one solution for the multipliers is expected to take on so many ranks, by each solver that can be asked for; nothing of a
+    /// lumped operator, and of interfaces that are solved for together but the first.
+    pub fn solution_times(&self, ranks: usize) -> Vec<SolutionTime> {
+        self.work.map_or_else(Vec::new, |w| w.on(ranks))
     }
 
     /// Mediator nodes \[m\].

@@ -1,6 +1,7 @@
 //! The multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ`: how it is solved with.
 
 use super::chebyshev::{self, Chebyshev};
+use super::cost::Work;
 use super::iterated::{Apply, Broken, Iterated, Method, Precondition};
 use super::parts::Parts;
 use super::rank::{self, NullMode};
@@ -56,6 +57,8 @@ pub(super) struct Operator<T: Real> {
     pub(super) null_modes: Vec<NullMode>,
     /// Whether it is known which multipliers are dependent.
     pub(super) ranked: bool,
+    /// What solvers have to do.
+    pub(super) work: Work,
 }
 
 /// What an operator is made with: name and options of its interface.
@@ -71,6 +74,8 @@ struct Outcome<T: Real> {
     condition: T,
     /// Smallest eigenvalue but zero of the scaled operator, an estimate from above, and a bound of the largest.
     bounds: [f64; 2],
+    /// Entries of the factor, where there can be one.
+    entries: Option<usize>,
     /// None where they are not known.
     null_modes: Option<Vec<NullMode>>,
 }
@@ -93,6 +98,7 @@ impl<T: Real> Operator<T> {
             condition,
             bounds,
             null_modes,
+            mut work,
         } = find_blocks(wanted, coupling, inverse, components)?;
         if null_modes.len() == rows * shared {
             return Err(Error::SingularInterface {
@@ -101,8 +107,12 @@ impl<T: Real> Operator<T> {
             });
         }
         let solver = wanted.options.solver;
+        let (tolerance, most) = solver.limits();
+        work.unknowns = rows * shared;
+        work.shared = shared;
+        work.gradients = ITERATIONS * condition.sqrt().as_f64();
+        work.chebyshev = Chebyshev::new(bounds, tolerance.as_f64(), usize::MAX).iterations as f64;
         let iterated = (!exact).then(|| {
-            let (tolerance, most) = solver.limits();
             let (method, rows_pay) = match solver {
                 // Whatever their number: they make every iteration a talk between neighbours.
                 Solver::Chebyshev { .. } => {
@@ -135,6 +145,7 @@ impl<T: Real> Operator<T> {
             condition,
             null_modes,
             ranked,
+            work,
         })
     }
 
@@ -269,6 +280,7 @@ struct Found<T: Real> {
     condition: T,
     bounds: [f64; 2],
     null_modes: Vec<NullMode>,
+    work: Work,
 }
 
 fn find_blocks<T: Real>(
@@ -287,6 +299,10 @@ fn find_blocks<T: Real>(
         condition: T::one(),
         bounds: [f64::INFINITY, 0.0],
         null_modes: Vec::new(),
+        work: Work {
+            factor: Some(0),
+            ..Work::default()
+        },
     };
     let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
     let mut seen: Vec<Vec<Vec<T>>> = Vec::new();
@@ -311,6 +327,9 @@ fn find_blocks<T: Real>(
         found.condition = found.condition.max(outcome.condition);
         let ([low, high], [l, h]) = (found.bounds, outcome.bounds);
         found.bounds = [low.min(l), high.max(h)];
+        let all = found.work.factor.zip(outcome.entries);
+        found.work.factor = all.map(|(sum, entries)| sum + entries);
+        found.work.operator += s.nnz();
         found.exact &= outcome.exact;
         found.ranked &= outcome.null_modes.is_some();
         found.blocks.push((outcome.block, vec![c]));
@@ -335,10 +354,7 @@ fn block<T: Real>(
     let (scaled, scale) = equilibrated(s);
     let entries = T::cholesky_entries(&scaled);
     let chosen = options.solver.iterates();
-    let bounds = |low: T| match options.solver {
-        Solver::Chebyshev { .. } => [low.as_f64(), chebyshev::ceiling(&scaled)],
-        _ => [0.0; 2],
-    };
+    let bounds = |low: T| [low.as_f64(), chebyshev::ceiling(&scaled)];
     let diagonal = Block::Diagonal {
         inverse: scale.iter().map(|x| *x * *x).collect(),
     };
@@ -361,6 +377,7 @@ fn block<T: Real>(
                 exact: by_factor,
                 condition: high / low,
                 bounds,
+                entries: Some(entries),
                 null_modes: Some(Vec::new()),
             });
         }
@@ -372,6 +389,7 @@ fn block<T: Real>(
             exact: false,
             condition: high / low,
             bounds: bounds(low),
+            entries: None,
             null_modes: (entries <= LARGEST_FACTOR)
                 .then(|| rank::counted(&scaled, tolerance, per_node))
                 .flatten(),
@@ -389,6 +407,7 @@ fn block<T: Real>(
         exact: !chosen,
         condition: if low > T::zero() { high / low } else { T::one() },
         bounds: bounds(low),
+        entries: None,
         null_modes: Some(found.null_modes),
     })
 }
@@ -464,6 +483,7 @@ fn lumped<T: Real>(interface: &str, s: &CsMat<T>) -> Result<Outcome<T>> {
         exact: true,
         condition: high / low,
         bounds: [1.0; 2],
+        entries: None,
         null_modes: Some(Vec::new()),
     })
 }

@@ -232,6 +232,9 @@ pub struct InterfaceLine {
     /// Iterations of each solve that the set-up found to be needed for them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub planned_iterations: Option<usize>,
+    /// What a solution is expected to take \[s\] on as many ranks as a plan is for, by solvers; nothing without such a plan.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub solution_times: Vec<(&'static str, f64)>,
     /// Condition number of the operator.
     pub condition: f64,
     /// Volume of the overlap \[m³\].
@@ -431,6 +434,7 @@ pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
             iterations: i.iterations(),
             eigenvalues: r.damped.map(|d| d.eigenvalues),
             planned_iterations: r.damped.map(|d| d.iterations),
+            solution_times: Vec::new(),
             condition: r.condition,
             measure: r.measure,
             coupled_nodes: r.coupled_nodes,

@@ -1,0 +1,62 @@
+//! What a solution for the multipliers is expected to take on several ranks: the model of decision 0046.
+
+/// A message between two ranks \[s\], assumed, and how many neighbours a rank has.
+const LATENCY: f64 = 2e-6;
+const NEIGHBOURS: f64 = 8.0;
+/// Bytes per second between ranks, measured, and from memory, assumed.
+const WIRE: f64 = 2.4e9;
+const MEMORY: f64 = 8e9;
+/// Bytes of an exact sum, and of an entry of a matrix, as it is read.
+const SUM: f64 = 8.0 * crate::ranks::WORDS as f64;
+const ENTRY: f64 = 12.0;
+
+/// One way to solve for multipliers on several ranks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SolutionTime {
+    /// As [`super::InterfaceReport::solver`] names it.
+    pub solver: &'static str,
+    /// What one solution is expected to take \[s\], by a model of machines (decision 0046): latencies are assumed.
+    pub seconds: f64,
+}
+
+/// What solvers have to do.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Work {
+    /// Multiplier unknowns, and components that share an operator.
+    pub(super) unknowns: usize,
+    pub(super) shared: usize,
+    /// Entries of the factor, none where there cannot be one, and of the operator.
+    pub(super) factor: Option<usize>,
+    pub(super) operator: usize,
+    /// Iterations of conjugate gradients and of Chebyshev.
+    pub(super) gradients: f64,
+    pub(super) chebyshev: f64,
+}
+
+impl Work {
+    /// By a factor where there can be one, by conjugate gradients, by a Chebyshev iteration.
+    pub(super) fn on(&self, ranks: usize) -> Vec<SolutionTime> {
+        let ranks = ranks.max(1) as f64;
+        let rounds = ranks.log2();
+        // Short ones by a tree, long ones in pieces.
+        let reduction = |bytes: f64| {
+            let tree = rounds * (LATENCY + bytes / WIRE);
+            tree.min(2.0 * (rounds * LATENCY + bytes / WIRE))
+        };
+        let sums = |count: usize| reduction(SUM * (count * self.shared) as f64);
+        let told = reduction(8.0 * self.unknowns as f64);
+        let neighbours = NEIGHBOURS.min(ranks - 1.0) * LATENCY;
+        // Ranks on one face of a body have multipliers.
+        let product = neighbours + ENTRY * self.operator as f64 / MEMORY / ranks.powf(2.0 / 3.0);
+        let by = |solver, seconds: f64| SolutionTime {
+            solver,
+            seconds: seconds + told,
+        };
+        let factor = self.factor.map(|e| by("factor", 16.0 * e as f64 / MEMORY));
+        let iterations = [
+            by("conjugate gradients", self.gradients * (product + 2.0 * sums(1))),
+            by("chebyshev", self.chebyshev * product + sums(4)),
+        ];
+        factor.into_iter().chain(iterations).collect()
+    }
+}

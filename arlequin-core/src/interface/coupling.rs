@@ -1,0 +1,39 @@
+//! The coupling matrix of one side, as it is assembled.
+
+use crate::Real;
+use sprs::{CsMat, TriMat};
+
+/// Coupling matrix of one side, multiplier rows by model columns.
+#[derive(Debug, Clone)]
+pub(crate) struct Coupling<T> {
+    pub(crate) matrix: CsMat<T>,
+    /// Vector components that share a scalar matrix; 1 if the matrix itself holds all components.
+    pub(crate) shared: usize,
+}
+
+impl<T: Real> Coupling<T> {
+    /// `Σ_j ‖B_ij‖` of a multiplier node `i` over the nodes `j` of the model, with the root mean square of the singular values of
+    /// each block as its norm: it does not depend on how axes lie.
+    pub(super) fn measure(&self, node: usize, components: usize) -> T {
+        let split = components / self.shared;
+        let rows = (node * split..(node + 1) * split).filter_map(|k| self.matrix.outer_view(k));
+        let mut entries: Vec<(usize, T)> = rows
+            .flat_map(|r| r.iter().map(|(j, b)| (j / split, *b * *b)).collect::<Vec<_>>())
+            .collect();
+        entries.sort_by_key(|e| e.0);
+        let blocks = entries.chunk_by(|a, b| a.0 == b.0);
+        let square = |block: &[(usize, T)]| block.iter().map(|e| e.1).sum::<T>() / T::of(split as f64);
+        blocks.map(|block| square(block).sqrt()).sum()
+    }
+
+    /// The matrix for all components, interleaved.
+    pub(super) fn expanded(&self) -> CsMat<T> {
+        let d = self.shared;
+        let size = (self.matrix.rows() * d, self.matrix.cols() * d);
+        let mut all = TriMat::with_capacity(size, self.matrix.nnz() * d);
+        for (v, (i, j)) in self.matrix.iter() {
+            (0..d).for_each(|c| all.add_triplet(i * d + c, j * d + c, *v));
+        }
+        all.to_csr()
+    }
+}
