@@ -1,5 +1,6 @@
 //! What a user should know of an interface.
 
+use super::chebyshev::Chebyshev;
 use super::{InterfaceReport, InterfaceSpec, Side};
 use crate::Real;
 
@@ -65,4 +66,18 @@ pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
         ));
     }
     out
+}
+
+/// A warning for a Chebyshev iteration that ends before its tolerance.
+pub(super) fn of_iterations(of: &Chebyshev) -> Option<String> {
+    let [low, high] = of.bounds;
+    (of.asked > of.iterations as f64).then(|| {
+        format!(
+            "{} iterations are allowed and the tolerance of a Chebyshev iteration takes {:.0}: that costs no energy, but jumps of the velocities stay, \
+             up to some {:.0e} of them; solve by a factor or by conjugate gradients, or allow more iterations",
+            of.iterations,
+            of.asked,
+            (low / high).sqrt()
+        )
+    })
 }

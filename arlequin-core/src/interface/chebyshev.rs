@@ -35,6 +35,8 @@ pub(super) struct Chebyshev {
     pub(super) bounds: [f64; 2],
     /// Iterations that leave no more than the tolerance of them.
     pub(super) iterations: usize,
+    /// Those that the eigenvalues found would take.
+    pub(super) asked: f64,
 }
 
 impl Chebyshev {
@@ -45,19 +47,22 @@ impl Chebyshev {
         let mut low = (low * BELOW).max(high * f64::EPSILON).min(high * BELOW);
         let ratio = |low: f64| (high + low) / (high - low);
         if tolerance <= 0.0 {
-            let (bounds, iterations) = ([low, high], most);
-            return Self { bounds, iterations };
+            return Self {
+                bounds: [low, high],
+                iterations: most,
+                asked: most as f64,
+            };
         }
-        let asked = (1.0 / tolerance).acosh();
-        let mut iterations = (asked / ratio(low).acosh()).ceil().max(1.0);
-        if iterations > most as f64 {
-            let ratio = (asked / most as f64).cosh();
+        let digits = (1.0 / tolerance).acosh();
+        let asked = (digits / ratio(low).acosh()).ceil().max(1.0);
+        if asked > most as f64 {
+            let ratio = (digits / most as f64).cosh();
             low = low.max(high * (ratio - 1.0) / (ratio + 1.0));
-            iterations = most as f64;
         }
         Self {
             bounds: [low, high],
-            iterations: iterations as usize,
+            iterations: asked.min(most as f64) as usize,
+            asked,
         }
     }
 }
@@ -392,7 +397,10 @@ mod tests {
             );
             // With half of them, what they can do is done to all but the lowest.
             let few = Chebyshev::new(range, tolerance, of.iterations / 2);
-            assert_eq!(few.iterations, of.iterations / 2);
+            assert_eq!(
+                (few.iterations, few.asked as usize),
+                (of.iterations / 2, of.iterations)
+            );
             assert!(
                 few.bounds[0] > low && few.bounds[1].to_bits() == high.to_bits(),
                 "{few:?}"

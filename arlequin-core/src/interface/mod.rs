@@ -339,6 +339,9 @@ impl<T: Real> Interface<T> {
         }
         report.together = together;
         let told = advice::of_rank(report, operator.ranked);
+        report
+            .warnings
+            .extend(operator.chebyshev().and_then(|of| advice::of_iterations(&of)));
         report.warnings.extend(told);
     }
 

@@ -110,7 +110,7 @@ impl<T: Real> Operator<T> {
         let (tolerance, most) = solver.limits();
         work.unknowns = rows * shared;
         work.shared = shared;
-        work.gradients = ITERATIONS * condition.sqrt().as_f64();
+        work.gradients = ITERATIONS * (bounds[1] / bounds[0]).sqrt();
         work.chebyshev = Chebyshev::new(bounds, tolerance.as_f64(), usize::MAX).iterations as f64;
         let iterated = (!exact).then(|| {
             let (method, rows_pay) = match solver {
