@@ -16,6 +16,9 @@ use std::sync::{Arc, OnceLock};
 /// Entries of rows that take as long as moving a node.
 const MOVING: usize = 10;
 
+/// Cells between two looks at messages that are on their way: some 150 microseconds.
+const PIECE: usize = 1_024;
+
 /// What a rank holds of a body.
 #[derive(Debug, Clone)]
 pub(crate) struct Part {
@@ -69,20 +72,23 @@ impl Interpolation<f64> for PartField {
     }
 }
 
-/// Writes displacements `q` of own nodes, and those of ghosts, to their places.
+/// Writes displacements `q` of own nodes, and those of ghosts, to their places; `meanwhile` works with those of own nodes.
 fn spread(
     halo: &Halo,
     [own, ghosts]: [&[u32]; 2],
     messages: &mut [Message],
     q: &[f64],
     x: &mut [f64],
+    meanwhile: &mut dyn FnMut(&[f64]) -> bool,
 ) -> Result<()> {
-    let (q, x) = (q.as_chunks::<3>().0, x.as_chunks_mut::<3>().0);
+    let q = q.as_chunks::<3>().0;
     for (place, q) in own.iter().zip(q) {
-        x[*place as usize] = *q;
+        x.as_chunks_mut::<3>().0[*place as usize] = *q;
     }
-    let write = |ghost: usize, told| x[ghosts[ghost] as usize] = told;
-    Ok(halo.exchange(messages, |i| q[i], write)?)
+    halo.tell(messages, |i| q[i], &mut || meanwhile(x))?;
+    let places = x.as_chunks_mut::<3>().0;
+    halo.told(messages, |ghost, told| places[ghosts[ghost] as usize] = told);
+    Ok(())
 }
 
 impl Part {
@@ -90,11 +96,22 @@ impl Part {
         self.halo.portion()
     }
 
-    /// Displacements of the named nodes, for those of the own ones.
-    pub(crate) fn hear(&mut self, q: &[f64]) -> Result<&[f64]> {
+    /// Subtracts internal forces at displacements `q` of own nodes: stresses of cells that name no others are found while displacements
+    /// of these are on their way.
+    pub(crate) fn subtract_product(
+        &mut self,
+        forces: &mut MatrixFree,
+        q: &[f64],
+        f: &mut [f64],
+    ) -> Result<()> {
         let [own, ghosts] = &self.places;
-        spread(&self.halo, [own, ghosts], &mut self.messages, q, &mut self.x)?;
-        Ok(&self.x)
+        let (places, messages, mut done) = ([&own[..], ghosts], &mut self.messages, 0);
+        spread(&self.halo, places, messages, q, &mut self.x, &mut |x| {
+            done += PIECE;
+            forces.stress_inner(done - PIECE..done, x)
+        })?;
+        forces.subtract_rest(&self.x, f);
+        Ok(())
     }
 
     /// What was heard last.
@@ -106,7 +123,8 @@ impl Part {
     pub(crate) fn heard_at(&self, q: &[f64]) -> Result<Vec<f64>> {
         let mut x = vec![0.0; self.x.len()];
         let [own, ghosts] = &self.places;
-        spread(&self.halo, [own, ghosts], &mut self.halo.messages(3), q, &mut x)?;
+        let (places, messages) = ([&own[..], ghosts], &mut self.halo.messages(3));
+        spread(&self.halo, places, messages, q, &mut x, &mut |_| false)?;
         Ok(x)
     }
 
@@ -115,7 +133,7 @@ impl Part {
         let halo = self.around.get_or_init(|| patched(model, self.portion()));
         let mut x = vec![0.0; 3 * self.portion().division().nodes()];
         let places = [&self.own[..], halo.ghosts()];
-        spread(halo, places, &mut halo.messages(3), q, &mut x)?;
+        spread(halo, places, &mut halo.messages(3), q, &mut x, &mut |_| false)?;
         Ok(x)
     }
 

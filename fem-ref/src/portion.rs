@@ -9,6 +9,7 @@ use crate::field::FemField;
 use crate::mesh::Mesh;
 use crate::model::FemModel;
 use arlequin_core::adjacency::Adjacency;
+use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::ranks::{self, Communicator, Division, Halo, Message, Portion, RankError, UNIT, Unit};
 use arlequin_core::{Error, Model, Real, Result, Shared};
 use nalgebra::{Point3, Vector3};
@@ -17,6 +18,9 @@ use std::sync::{Arc, OnceLock};
 
 /// Blocks of the stiffness that take as long as moving a node.
 const MOVING: usize = 3;
+
+/// Rows of the stiffness between two looks at messages that are on their way: some 150 microseconds.
+const PIECE: usize = 1_024;
 
 /// Number of a node that is not there.
 const NONE: u32 = u32::MAX;
@@ -42,8 +46,9 @@ pub(crate) struct Part<T: Real> {
     /// Own numbers of the nodes of the mesh.
     rows: Vec<u32>,
     components: usize,
-    /// Of the stiffness.
+    /// Of the stiffness, and the units whose rows name its ghosts.
     reach: Reach,
+    borders: Vec<bool>,
     /// Of recovered stresses, once they are asked for.
     around: OnceLock<Reach>,
     messages: Vec<Message>,
@@ -79,11 +84,25 @@ impl<T: Real> Part<T> {
         nodes.iter().map(place).collect()
     }
 
-    /// Displacements of the nodes of the mesh that the stiffness names, for those of the own ones.
-    pub(crate) fn hear(&mut self, q: &[T]) -> Result<&[T]> {
+    /// Subtracts the product of the stiffness with displacements `q` of own nodes from forces: of rows that name no others while
+    /// displacements of these are on their way, then of the rest.
+    pub(crate) fn subtract_product(
+        &mut self,
+        stiffness: &BlockMatrix<T>,
+        q: &[T],
+        f: &mut [T],
+    ) -> Result<()> {
         let (c, own, messages) = (self.components, &self.own, &mut self.messages);
-        self.reach.spread(c, own, messages, q, &mut self.x)?;
-        Ok(&self.x)
+        let (rows, borders) = (self.nodes.len(), &self.borders);
+        let mut done = 0;
+        self.reach.spread(c, own, messages, q, &mut self.x, &mut |x| {
+            let piece = done..rows.min(done + PIECE);
+            done = piece.end;
+            stiffness.subtract_some(piece, &|i| !borders[i / UNIT], x, f);
+            done < rows
+        })?;
+        stiffness.subtract_some(0..rows, &|i| borders[i / UNIT], &self.x, f);
+        Ok(())
     }
 
     /// What was heard last.
@@ -104,7 +123,9 @@ impl<T: Real> Part<T> {
     fn told(&self, reach: &Reach, q: &[T]) -> Result<Vec<T>> {
         let c = self.components;
         let mut x = vec![T::zero(); self.x.len()];
-        reach.spread(c, &self.own, &mut reach.halo.messages(c), q, &mut x)?;
+        reach.spread(c, &self.own, &mut reach.halo.messages(c), q, &mut x, &mut |_| {
+            false
+        })?;
         Ok(x)
     }
 
@@ -145,7 +166,7 @@ impl Reach {
         }
     }
 
-    /// Writes the displacements `q` of own nodes, and those of ghosts, to their places.
+    /// Writes the displacements `q` of own nodes, and those of ghosts, to their places; `meanwhile` works with those of own nodes.
     fn spread<T: Real>(
         &self,
         components: usize,
@@ -153,10 +174,11 @@ impl Reach {
         messages: &mut [Message],
         q: &[T],
         x: &mut [T],
+        meanwhile: &mut dyn FnMut(&[T]) -> bool,
     ) -> Result<(), RankError> {
         match components {
-            1 => self.spread_of::<T, 1>(own, messages, q, x),
-            _ => self.spread_of::<T, 3>(own, messages, q, x),
+            1 => self.spread_of::<T, 1>(own, messages, q, x, meanwhile),
+            _ => self.spread_of::<T, 3>(own, messages, q, x, meanwhile),
         }
     }
 
@@ -166,15 +188,19 @@ impl Reach {
         messages: &mut [Message],
         q: &[T],
         x: &mut [T],
+        meanwhile: &mut dyn FnMut(&[T]) -> bool,
     ) -> Result<(), RankError> {
-        let (q, x) = (q.as_chunks::<C>().0, x.as_chunks_mut::<C>().0);
+        let q = q.as_chunks::<C>().0;
         for (place, q) in own.iter().zip(q) {
-            x[*place as usize] = *q;
+            x.as_chunks_mut::<C>().0[*place as usize] = *q;
         }
         let read = |i: usize| q[i].map(|x| x.as_f64());
-        self.halo.exchange(messages, read, |ghost, told| {
-            x[self.places[ghost] as usize] = told.map(T::of);
-        })
+        self.halo.tell(messages, read, &mut || meanwhile(x))?;
+        let places = x.as_chunks_mut::<C>().0;
+        self.halo.told(messages, |ghost, told| {
+            places[self.places[ghost] as usize] = told.map(T::of);
+        });
+        Ok(())
     }
 }
 
@@ -301,6 +327,7 @@ impl<T: Real> FemModel<T> {
             rows,
             components: kind.components(),
             messages: reach.halo.messages(kind.components()),
+            borders: reach.halo.borders(),
             reach,
             around: OnceLock::new(),
         }
