@@ -6,7 +6,8 @@
 //!
 //! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their times counts. Two more numbers
 //! tie the first cells to elements: cells along an element (4, where 4 divides the cells), of which the overlap has two across, and
-//! whether multipliers are solved for by conjugate gradients (0 or 1).
+//! whether multipliers are solved for by conjugate gradients (0 or 1). "Waiting" are ranks that find no forces while messages are on
+//! their way.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
