@@ -6,7 +6,7 @@
 //!
 //! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their times counts. Two more numbers
 //! tie the first cells to elements: cells along an element (4, where 4 divides the cells), of which the overlap has two across, and
-//! whether multipliers are solved for by conjugate gradients (0 or 1).
+//! how multipliers are solved for: as chosen by the core (0), by conjugate gradients (1), by a Chebyshev iteration (2).
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -39,7 +39,8 @@ struct Deck {
     cells: usize,
     /// Along an element; none without an interface.
     element: usize,
-    iterated: bool,
+    /// Of multipliers.
+    solver: usize,
 }
 
 impl Deck {
@@ -47,7 +48,7 @@ impl Deck {
         Ok(Self {
             cells: number(0)?,
             element: number(1)?,
-            iterated: number(2)? > 0,
+            solver: number(2)?,
         })
     }
 }
@@ -142,9 +143,9 @@ fn started(deck: Deck, (ranks, threads): (usize, usize)) -> Result<Told, Failure
     let Deck {
         cells,
         element,
-        iterated,
+        solver,
     } = deck;
-    run.env(DECK, format!("{cells} {element} {}", u8::from(iterated)));
+    run.env(DECK, format!("{cells} {element} {solver}"));
     run.env("RAYON_NUM_THREADS", threads.to_string());
     for key in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
         run.env(key, "1");
@@ -267,9 +268,11 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
         bodies.push(Subdomain::coarse(elements, ramp).with_partition(Partition::Unchecked));
         let mut spec = InterfaceSpec::new("tie", 1, 0, Arc::new(FemField::new(block(0.0, 2)?)), L2);
         spec.options.sampling = Sampling::Particles;
-        if deck.iterated {
-            spec.options.solver = Solver::conjugate_gradients();
-        }
+        spec.options.solver = match deck.solver {
+            0 => Solver::Auto,
+            1 => Solver::conjugate_gradients(),
+            _ => Solver::chebyshev(),
+        };
         interfaces.push(spec);
     }
     let n = model.layout().dofs();
