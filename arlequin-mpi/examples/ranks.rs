@@ -6,8 +6,8 @@
 //!
 //! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their times counts. Two more numbers
 //! tie the first cells to elements: cells along an element (4, where 4 divides the cells), of which the overlap has two across, and
-//! whether multipliers are solved for by conjugate gradients (0 or 1). "Waiting" are ranks that find no forces while messages are on
-//! their way.
+//! how multipliers are solved for: as chosen by the core (0), by conjugate gradients (1), by a Chebyshev iteration (2). "Waiting" are
+//! ranks that find no forces while messages are on their way.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -40,7 +40,8 @@ struct Deck {
     cells: usize,
     /// Along an element; none without an interface.
     element: usize,
-    iterated: bool,
+    /// Of multipliers.
+    solver: usize,
     /// Whether forces within a rank are found after messages have come, and not meanwhile.
     waits: bool,
 }
@@ -50,7 +51,7 @@ impl Deck {
         Ok(Self {
             cells: number(0)?,
             element: number(1)?,
-            iterated: number(2)? > 0,
+            solver: number(2)?,
             waits: number(3)? > 0,
         })
     }
@@ -152,11 +153,10 @@ fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Told, Failure
     let Deck {
         cells,
         element,
-        iterated,
+        solver,
         waits,
     } = deck;
-    let flags = [iterated, waits].map(u8::from);
-    run.env(DECK, format!("{cells} {element} {} {}", flags[0], flags[1]));
+    run.env(DECK, format!("{cells} {element} {solver} {}", u8::from(waits)));
     run.env("RAYON_NUM_THREADS", threads.to_string());
     for key in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
         run.env(key, "1");
@@ -286,9 +286,11 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
         bodies.push(Subdomain::coarse(elements, ramp).with_partition(Partition::Unchecked));
         let mut spec = InterfaceSpec::new("tie", 1, 0, Arc::new(FemField::new(block(0.0, 2)?)), L2);
         spec.options.sampling = Sampling::Particles;
-        if deck.iterated {
-            spec.options.solver = Solver::conjugate_gradients();
-        }
+        spec.options.solver = match deck.solver {
+            0 => Solver::Auto,
+            1 => Solver::conjugate_gradients(),
+            _ => Solver::chebyshev(),
+        };
         interfaces.push(spec);
     }
     let n = model.layout().dofs();

@@ -12,7 +12,7 @@ use dem_beam::fracture::{Criterion, Fracture, Scatter};
 use dem_beam::{BeamMaterial, Contact, ContactLaw, DemModel, Matter, Motion, Obstacle, RigidShape};
 use fem_ref::{ElementKind, FemField, generate};
 use std::sync::Arc;
-use support::{Told, WAIT, bar, bits, part, same, together};
+use support::{Told, WAIT, bar, bits, first, part, same_on, shared};
 
 /// A block of `n` spheres along each edge, bonded in twos, apart from each other by a twentieth of their size: turned, and shifted far.
 fn dumbbells(n: usize) -> DemModel {
@@ -96,10 +96,7 @@ fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64
         .with_effect(Box::new(ball))
         .with_initial(vec![0.0; 6 * n], v)
         .unwrap();
-    let side = match ranks {
-        Some(c) => side.shared(c),
-        None => side,
-    };
+    let side = shared(side, ranks);
     let guard = Guard {
         interval: 5,
         growth: 0.5,
@@ -152,13 +149,9 @@ fn contacts_and_obstacles_have_the_bits_of_one_rank() {
     }
     let whole = told_after(run, STEPS);
     // Of eight ranks four have none of the four units.
-    for ranks in [1, 2, 3, 4, 8] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| {
-            told_after(collapse(Some(c)), STEPS)
-        }));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[1, 2, 3, 4, 8], &"", &whole, |c| {
+        told_after(collapse(Some(c)), STEPS)
+    });
 }
 
 #[test]
@@ -168,25 +161,20 @@ fn contacts_of_three_ranks_go_on_on_others() {
     let mut one = collapse(None);
     one.run(half, &mut Silent).unwrap();
     let one = one.snapshot().unwrap();
-    let saved = threads::run(3, 1, WAIT, |c| {
+    let saved = first(3, |c| {
         let mut run = collapse(Some(c));
         run.run(half, &mut Silent).unwrap();
         run.snapshot().unwrap()
     });
-    let saved = saved.into_iter().next().unwrap().unwrap();
     assert!(
         saved.subdomains[0].effects == one.subdomains[0].effects,
         "records differ"
     );
-    for ranks in [1, 2, 4, 8] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| {
-            let mut run = collapse(Some(c));
-            run.restore(&saved).unwrap();
-            told_after(run, STEPS - half)
-        }));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks");
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[1, 2, 4, 8], &"", &whole, |c| {
+        let mut run = collapse(Some(c));
+        run.restore(&saved).unwrap();
+        told_after(run, STEPS - half)
+    });
     // A record of another body.
     let mut other = saved;
     other.subdomains[0].effects[0].numbers.pop();
@@ -231,10 +219,7 @@ fn struck(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
         .with_effect(Box::new(wall))
         .with_effect(Box::new(absorber));
     let side = side.with_initial(vec![0.0; 6 * n], vec![0.0; 6 * n]).unwrap();
-    let side = match ranks {
-        Some(c) => side.shared(c),
-        None => side,
-    };
+    let side = shared(side, ranks);
     let guard = Guard {
         interval: 5,
         growth: 0.5,
@@ -255,13 +240,9 @@ fn what_breaks_touches_and_is_absorbed_has_the_bits_of_one_rank_with_idle_ranks_
     let about = ["contact", "wall"];
     let whole = told_with(struck(None), STRUCK, &about);
     // Six units: two of eight ranks are idle. Those in the middle have neither pairs, nor wall, nor absorber.
-    for ranks in [2, 3, 8] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| {
-            told_with(struck(Some(c)), STRUCK, &about)
-        }));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[2, 3, 8], &"", &whole, |c| {
+        told_with(struck(Some(c)), STRUCK, &about)
+    });
 }
 
 const STRUCK: usize = 200;
@@ -284,15 +265,11 @@ fn a_first_rank_without_particles_takes_part_and_saves_the_whole() {
     assert_eq!(saved.iter().map(|s| s.0).sum::<usize>(), 216);
     assert_eq!(saved[0].0, 0, "the first rank has particles");
     assert!(saved[0].1 == one, "snapshots differ");
-    for ranks in [2, 3] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| {
-            let mut run = collapse_of(6, Some(c));
-            run.restore(&saved[0].1).unwrap();
-            told_after(run, STEPS - half)
-        }));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks");
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[2, 3], &"", &whole, |c| {
+        let mut run = collapse_of(6, Some(c));
+        run.restore(&saved[0].1).unwrap();
+        told_after(run, STEPS - half)
+    });
 }
 
 #[test]

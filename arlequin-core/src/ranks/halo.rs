@@ -105,11 +105,7 @@ impl Halo {
     /// Messages of so many numbers per node, to be used again and again.
     #[must_use]
     pub fn messages(&self, numbers: usize) -> Vec<Message> {
-        let message = |p: &Peer| Message {
-            peer: p.rank,
-            out: vec![0.0; numbers * p.send.len()],
-            into: vec![0.0; numbers * p.receive.len()],
-        };
+        let message = |p: &Peer| Message::zeros(p.rank, numbers * p.send.len(), numbers * p.receive.len());
         self.peers.iter().map(message).collect()
     }
 

@@ -17,6 +17,7 @@ mod halo;
 mod near;
 mod portion;
 mod post;
+mod reach;
 
 pub(crate) use cuts::Cuts;
 pub use division::{Division, Unit};
@@ -26,6 +27,7 @@ pub use halo::Halo;
 pub(crate) use portion::largest;
 pub use portion::{Portion, add_products, sum};
 pub(crate) use post::{Places, Post};
+pub use reach::Reach;
 
 /// Nodes in a unit: what a rank holds at least, and what sums are formed over first.
 pub const UNIT: usize = 256;
@@ -39,6 +41,18 @@ pub struct Message {
     pub out: Vec<f64>,
     /// Room for what it sends: as many numbers as come.
     pub into: Vec<f64>,
+}
+
+impl Message {
+    /// Of zeros, so many to and from a rank.
+    #[must_use]
+    pub fn zeros(peer: usize, out: usize, into: usize) -> Self {
+        Self {
+            peer,
+            out: vec![0.0; out],
+            into: vec![0.0; into],
+        }
+    }
 }
 
 /// How integers of several ranks are put together; no order of ranks changes the result.
