@@ -19,7 +19,7 @@ use std::sync::{Arc, OnceLock};
 /// Blocks of the stiffness that take as long as moving a node.
 const MOVING: usize = 3;
 
-/// Rows of the stiffness between two looks at messages that are on their way: some 150 microseconds.
+/// Rows of the stiffness per thread between two looks at messages that are on their way: fractions of a millisecond.
 const PIECE: usize = 1_024;
 
 /// Number of a node that is not there.
@@ -76,9 +76,9 @@ impl<T: Real> Part<T> {
         f: &mut [T],
     ) -> Result<()> {
         let (rows, borders, messages) = (self.nodes.len(), &self.borders, &mut self.messages);
-        let mut done = 0;
+        let (mut done, size) = (0, PIECE * rayon::current_num_threads());
         let meanwhile = &mut |x: &[T]| {
-            let piece = done..rows.min(done + PIECE);
+            let piece = done..rows.min(done + size);
             done = piece.end;
             stiffness.subtract_some(piece, &|i| !borders[i / UNIT], x, f);
             done < rows
