@@ -6,7 +6,8 @@
 //!
 //! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their times counts. Two more numbers
 //! tie the first cells to elements: cells along an element (4, where 4 divides the cells), of which the overlap has two across, and
-//! how multipliers are solved for: as chosen by the core (0), by conjugate gradients (1), by a Chebyshev iteration (2). "Waiting" are
+//! how multipliers are solved for: as chosen by the core (0), by conjugate gradients (1), by a Chebyshev iteration (2). A body without
+//! elements comes to ranks in parts, unless the last number says that every rank is to make all of it first (0, 0, 1). "Waiting" are
 //! ranks that find no forces while messages are on their way.
 #![allow(
     clippy::print_stdout,
@@ -15,14 +16,14 @@
 )]
 
 use arlequin_core::nalgebra::Point3;
-use arlequin_core::ranks::{self, Communicator, Message, RankError, Reduction};
+use arlequin_core::ranks::{self, Communicator, Division, Message, RankError, Reduction};
 use arlequin_core::{
     Coupled, Guard, InterfaceSpec, L2, Model, Partition, Profile, Ramp, Sampling, Silent, Slab, Solver,
     Subdomain, TimeStep, Uniform, Weights,
 };
 use arlequin_core::{DofLayout, parallel};
 use arlequin_mpi::processes::{self, Ending};
-use dem_beam::packing::{Lattice, lattice};
+use dem_beam::packing::{Bricks, Lattice, lattice};
 use dem_beam::{BeamMaterial, DemModel};
 use fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use std::process::Command;
@@ -42,6 +43,8 @@ struct Deck {
     element: usize,
     /// Of multipliers.
     solver: usize,
+    /// Whether every rank makes all of the cube and keeps its part.
+    whole: bool,
     /// Whether forces within a rank are found after messages have come, and not meanwhile.
     waits: bool,
 }
@@ -52,7 +55,8 @@ impl Deck {
             cells: number(0)?,
             element: number(1)?,
             solver: number(2)?,
-            waits: number(3)? > 0,
+            whole: number(3)? > 0,
+            waits: number(4)? > 0,
         })
     }
 }
@@ -61,9 +65,9 @@ impl Deck {
 const BATCHES: usize = 8;
 const STEPS: usize = 10;
 
-/// What a rank tells: nanoseconds per step, kB in use and at most, particles, messages, bytes, reductions and their words in all
-/// steps, imbalance in parts of a million.
-type Told = [i64; 9];
+/// What a rank tells: nanoseconds per step, kB in use before the set-up, then and at most, particles with and without ghosts, messages,
+/// bytes, reductions and their words in all steps, imbalance in parts of a million.
+type Told = [i64; 11];
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -81,11 +85,14 @@ fn main() -> Result<(), Failure> {
     }
     let argument = |k: usize, default: usize| std::env::args().nth(k).map_or(Ok(default), |a| a.parse());
     let rounds = argument(2, 3)?;
-    let deck = Deck::of(|k| argument([1, 3, 4, 5][k], [47, 0, 0, 0][k]))?;
+    let deck = Deck::of(|k| match k {
+        4 => Ok(0),
+        _ => argument([1, 3, 4, 5][k], [47, 0, 0, 0][k]),
+    })?;
     let waiting = Deck { waits: true, ..deck };
     sums(deck.cells)?;
     println!(
-        "ranks x threads | ms per step | particles | kB in use | kB at most | messages per step | kB per step | reductions per step | \
+        "ranks x threads | ms per step | particles | with ghosts | kB before | kB in use | kB at most | messages per step | kB per step | reductions per step | \
          words each | imbalance %"
     );
     let mut timed = vec![(1, 1, deck), (1, 2, deck), (2, 1, deck), (2, 1, waiting)];
@@ -104,8 +111,10 @@ fn main() -> Result<(), Failure> {
     for ((ranks, threads, deck), told) in timed.iter().zip(best.iter().flatten()) {
         let [
             ns,
+            before,
             now,
             most,
+            held,
             particles,
             messages,
             bytes,
@@ -115,7 +124,7 @@ fn main() -> Result<(), Failure> {
         ] = told.map(|x| x as f64);
         let per = |x: f64| x / all as f64;
         println!(
-            "{ranks} x {threads}{} | {:.3} | {particles} | {now} | {most} | {:.2} | {:.1} | {:.2} | {:.0} | {:.2}",
+            "{ranks} x {threads}{} | {:.3} | {particles} | {held} | {before} | {now} | {most} | {:.2} | {:.1} | {:.2} | {:.0} | {:.2}",
             if deck.waits { ", waiting" } else { "" },
             1e-6 * ns,
             per(messages),
@@ -154,9 +163,14 @@ fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Told, Failure
         cells,
         element,
         solver,
+        whole,
         waits,
     } = deck;
-    run.env(DECK, format!("{cells} {element} {solver} {}", u8::from(waits)));
+    let flags = [whole, waits].map(u8::from);
+    run.env(
+        DECK,
+        format!("{cells} {element} {solver} {} {}", flags[0], flags[1]),
+    );
     run.env("RAYON_NUM_THREADS", threads.to_string());
     for key in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
         run.env(key, "1");
@@ -170,7 +184,7 @@ fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Told, Failure
     let line = text.lines().find_map(|l| l.strip_prefix("told "));
     let line = line.ok_or_else(|| format!("{ranks} ranks: {}", String::from_utf8_lossy(&run.stderr)))?;
     let numbers: Vec<i64> = line.split(' ').map(str::parse).collect::<Result<_, _>>()?;
-    Ok(numbers.try_into().map_err(|_| "not nine numbers")?)
+    Ok(numbers.try_into().map_err(|_| "not eleven numbers")?)
 }
 
 /// A transport that counts what goes through it.
@@ -221,6 +235,7 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
         waits: deck.waits,
         counts: Default::default(),
     });
+    let before = memory("VmRSS");
     let mut run = tied(deck, counted.clone())?;
     counted.counts.iter().for_each(|c| c.store(0, Relaxed));
     run.run(STEPS, &mut Silent)?;
@@ -242,12 +257,24 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     }
     let s = &run.subdomains()[0];
     let imbalance = s.portion().map_or(0.0, |p| p.division().imbalance());
+    let held = match s.model().links() {
+        // Bonds of own particles name them and the ghosts.
+        Some(links) => links
+            .pairs()
+            .iter()
+            .flatten()
+            .max()
+            .map_or(0, |last| *last as usize + 1),
+        None => 0,
+    };
     let [messages, bytes, reductions, words] =
         [0, 1, 2, 3].map(|k: usize| counted.counts[k].load(Relaxed) as i64);
     let mut told: Told = [
         (best.as_nanos() / STEPS as u128) as i64,
+        before,
         memory("VmRSS"),
         memory("VmHWM"),
+        held as i64,
         s.model().nodes().len() as i64,
         messages,
         bytes,
@@ -262,13 +289,32 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The cube, all of it or the part of this rank, and the edge of its cells \[m\].
+fn cube(deck: Deck, ranks: &Arc<dyn Communicator>) -> Result<(DemModel, f64), Failure> {
+    let Deck {
+        cells,
+        element,
+        whole,
+        ..
+    } = deck;
+    let (beam, radius) = (BeamMaterial::SILICA, 1e-4);
+    if element > 0 || whole {
+        let all = lattice(Lattice::BodyCentred, [cells; 3], radius)?;
+        let model = DemModel::new("cube", &all, beam, 2200.0)?;
+        return Ok((model, all.volume.cbrt() / cells as f64));
+    }
+    let bricks = Bricks::new(Lattice::BodyCentred, [cells; 3], radius)?;
+    let cell = bricks.volume().cbrt() / cells as f64;
+    let division = Division::bisect(bricks.particles(), &bricks.units(), ranks.ranks())?;
+    let piece = bricks.piece(&division, ranks.rank(), beam, 2200.0)?;
+    drop(bricks);
+    Ok((DemModel::of_piece("cube", piece, &division, ranks.clone())?, cell))
+}
+
 /// The cube, and elements that share its first cells.
 fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failure> {
     let cells = deck.cells;
-    let cube = lattice(Lattice::BodyCentred, [cells; 3], 1e-4)?;
-    let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0)?;
-    let cell = cube.volume.cbrt() / cells as f64;
-    drop(cube);
+    let (model, cell) = cube(deck, &ranks)?;
     let mut bodies = Vec::new();
     let mut interfaces = Vec::new();
     let mut weights = Weights::same(Arc::new(Uniform(1.0)));
@@ -294,13 +340,14 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
         interfaces.push(spec);
     }
     let n = model.layout().dofs();
-    let v = (0..n)
-        .map(|k| if k < n / 2 { (0.37 * k as f64).sin() } else { 0.0 })
-        .collect();
+    let global = |i: usize| model.portion().map_or(i, |p| p.global(i));
+    let speed = |k: usize| (0.37 * (3 * global(k / 3) + k % 3) as f64).sin();
+    let v = (0..n).map(|k| if k < n / 2 { speed(k) } else { 0.0 }).collect();
+    let in_parts = model.portion().is_some();
     let side = Subdomain::fine(model, weights)
         .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; n], v)?;
-    bodies.insert(0, side.shared(ranks));
+    bodies.insert(0, if in_parts { side } else { side.shared(ranks) });
     let guard = Guard {
         interval: STEPS,
         growth: 0.05,

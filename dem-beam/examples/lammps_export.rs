@@ -78,7 +78,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     out.flush()?;
 
-    let length = body.bonds().iter().map(|b| b.axis.norm().recip()).sum::<f64>() / body.bonds().len() as f64;
+    let length = body.bonds().map(|b| b.axis.norm().recip()).sum::<f64>() / body.bonds().len() as f64;
     let k = body.rigidity();
     println!(
         "{n} particles, {} bonds, mean length {length:e} m: {path}",

@@ -23,7 +23,7 @@ use nalgebra::Matrix6;
 /// Diagonal blocks of the stiffness.
 pub(crate) fn diagonal_blocks(body: &BondedParticles) -> Vec<Matrix6<f64>> {
     let mut out = vec![Matrix6::zeros(); body.len()];
-    for (bond, &[i, j]) in body.bonds().iter().zip(body.pairs()) {
+    for (bond, &[i, j]) in body.bonds().zip(body.pairs()) {
         out[i as usize] += bond.own_block(body.rigidity());
         out[j as usize] += bond.reversed().own_block(body.rigidity());
     }

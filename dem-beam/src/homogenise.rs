@@ -98,7 +98,7 @@ fn respond(body: &BondedParticles, volume: f64, strain: &Matrix3<f64>) -> Result
     let k = body.rigidity();
     let rest = Twist::zero();
     let jump = |b: usize| {
-        let bond = body.bonds()[b];
+        let bond = body.bond(b);
         let d = bond.span();
         let across = Twist {
             linear: strain * d,
@@ -108,7 +108,7 @@ fn respond(body: &BondedParticles, volume: f64, strain: &Matrix3<f64>) -> Result
     };
     let mut problem = StaticProblem::free(body.len());
     for (b, &[i, j]) in body.pairs().iter().enumerate() {
-        let (fi, fj) = body.bonds()[b].wrenches(k, &rest, &jump(b).1);
+        let (fi, fj) = body.bond(b).wrenches(k, &rest, &jump(b).1);
         for (p, f) in [(i, fi), (j, fj)] {
             let load = &mut problem.loads[p as usize];
             load.linear += f.linear;
@@ -121,7 +121,7 @@ fn respond(body: &BondedParticles, volume: f64, strain: &Matrix3<f64>) -> Result
         let (d, across) = jump(b);
         let [i, mut j] = [i, j].map(|p| done.displacements[p as usize]);
         j.linear += across.linear;
-        let pull = body.bonds()[b].wrenches(k, &i, &j).0.linear;
+        let pull = body.bond(b).wrenches(k, &i, &j).0.linear;
         stress += (d * pull.transpose() + pull * d.transpose()) * (0.5 / volume);
     }
     Ok((stress, done.iterations))

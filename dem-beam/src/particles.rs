@@ -7,12 +7,17 @@
 //! inertia of a particle are multiplied by the mean of `w` over its bonds. Then the weighted
 //! critical step is never below the smallest one of the single weighted bonds.
 
+mod check;
+
+pub(crate) use check::{check_spheres, expect_len, longest};
+
 use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 use crate::error::{Error, Result, finite, positive};
 use crate::kernel::span::Grid;
 use crate::packing::Packing;
 use crate::packing::cells::image;
 use arlequin_core::adjacency::Adjacency;
+use check::make_bond;
 use nalgebra::Vector3;
 use std::sync::{Arc, OnceLock};
 
@@ -28,7 +33,8 @@ pub struct BondedParticles {
     positions: Vec<Vector3<f64>>,
     radii: Vec<f64>,
     pairs: Vec<[u32; 2]>,
-    bonds: Vec<LinearBond>,
+    /// [`LinearBond::scale`] of every bond; its axis follows from the centres, at a fraction of the memory.
+    scales: Vec<f64>,
     weights: Vec<f64>,
     /// Stiffness of every bond over that of a beam of the packing's material; empty where all are alike.
     grades: Vec<f64>,
@@ -40,6 +46,8 @@ pub struct BondedParticles {
     grid: Grid,
     /// Whether centres and stiffnesses are those that the kernel sees.
     rounded: bool,
+    /// Edges of the periodic box \[m\].
+    period: Option<[f64; 3]>,
     adjacency: OnceLock<Arc<Adjacency<[u32; 2]>>>,
 }
 
@@ -65,6 +73,17 @@ pub(crate) struct Contents<'a> {
     pub(crate) period: Option<[f64; 3]>,
     /// Whether centres move to the kernel's grid and stiffnesses to its 24 bits, so that all of a model is one law.
     pub(crate) rounded: bool,
+    /// Of a part: what only the whole body knows.
+    pub(crate) whole: Option<Extents>,
+}
+
+/// What all particles of a body have in common.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Extents {
+    /// Mean radius \[m\].
+    pub(crate) mean_radius: f64,
+    /// Longest component of a bond \[m\].
+    pub(crate) longest: f64,
 }
 
 impl BondedParticles {
@@ -101,6 +120,7 @@ impl BondedParticles {
             loose: false,
             period,
             rounded: false,
+            whole: None,
         };
         Self::with_volumes(positions, radii, pairs, matter.density, matter.beam, &contents)
     }
@@ -116,6 +136,7 @@ impl BondedParticles {
             period: packing.period,
             // Images of a periodic box lie off any grid; no model is made of one.
             rounded: packing.period.is_none(),
+            whole: None,
         };
         Self::with_volumes(x.clone(), r.clone(), pairs.clone(), density, beam, &contents)
     }
@@ -134,21 +155,25 @@ impl BondedParticles {
         for v in contents.volumes {
             positive("volume of a particle", *v)?;
         }
-        let mean = radii.iter().sum::<f64>() / radii.len() as f64;
+        let here = || radii.iter().sum::<f64>() / radii.len() as f64;
+        let mean = contents.whole.map_or_else(here, |w| w.mean_radius);
         let rigidity = beam.rigidity(mean)?;
         let mut degree = vec![0_u32; positions.len()];
-        let mut bonds = Vec::with_capacity(pairs.len());
+        let mut scales = Vec::with_capacity(pairs.len());
+        let mut longest = 0.0_f64;
         for (b, &[i, j]) in pairs.iter().enumerate() {
-            bonds.push(make_bond(b, [i, j], &positions, &radii, contents.period)?);
+            let bond = make_bond(b, [i, j], &positions, &radii, contents.period)?;
+            longest = longest.max(bond.span().amax());
+            scales.push(bond.scale);
             degree[i as usize] += 1;
             degree[j as usize] += 1;
         }
-        let longest = bonds.iter().map(|b| b.span().amax()).fold(0.0, f64::max);
-        let grid = Grid::for_bonds(longest);
+        let grid = Grid::for_bonds(contents.whole.map_or(longest, |w| w.longest));
         if contents.rounded {
             positions.iter_mut().for_each(|x| *x = grid.snap(x));
-            for (b, (bond, pair)) in bonds.iter_mut().zip(&pairs).enumerate() {
-                *bond = grid.rounded(&make_bond(b, *pair, &positions, &radii, contents.period)?);
+            for (b, (scale, pair)) in scales.iter_mut().zip(&pairs).enumerate() {
+                let bond = make_bond(b, *pair, &positions, &radii, contents.period)?;
+                *scale = grid.rounded(&bond).scale;
             }
         }
         if let Some(particle) = degree.iter().position(|&d| d == 0 && !contents.loose) {
@@ -164,13 +189,14 @@ impl BondedParticles {
             positions,
             radii,
             pairs,
-            bonds,
+            scales,
             full_mass,
             inertia,
             rigidity,
             mean_radius: mean,
             grid,
             rounded: contents.rounded,
+            period: contents.period,
             adjacency: OnceLock::new(),
         })
     }
@@ -188,12 +214,14 @@ impl BondedParticles {
                 return Err(Error::out_of_range("bond weight", w, "values >= 0"));
             }
         }
-        for (b, (bond, &w)) in self.bonds.iter_mut().zip(weights).enumerate() {
+        for (b, &w) in weights.iter().enumerate() {
             let grade = self.grades.get(b).copied().unwrap_or(1.0);
+            let mut bond = self.bond(b);
             bond.scale = w * grade / bond.axis.norm();
             if self.rounded {
-                *bond = self.grid.rounded(bond);
+                bond = self.grid.rounded(&bond);
             }
+            self.scales[b] = bond.scale;
         }
         self.weights.copy_from_slice(weights);
         for (i, w) in self.mean_over_bonds(weights, |_| 1.0).into_iter().enumerate() {
@@ -285,15 +313,27 @@ impl BondedParticles {
             mean_radius: self.mean_radius,
             grid: self.grid,
             rounded: self.rounded,
+            period: self.period,
             adjacency,
-            bonds: bonds.iter().map(|b| self.bonds[*b]).collect(),
+            scales: bonds.iter().map(|b| self.scales[*b]).collect(),
         };
         (part, numbers)
     }
 
+    /// Centres, radii and pairs; all else is given back.
+    pub(crate) fn into_spheres(self) -> (Vec<Vector3<f64>>, Vec<f64>, Vec<[u32; 2]>) {
+        (self.positions, self.radii, self.pairs)
+    }
+
+    /// The same, whose sums over the bonds of a particle go in the order of the pairs, as in [`Self::part`].
+    pub(crate) fn in_order_of_pairs(mut self) -> Self {
+        self.adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(self.len(), &self.pairs)));
+        self
+    }
+
     /// Takes the stiffness of a bond away; masses stay.
     pub(crate) fn sever(&mut self, bond: usize) {
-        self.bonds[bond].scale = 0.0;
+        self.scales[bond] = 0.0;
     }
 
     /// Number of particles.
@@ -332,10 +372,25 @@ impl BondedParticles {
         &self.pairs
     }
 
-    /// Bonds, weights included.
+    /// Bond `b`, weight included.
+    ///
+    /// # Panics
+    /// For a bond that is not there.
     #[must_use]
-    pub fn bonds(&self) -> &[LinearBond] {
-        &self.bonds
+    pub fn bond(&self, b: usize) -> LinearBond {
+        let [i, j] = self.pairs[b].map(|i| self.positions[i as usize]);
+        let d: [f64; 3] = (j - i).into();
+        let d = Vector3::from(self.period.map_or(d, |p| image(d, &p)));
+        let length = d.norm();
+        LinearBond {
+            axis: d / (length * length),
+            scale: self.scales[b],
+        }
+    }
+
+    /// Bonds, weights included.
+    pub fn bonds(&self) -> impl ExactSizeIterator<Item = LinearBond> + Clone {
+        (0..self.pairs.len()).map(|b| self.bond(b))
     }
 
     /// Bond weights.
@@ -381,7 +436,7 @@ impl BondedParticles {
     pub fn add_forces(&self, state: &[Twist], out: &mut [Twist]) -> Result<()> {
         expect_len("particle states", state.len(), self.len())?;
         expect_len("particle forces", out.len(), self.len())?;
-        for (bond, &[i, j]) in self.bonds.iter().zip(&self.pairs) {
+        for (bond, &[i, j]) in self.bonds().zip(&self.pairs) {
             let (i, j) = (i as usize, j as usize);
             let (a, b) = bond.wrenches(&self.rigidity, &state[i], &state[j]);
             out[i].linear += a.linear;
@@ -399,8 +454,7 @@ impl BondedParticles {
     pub fn energy(&self, state: &[Twist]) -> Result<f64> {
         expect_len("particle states", state.len(), self.len())?;
         Ok(self
-            .bonds
-            .iter()
+            .bonds()
             .zip(&self.pairs)
             .map(|(b, &[i, j])| b.energy(&self.rigidity, &state[i as usize], &state[j as usize]))
             .sum())
@@ -409,88 +463,4 @@ impl BondedParticles {
 
 fn sphere_inertia(mass: &[f64], radii: &[f64]) -> Vec<f64> {
     mass.iter().zip(radii).map(|(m, r)| 0.4 * m * r * r).collect()
-}
-
-/// Refuses an array of the wrong length.
-pub(crate) fn expect_len(what: &'static str, found: usize, expected: usize) -> Result<()> {
-    if found == expected {
-        Ok(())
-    } else {
-        Err(Error::LengthMismatch {
-            what,
-            found,
-            expected,
-        })
-    }
-}
-
-/// Finite centres, finite positive radii, a bearable ratio of radii, at least one particle.
-pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result<()> {
-    expect_len("radii", radii.len(), positions.len())?;
-    if positions.is_empty() {
-        return Err(Error::out_of_range("number of particles", 0.0, "values >= 1"));
-    }
-    for (i, p) in positions.iter().enumerate() {
-        for c in p.iter() {
-            finite("coordinate", "particle", i, *c)?;
-        }
-    }
-    let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
-    for (particle, &radius) in radii.iter().enumerate() {
-        if !(radius.is_finite() && radius > 0.0) {
-            return Err(Error::BadRadius { particle, radius });
-        }
-        low = low.min(radius);
-        high = high.max(radius);
-    }
-    // One part in 1e9 above, so that a ratio of exactly the limit passes after rounding.
-    if high > low * MAX_RADIUS_RATIO * (1.0 + 1e-9) {
-        return Err(Error::RadiusRatio {
-            smallest: low,
-            largest: high,
-            ratio: high / low,
-            limit: MAX_RADIUS_RATIO,
-        });
-    }
-    Ok(())
-}
-
-fn make_bond(
-    bond: usize,
-    [i, j]: [u32; 2],
-    positions: &[Vector3<f64>],
-    radii: &[f64],
-    period: Option<[f64; 3]>,
-) -> Result<LinearBond> {
-    let (first, second) = (i as usize, j as usize);
-    let particle = first.max(second);
-    if particle >= positions.len() {
-        return Err(Error::NoSuchParticle {
-            bond,
-            particle,
-            count: positions.len(),
-        });
-    }
-    let d: [f64; 3] = (positions[second] - positions[first]).into();
-    let d = Vector3::from(period.map_or(d, |p| image(d, &p)));
-    let length = d.norm();
-    let limit = COINCIDENT * (radii[first] + radii[second]);
-    if first == second {
-        return Err(Error::ZeroLengthBond {
-            bond,
-            first,
-            second,
-            length,
-            limit,
-        });
-    }
-    if length <= limit {
-        return Err(Error::CoincidentParticles {
-            first: first.min(second),
-            second: particle,
-            distance: length,
-            limit,
-        });
-    }
-    LinearBond::new(Vector3::zeros(), d, 1.0)
 }

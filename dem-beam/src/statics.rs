@@ -138,8 +138,8 @@ struct System<'a> {
 
 impl<'a> System<'a> {
     fn new(body: &'a BondedParticles, held: &[Held]) -> Self {
-        let ends = |(bond, &[i, j]): (&LinearBond, &[u32; 2])| [(i, (j, *bond)), (j, (i, bond.reversed()))];
-        let bonds = body.bonds().iter().zip(body.pairs()).flat_map(ends);
+        let ends = |(bond, &[i, j]): (LinearBond, &[u32; 2])| [(i, (j, bond)), (j, (i, bond.reversed()))];
+        let bonds = body.bonds().zip(body.pairs()).flat_map(ends);
         let bonds = Adjacency::new(body.len(), bonds);
         let one = |h: bool| if h { 0.0 } else { 1.0 };
         let free: Vec<Six> = held

@@ -164,7 +164,7 @@ fn cantilever_chain() {
         let k = *body.rigidity();
         let size = 6 * n;
         let mut full = DMatrix::<f64>::zeros(6 * (n + 1), 6 * (n + 1));
-        for (bond, &[i, j]) in body.bonds().iter().zip(body.pairs()) {
+        for (bond, &[i, j]) in body.bonds().zip(body.pairs()) {
             let s = bond.stiffness(&k);
             for (p, a) in [i, j].into_iter().enumerate() {
                 for (q, b) in [i, j].into_iter().enumerate() {

@@ -157,7 +157,6 @@ fn critical_step_is_critical_and_bounds_are_safe() {
     // The rule min sqrt(m/k_n) looks at translations only, and is unsafe.
     let springs = body
         .bonds()
-        .iter()
         .zip(body.pairs())
         .map(|(b, p)| {
             let k = body.rigidity().axial * b.axis.norm();

@@ -133,10 +133,10 @@ impl Criterion {
             linear: three(3 * i as usize),
             angular: three(3 * (body.len() + i as usize)),
         };
-        let load = |(bond, [i, j]): (&LinearBond, &[u32; 2])| {
-            self.value(&section, &Strain::linear(bond, &twist(*i), &twist(*j)))
+        let load = |(bond, [i, j]): (LinearBond, &[u32; 2])| {
+            self.value(&section, &Strain::linear(&bond, &twist(*i), &twist(*j)))
         };
-        Ok(body.bonds().iter().zip(body.pairs()).map(load).collect())
+        Ok(body.bonds().zip(body.pairs()).map(load).collect())
     }
 
     /// What has the largest part in [`Self::value`].

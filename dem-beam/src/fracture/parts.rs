@@ -5,13 +5,15 @@
 //! them hear of all breaks and take them in the order of the whole body.
 
 use super::state::{FractureState, change, middle};
-use super::{Break, BreakMode, SharedLog, locked, writing};
+use super::{Break, BreakMode, Fracture, SharedLog, locked, writing};
+use crate::model::piece::Numbered;
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
 use arlequin_core::Evolution;
 use arlequin_core::ranks::{Halo, Message, Portion, RankError};
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 /// Words of a break between ranks.
 const WORDS: usize = 7;
@@ -25,7 +27,7 @@ pub(crate) struct Parts {
     halo: Halo,
     messages: Vec<Message>,
     /// Numbers in the whole body: of the bonds here, ascending, and of the particles of other ranks.
-    numbers: Vec<u32>,
+    numbers: Arc<[u32]>,
     /// Bonds with particles of other ranks.
     cross: Vec<u32>,
     /// Bonds of the whole body.
@@ -38,31 +40,54 @@ pub(crate) struct Parts {
 type Heard = (Vec<[f64; 7]>, Vec<[f64; 6]>);
 
 impl FractureState {
-    /// The same for the part `body` of a body of so many `bonds`, with these numbers there; what broke stays broken.
-    pub(crate) fn part(self, body: &BondedParticles, halo: Halo, numbers: Vec<u32>, bonds: usize) -> Self {
-        let own = body.len() - halo.ghosts().len();
-        let broken: Vec<u32> = {
-            let log = locked(&self.log);
-            let here = (0..).zip(&numbers).filter(|(_, b)| log.is_broken(**b as usize));
-            here.map(|(k, _)| k).collect()
-        };
-        let mut out = Self::of(self.spec, body, own, self.log.clone());
+    /// Bonds of a part of a body, all of them whole.
+    pub(crate) fn new_in_part(
+        spec: Fracture,
+        body: &BondedParticles,
+        log: SharedLog,
+        (halo, numbered): (&Halo, &Numbered),
+    ) -> Self {
+        writing(&log).begin(numbered.of);
+        Self::of_part(spec, body, log, (halo, numbered))
+    }
+
+    /// The same for a part of the body; what broke stays broken.
+    pub(crate) fn part(self, body: &BondedParticles, of: (&Halo, &Numbered)) -> Self {
+        let mut out = Self::of_part(self.spec, body, self.log.clone(), of);
         if self.is_plain() {
             out.check_plainly();
         }
-        writing(&out.log).number(&numbers);
+        let broken: Vec<u32> = {
+            let log = locked(&out.log);
+            let here = (0..).zip(&*of.1.bonds);
+            here.filter(|(_, b)| log.is_broken(**b as usize))
+                .map(|(k, _)| k)
+                .collect()
+        };
         out.forget(&broken);
+        out.now = broken;
+        out
+    }
+
+    fn of_part(
+        spec: Fracture,
+        body: &BondedParticles,
+        log: SharedLog,
+        (halo, numbered): (&Halo, &Numbered),
+    ) -> Self {
+        let own = body.len() - halo.ghosts().len();
+        let mut out = Self::of(spec, body, own, log);
+        writing(&out.log).number(&numbered.bonds);
         let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= own);
         let cross = (0..).zip(body.pairs()).filter(|(_, p)| foreign(p));
         out.parts = Some(Parts {
             cross: cross.map(|(b, _)| b).collect(),
             messages: halo.messages(TOLD),
-            numbers,
-            bonds,
+            numbers: numbered.bonds.clone(),
+            bonds: numbered.of,
             ghosts: Vec::with_capacity(halo.ghosts().len()),
-            halo,
+            halo: halo.clone(),
         });
-        out.now = broken;
         out
     }
 

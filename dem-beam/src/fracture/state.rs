@@ -88,8 +88,8 @@ impl FractureState {
         if self.plainly {
             return;
         }
-        let length = |b: &crate::bond::LinearBond| 1.0 / b.axis.norm();
-        let lengths = body.bonds().iter().map(length);
+        let length = |b: crate::bond::LinearBond| 1.0 / b.axis.norm();
+        let lengths = body.bonds().map(length);
         let (least, most) = lengths.fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l), b.max(l)));
         self.screen = Screen::new(self.spec.criterion, self.section, &self.strength, [least, most]);
         // As many slots as the particle with most bonds has.
@@ -201,10 +201,10 @@ impl FractureState {
 
     fn strain(body: &BondedParticles, reader: &Reader<'_>, b: usize) -> Strain {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
-        let bond = &body.bonds()[b];
+        let bond = body.bond(b);
         match reader.poses([i, j]) {
-            Some([a, b]) => Strain::finite(bond, &a, &b),
-            None => Strain::linear(bond, &reader.twist(i), &reader.twist(j)),
+            Some([a, b]) => Strain::finite(&bond, &a, &b),
+            None => Strain::linear(&bond, &reader.twist(i), &reader.twist(j)),
         }
     }
 

@@ -41,16 +41,17 @@ impl Layout {
             rests: Vec::new(),
             lengths,
         };
+        let mut slots = 0;
         for b in 0..blocks {
-            let most = out.lanes(b).map(|i| adjacency.row(i).len()).max().unwrap_or(0);
-            let slots = out.slots.len() + most;
-            out.slots.resize(slots, Slot::default());
-            out.neighbours.resize(slots, [0; LANES]);
-            out.rests
-                .resize(if lengths { slots } else { 0 }, CacheLine::default());
+            let most = out.lanes(b).map(|i| adjacency.row(i).len()).max();
+            slots += most.unwrap_or(0);
             out.start.push(slots as u32);
-            out.refresh(b, body, &adjacency, &|_| true);
         }
+        // As much room as it takes: the largest arrays of a body.
+        out.slots = vec![Slot::default(); slots];
+        out.neighbours = vec![[0; LANES]; slots];
+        out.rests = vec![CacheLine::default(); if lengths { slots } else { 0 }];
+        (0..blocks).for_each(|b| out.refresh(b, body, &adjacency, &|_| true));
         out
     }
 
@@ -92,7 +93,7 @@ impl Layout {
         for i in self.lanes(block) {
             let left = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
             for (s, &[other, b]) in left.enumerate() {
-                let bond = body.bonds()[b as usize];
+                let bond = body.bond(b as usize);
                 let own = body.pairs()[b as usize][0] as usize == i;
                 let bond = if own { bond } else { bond.reversed() };
                 self.slots[from + s].set(i - first, &bond, &self.grid);
@@ -104,9 +105,11 @@ impl Layout {
         }
     }
 
-    /// Bytes of bond data.
-    pub(crate) fn bond_bytes(&self) -> usize {
-        let lengths = if self.lengths { size_of::<CacheLine>() } else { 0 };
-        self.slots.len() * (size_of::<Slot>() + size_of::<[u32; LANES]>() + lengths)
+    /// Bytes of bond data of particles with so many bonds each.
+    pub(crate) fn bytes(bonds: &[usize], lengths: bool) -> usize {
+        let blocks = bonds.chunks(LANES);
+        let slots: usize = blocks.map(|b| b.iter().max().copied().unwrap_or(0)).sum();
+        let lengths = if lengths { size_of::<CacheLine>() } else { 0 };
+        slots * (size_of::<Slot>() + size_of::<[u32; LANES]>() + lengths)
     }
 }

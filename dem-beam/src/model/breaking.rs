@@ -9,20 +9,17 @@ use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
 use arlequin_core::Evolution;
-use arlequin_core::ranks::Halo;
 use arlequin_core::snapshot::Record;
 
 impl DemModel {
     /// The same body with bonds that break.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense; [`crate::Error::Graded`];
-    /// [`crate::Error::InParts`].
+    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense; [`crate::Error::Graded`].
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
-        self.whole("fracture of bonds")?;
         self.alike("a strength of bonds")?;
-        self.fracture = Some(FractureState::new(spec, &self.body, self.log.clone()));
+        self.fracture = Some(self.breaking(spec, self.log.clone()));
         Ok(self)
     }
 
@@ -32,11 +29,17 @@ impl DemModel {
     /// As [`Self::with_fracture`].
     pub fn with_watched_strength(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
-        self.whole("fracture of bonds")?;
         self.alike("a strength of bonds")?;
-        let log = SharedLog::default();
-        self.watched = Some(FractureState::new(spec, &self.body, log));
+        self.watched = Some(self.breaking(spec, SharedLog::default()));
         Ok(self)
+    }
+
+    /// Whole bonds that may break, of all of the body or of a part.
+    fn breaking(&self, spec: Fracture, log: SharedLog) -> FractureState {
+        match self.halo.as_ref().zip(self.numbered.as_ref()) {
+            Some(part) => FractureState::new_in_part(spec, &self.body, log, part),
+            None => FractureState::new(spec, &self.body, log),
+        }
     }
 
     /// Refuses what bonds of several materials cannot have.
@@ -93,7 +96,8 @@ impl DemModel {
         };
         if !fracture.now.is_empty() {
             let blocks = self.sever(&mut fracture);
-            self.kernel.again(&blocks, step.f);
+            let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+            kernel.again(&blocks, step.f);
         }
         self.fracture = Some(fracture);
         released
@@ -129,9 +133,12 @@ impl DemModel {
         fracture.release_in_parts(&self.body, step, readers, parts, |b| self.in_overlap(b))
     }
 
-    /// Lets a part of a body break like the whole: bonds here with their numbers there, of so many.
-    pub(super) fn break_apart(&mut self, halo: &Halo, numbers: &[u32], bonds: usize) {
-        let part = |of: FractureState| of.part(&self.body, halo.clone(), numbers.to_vec(), bonds);
+    /// Lets a part of a body break like the whole.
+    pub(super) fn break_apart(&mut self) {
+        let Some(place) = self.halo.as_ref().zip(self.numbered.as_ref()) else {
+            return;
+        };
+        let part = |of: FractureState| of.part(&self.body, place);
         self.watched = self.watched.take().map(part);
         self.fracture = self.fracture.take().map(part);
         self.spare_overlap();
@@ -154,7 +161,8 @@ impl DemModel {
         blocks.dedup();
         let log = locked(&self.log);
         let (body, whole) = (&self.body, |b: usize| !log.is_broken_here(b));
-        self.kernel.refresh(&blocks, body, &fracture.adjacency, &whole);
+        let kernel = self.kernel.of(body, self.halo.as_ref());
+        kernel.refresh(&blocks, body, &fracture.adjacency, &whole);
         fracture.follow(&blocks, &whole);
         blocks
     }
@@ -166,7 +174,7 @@ impl DemModel {
             .as_ref()
             .map(FractureState::save)
             .unwrap_or_default();
-        let turns = self.kernel.save();
+        let turns = self.kernel.save(self.nodes.len());
         // Of the whole body, on the first rank; what goes wrong is kept for [`arlequin_core::ranks::Portion::failure`].
         let turns = match (&self.halo, self.has_finite_rotations()) {
             (Some(h), true) => h.portion().collect(7, &turns).ok().flatten().unwrap_or_default(),
@@ -189,7 +197,8 @@ impl DemModel {
                 let own = (0..p.nodes()).map(|i| p.global(i));
                 turns = own.flat_map(|i| turns[7 * i..7 * i + 7].to_vec()).collect();
             }
-            if !self.kernel.restore(&turns) {
+            let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+            if !kernel.restore(&turns) {
                 return Err(self.foreign("the record of orientations"));
             }
         }

@@ -17,6 +17,9 @@ use arlequin_core::{Drawn, Stride};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::marker::PhantomData;
 
+/// A particle that has not turned.
+const UPRIGHT: CacheLine = CacheLine([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
+
 /// Particles above which a second thread pays for its wake-up.
 const LARGE: usize = 4_000;
 
@@ -54,10 +57,18 @@ pub(crate) struct Reached<'a> {
 }
 
 impl Reached<'_> {
+    /// Nothing has turned yet.
+    pub(crate) fn upright() -> Self {
+        Self { rows: &[], th: &[] }
+    }
+
     /// Orientation of particle `i` with rotation unknowns `th`.
     #[inline]
     pub(crate) fn orientation(&self, i: usize, th: [f64; 3]) -> UnitQuaternion<f64> {
-        let (row, from) = (&self.rows[i].0, &self.th[3 * i..3 * i + 3]);
+        let (row, from) = match self.rows.get(i) {
+            Some(row) => (row.0, &self.th[3 * i..3 * i + 3]),
+            None => (UPRIGHT.0, &[0.0; 3][..]),
+        };
         let d = [th[0] - from[0], th[1] - from[1], th[2] - from[2]];
         let q = turned([row[3], row[4], row[5], row[6]], d);
         UnitQuaternion::new_unchecked(Quaternion::new(q[0], q[1], q[2], q[3]))
@@ -94,10 +105,6 @@ impl Ghosts {
 
 /// Forces of the bonds of a body under one of the two laws.
 pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
-    /// The same law for a body with other weights; nothing has turned yet.
-    fn renewed(&self, body: &BondedParticles) -> Box<dyn BondForces>;
-    /// The same law for the part of a body that one rank holds, the particles of others behind its own.
-    fn shared(&self, body: &BondedParticles, halo: Halo) -> Box<dyn BondForces>;
     /// Adds forces and torques at positions that become the reached ones; all in the layout of the model. With `marks` it
     /// looks at strengths on the way; returns the elastic energy \[J\] if asked for, else zero.
     fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64>;
@@ -123,10 +130,6 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
         adjacency: &Adjacency<[u32; 2]>,
         whole: &dyn Fn(usize) -> bool,
     );
-    /// Instruction set in use.
-    fn isa_name(&self) -> &'static str;
-    /// Bytes of bond data.
-    fn bond_bytes(&self) -> usize;
 }
 
 /// Rows of a range of blocks on their way to given positions.
@@ -191,12 +194,9 @@ impl<W: Screened> Gather<W> {
         let foreign = halo.as_ref().map_or(0, |h| h.ghosts().len());
         let own = body.len() - foreign;
         let layout = Layout::new(body, own, W::LENGTHS);
-        let mut upright = CacheLine::default();
-        let turns = if W::TURNS {
-            upright.0[3] = 1.0;
-            3 * own
-        } else {
-            0
+        let (upright, turns) = match W::TURNS {
+            true => (UPRIGHT, 3 * own),
+            false => (CacheLine::default(), 0),
         };
         let rows = vec![upright; own.next_multiple_of(LANES) + foreign];
         Self {
@@ -377,14 +377,6 @@ impl<W: Screened> Gather<W> {
 }
 
 impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
-    fn renewed(&self, body: &BondedParticles) -> Box<dyn BondForces> {
-        Box::new(Self::of(body, self.ghosts.as_ref().map(|g| g.halo.clone())))
-    }
-
-    fn shared(&self, body: &BondedParticles, halo: Halo) -> Box<dyn BondForces> {
-        Box::new(Self::of(body, Some(halo)))
-    }
-
     fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64> {
         let (linear, angular) = f.split_at_mut(q.len() / 2);
         let sink = Sink { linear, angular };
@@ -491,14 +483,6 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         for &b in blocks {
             self.layout.refresh(b, body, adjacency, whole);
         }
-    }
-
-    fn isa_name(&self) -> &'static str {
-        self.isa.name()
-    }
-
-    fn bond_bytes(&self) -> usize {
-        self.layout.bond_bytes()
     }
 }
 

@@ -20,6 +20,8 @@
 
 mod breaking;
 pub(crate) mod forces;
+mod lazy;
+pub(crate) mod piece;
 mod portion;
 pub(crate) mod poses;
 mod recovery;
@@ -30,6 +32,7 @@ mod torn;
 mod wanting;
 mod weights;
 
+pub use piece::Piece;
 pub use report::DemReport;
 pub use select::LoadShare;
 pub(crate) use select::TOUCH;
@@ -39,7 +42,7 @@ use crate::critical;
 use crate::error::{Error, Result};
 use crate::fracture::SharedLog;
 use crate::fracture::state::FractureState;
-use crate::kernel::law::{Finite, Linear};
+use crate::kernel::law::Linear;
 use crate::kernel::order::block_order;
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
@@ -53,8 +56,10 @@ use arlequin_core::{
     Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
     Model, ParticleField, Recovery, Shared, State, Stepping, Stride, Watching, Weight, check_size, spectrum,
 };
-use forces::{BondForces, Gather};
+use forces::Gather;
+use lazy::Kernel;
 use nalgebra::{Point3, Vector3};
+use piece::Numbered;
 use poses::Reader;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
@@ -73,7 +78,7 @@ pub struct DemModel {
     places: Vec<u32>,
     volume: f64,
     field: Arc<ParticleField<f64>>,
-    kernel: Box<dyn BondForces>,
+    kernel: Kernel,
     packing: Option<PackingReport>,
     fracture: Option<FractureState>,
     /// Strengths that are compared at the end only, in a run without fracture.
@@ -83,8 +88,9 @@ pub struct DemModel {
     around: OnceLock<Adjacency<[u32; 2]>>,
     /// Bonds of every unit, by their first particles.
     of_units: Vec<Range<usize>>,
-    /// Particles of other ranks, in a part of a body.
+    /// Particles of other ranks, in a part of a body, and numbers that its bonds have in the whole.
     halo: Option<Halo>,
+    numbered: Option<Numbered>,
 }
 
 impl DemModel {
@@ -113,13 +119,14 @@ impl DemModel {
             loose: packing.loose,
             period: None,
             rounded: true,
+            whole: None,
         };
         let matter = Matter {
             beam,
             density,
             volume: packing.volume,
         };
-        let mut model = Self::of_body(name, &body, &contents, &matter)?;
+        let mut model = Self::of_body(name, body, &contents, &matter)?;
         model.packing = Some(packing.report.clone());
         Ok(model)
     }
@@ -143,27 +150,27 @@ impl DemModel {
             loose: false,
             period: None,
             rounded: true,
+            whole: None,
         };
-        Self::of_body(name, &body, &contents, matter)
+        Self::of_body(name, body, &contents, matter)
     }
 
     /// A body in the caller's numbers.
-    fn of_body(name: &str, body: &BondedParticles, contents: &Contents<'_>, matter: &Matter) -> Result<Self> {
-        let (positions, radii, pairs) = (body.positions(), body.radii(), body.pairs());
-        let order = block_order(positions, pairs);
+    fn of_body(name: &str, body: BondedParticles, contents: &Contents<'_>, matter: &Matter) -> Result<Self> {
+        // What is not needed any more goes before the body is made again.
+        let (positions, radii, mut pairs) = body.into_spheres();
+        let order = block_order(&positions, &pairs);
         let mut places = vec![0_u32; order.len()];
         for (k, &i) in order.iter().enumerate() {
             places[i as usize] = k as u32;
         }
-        let mut pairs: Vec<[u32; 2]> = pairs
-            .iter()
-            .map(|p| {
-                let [i, j] = p.map(|i| places[i as usize]);
-                [i.min(j), i.max(j)]
-            })
-            .collect();
+        for pair in &mut pairs {
+            let [i, j] = pair.map(|i| places[i as usize]);
+            *pair = [i.min(j), i.max(j)];
+        }
         pairs.sort_unstable();
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
+        drop(positions);
         let radii = order.iter().map(|&i| radii[i as usize]).collect();
         let volumes: Vec<f64> = order.iter().map(|&i| contents.volumes[i as usize]).collect();
         let contents = Contents {
@@ -184,7 +191,7 @@ impl DemModel {
             order,
             places,
             volume: matter.volume,
-            kernel: Box::new(Gather::<Linear>::new(&body)),
+            kernel: Kernel::new(false),
             packing: None,
             fracture: None,
             watched: None,
@@ -192,6 +199,7 @@ impl DemModel {
             around: OnceLock::new(),
             of_units: portion::bonds_of_units(body.pairs(), body.len()),
             halo: None,
+            numbered: None,
             body,
         })
     }
@@ -214,21 +222,21 @@ impl DemModel {
         self.body.grade(&stiffness, &density)?;
         self.mass = self.body.mass().to_vec();
         self.inertia = self.body.inertia().to_vec();
-        self.kernel = Box::new(Gather::<Linear>::new(&self.body));
+        self.kernel.renew();
         Ok(self)
     }
 
     /// The same body under the finite-rotation law; see the module text.
     #[must_use]
     pub fn with_finite_rotations(mut self) -> Self {
-        self.kernel = Box::new(Gather::<Finite>::of(&self.body, self.halo.clone()));
+        self.kernel = Kernel::new(true);
         self
     }
 
     /// Whether rotations may be large.
     #[must_use]
     pub fn has_finite_rotations(&self) -> bool {
-        self.kernel.reached().is_some()
+        self.kernel.is_finite()
     }
 
     /// Particles and bonds in the model's numbers; bond weights as last set. In a part of a body, particles of other ranks come
@@ -273,7 +281,8 @@ impl DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        Ok(self.kernel.advance(q, f, marks, energy)?)
+        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        Ok(kernel.advance(q, f, marks, energy)?)
     }
 
     fn named(&self, error: &Error) -> arlequin_core::Error {
@@ -343,7 +352,7 @@ impl Model<f64> for DemModel {
         let bonds = self.bond_means(alpha)?;
         self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
         self.spare_overlap();
-        self.kernel = self.kernel.renewed(&self.body);
+        self.kernel.renew();
         Ok(())
     }
 
@@ -351,7 +360,8 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        Ok(self.kernel.add(q, f, marks)?)
+        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        Ok(kernel.add(q, f, marks)?)
     }
 
     fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
@@ -391,7 +401,7 @@ impl Model<f64> for DemModel {
         let top = if self.has_finite_rotations() {
             critical::largest(space, &mut Gather::<Linear>::of(&self.body, halo.clone()))
         } else {
-            critical::largest(space, &mut *self.kernel)
+            critical::largest(space, self.kernel.of(&self.body, halo.as_ref()))
         };
         Ok(spectrum::step_of(top?))
     }
@@ -445,7 +455,8 @@ impl Model<f64> for DemModel {
 
 impl Stepping<f64> for DemModel {
     fn stride(&mut self, step: Stride<'_, f64>) -> arlequin_core::Result<Option<Drawn<f64>>> {
-        Ok(self.kernel.stride(step)?)
+        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        Ok(kernel.stride(step)?)
     }
 }
 

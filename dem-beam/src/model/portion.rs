@@ -5,6 +5,7 @@
 //! rank finds the state of a particle that is not its own.
 
 use super::DemModel;
+use super::piece::Numbered;
 use super::poses::Reader;
 use crate::error::{Error, Result};
 use crate::kernel::lanes::LANES;
@@ -26,19 +27,27 @@ impl DemModel {
     /// particles and what couples those of an overlap included.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
-        let bonds = self.body.adjacency();
+        let bonds = self.bonds_at();
+        let mut coupled = vec![false; self.body.len()];
+        for (b, pair) in self.body.pairs().iter().enumerate() {
+            let inside = self.in_overlap(b);
+            pair.iter().for_each(|i| coupled[*i as usize] |= inside);
+        }
         Unit::all(&self.nodes, |particles| {
             let blocks = particles.clone().step_by(LANES);
-            let longest = |b: usize| {
-                (b..particles.end.min(b + LANES))
-                    .map(|i| bonds.row(i).len())
-                    .max()
-            };
-            let slots: usize = blocks.map(|b| longest(b).unwrap_or(0) + MOVING).sum();
-            let coupled = |i: &usize| bonds.row(*i).iter().any(|e| self.in_overlap(e[1] as usize));
-            let coupled = particles.clone().filter(coupled).count();
+            let longest = |b: usize| bonds[b..particles.end.min(b + LANES)].iter().max();
+            let slots: usize = blocks.map(|b| longest(b).copied().unwrap_or(0) + MOVING).sum();
+            let coupled = particles.filter(|i| coupled[*i]).count();
             (slots * LANES + coupled * COUPLING) as f64
         })
+    }
+
+    /// How many bonds every particle has; counted, as a list of them would stay in memory.
+    pub(super) fn bonds_at(&self) -> Vec<usize> {
+        let mut out = vec![0; self.body.len()];
+        let ends = self.body.pairs().iter().flatten();
+        ends.for_each(|i| out[*i as usize] += 1);
+        out
     }
 
     /// The part of the body that the rank of `communicator` holds: its units of `division`, with all their bonds. All ranks
@@ -99,11 +108,16 @@ impl DemModel {
         let samples = self.field_samples();
         let volumes: Vec<f64> = own.iter().map(|i| samples[*i]).collect();
         self.field = Arc::new(ParticleField::new(self.nodes.clone(), &volumes)?);
-        self.kernel = self.kernel.shared(&body, halo.clone());
+        self.kernel.renew();
         self.of_units = bonds_of_units(body.pairs(), own.len());
         self.body = body;
-        self.break_apart(&halo, &here, bonds);
+        let numbered = Numbered {
+            bonds: here.into(),
+            of: bonds,
+        };
         self.halo = Some(halo);
+        self.numbered = Some(numbered);
+        self.break_apart();
         Ok(portion)
     }
 

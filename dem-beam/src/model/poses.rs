@@ -82,9 +82,9 @@ impl Reader<'_> {
     /// Weighted energy of bond `b` \[J\].
     pub(crate) fn energy(&self, body: &BondedParticles, b: usize) -> f64 {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
-        let bond = &body.bonds()[b];
+        let bond = body.bond(b);
         match self.poses([i, j]) {
-            Some([a, b]) => finite::energy(bond, &self.rigidity, &a, &b),
+            Some([a, b]) => finite::energy(&bond, &self.rigidity, &a, &b),
             None => bond.energy(&self.rigidity, &self.twist(i), &self.twist(j)),
         }
     }
@@ -92,9 +92,9 @@ impl Reader<'_> {
     /// Weighted energy of bond `b` \[J\] and the forces and torques on its two ends \[N, N m\].
     pub(crate) fn bond(&self, body: &BondedParticles, b: usize) -> (f64, [Twist; 2]) {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
-        let bond = &body.bonds()[b];
+        let bond = body.bond(b);
         let (fi, fj) = match self.poses([i, j]) {
-            Some([a, b]) => finite::wrenches(bond, &self.rigidity, &a, &b),
+            Some([a, b]) => finite::wrenches(&bond, &self.rigidity, &a, &b),
             None => bond.wrenches(&self.rigidity, &self.twist(i), &self.twist(j)),
         };
         (self.energy(body, b), [fi, fj])

@@ -25,7 +25,7 @@ impl DemModel {
     /// Vector between the centres of a bond where its law sees them, and its force on the first particle; without weight.
     fn carried(&self, b: usize, reader: &Reader<'_>) -> [Vector3<f64>; 2] {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
-        let mut bond = self.body.bonds()[b];
+        let mut bond = self.body.bond(b);
         bond.scale = 1.0 / bond.axis.norm();
         let span = bond.span();
         match reader.poses([i, j]) {

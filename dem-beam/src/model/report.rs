@@ -1,6 +1,8 @@
 //! What a model is, for people.
 
 use super::DemModel;
+use crate::kernel::engine::Isa;
+use crate::kernel::layout::Layout;
 use crate::packing::PackingReport;
 use std::fmt;
 
@@ -36,6 +38,9 @@ impl DemModel {
     #[must_use]
     pub fn report(&self) -> DemReport {
         let (n, bonds) = (self.nodes.len(), self.body.pairs().len());
+        let mut all = self.bonds_at();
+        all.truncate(n);
+        let bytes = Layout::bytes(&all, self.has_finite_rotations());
         DemReport {
             name: self.name.clone(),
             particles: n,
@@ -45,8 +50,8 @@ impl DemModel {
             volume: self.volume,
             mean_radius: self.body.mean_radius(),
             finite_rotations: self.has_finite_rotations(),
-            instruction_set: self.kernel.isa_name(),
-            bytes_per_bond: self.kernel.bond_bytes() as f64 / bonds.max(1) as f64,
+            instruction_set: Isa::detect().name(),
+            bytes_per_bond: bytes as f64 / bonds.max(1) as f64,
             packing: self.packing.clone(),
         }
     }

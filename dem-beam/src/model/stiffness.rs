@@ -9,7 +9,7 @@ fn block_rows(body: &BondedParticles) -> Vec<Vec<(u32, Matrix6<f64>)>> {
     let mut rows: Vec<Vec<(u32, Matrix6<f64>)>> = (0..body.len())
         .map(|i| vec![(i as u32, Matrix6::zeros())])
         .collect();
-    for (bond, &[i, j]) in body.bonds().iter().zip(body.pairs()) {
+    for (bond, &[i, j]) in body.bonds().zip(body.pairs()) {
         let k = bond.stiffness(body.rigidity());
         for (a, b, at, to) in [(i, j, 0, 6), (j, i, 6, 0)] {
             let row = &mut rows[a as usize];

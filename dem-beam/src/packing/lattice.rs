@@ -19,7 +19,7 @@ pub enum Lattice {
 }
 
 impl Lattice {
-    fn basis(self) -> &'static [[f64; 3]] {
+    pub(super) fn basis(self) -> &'static [[f64; 3]] {
         match self {
             Self::Cubic => &[[0.0, 0.0, 0.0]],
             Self::BodyCentred => &[[0.0, 0.0, 0.0], [0.5, 0.5, 0.5]],
@@ -28,7 +28,7 @@ impl Lattice {
     }
 
     /// Distance of neighbours over the cell edge.
-    fn spacing(self) -> f64 {
+    pub(super) fn spacing(self) -> f64 {
         match self {
             Self::Cubic => 1.0,
             Self::BodyCentred => 0.75_f64.sqrt(),

@@ -3,6 +3,7 @@
 pub mod around;
 mod assemble;
 pub(crate) mod bonding;
+mod bricks;
 pub(crate) mod cache;
 pub(crate) mod cells;
 pub mod container;
@@ -24,6 +25,7 @@ pub(crate) mod vtu;
 
 pub use around::Around;
 pub use assemble::Packing;
+pub use bricks::Bricks;
 pub use container::Container;
 pub use csv::{read_csv, write_csv};
 pub use lattice::{Lattice, lattice};

@@ -1,0 +1,98 @@
+//! What all ranks together have in memory at most, while a run of particles is set up and steps.
+//!
+//! A binary of its own: bytes are counted for all of the process, of which ranks are threads. So nothing here depends on which
+//! rank is first: all of them together never have more than the sum of what each has at most.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+mod support;
+
+use arlequin_core::ranks::{Communicator, Division};
+use arlequin_core::{Coupled, Partition, Silent, Subdomain, TimeStep, Uniform, Weights};
+use arlequin_mpi::threads;
+use dem_beam::packing::{Bricks, Lattice, lattice};
+use dem_beam::{BeamMaterial, DemModel};
+use peak_alloc::PeakAlloc;
+use std::sync::Arc;
+use support::WAIT;
+
+#[global_allocator]
+static MEMORY: PeakAlloc = PeakAlloc;
+
+const CELLS: [usize; 3] = [32, 16, 16];
+const RADIUS: f64 = 1e-4;
+
+fn stepped(model: DemModel, shared: Option<Arc<dyn Communicator>>) -> usize {
+    let side =
+        Subdomain::fine(model, Weights::same(Arc::new(Uniform(1.0)))).with_partition(Partition::Unchecked);
+    let side = match shared {
+        Some(c) => side.shared(c),
+        None => side,
+    };
+    let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
+    run.run(2, &mut Silent).unwrap();
+    run.subdomains()[0].model().nodes().len()
+}
+
+/// Every rank makes its own part.
+fn in_parts(c: Arc<dyn Communicator>) -> usize {
+    let bricks = Bricks::new(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
+    let division = Division::bisect(bricks.particles(), &bricks.units(), c.ranks()).unwrap();
+    let piece = bricks
+        .piece(&division, c.rank(), BeamMaterial::SILICA, 2200.0)
+        .unwrap();
+    drop(bricks);
+    stepped(DemModel::of_piece("cube", piece, &division, c).unwrap(), None)
+}
+
+/// Every rank makes the whole, and the run shares it out.
+fn shared(c: Arc<dyn Communicator>) -> usize {
+    let packing = lattice(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
+    let model = DemModel::new("cube", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+    drop(packing);
+    stepped(model, Some(c))
+}
+
+/// Bytes per particle of the body that all ranks have together at most.
+fn most(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f64 {
+    let before = MEMORY.current_usage();
+    MEMORY.reset_peak_usage();
+    let held: usize = threads::run(ranks, 1, WAIT, of)
+        .into_iter()
+        .map(Result::unwrap)
+        .sum();
+    assert_eq!(held, 2 * CELLS.iter().product::<usize>());
+    (MEMORY.peak_usage() - before) as f64 / held as f64
+}
+
+/// Particles of other ranks that ranks hold, over the particles of the body.
+fn ghosts(ranks: usize) -> f64 {
+    let bricks = Bricks::new(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
+    let division = Division::bisect(bricks.particles(), &bricks.units(), ranks).unwrap();
+    let piece = |rank| {
+        bricks
+            .piece(&division, rank, BeamMaterial::SILICA, 2200.0)
+            .unwrap()
+    };
+    let held: usize = (0..ranks).map(|rank| piece(rank).numbers.len()).sum();
+    held as f64 / bricks.particles() as f64 - 1.0
+}
+
+#[test]
+fn ranks_hold_their_share_and_their_ghosts_and_never_a_whole_kernel() {
+    let one = most(1, in_parts);
+    for ranks in [2, 4, 8] {
+        let all = most(ranks, in_parts);
+        let bound = 1.2 * one * (1.0 + ghosts(ranks));
+        assert!(
+            all < bound,
+            "{ranks} ranks: {all} bytes per particle, one rank {one}, bound {bound}"
+        );
+    }
+    // What each rank has of a body that all of them make whole, is without the kernel and what steps.
+    let whole = most(1, shared);
+    let each = (most(8, shared) - one) / 8.0;
+    assert!(
+        each < 0.6 * whole,
+        "{each} bytes per particle on every rank, {whole} on one"
+    );
+}

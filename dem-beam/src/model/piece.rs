@@ -1,0 +1,397 @@
+//! A part of a body that no rank ever has the whole of.
+//!
+//! A rank is given its own particles and those that their bonds reach, with the numbers of the whole body, and makes what
+//! [`DemModel::share_out`] would have left it with: the same bits. What only the whole knows, ranks find together: the
+//! longest bond, which chooses the grid of centres, and the numbers of bonds.
+
+use super::DemModel;
+use super::lazy::Kernel;
+use super::portion::bonds_of_units;
+use crate::bond::BeamMaterial;
+use crate::error::{Error, Result, positive};
+use crate::fracture::SharedLog;
+use crate::particles::{BondedParticles, Contents, Extents, check_spheres, expect_len, longest};
+use arlequin_core::ParticleField;
+use arlequin_core::ranks::{
+    self, Communicator, Division, Exact, Halo, Message, Portion, RankError, Reduction, UNIT,
+};
+use nalgebra::{Point3, Vector3};
+use std::hash::{DefaultHasher, Hasher};
+use std::sync::{Arc, OnceLock};
+
+/// What one rank knows of a body: its own particles, then those of other ranks that are bonded with them.
+///
+/// Particles are numbered from zero over the whole body, such that [`UNIT`] consecutive ones lie close together: forces and
+/// halos are as good as this numbering is. [`crate::packing::Bricks`] does it for lattices.
+#[derive(Debug, Clone)]
+pub struct Piece {
+    /// Numbers in the whole body: of the own particles, ascending, all units of this rank, and then of the others, in any order.
+    pub numbers: Vec<u32>,
+    /// Centres \[m\], in the order of `numbers`.
+    pub positions: Vec<Vector3<f64>>,
+    /// Radii \[m\].
+    pub radii: Vec<f64>,
+    /// Volume that each particle stands for \[m³\].
+    pub volumes: Vec<f64>,
+    /// All bonds of the own particles, in numbers of the whole body, each once.
+    pub pairs: Vec<[u32; 2]>,
+    /// Mean radius of all particles of the body \[m\], the same on every rank.
+    pub mean_radius: f64,
+    /// Beams.
+    pub beam: BeamMaterial,
+    /// Mass density \[kg/m³\].
+    pub density: f64,
+}
+
+/// Numbers that the bonds of a part have in the whole body, and how many there are of these.
+#[derive(Debug, Clone)]
+pub(crate) struct Numbered {
+    /// Ascending.
+    pub(crate) bonds: Arc<[u32]>,
+    pub(crate) of: usize,
+}
+
+/// Numbers that tell of a particle: its centre, radius and volume.
+const TOLD: usize = 5;
+
+impl DemModel {
+    /// The part of a body that the rank of `communicator` holds, by `division`, from what this rank alone knows of the body.
+    /// All ranks must make theirs, and the same calls of it. It is what [`Self::share_out`] makes of the whole, and all that
+    /// holds for that holds here; interfaces need the whole body and are refused by name.
+    ///
+    /// # Errors
+    /// As [`BondedParticles::new`], with numbers of the whole body; [`Error::LengthMismatch`] and [`Error::OutOfRange`] for
+    /// particles that are not those of the division; [`arlequin_core::ranks::RankError`], as an error of the core, for ranks
+    /// that differ in the body or in what they say of each other's particles and bonds, and what the transport says.
+    pub fn of_piece(
+        name: &str,
+        piece: Piece,
+        division: &Division,
+        communicator: Arc<dyn Communicator>,
+    ) -> Result<Self> {
+        let heard = |e: RankError| Error::Core(arlequin_core::Error::Rank(e));
+        let communicator: &Arc<dyn Communicator> = &communicator;
+        let portion = Portion::new(division.clone(), communicator.clone()).map_err(heard)?;
+        let portion = Arc::new(portion);
+        let piece = piece.checked(&portion)?;
+        let what = "the body of particles that they make parts of";
+        ranks::agree(&**communicator, what, piece.digest(division)).map_err(heard)?;
+        let halo = Halo::of_links(portion.clone(), piece.pairs.iter().copied());
+        agree_on_bonds(&halo, &piece.pairs).map_err(heard)?;
+        let piece = piece.in_order_of(&halo);
+        agree_on_ghosts(&halo, &piece).map_err(heard)?;
+        let bonds = number_bonds(&halo, &piece.pairs).map_err(heard)?;
+        let model = Self::of_ordered(name, piece, &halo, bonds);
+        // What went wrong between ranks while sums were formed.
+        portion.failure().map_or(model, |e| Err(heard(e.clone())))
+    }
+
+    /// From particles in the order of a part, their bonds in that of the body.
+    fn of_ordered(name: &str, piece: Piece, halo: &Halo, numbered: Numbered) -> Result<Self> {
+        let portion = halo.portion();
+        let own = portion.nodes();
+        let Piece {
+            numbers,
+            positions,
+            radii,
+            volumes,
+            mut pairs,
+            mean_radius,
+            beam,
+            density,
+        } = piece;
+        let mut places: Vec<(u32, u32)> = numbers.iter().copied().zip(0..).collect();
+        places.sort_unstable();
+        for end in pairs.iter_mut().flatten() {
+            let at = places.binary_search_by_key(end, |p| p.0);
+            *end = at.map_or(u32::MAX, |at| places[at].1);
+        }
+        drop(places);
+        let all = |e: Error| in_numbers(e, &numbers, &numbered.bonds);
+        let longest = portion.largest(longest(&positions, &radii, &pairs).map_err(all)?);
+        let contents = Contents {
+            volumes: &volumes,
+            // Ghosts have a bond each, and own particles were looked at.
+            loose: true,
+            period: None,
+            rounded: true,
+            whole: Some(Extents { mean_radius, longest }),
+        };
+        let body =
+            BondedParticles::with_volumes(positions, radii, pairs, density, beam, &contents).map_err(all)?;
+        let body = body.in_order_of_pairs();
+        let nodes: Vec<Point3<f64>> = body.positions()[..own].iter().map(|x| Point3::from(*x)).collect();
+        let mut volume = Exact::zero();
+        volumes[..own].iter().for_each(|v| volume.add(*v));
+        let [volume] = portion.total([volume]);
+        let mut order = numbers;
+        order.truncate(own);
+        order.shrink_to_fit();
+        Ok(Self {
+            name: name.to_owned(),
+            field: Arc::new(ParticleField::new(nodes.clone(), &volumes[..own])?),
+            nodes,
+            mass: body.mass()[..own].to_vec(),
+            inertia: body.inertia()[..own].to_vec(),
+            order,
+            places: Vec::new(),
+            volume,
+            kernel: Kernel::new(false),
+            packing: None,
+            fracture: None,
+            watched: None,
+            log: SharedLog::default(),
+            around: OnceLock::new(),
+            of_units: bonds_of_units(body.pairs(), own),
+            halo: Some(halo.clone()),
+            numbered: Some(numbered),
+            body,
+        })
+    }
+}
+
+impl Piece {
+    /// The same with bonds in the order of the whole body, each with its smaller number first.
+    fn checked(mut self, portion: &Portion) -> Result<Self> {
+        let count = self.numbers.len();
+        let whole = portion.division().nodes();
+        expect_len("centres of a part", self.positions.len(), count)?;
+        expect_len("volumes of a part", self.volumes.len(), count)?;
+        let own = portion.nodes();
+        let mine = |k: usize| self.numbers.get(k).map(|n| *n as usize) == Some(portion.global(k));
+        if !(0..own).all(mine) {
+            let found = (0..own).take_while(|k| mine(*k)).count();
+            return Err(Error::LengthMismatch {
+                what: "own particles of a part, in the order of its units",
+                found,
+                expected: own,
+            });
+        }
+        if count > 0 {
+            let all = |e: Error| in_numbers(e, &self.numbers, &[]);
+            check_spheres(&self.positions, &self.radii).map_err(all)?;
+        }
+        positive("mean radius of a body", self.mean_radius)?;
+        let mut known = self.numbers.clone();
+        known.sort_unstable();
+        if let Some(twice) = known.windows(2).find(|k| k[0] == k[1]) {
+            return Err(Error::out_of_range(
+                "number of a particle of a part",
+                f64::from(twice[0]),
+                "once in a part",
+            ));
+        }
+        if let Some(beyond) = known.last().filter(|k| **k as usize >= whole) {
+            return Err(Error::out_of_range(
+                "number of a particle of a part",
+                f64::from(*beyond),
+                "numbers of the division",
+            ));
+        }
+        let mut bonded = vec![false; own];
+        for (bond, pair) in self.pairs.iter_mut().enumerate() {
+            pair.sort_unstable();
+            let unknown = pair.iter().find(|i| known.binary_search(i).is_err());
+            if let Some(i) = unknown {
+                return Err(Error::NoSuchParticle {
+                    bond,
+                    particle: *i as usize,
+                    count,
+                });
+            }
+            let here = pair.map(|i| portion.local(i as usize));
+            if here == [None, None] {
+                return Err(Error::out_of_range(
+                    "bond of a part",
+                    bond as f64,
+                    "bonds with a particle of this rank",
+                ));
+            }
+            here.into_iter().flatten().for_each(|k| bonded[k] = true);
+        }
+        self.pairs.sort_unstable();
+        self.pairs.dedup();
+        if let Some(k) = bonded.iter().position(|b| !b) {
+            let isolated = bonded.iter().filter(|b| !**b).count();
+            return Err(Error::IsolatedParticle {
+                particle: portion.global(k),
+                isolated,
+            });
+        }
+        Ok(self)
+    }
+
+    /// Own particles, then the ghosts of a halo in its order.
+    fn in_order_of(mut self, halo: &Halo) -> Self {
+        let own = halo.portion().nodes();
+        let mut places: Vec<(u32, usize)> = self.numbers[own..].iter().copied().zip(own..).collect();
+        places.sort_unstable();
+        let find = |g: &u32| {
+            places
+                .binary_search_by_key(g, |p| p.0)
+                .map_or(own, |k| places[k].1)
+        };
+        let from: Vec<usize> = halo.ghosts().iter().map(find).collect();
+        fn arrange<X: Copy>(x: &mut Vec<X>, own: usize, from: &[usize]) {
+            let behind: Vec<X> = from.iter().map(|k| x[*k]).collect();
+            x.truncate(own);
+            x.extend(behind);
+            x.shrink_to_fit();
+        }
+        arrange(&mut self.numbers, own, &from);
+        arrange(&mut self.positions, own, &from);
+        arrange(&mut self.radii, own, &from);
+        arrange(&mut self.volumes, own, &from);
+        self
+    }
+
+    /// What must be the same on all ranks.
+    fn digest(&self, division: &Division) -> u64 {
+        let BeamMaterial {
+            young,
+            poisson,
+            radius_ratio,
+        } = self.beam;
+        let mut hasher = DefaultHasher::new();
+        for x in [self.mean_radius, self.density, young, poisson, radius_ratio] {
+            hasher.write_u64(x.to_bits());
+        }
+        hasher.write_usize(division.nodes());
+        (0..division.nodes())
+            .step_by(UNIT)
+            .for_each(|i| hasher.write_usize(division.owner(i)));
+        hasher.finish()
+    }
+
+    fn told(&self, k: usize) -> [f64; TOLD] {
+        let x = self.positions[k];
+        [x.x, x.y, x.z, self.radii[k], self.volumes[k]]
+    }
+}
+
+/// An error about particles and bonds of a part in numbers of the whole body.
+fn in_numbers(mut error: Error, particles: &[u32], bonds: &[u32]) -> Error {
+    let name = |of: &[u32], k: &mut usize| *k = of.get(*k).map_or(*k, |n| *n as usize);
+    match &mut error {
+        Error::BadRadius { particle, .. } => name(particles, particle),
+        Error::NotFinite { index, .. } => name(particles, index),
+        Error::CoincidentParticles { first, second, .. } => {
+            name(particles, first);
+            name(particles, second);
+        }
+        Error::ZeroLengthBond {
+            bond, first, second, ..
+        } => {
+            name(bonds, bond);
+            name(particles, first);
+            name(particles, second);
+        }
+        _ => (),
+    }
+    error
+}
+
+/// Whether all ranks say the same of bonds between them: each bond adds a number on one side and takes it away on the other.
+fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), RankError> {
+    let portion = halo.portion();
+    let mut sums = [0_i64; 2];
+    for pair in pairs {
+        let here = pair.map(|i| portion.local(i as usize).is_some());
+        if here[0] != here[1] {
+            let mut hasher = DefaultHasher::new();
+            pair.iter().for_each(|i| hasher.write_u32(*i));
+            // Halves, so that sums stay far from the limits of a word.
+            let words = hasher.finish();
+            let sign = if here[0] { 1 } else { -1 };
+            sums[0] += sign * (words >> 32).cast_signed();
+            sums[1] += sign * (words & u64::from(u32::MAX)).cast_signed();
+        }
+    }
+    let communicator = portion.communicator();
+    communicator.reduce(&mut sums, Reduction::Sum)?;
+    match sums {
+        [0, 0] => Ok(()),
+        _ => Err(RankError::Differ {
+            rank: communicator.rank(),
+            what: "the bonds between particles of different ranks".to_owned(),
+        }),
+    }
+}
+
+/// Whether ranks see each other's particles where they are.
+fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankError> {
+    let (portion, own) = (halo.portion(), halo.portion().nodes());
+    let mut other = None;
+    halo.exchange::<TOLD>(
+        &mut halo.messages(TOLD),
+        |k| piece.told(k),
+        |g, x| {
+            if piece.told(own + g).map(f64::to_bits) != x.map(f64::to_bits) {
+                other.get_or_insert(halo.ghosts()[g]);
+            }
+        },
+    )?;
+    let mut words = [other.map_or(0, |g| i64::from(g) + 1)];
+    let communicator = portion.communicator();
+    communicator.reduce(&mut words, Reduction::Largest)?;
+    match words[0] {
+        0 => Ok(()),
+        g => Err(RankError::Differ {
+            rank: communicator.rank(),
+            what: format!("the centre, the radius or the volume of particle {}", g - 1),
+        }),
+    }
+}
+
+/// Numbers of the bonds in the whole body, where they are in the order of their particles.
+fn number_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<Numbered, RankError> {
+    let portion = halo.portion();
+    let division = portion.division();
+    let communicator = portion.communicator();
+    let own = |i: u32| portion.local(i as usize).is_some();
+    // Bonds of every unit, each with its first particle; then those before it.
+    let mut before = vec![0_i64; division.nodes().div_ceil(UNIT)];
+    let firsts = pairs.iter().map(|p| p[0]).filter(|i| own(*i));
+    firsts.for_each(|i| before[i as usize / UNIT] += 1);
+    communicator.reduce(&mut before, Reduction::Sum)?;
+    let mut of = 0;
+    for count in &mut before {
+        of += *count;
+        *count = of - *count;
+    }
+    let mut numbers = vec![0_u32; pairs.len()];
+    for (number, [first, _]) in numbers.iter_mut().zip(pairs).filter(|(_, p)| own(p[0])) {
+        let next = &mut before[*first as usize / UNIT];
+        *number = *next as u32;
+        *next += 1;
+    }
+    // Bonds whose first particle is elsewhere: both ranks know them, in the same order.
+    let mut between: Vec<(usize, usize)> = Vec::new();
+    for (b, pair) in pairs.iter().enumerate() {
+        let far = pair.iter().find(|i| !own(**i));
+        between.extend(far.map(|i| (division.owner(*i as usize), b)));
+    }
+    between.sort_unstable();
+    let mut messages: Vec<Message> = Vec::new();
+    for with in between.chunk_by(|a, b| a.0 == b.0) {
+        let here = with.iter().filter(|(_, b)| own(pairs[*b][0]));
+        let out: Vec<f64> = here.map(|(_, b)| f64::from(numbers[*b])).collect();
+        let into = vec![0.0; with.len() - out.len()];
+        messages.push(Message {
+            peer: with[0].0,
+            out,
+            into,
+        });
+    }
+    communicator.exchange(&mut messages, &mut || false)?;
+    for (with, message) in between.chunk_by(|a, b| a.0 == b.0).zip(&messages) {
+        let there = with.iter().filter(|(_, b)| !own(pairs[*b][0]));
+        there
+            .zip(&message.into)
+            .for_each(|((_, b), n)| numbers[*b] = *n as u32);
+    }
+    Ok(Numbered {
+        bonds: numbers.into(),
+        of: of as usize,
+    })
+}

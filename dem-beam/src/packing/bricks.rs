@@ -1,0 +1,345 @@
+//! Lattices that come to ranks in parts: numbered such that any rank knows its particles without the rest.
+//!
+//! Cells stand in bricks of as many as make a unit of 256 particles, bricks along a Morton curve, and in a brick particles
+//! by their number of bonds, so that the blocks of the kernel are full. A rank holds the list of bricks and its own
+//! particles.
+//!
+//! Places are counted in halves of a cell: corners, faces and middles of cells are whole numbers, below twice the cells.
+
+use super::lattice::Lattice;
+use crate::bond::BeamMaterial;
+use crate::error::{Error, Result, positive};
+use crate::kernel::order::morton_key;
+use crate::model::Piece;
+use arlequin_core::ranks::{Division, UNIT, Unit};
+use nalgebra::{Point3, Vector3};
+use std::collections::HashMap;
+
+/// A particle, in halves of a cell.
+type Place = [i32; 3];
+
+/// Particles side by side in the kernel, and half-bonds that take as long as moving a particle: what work is made of.
+const LANES: usize = 8;
+const MOVING: usize = 3;
+
+/// A lattice of touching spheres in bricks, the same body as [`super::lattice()`] with another numbering.
+///
+/// ```
+/// use arlequin_core::ranks::Division;
+/// use dem_beam::BeamMaterial;
+/// use dem_beam::packing::{Bricks, Lattice};
+/// let bricks = Bricks::new(Lattice::BodyCentred, [12, 8, 8], 1e-3)?;
+/// let division = Division::bisect(bricks.particles(), &bricks.units(), 2).unwrap();
+/// let piece = bricks.piece(&division, 0, BeamMaterial::SILICA, 2200.0)?;
+/// let others = piece.numbers.iter().filter(|i| division.owner(**i as usize) != 0).count();
+/// assert_eq!((bricks.particles(), piece.numbers.len() - others, others), (1536, 768, 64));
+/// # Ok::<(), dem_beam::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Bricks {
+    kind: Lattice,
+    cells: [i32; 3],
+    radius: f64,
+    /// Bricks along each axis.
+    grid: [i32; 3],
+    /// Bricks in their order, and the first particle of each; one more than there are.
+    order: Vec<[i32; 3]>,
+    first: Vec<u32>,
+    /// Place in the order of each brick of the grid.
+    at: Vec<u32>,
+}
+
+impl Bricks {
+    /// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their nearest neighbours.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] for no cells, a radius that is not positive, or more particles than numbers of 32 bits.
+    pub fn new(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Self> {
+        positive("sphere radius", radius)?;
+        let per_cell = kind.basis().len();
+        let count = cells.iter().fold(per_cell as f64, |n, c| n * *c as f64);
+        if !(count >= 1.0 && count < f64::from(u32::MAX)) {
+            return Err(Error::out_of_range(
+                "particles of a lattice",
+                count,
+                "1 to 4294967294",
+            ));
+        }
+        let cells = cells.map(|c| c as i32);
+        let edges = Self::edges(kind);
+        let grid: [i32; 3] = std::array::from_fn(|a| (cells[a] + edges[a] - 1) / edges[a]);
+        let along = |a: usize| 0..grid[a];
+        let mut order: Vec<[i32; 3]> = along(0)
+            .flat_map(|i| along(1).flat_map(move |j| (0..grid[2]).map(move |k| [i, j, k])))
+            .collect();
+        let far = Vector3::from(grid.map(|g| f64::from(g * edges.iter().max().unwrap_or(&1))));
+        let middle = |b: &[i32; 3]| Vector3::from_fn(|a, _| (f64::from(b[a]) + 0.5) * f64::from(edges[a]));
+        order.sort_by_cached_key(|b| morton_key(&middle(b), &Vector3::zeros(), &far));
+        let mut out = Self {
+            kind,
+            cells,
+            radius,
+            grid,
+            order,
+            first: vec![0],
+            at: Vec::new(),
+        };
+        out.at = vec![0; out.order.len()];
+        let mut next = 0;
+        for (k, brick) in out.order.iter().enumerate() {
+            let [low, high] = out.corners(brick);
+            next += (0..3).map(|a| (high[a] - low[a]) as u32 / 2).product::<u32>() * per_cell as u32;
+            out.first.push(next);
+            let at = out.index(brick);
+            out.at[at] = k as u32;
+        }
+        Ok(out)
+    }
+
+    /// Cells along the edges of a brick of 256 particles.
+    fn edges(kind: Lattice) -> [i32; 3] {
+        match kind {
+            Lattice::Cubic => [8, 8, 4],
+            Lattice::BodyCentred => [8, 4, 4],
+            Lattice::FaceCentred => [4, 4, 4],
+        }
+    }
+
+    /// Particles of the whole body.
+    #[must_use]
+    pub fn particles(&self) -> usize {
+        self.first.last().map_or(0, |n| *n as usize)
+    }
+
+    /// Edge of a cell \[m\].
+    fn edge(&self) -> f64 {
+        2.0 * self.radius / self.kind.spacing()
+    }
+
+    /// Volume of the whole body, the box of the cells \[m³\].
+    #[must_use]
+    pub fn volume(&self) -> f64 {
+        self.cells.iter().map(|c| f64::from(*c) * self.edge()).product()
+    }
+
+    /// Centre of a particle \[m\].
+    fn centre(&self, place: &Place) -> Vector3<f64> {
+        Vector3::from(place.map(|c| self.edge() * (0.5 * f64::from(c))))
+    }
+
+    /// Units of the whole body, for a [`Division`].
+    #[must_use]
+    pub fn units(&self) -> Vec<Unit> {
+        let mut out = Vec::with_capacity(self.particles().div_ceil(UNIT));
+        let mut rest: Vec<Place> = Vec::new();
+        for brick in &self.order {
+            rest.extend(self.places(brick));
+            let whole = rest.len() / UNIT * UNIT;
+            out.extend(rest.drain(..whole).as_slice().chunks(UNIT).map(|u| self.unit(u)));
+        }
+        out.extend(rest.chunks(UNIT).map(|u| self.unit(u)));
+        out
+    }
+
+    fn unit(&self, places: &[Place]) -> Unit {
+        let sum: Vector3<f64> = places.iter().map(|p| self.centre(p)).sum();
+        let longest = |block: &[Place]| block.iter().map(|p| self.neighbours(p).count()).max();
+        let slots = places.chunks(LANES).map(|b| longest(b).unwrap_or(0) + MOVING);
+        Unit {
+            centre: Point3::from(sum / places.len() as f64),
+            work: (LANES * slots.sum::<usize>()) as f64,
+        }
+    }
+
+    /// What a rank of a division needs to know of the body, see [`crate::DemModel::of_piece`].
+    ///
+    /// # Errors
+    /// [`Error::LengthMismatch`] for a division of another body; [`Error::OutOfRange`] for a density that is not positive.
+    pub fn piece(&self, division: &Division, rank: usize, beam: BeamMaterial, density: f64) -> Result<Piece> {
+        positive("density", density)?;
+        if division.nodes() != self.particles() {
+            return Err(Error::LengthMismatch {
+                what: "particles of the division",
+                found: division.nodes(),
+                expected: self.particles(),
+            });
+        }
+        let mine = |i: u32| division.owner(i as usize) == rank;
+        let (mut numbers, mut positions, mut others) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut pairs, mut numbering) = (Vec::new(), Numbering::of(self));
+        for unit in division.units_of(rank) {
+            let first = unit * UNIT as u32;
+            let last = (first + UNIT as u32).min(self.particles() as u32);
+            for i in first..last {
+                let place = numbering.place(i);
+                numbers.push(i);
+                positions.push(self.centre(&place));
+                for near in self.neighbours(&place) {
+                    let j = numbering.number(&near);
+                    // Between own particles once.
+                    if !mine(j) {
+                        others.push((j, near));
+                    } else if j < i {
+                        continue;
+                    }
+                    pairs.push([i.min(j), i.max(j)]);
+                }
+            }
+        }
+        others.sort_unstable();
+        others.dedup();
+        for (j, place) in &others {
+            numbers.push(*j);
+            positions.push(self.centre(place));
+        }
+        let one = self.volume() / self.particles() as f64;
+        Ok(Piece {
+            radii: vec![self.radius; numbers.len()],
+            volumes: vec![one; numbers.len()],
+            numbers,
+            positions,
+            pairs,
+            mean_radius: self.radius,
+            beam,
+            density,
+        })
+    }
+
+    /// Lowest places of a brick, and those behind the last.
+    fn corners(&self, brick: &[i32; 3]) -> [Place; 2] {
+        let edges = Self::edges(self.kind);
+        let low = std::array::from_fn(|a| 2 * brick[a] * edges[a]);
+        let high = std::array::from_fn(|a| 2 * self.cells[a].min((brick[a] + 1) * edges[a]));
+        [low, high]
+    }
+
+    fn index(&self, [i, j, k]: &[i32; 3]) -> usize {
+        ((i * self.grid[1] + j) * self.grid[2] + k) as usize
+    }
+
+    fn is_particle(&self, [x, y, z]: &Place) -> bool {
+        match self.kind {
+            Lattice::Cubic => (x | y | z) & 1 == 0,
+            Lattice::BodyCentred => (x ^ y) & 1 == 0 && (y ^ z) & 1 == 0,
+            Lattice::FaceCentred => (x + y + z) & 1 == 0,
+        }
+    }
+
+    /// Particles bonded with one.
+    fn neighbours(&self, place: &Place) -> impl Iterator<Item = Place> {
+        let (cells, [x, y, z]) = (self.cells, *place);
+        let shifts = match self.kind {
+            Lattice::Cubic => &CUBIC[..],
+            Lattice::BodyCentred => &BODY_CENTRED[..],
+            Lattice::FaceCentred => &FACE_CENTRED[..],
+        };
+        let near = shifts.iter().map(move |[i, j, k]| [x + i, y + j, z + k]);
+        near.filter(move |p| (0..3).all(|a| (0..2 * cells[a]).contains(&p[a])))
+    }
+
+    /// Particles of a brick in their order: by bonds, and each next to the last.
+    fn places(&self, brick: &[i32; 3]) -> Vec<Place> {
+        let [low, high] = self.corners(brick);
+        let along = |a: usize| low[a]..high[a];
+        let all =
+            along(0).flat_map(|x| along(1).flat_map(move |y| (low[2]..high[2]).map(move |z| [x, y, z])));
+        let mut out: Vec<Place> = all.filter(|p| self.is_particle(p)).collect();
+        let key = |p: &Place| {
+            let x = Vector3::from(p.map(f64::from));
+            let [from, to] = [low, high].map(|c| Vector3::from(c.map(f64::from)));
+            (self.neighbours(p).count(), morton_key(&x, &from, &to))
+        };
+        out.sort_by_cached_key(key);
+        out
+    }
+}
+
+const CUBIC: [Place; 6] = [
+    [-2, 0, 0],
+    [2, 0, 0],
+    [0, -2, 0],
+    [0, 2, 0],
+    [0, 0, -2],
+    [0, 0, 2],
+];
+
+const BODY_CENTRED: [Place; 8] = [
+    [-1, -1, -1],
+    [-1, -1, 1],
+    [-1, 1, -1],
+    [-1, 1, 1],
+    [1, -1, -1],
+    [1, -1, 1],
+    [1, 1, -1],
+    [1, 1, 1],
+];
+
+const FACE_CENTRED: [Place; 12] = [
+    [-1, -1, 0],
+    [-1, 1, 0],
+    [1, -1, 0],
+    [1, 1, 0],
+    [-1, 0, -1],
+    [-1, 0, 1],
+    [1, 0, -1],
+    [1, 0, 1],
+    [0, -1, -1],
+    [0, -1, 1],
+    [0, 1, -1],
+    [0, 1, 1],
+];
+
+/// Numbers and places of the particles of bricks, of those that were asked for.
+struct Numbering<'a> {
+    of: &'a Bricks,
+    bricks: HashMap<u32, Ordered>,
+}
+
+/// The particles of a brick in their order, and the place in it of each, by its place in the box of the brick.
+struct Ordered {
+    places: Vec<Place>,
+    ranks: Vec<u16>,
+}
+
+impl<'a> Numbering<'a> {
+    fn of(of: &'a Bricks) -> Self {
+        Self {
+            of,
+            bricks: HashMap::new(),
+        }
+    }
+
+    fn brick(&mut self, k: u32) -> &Ordered {
+        let of = self.of;
+        self.bricks.entry(k).or_insert_with(|| {
+            let corners = of.corners(&of.order[k as usize]);
+            let places = of.places(&of.order[k as usize]);
+            let volume: i32 = (0..3).map(|a| corners[1][a] - corners[0][a]).product();
+            let mut ranks = vec![0; volume as usize];
+            (0..)
+                .zip(&places)
+                .for_each(|(rank, p)| ranks[inside(&corners, p)] = rank);
+            Ordered { places, ranks }
+        })
+    }
+
+    fn place(&mut self, number: u32) -> Place {
+        let k = self.of.first.partition_point(|first| *first <= number) - 1;
+        let first = self.of.first[k];
+        self.brick(k as u32).places[(number - first) as usize]
+    }
+
+    fn number(&mut self, place: &Place) -> u32 {
+        let edges = Bricks::edges(self.of.kind);
+        let brick = std::array::from_fn(|a| place[a] / (2 * edges[a]));
+        let k = self.of.at[self.of.index(&brick)];
+        let corners = self.of.corners(&brick);
+        self.of.first[k as usize] + u32::from(self.brick(k).ranks[inside(&corners, place)])
+    }
+}
+
+/// Number of a place in the box of its brick.
+fn inside([low, high]: &[Place; 2], p: &Place) -> usize {
+    let d = |a: usize| high[a] - low[a];
+    (((p[0] - low[0]) * d(1) + p[1] - low[1]) * d(2) + p[2] - low[2]) as usize
+}

@@ -1,0 +1,102 @@
+//! What spheres and bonds must be.
+
+use super::{COINCIDENT, MAX_RADIUS_RATIO};
+use crate::bond::LinearBond;
+use crate::error::{Error, Result, finite};
+use crate::packing::cells::image;
+use nalgebra::Vector3;
+
+/// Refuses an array of the wrong length.
+pub(crate) fn expect_len(what: &'static str, found: usize, expected: usize) -> Result<()> {
+    if found == expected {
+        Ok(())
+    } else {
+        Err(Error::LengthMismatch {
+            what,
+            found,
+            expected,
+        })
+    }
+}
+
+/// Finite centres, finite positive radii, a bearable ratio of radii, at least one particle.
+pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result<()> {
+    expect_len("radii", radii.len(), positions.len())?;
+    if positions.is_empty() {
+        return Err(Error::out_of_range("number of particles", 0.0, "values >= 1"));
+    }
+    for (i, p) in positions.iter().enumerate() {
+        for c in p.iter() {
+            finite("coordinate", "particle", i, *c)?;
+        }
+    }
+    let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
+    for (particle, &radius) in radii.iter().enumerate() {
+        if !(radius.is_finite() && radius > 0.0) {
+            return Err(Error::BadRadius { particle, radius });
+        }
+        low = low.min(radius);
+        high = high.max(radius);
+    }
+    // One part in 1e9 above, so that a ratio of exactly the limit passes after rounding.
+    if high > low * MAX_RADIUS_RATIO * (1.0 + 1e-9) {
+        return Err(Error::RadiusRatio {
+            smallest: low,
+            largest: high,
+            ratio: high / low,
+            limit: MAX_RADIUS_RATIO,
+        });
+    }
+    Ok(())
+}
+
+/// The bond of a pair, without weight.
+pub(super) fn make_bond(
+    bond: usize,
+    [i, j]: [u32; 2],
+    positions: &[Vector3<f64>],
+    radii: &[f64],
+    period: Option<[f64; 3]>,
+) -> Result<LinearBond> {
+    let (first, second) = (i as usize, j as usize);
+    let particle = first.max(second);
+    if particle >= positions.len() {
+        return Err(Error::NoSuchParticle {
+            bond,
+            particle,
+            count: positions.len(),
+        });
+    }
+    let d: [f64; 3] = (positions[second] - positions[first]).into();
+    let d = Vector3::from(period.map_or(d, |p| image(d, &p)));
+    let length = d.norm();
+    let limit = COINCIDENT * (radii[first] + radii[second]);
+    if first == second {
+        return Err(Error::ZeroLengthBond {
+            bond,
+            first,
+            second,
+            length,
+            limit,
+        });
+    }
+    if length <= limit {
+        return Err(Error::CoincidentParticles {
+            first: first.min(second),
+            second: particle,
+            distance: length,
+            limit,
+        });
+    }
+    LinearBond::new(Vector3::zeros(), d, 1.0)
+}
+
+/// The longest component of a bond \[m\].
+pub(crate) fn longest(positions: &[Vector3<f64>], radii: &[f64], pairs: &[[u32; 2]]) -> Result<f64> {
+    let mut longest = 0.0_f64;
+    for (b, &pair) in pairs.iter().enumerate() {
+        let bond = make_bond(b, pair, positions, radii, None)?;
+        longest = longest.max(bond.span().amax());
+    }
+    Ok(longest)
+}
