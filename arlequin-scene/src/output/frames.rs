@@ -56,8 +56,8 @@ pub struct Picture<'a> {
 struct Written {
     /// Entries of models, with the arrays of those in pieces.
     models: Vec<(Entry, Option<Kinds>)>,
-    /// Pieces of this rank.
-    pieces: Vec<PathBuf>,
+    /// Files of this rank.
+    files: Vec<PathBuf>,
     /// What went wrong first.
     failed: Result<()>,
 }
@@ -188,7 +188,7 @@ impl Frames {
     pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
         let mut written = Written {
             models: Vec::new(),
-            pieces: Vec::new(),
+            files: Vec::new(),
             failed: Ok(()),
         };
         for (part, s) in run.subdomains().iter().enumerate() {
@@ -204,7 +204,7 @@ impl Frames {
             None => written.failed,
         };
         if done.is_err() {
-            written.pieces.iter().for_each(|p| {
+            written.files.iter().for_each(|p| {
                 let _ = std::fs::remove_file(p);
             });
         }
@@ -246,12 +246,10 @@ impl Frames {
             cells: &piece.cells,
         });
         to.failed = vtu::write_grid(&path, p.grid, &p.points, &p.cells, numbers);
+        to.files.push(path);
         let (ending, kinds) = match piece {
             None => ("vtu", None),
-            Some(_) => {
-                to.pieces.push(path);
-                ("pvtu", Some(Kinds::of(&p.points, &p.cells)))
-            }
+            Some(_) => ("pvtu", Some(Kinds::of(&p.points, &p.cells))),
         };
         let entry = entry(run, part, &p.name, format!("{name}.{ending}"));
         to.models.push((entry, kinds));
