@@ -176,7 +176,11 @@ impl Communicator for Counted {
     fn ranks(&self) -> usize {
         self.inner.ranks()
     }
-    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError> {
+    fn exchange(
+        &self,
+        messages: &mut [Message],
+        meanwhile: &mut dyn FnMut() -> bool,
+    ) -> Result<(), RankError> {
         let numbers: usize = messages.iter().map(|m| m.out.len()).sum();
         self.counts[0].fetch_add(messages.len() as u64, Relaxed);
         self.counts[1].fetch_add(8 * numbers as u64, Relaxed);

@@ -175,7 +175,11 @@ impl Communicator for Process {
         self.ranks
     }
 
-    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError> {
+    fn exchange(
+        &self,
+        messages: &mut [Message],
+        meanwhile: &mut dyn FnMut() -> bool,
+    ) -> Result<(), RankError> {
         let world = SimpleCommunicator::world();
         let mut odd = None;
         scope(|scope| {
@@ -188,24 +192,32 @@ impl Communicator for Process {
                 receives.push((*peer, expected, Some(receive)));
                 sends.push((*peer, Some(to.immediate_send_with_tag(scope, &out[..], DATA))));
             }
-            meanwhile();
+            let mut check = |peer: usize, expected: usize, status: Status| {
+                let found = usize::try_from(status.count(f64::equivalent_datatype())).unwrap_or_default();
+                if found != expected {
+                    odd.get_or_insert(RankError::Length {
+                        rank: self.rank,
+                        peer,
+                        expected,
+                        found,
+                    });
+                }
+            };
+            while meanwhile() {
+                // Long messages move only while MPI is called.
+                for (peer, expected, request) in &mut receives {
+                    is_done(request, &mut |status| check(*peer, *expected, status));
+                }
+                for (_, request) in &mut sends {
+                    is_done(request, &mut |_| ());
+                }
+            }
             for (peer, expected, request) in &mut receives {
                 let (peer, expected) = (*peer, *expected);
-                let mut check = |status: Status| {
-                    let found = usize::try_from(status.count(f64::equivalent_datatype())).unwrap_or_default();
-                    if found != expected {
-                        odd.get_or_insert(RankError::Length {
-                            rank: self.rank,
-                            peer,
-                            expected,
-                            found,
-                        });
-                    }
-                };
                 self.look_after(
                     "a message",
                     || format!("rank {peer}"),
-                    || is_done(request, &mut check),
+                    || is_done(request, &mut |status| check(peer, expected, status)),
                 );
             }
             for (peer, request) in &mut sends {

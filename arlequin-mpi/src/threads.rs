@@ -164,7 +164,11 @@ impl Communicator for Thread {
         self.shared.ranks
     }
 
-    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError> {
+    fn exchange(
+        &self,
+        messages: &mut [Message],
+        meanwhile: &mut dyn FnMut() -> bool,
+    ) -> Result<(), RankError> {
         let (rank, ranks) = (self.rank, self.shared.ranks);
         let mut state = self.lock();
         for m in &*messages {
@@ -172,7 +176,7 @@ impl Communicator for Thread {
         }
         drop(state);
         self.shared.changed.notify_all();
-        meanwhile();
+        while meanwhile() {}
         for m in messages {
             let from = m.peer..m.peer + 1;
             let found = self.wait("a message", from, |s| s.boxes[m.peer * ranks + rank].pop_front())?;

@@ -12,7 +12,7 @@ use arlequin_core::{
 use arlequin_mpi::threads;
 use dem_beam::fracture::{Criterion, Fracture, Scatter, SharedLog};
 use std::sync::Arc;
-use support::{Told, WAIT, bar, bits, same, together, unknowns};
+use support::{Told, WAIT, bar, bits, first, same_on, shared, unknowns};
 
 /// One up to two thirds of the body, then down to 0.2.
 #[derive(Debug)]
@@ -56,10 +56,7 @@ fn broken(case: Case, ranks: Option<Arc<dyn Communicator>>) -> (Coupled<f64>, Sh
         .with_effect(Box::new(StiffnessDamping::new(1e-10).unwrap()));
     let n = v.len();
     let side = side.with_initial(vec![0.0; n], v).unwrap();
-    let side = match ranks {
-        Some(c) => side.shared(c),
-        None => side,
-    };
+    let side = shared(side, ranks);
     let guard = Guard {
         interval: 4,
         growth: 0.5,
@@ -147,16 +144,7 @@ fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
             between > 0,
             "{count} of {bonds}, none between two ranks: {case:?}"
         );
-        for ranks in [1, 2, 3, 4, 8] {
-            let all = together(threads::run(ranks, 1, WAIT, |c| told(broken(case, Some(c)))));
-            assert!(
-                same(&all.1, &whole.1),
-                "{ranks} ranks: {} {}",
-                all.1.len(),
-                whole.1.len()
-            );
-            assert!(all.0 == whole.0, "{ranks} ranks: {case:?}");
-        }
+        same_on(&[1, 2, 3, 4, 8], &case, &whole, |c| told(broken(case, Some(c))));
     }
 }
 
@@ -167,23 +155,18 @@ fn what_broke_on_three_ranks_stays_broken_on_others() {
         let (run, log) = broken(case, None);
         let whole = told((run, log.clone()));
         let before = log.read().unwrap().events().len();
-        let saved = threads::run(3, 1, WAIT, |c| {
+        let (saved, count) = first(3, |c| {
             let (mut run, log) = broken(case, Some(c));
             run.run(12, &mut Silent).unwrap();
             let count = log.read().unwrap().events().len();
             (run.snapshot().unwrap(), count)
         });
-        let (saved, count) = saved.into_iter().next().unwrap().unwrap();
         assert!((1..before).contains(&count), "{count} of {before}: {case:?}");
-        for ranks in [1, 2, 4] {
-            let all = together(threads::run(ranks, 1, WAIT, |c| {
-                let (mut run, log) = broken(case, Some(c));
-                run.restore(&saved).unwrap();
-                told_after((run, log), 18)
-            }));
-            assert!(same(&all.1, &whole.1), "{ranks} ranks: {case:?}");
-            assert!(all.0 == whole.0, "{ranks} ranks: {case:?}");
-        }
+        same_on(&[1, 2, 4], &case, &whole, |c| {
+            let (mut run, log) = broken(case, Some(c));
+            run.restore(&saved).unwrap();
+            told_after((run, log), 18)
+        });
     }
 }
 

@@ -19,7 +19,7 @@ use continua::{Falling, bits, evaluated, unknowns};
 use fem_ref::{ElementKind, FemModel, generate, gmsh};
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use support::{Told, WAIT, same, together};
+use support::{Told, WAIT, first, same_on, shared};
 
 /// Bodies some 6 mm long: a box, tetrahedra of two materials, an L of warped hexahedra, a mesh of Gmsh, bars.
 const BODIES: [&str; 5] = ["box", "tets", "ell", "gmsh", "bars"];
@@ -73,16 +73,7 @@ fn forces_masses_stresses_and_critical_steps_have_the_bits_of_one_rank() {
         } else {
             &[2, 3, 8]
         };
-        for &ranks in ranks {
-            let all = together(threads::run(ranks, 1, WAIT, |c| evaluated(part(kind, &c))));
-            assert!(
-                same(&all.1, &whole.1),
-                "{kind}, {ranks} ranks: {:?} {:?}",
-                all.1,
-                whole.1
-            );
-            assert!(all.0 == whole.0, "{kind}, {ranks} ranks");
-        }
+        same_on(ranks, &kind, &whole, |c| evaluated(part(kind, &c)));
     }
 }
 
@@ -125,10 +116,7 @@ fn loaded(kind: &str, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
         .with_initial(q, v)
         .unwrap();
     let side = effects.into_iter().fold(side, Subdomain::with_effect);
-    let side = match ranks {
-        Some(c) => side.shared(c),
-        None => side,
-    };
+    let side = shared(side, ranks);
     let guard = Guard {
         interval: 7,
         growth: 0.5,
@@ -164,16 +152,7 @@ fn steps_under_effects_and_supports_have_the_bits_of_one_rank() {
         // Every effect and support but the prestress did work, and the balance is that of round-off.
         assert!(whole.1[8..13].iter().all(|w| w.abs() > 1e-15), "{:?}", whole.1);
         assert!(whole.1[6].abs() < 1e-12 * whole.1[2], "{:?}", whole.1);
-        for ranks in [2, 3, 8] {
-            let all = together(threads::run(ranks, 1, WAIT, |c| told(loaded(kind, Some(c)), 30)));
-            assert!(
-                same(&all.1, &whole.1),
-                "{kind}, {ranks} ranks: {:?} {:?}",
-                all.1,
-                whole.1
-            );
-            assert!(all.0 == whole.0, "{kind}, {ranks} ranks");
-        }
+        same_on(&[2, 3, 8], &kind, &whole, |c| told(loaded(kind, Some(c)), 30));
     }
 }
 
@@ -181,26 +160,21 @@ fn steps_under_effects_and_supports_have_the_bits_of_one_rank() {
 #[test]
 fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
     let whole = told(loaded("tets", None), 24);
-    let saved = threads::run(2, 1, WAIT, |c| {
+    let saved = first(2, |c| {
         let mut run = loaded("tets", Some(c));
         run.run(12, &mut Silent).unwrap();
         run.snapshot().unwrap()
     });
-    let saved = saved.into_iter().next().unwrap().unwrap();
     let mut alone = loaded("tets", None);
     alone.run(12, &mut Silent).unwrap();
     assert!(alone.snapshot().unwrap() == saved);
     alone.restore(&saved).unwrap();
     assert!(told(alone, 12).0 == whole.0);
-    for ranks in [1, 3, 4] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| {
-            let mut run = loaded("tets", Some(c));
-            run.restore(&saved).unwrap();
-            told(run, 12)
-        }));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[1, 3, 4], &"", &whole, |c| {
+        let mut run = loaded("tets", Some(c));
+        run.restore(&saved).unwrap();
+        told(run, 12)
+    });
 }
 
 /// Single precision: what is sent has more digits than what is kept.

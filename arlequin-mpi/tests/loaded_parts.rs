@@ -15,7 +15,7 @@ use arlequin_core::{
 use arlequin_mpi::threads;
 use dem_beam::LoadShare;
 use std::sync::Arc;
-use support::{Along, Told, WAIT, bar, bits, same, together, unknowns};
+use support::{Along, Told, WAIT, bar, bits, first, same_on, shared, unknowns};
 
 /// A bar under all effects that particles have, its ends held and moved; no rank but the outer ones has any node of these.
 fn loaded(finite: bool, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
@@ -60,10 +60,7 @@ fn loaded(finite: bool, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
         .with_initial(q, v)
         .unwrap();
     let side = effects.into_iter().fold(side, Subdomain::with_effect);
-    let side = match ranks {
-        Some(c) => side.shared(c),
-        None => side,
-    };
+    let side = shared(side, ranks);
     let guard = Guard {
         interval: 7,
         growth: 0.5,
@@ -104,11 +101,9 @@ fn effects_and_moving_supports_have_the_bits_of_one_rank() {
         // Every effect and support did something, and the balance is that of round-off where the law is linear.
         assert!(whole.1[5..14].iter().all(|w| w.abs() > 1e-15), "{:?}", whole.1);
         assert!(finite || whole.1[3].abs() < 1e-12 * whole.1[1], "{:?}", whole.1);
-        for ranks in [1, 2, 3, 4, 8] {
-            let all = together(threads::run(ranks, 1, WAIT, |c| told(loaded(finite, Some(c)))));
-            assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-            assert!(all.0 == whole.0, "{ranks} ranks, finite {finite}");
-        }
+        same_on(&[1, 2, 3, 4, 8], &finite, &whole, |c| {
+            told(loaded(finite, Some(c)))
+        });
     }
 }
 
@@ -116,24 +111,19 @@ fn effects_and_moving_supports_have_the_bits_of_one_rank() {
 #[test]
 fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
     let whole = told(loaded(true, None));
-    let saved = threads::run(2, 1, WAIT, |c| {
+    let saved = first(2, |c| {
         let mut run = loaded(true, Some(c));
         run.run(20, &mut Silent).unwrap();
         run.snapshot().unwrap()
     });
-    let saved = saved.into_iter().next().unwrap().unwrap();
     let mut alone = loaded(true, None);
     alone.run(20, &mut Silent).unwrap();
     assert!(alone.snapshot().unwrap() == saved);
-    for ranks in [1, 3, 4] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| {
-            let mut run = loaded(true, Some(c));
-            run.restore(&saved).unwrap();
-            told_after(run, 20)
-        }));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[1, 3, 4], &"", &whole, |c| {
+        let mut run = loaded(true, Some(c));
+        run.restore(&saved).unwrap();
+        told_after(run, 20)
+    });
 }
 
 /// Moments on particles of either end of the bar make the twist that was asked for, weights aside.

@@ -17,7 +17,7 @@ use cnem::natural::Interpolant;
 use cnem::{CnemModel, Domain, Inertia, Options, Stabilisation, Surface};
 use continua::{Falling, bits, evaluated, unknowns};
 use std::sync::{Arc, LazyLock};
-use support::{Told, WAIT, same, together};
+use support::{Told, WAIT, same_on, shared};
 
 /// 1 050 nodes of a bar, in five units, none of them at its place in a grid; or with the mass of cells around their centroids, and without
 /// stabilisation.
@@ -67,16 +67,7 @@ fn forces_masses_stresses_and_critical_steps_have_the_bits_of_one_rank() {
     for plain in [true, false] {
         let whole = evaluated(body(plain));
         assert!(whole.1.iter().all(|x| *x > 0.0 && x.is_finite()), "{:?}", whole.1);
-        for ranks in [1, 2, 3, 4, 8] {
-            let all = together(threads::run(ranks, 1, WAIT, |c| evaluated(part(plain, &c))));
-            assert!(
-                same(&all.1, &whole.1),
-                "{plain}, {ranks} ranks: {:?} {:?}",
-                all.1,
-                whole.1
-            );
-            assert!(all.0 == whole.0, "{plain}, {ranks} ranks");
-        }
+        same_on(&[1, 2, 3, 4, 8], &plain, &whole, |c| evaluated(part(plain, &c)));
     }
 }
 
@@ -96,10 +87,7 @@ fn stepped(ranks: Option<Arc<dyn Communicator>>) -> Told {
         .with_initial(q, v)
         .unwrap();
     let side = effects.into_iter().fold(side, Subdomain::with_effect);
-    let side = match ranks {
-        Some(c) => side.shared(c),
-        None => side,
-    };
+    let side = shared(side, ranks);
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
     run.run(30, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
@@ -113,11 +101,7 @@ fn stepped(ranks: Option<Arc<dyn Communicator>>) -> Told {
 fn steps_under_effects_and_supports_have_the_bits_of_one_rank() {
     let whole = stepped(None);
     assert!(whole.1[5].abs() < 1e-12 * whole.1[1], "{:?}", whole.1);
-    for ranks in [2, 3, 5] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| stepped(Some(c))));
-        assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-        assert!(all.0 == whole.0, "{ranks} ranks");
-    }
+    same_on(&[2, 3, 5], &"", &whole, |c| stepped(Some(c)));
 }
 
 /// A field of a part speaks of own nodes, or says that a point is outside.

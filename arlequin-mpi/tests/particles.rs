@@ -14,7 +14,7 @@ use arlequin_mpi::threads;
 use dem_beam::{DemModel, LoadShare};
 use std::sync::Arc;
 use std::time::Duration;
-use support::{Along, Told, WAIT, bar, bits, part, same, together, unknowns};
+use support::{Along, Told, WAIT, bar, bits, part, same_on, unknowns};
 
 /// Energy and critical step, then forces on two ways, at large displacements.
 fn evaluated(mut model: DemModel) -> Told {
@@ -37,12 +37,9 @@ fn forces_energies_and_critical_steps_have_the_bits_of_one_rank() {
     for finite in [false, true] {
         let whole = evaluated(bar(finite));
         assert!(whole.1.iter().all(|x| *x > 0.0 && x.is_finite()), "{:?}", whole.1);
-        for ranks in [1, 2, 3, 4, 8] {
-            let parts = threads::run(ranks, 1, WAIT, |c| evaluated(part(bar(finite), c)));
-            let all = together(parts);
-            assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-            assert!(all.0 == whole.0, "{ranks} ranks, finite {finite}");
-        }
+        same_on(&[1, 2, 3, 4, 8], &finite, &whole, |c| {
+            evaluated(part(bar(finite), c))
+        });
     }
 }
 
@@ -93,13 +90,9 @@ fn stepped(model: DemModel, held: bool) -> Told {
 fn steps_and_the_ledger_have_the_bits_of_one_rank() {
     for (finite, held) in [(false, true), (true, true), (true, false)] {
         let whole = stepped(bar(finite), held);
-        for ranks in [1, 2, 3, 4, 8] {
-            let all = together(threads::run(ranks, 1, WAIT, |c| {
-                stepped(part(bar(finite), c), held)
-            }));
-            assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-            assert!(all.0 == whole.0, "{ranks} ranks, finite {finite}, held {held}");
-        }
+        same_on(&[1, 2, 3, 4, 8], &(finite, held), &whole, |c| {
+            stepped(part(bar(finite), c), held)
+        });
     }
 }
 

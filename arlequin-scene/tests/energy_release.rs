@@ -399,62 +399,55 @@ fn cracks_that_make_no_sense_are_refused_by_name() {
         notched("fem", &FRONT.replace(from, to)) + STATIC
     };
     let at = "probe.j.crack";
-    refused(
-        &with("[0.02, 0.05]", "[0.0, 0.05]"),
-        at,
-        "radii of the crack front = [0, 0.05]: must be positive",
-    );
-    refused(
-        &with("[0.02, 0.05]", "[0.05, 0.02]"),
-        at,
-        "the inner one below the outer one",
-    );
-    refused(
-        &with("[0.06, 0.075, 0.02]]", "[0.06, 0.075, 0.0]]"),
-        at,
-        "two different points",
-    );
-    refused(
-        &with("[1.0, 0.0, 0.0]", "[0.0, 0.0, 2.0]"),
-        at,
-        "not lie along the front",
-    );
-    refused(
-        &with("[1.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]"),
-        at,
-        "must have a length",
-    );
-    refused(
-        &with("0.02]]", "0.03]]"),
-        at,
-        "is not there, an inner radius ahead of the crack front",
-    );
-    refused(
-        &with("[1.0, 0.0, 0.0]", "[-1.0, 0.0, 0.0]"),
-        at,
-        "turn the direction",
-    );
-    refused(
-        &with("[0.02, 0.05]", "[0.02, 0.12]"),
-        at,
-        "a surface there that is not parallel to the direction",
-    );
-    refused(
-        &with("[1.0, 0.0, 0.0]", "[1.0, 1.0, 0.0]"),
-        at,
-        "faces of the crack that are not along the direction",
-    );
+    let wrong = [
+        (
+            "[0.02, 0.05]",
+            "[0.0, 0.05]",
+            "radii of the crack front = [0, 0.05]: must be positive",
+        ),
+        (
+            "[0.02, 0.05]",
+            "[0.05, 0.02]",
+            "the inner one below the outer one",
+        ),
+        (
+            "[0.06, 0.075, 0.02]]",
+            "[0.06, 0.075, 0.0]]",
+            "two different points",
+        ),
+        ("[1.0, 0.0, 0.0]", "[0.0, 0.0, 2.0]", "not lie along the front"),
+        ("[1.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]", "must have a length"),
+        (
+            "0.02]]",
+            "0.03]]",
+            "is not there, an inner radius ahead of the crack front",
+        ),
+        ("[1.0, 0.0, 0.0]", "[-1.0, 0.0, 0.0]", "turn the direction"),
+        (
+            "[0.02, 0.05]",
+            "[0.02, 0.12]",
+            "a surface there that is not parallel to the direction",
+        ),
+        (
+            "[1.0, 0.0, 0.0]",
+            "[1.0, 1.0, 0.0]",
+            "faces of the crack that are not along the direction",
+        ),
+        (
+            "\"energy-release\"",
+            "\"stress\"",
+            "quantity = \"energy-release\"",
+        ),
+    ];
+    for (from, to, words) in wrong {
+        refused(&with(from, to), at, words);
+    }
     let [front, far] = [
         "[[0.06, 0.075, 0.0], [0.06, 0.075, 0.02]]",
         "[[0.1, 0.11, 0.0], [0.1, 0.11, 0.02]]",
     ];
     let solid = with(front, far).replace("[0.02, 0.05]", "[0.01, 0.02]");
     refused(&solid, at, "no surface of a crack within this distance");
-    refused(
-        &with("\"energy-release\"", "\"stress\""),
-        at,
-        "quantity = \"energy-release\"",
-    );
     let more = |more: &str| notched("fem", &format!("{FRONT}\n{more}")) + STATIC;
     refused(&more("component = \"x\""), "probe.j.component", "remove it");
     refused(

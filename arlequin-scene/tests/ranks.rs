@@ -302,6 +302,30 @@ impl Observer for Stop {
     }
 }
 
+/// Stops on the word of the last of some ranks after so many steps, and goes on with others, beside the files of one rank;
+/// `stopped` looks at what so many ranks have reached.
+fn goes_on_elsewhere(scene: &Scene, whole: &Path, steps: usize, stopped: impl Fn(&Results, usize) + Sync) {
+    for (first, then) in [(3, 2), (2, 1), (1, 4)] {
+        let name = whole.file_name().expect("a name").to_string_lossy();
+        let place = whole.with_file_name(format!("{name}-{first}-{then}"));
+        let ends = threads::run(first, 1, WAIT, |c| {
+            let mut stop = Stop(steps, c.rank() + 1 == first);
+            let done = run(&scene.clone().on_ranks(c)?, &place, &mut stop);
+            done.inspect(|r| stopped(r, first)).map(|r| r.end)
+        });
+        for end in ends {
+            assert_eq!(end.expect("there").expect("stops"), End::Interrupted);
+        }
+        let gone_on = threads::run(then, 1, WAIT, |c| {
+            resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
+        });
+        for end in gone_on {
+            assert_eq!(end.expect("there").expect("goes on"), End::Complete);
+        }
+        assert_same_files(whole, &place, &format!("{first} ranks, then {then}"));
+    }
+}
+
 #[test]
 fn a_run_that_one_rank_stops_goes_on_with_another_number_of_ranks() {
     let folder = scratch("resumed");
@@ -313,32 +337,10 @@ fn a_run_that_one_rank_stops_goes_on_with_another_number_of_ranks() {
         let scene = scene(&text);
         let whole = folder.join(format!("whole-{finite}"));
         run(&scene, &whole, &mut Silent).expect("runs");
-        for (first, then) in [(3, 2), (2, 1), (1, 4)] {
-            let place = folder.join(format!("{first}-{then}-{finite}"));
-            let stopped = threads::run(first, 1, WAIT, |c| {
-                let stops = c.rank() + 1 == first;
-                let done = run(&scene.clone().on_ranks(c)?, &place, &mut Stop(7, stops));
-                done.map(|r| (r.end, r.run.steps()))
-            });
-            for s in stopped {
-                // The ledger is drawn every fifth step.
-                assert_eq!(
-                    s.expect("there").expect("stops"),
-                    (End::Interrupted, if first == 1 { 7 } else { 10 })
-                );
-            }
-            let gone_on = threads::run(then, 1, WAIT, |c| {
-                resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
-            });
-            for g in gone_on {
-                assert_eq!(g.expect("there").expect("goes on"), End::Complete);
-            }
-            assert_same_files(
-                &whole,
-                &place,
-                &format!("{first} ranks, then {then}, finite {finite}"),
-            );
-        }
+        goes_on_elsewhere(&scene, &whole, 7, |r, ranks| {
+            // The ledger is drawn every fifth step.
+            assert_eq!(r.run.steps(), if ranks == 1 { 7 } else { 10 });
+        });
     }
 }
 
@@ -388,28 +390,10 @@ fn bonds_that_broke_on_some_ranks_are_broken_on_any_number_of_others() {
     let scene = scene(BREAKING);
     let whole = folder.join("whole");
     let one = run(&scene, &whole, &mut Silent).expect("runs");
-    let half = one.planned / 2;
-    for (first, then) in [(3, 2), (2, 1), (1, 4)] {
-        let place = folder.join(format!("{first}-{then}"));
-        let stopped = threads::run(first, 1, WAIT, |c| {
-            let done = run(&scene.clone().on_ranks(c)?, &place, &mut Stop(half, true));
-            done.map(|r| (r.end, r.summary().effect_ledger[0].facts["broken bonds"]))
-        });
-        for s in stopped {
-            let (end, broken) = s.expect("there").expect("stops");
-            assert!(
-                end == End::Interrupted && broken > 10.0,
-                "{end:?} after {broken} breaks"
-            );
-        }
-        let gone_on = threads::run(then, 1, WAIT, |c| {
-            resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
-        });
-        for g in gone_on {
-            assert_eq!(g.expect("there").expect("goes on"), End::Complete);
-        }
-        assert_same_files(&whole, &place, &format!("{first} ranks, then {then}"));
-    }
+    goes_on_elsewhere(&scene, &whole, one.planned / 2, |r, _| {
+        let broken = r.summary().effect_ledger[0].facts["broken bonds"];
+        assert!(broken > 10.0, "stopped after {broken} breaks");
+    });
 }
 
 #[test]
@@ -447,23 +431,7 @@ fn what_touches_across_ranks_is_written_as_by_one_rank() {
         }
         assert_same_files(&whole, &place, &format!("{ranks} ranks"));
     }
-    for (first, then) in [(3, 2), (2, 1), (1, 4)] {
-        let place = folder.join(format!("{first}-{then}"));
-        let stopped = threads::run(first, 1, WAIT, |c| {
-            let mut stop = Stop(one.planned / 2, true);
-            run(&scene.clone().on_ranks(c)?, &place, &mut stop).map(|r| r.end)
-        });
-        for s in stopped {
-            assert_eq!(s.expect("there").expect("stops"), End::Interrupted);
-        }
-        let gone_on = threads::run(then, 1, WAIT, |c| {
-            resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
-        });
-        for g in gone_on {
-            assert_eq!(g.expect("there").expect("goes on"), End::Complete);
-        }
-        assert_same_files(&whole, &place, &format!("{first} ranks, then {then}"));
-    }
+    goes_on_elsewhere(&scene, &whole, one.planned / 2, |_, _| ());
 }
 
 /// Strengths that nothing enforces are compared at the end: on whatever rank the bonds are.

@@ -7,7 +7,7 @@
 use crate::field::NaturalField;
 use crate::model::CnemModel;
 use crate::scni::MatrixFree;
-use arlequin_core::ranks::{self, Communicator, Division, Halo, Message, Portion, UNIT, Unit};
+use arlequin_core::ranks::{Communicator, Halo, Message, Portion, Reach, Unit};
 use arlequin_core::{Error, Interpolation, Model, Result, ShapeRow, Shared, outside};
 use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
@@ -30,11 +30,10 @@ pub(crate) struct Part {
     pub(crate) own: Vec<u32>,
     /// Weights \[–\] of all cells of the body.
     pub(crate) alpha: Vec<f64>,
-    /// Places of own nodes and of ghosts among the named ones.
-    places: [Vec<u32>; 2],
-    halo: Halo,
-    /// Of recovered stresses, once they are asked for.
-    around: OnceLock<Halo>,
+    /// Among the named ones.
+    reach: Reach,
+    /// Of recovered stresses among all nodes, once they are asked for.
+    around: OnceLock<Reach>,
     messages: Vec<Message>,
     /// Displacements of the named nodes.
     x: Vec<f64>,
@@ -69,31 +68,14 @@ impl Interpolation<f64> for PartField {
     }
 }
 
-/// Writes displacements `q` of own nodes, and those of ghosts, to their places.
-fn spread(
-    halo: &Halo,
-    [own, ghosts]: [&[u32]; 2],
-    messages: &mut [Message],
-    q: &[f64],
-    x: &mut [f64],
-) -> Result<()> {
-    let (q, x) = (q.as_chunks::<3>().0, x.as_chunks_mut::<3>().0);
-    for (place, q) in own.iter().zip(q) {
-        x[*place as usize] = *q;
-    }
-    let write = |ghost: usize, told| x[ghosts[ghost] as usize] = told;
-    Ok(halo.exchange(messages, |i| q[i], write)?)
-}
-
 impl Part {
     pub(crate) fn portion(&self) -> &Arc<Portion> {
-        self.halo.portion()
+        self.reach.halo().portion()
     }
 
     /// Displacements of the named nodes, for those of the own ones.
     pub(crate) fn hear(&mut self, q: &[f64]) -> Result<&[f64]> {
-        let [own, ghosts] = &self.places;
-        spread(&self.halo, [own, ghosts], &mut self.messages, q, &mut self.x)?;
+        self.reach.spread::<f64, 3>(&mut self.messages, q, &mut self.x)?;
         Ok(&self.x)
     }
 
@@ -105,31 +87,23 @@ impl Part {
     /// As [`Self::hear`], kept apart.
     pub(crate) fn heard_at(&self, q: &[f64]) -> Result<Vec<f64>> {
         let mut x = vec![0.0; self.x.len()];
-        let [own, ghosts] = &self.places;
-        spread(&self.halo, [own, ghosts], &mut self.halo.messages(3), q, &mut x)?;
+        self.reach
+            .spread::<f64, 3>(&mut self.reach.halo().messages(3), q, &mut x)?;
         Ok(x)
     }
 
-    /// Displacements of the whole body's nodes, those that own patches name.
-    pub(crate) fn heard_around(&self, model: &CnemModel, q: &[f64]) -> Result<Vec<f64>> {
-        let halo = self.around.get_or_init(|| patched(model, self.portion()));
+    /// Displacements of the whole body's nodes, those that own patches name, and the numbers there of some own `nodes`.
+    pub(crate) fn heard_around(
+        &self,
+        model: &CnemModel,
+        q: &[f64],
+        nodes: &[usize],
+    ) -> Result<(Vec<f64>, Vec<usize>)> {
+        let around = || Reach::new(patched(model, self.portion()), |k| k);
+        let reach = self.around.get_or_init(around);
         let mut x = vec![0.0; 3 * self.portion().division().nodes()];
-        let places = [&self.own[..], halo.ghosts()];
-        spread(halo, places, &mut halo.messages(3), q, &mut x)?;
-        Ok(x)
-    }
-
-    /// Numbers in the whole body of own nodes.
-    pub(crate) fn numbers(&self, model: &str, nodes: &[usize]) -> Result<Vec<usize>> {
-        let place = |k: &usize| {
-            let place = self.own.get(*k).ok_or_else(|| Error::InvalidParameter {
-                name: "number of a node".into(),
-                value: k.to_string(),
-                rule: format!("the part of '{model}' here has {} nodes", self.own.len()),
-            });
-            place.map(|p| *p as usize)
-        };
-        nodes.iter().map(place).collect()
+        reach.spread::<f64, 3>(&mut reach.halo().messages(3), q, &mut x)?;
+        Ok((x, reach.places(model.name(), nodes)?))
     }
 }
 
@@ -181,23 +155,15 @@ impl CnemModel {
     /// included.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
-        let unit = |first: usize| {
-            let nodes = first..self.nodes().len().min(first + UNIT);
-            let middle: Vector3<f64> = self.nodes()[nodes.clone()].iter().map(|x| x.coords).sum();
-            let work: usize = nodes.clone().map(|i| self.forces.entries(i) + MOVING).sum();
-            Unit {
-                centre: Point3::from(middle / nodes.len() as f64),
-                work: work as f64,
-            }
-        };
-        (0..self.nodes().len()).step_by(UNIT).map(unit).collect()
+        let entries = |i: usize| self.forces.entries(i) + MOVING;
+        Unit::all(self.nodes(), |range| range.map(entries).sum::<usize>() as f64)
     }
 
     /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the other side. None for a
     /// whole body.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
-        self.part.as_ref().map(|p| &p.halo)
+        self.part.as_ref().map(|p| p.reach.halo())
     }
 
     /// Becomes the part of the rank of `communicator`, of a division by the work of units.
@@ -210,9 +176,8 @@ impl CnemModel {
             });
         }
         let what = format!("the cells of '{name}', its material or its weights");
-        ranks::agree(&**communicator, &what, self.digest())?;
-        let division = Division::bisect(self.nodes().len(), &self.units(), communicator.ranks())?;
-        let portion = Arc::new(Portion::new(division, communicator.clone())?);
+        let digest = (&*what, self.digest());
+        let portion = Portion::bisected(communicator, digest, self.nodes().len(), &self.units())?;
         let own: Vec<u32> = (0..portion.nodes()).map(|i| portion.global(i) as u32).collect();
         let cells = self.forces.cells_of(&own);
         let Named { nodes: named, links } = Named::new(&self.forces, &own, &cells, &portion);
@@ -225,18 +190,17 @@ impl CnemModel {
         });
         let alpha = self.forces.weights().to_vec();
         self.forces = self.forces.part(&own, &cells, &named);
-        let place = |k: &u32| named.partition_point(|n| n < k) as u32;
+        let reach = Reach::new(halo, |k| named.partition_point(|n| *n < k) as u32);
         self.part = Some(Part {
             nodes,
             field: field.clone(),
-            places: [&own, halo.ghosts()].map(|all| all.iter().map(place).collect()),
             x: vec![0.0; 3 * named.len()],
             cells,
             named,
             own,
             alpha,
-            messages: halo.messages(3),
-            halo,
+            messages: reach.halo().messages(3),
+            reach,
             around: OnceLock::new(),
         });
         Ok(Shared { portion, field })

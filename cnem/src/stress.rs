@@ -79,9 +79,8 @@ impl Recovery<f64> for CnemModel {
             let of = |k: usize| self.of_cell(k, q);
             return self.patches().recover(self.name(), nodes, cells, of, out);
         };
-        let x = part.heard_around(self, q)?;
+        let (x, numbers) = part.heard_around(self, q, nodes)?;
         let of = |k: usize| self.of_cell(k, &x);
-        let numbers = part.numbers(self.name(), nodes)?;
         self.patches().recover(self.name(), &numbers, cells, of, out)
     }
 }

@@ -9,9 +9,9 @@ use crate::field::FemField;
 use crate::mesh::Mesh;
 use crate::model::FemModel;
 use arlequin_core::adjacency::Adjacency;
-use arlequin_core::ranks::{self, Communicator, Division, Halo, Message, Portion, RankError, UNIT, Unit};
+use arlequin_core::ranks::{Communicator, Halo, Message, Portion, RankError, Reach, Unit};
 use arlequin_core::{Error, Model, Real, Result, Shared};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
 
@@ -20,13 +20,6 @@ const MOVING: usize = 3;
 
 /// Number of a node that is not there.
 const NONE: u32 = u32::MAX;
-
-/// Ghosts, and their places in the mesh.
-#[derive(Debug, Clone)]
-struct Reach {
-    halo: Halo,
-    places: Vec<u32>,
-}
 
 /// What a rank holds of a body.
 #[derive(Debug, Clone)]
@@ -37,8 +30,6 @@ pub(crate) struct Part<T: Real> {
     pub(crate) field: Arc<FemField<T>>,
     /// Numbers in the whole body of the nodes of the mesh, ascending.
     numbers: Vec<u32>,
-    /// Places of the own nodes in the mesh.
-    own: Vec<u32>,
     /// Own numbers of the nodes of the mesh.
     rows: Vec<u32>,
     components: usize,
@@ -53,11 +44,11 @@ pub(crate) struct Part<T: Real> {
 
 impl<T: Real> Part<T> {
     pub(crate) fn portion(&self) -> &Portion {
-        self.reach.halo.portion()
+        self.reach.halo().portion()
     }
 
     pub(crate) fn shared_portion(&self) -> Arc<Portion> {
-        self.reach.halo.portion().clone()
+        self.reach.halo().portion().clone()
     }
 
     /// Own number of a node of the mesh, if it is one.
@@ -68,21 +59,12 @@ impl<T: Real> Part<T> {
 
     /// Places in the mesh of own nodes.
     pub(crate) fn places(&self, model: &str, nodes: &[usize]) -> Result<Vec<usize>> {
-        let place = |k: &usize| {
-            let place = self.own.get(*k).ok_or_else(|| Error::InvalidParameter {
-                name: "number of a node".into(),
-                value: k.to_string(),
-                rule: format!("the part of '{model}' here has {} nodes", self.own.len()),
-            });
-            place.map(|p| *p as usize)
-        };
-        nodes.iter().map(place).collect()
+        self.reach.places(model, nodes)
     }
 
     /// Displacements of the nodes of the mesh that the stiffness names, for those of the own ones.
     pub(crate) fn hear(&mut self, q: &[T]) -> Result<&[T]> {
-        let (c, own, messages) = (self.components, &self.own, &mut self.messages);
-        self.reach.spread(c, own, messages, q, &mut self.x)?;
+        spread(self.components, &self.reach, &mut self.messages, q, &mut self.x)?;
         Ok(&self.x)
     }
 
@@ -104,7 +86,7 @@ impl<T: Real> Part<T> {
     fn told(&self, reach: &Reach, q: &[T]) -> Result<Vec<T>> {
         let c = self.components;
         let mut x = vec![T::zero(); self.x.len()];
-        reach.spread(c, &self.own, &mut reach.halo.messages(c), q, &mut x)?;
+        spread(c, reach, &mut reach.halo().messages(c), q, &mut x)?;
         Ok(x)
     }
 
@@ -120,7 +102,7 @@ impl<T: Real> Part<T> {
         let touches: Vec<bool> = (0..self.rows.len() as u32).map(|k| near(k).any(other)).collect();
         let mut links = Vec::new();
         let mut wide: Vec<u32> = Vec::new();
-        for i in self.own.iter().copied() {
+        for i in self.reach.own().iter().copied() {
             wide.clear();
             wide.extend(near(i));
             wide.sort_unstable();
@@ -131,50 +113,26 @@ impl<T: Real> Part<T> {
             named.dedup();
             links.extend(named.iter().map(|j| [i, *j].map(|k| self.numbers[k as usize])));
         }
-        Reach::new(self.reach.halo.portion(), links.into_iter(), &self.numbers)
+        let halo = Halo::of_links(self.shared_portion(), links.into_iter());
+        Reach::new(halo, |k| among(&self.numbers, k))
     }
 }
 
-impl Reach {
-    fn new(portion: &Arc<Portion>, links: impl Iterator<Item = [u32; 2]>, numbers: &[u32]) -> Self {
-        let halo = Halo::of_links(portion.clone(), links);
-        let place = |k: &u32| numbers.partition_point(|n| n < k) as u32;
-        Self {
-            places: halo.ghosts().iter().map(place).collect(),
-            halo,
-        }
-    }
+/// Place of a node in an ascending list.
+fn among(numbers: &[u32], node: u32) -> u32 {
+    numbers.partition_point(|n| *n < node) as u32
+}
 
-    /// Writes the displacements `q` of own nodes, and those of ghosts, to their places.
-    fn spread<T: Real>(
-        &self,
-        components: usize,
-        own: &[u32],
-        messages: &mut [Message],
-        q: &[T],
-        x: &mut [T],
-    ) -> Result<(), RankError> {
-        match components {
-            1 => self.spread_of::<T, 1>(own, messages, q, x),
-            _ => self.spread_of::<T, 3>(own, messages, q, x),
-        }
-    }
-
-    fn spread_of<T: Real, const C: usize>(
-        &self,
-        own: &[u32],
-        messages: &mut [Message],
-        q: &[T],
-        x: &mut [T],
-    ) -> Result<(), RankError> {
-        let (q, x) = (q.as_chunks::<C>().0, x.as_chunks_mut::<C>().0);
-        for (place, q) in own.iter().zip(q) {
-            x[*place as usize] = *q;
-        }
-        let read = |i: usize| q[i].map(|x| x.as_f64());
-        self.halo.exchange(messages, read, |ghost, told| {
-            x[self.places[ghost] as usize] = told.map(T::of);
-        })
+fn spread<T: Real>(
+    components: usize,
+    reach: &Reach,
+    messages: &mut [Message],
+    q: &[T],
+    x: &mut [T],
+) -> Result<(), RankError> {
+    match components {
+        1 => reach.spread::<T, 1>(messages, q, x),
+        _ => reach.spread::<T, 3>(messages, q, x),
     }
 }
 
@@ -225,24 +183,15 @@ impl<T: Real> FemModel<T> {
     /// The units of the body: middle \[m\], and blocks of the stiffness, the motion of nodes included.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
-        let unit = |first: usize| {
-            let nodes = first..self.nodes().len().min(first + UNIT);
-            let middle: Vector3<T> = self.nodes()[nodes.clone()].iter().map(|x| x.coords).sum();
-            let middle = middle.map(|c| c.as_f64() / nodes.len() as f64);
-            let blocks: usize = nodes.map(|i| self.stiffness.columns(i).len() + MOVING).sum();
-            Unit {
-                centre: Point3::from(middle),
-                work: blocks as f64,
-            }
-        };
-        (0..self.nodes().len()).step_by(UNIT).map(unit).collect()
+        let blocks = |i: usize| self.stiffness.columns(i).len() + MOVING;
+        Unit::all(self.nodes(), |range| range.map(blocks).sum::<usize>() as f64)
     }
 
     /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the other side. None for a
     /// whole body.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
-        self.part.as_ref().map(|p| &p.reach.halo)
+        self.part.as_ref().map(|p| p.reach.halo())
     }
 
     /// Becomes the part of the rank of `communicator`, of a division by the work of units.
@@ -254,9 +203,8 @@ impl<T: Real> FemModel<T> {
             });
         }
         let what = format!("the mesh of '{}', its materials or its weights", self.name);
-        ranks::agree(&**communicator, &what, self.digest())?;
-        let division = Division::bisect(self.nodes().len(), &self.units(), communicator.ranks())?;
-        let portion = Arc::new(Portion::new(division, communicator.clone())?);
+        let digest = (&*what, self.digest());
+        let portion = Portion::bisected(communicator, digest, self.nodes().len(), &self.units())?;
         let needed = Needed::new(self.mesh(), &portion);
         self.part = Some(self.cut(&portion, &needed));
         let field = self.field();
@@ -267,12 +215,14 @@ impl<T: Real> FemModel<T> {
     fn cut(&mut self, portion: &Arc<Portion>, needed: &Needed) -> Part<T> {
         let whole = self.mesh();
         let (kind, section) = (whole.kind(), whole.section());
-        let place = |k: u32| needed.nodes.partition_point(|n| *n < k) as u32;
-        let own: Vec<u32> = (0..portion.nodes())
-            .map(|i| place(portion.global(i) as u32))
-            .collect();
+        let place = |k: u32| among(&needed.nodes, k);
+        let reach = Reach::new(
+            Halo::of_links(portion.clone(), needed.links.iter().copied()),
+            place,
+        );
+        let own = reach.own();
         let mut rows = vec![NONE; needed.nodes.len()];
-        (0..).zip(&own).for_each(|(i, k)| rows[*k as usize] = i);
+        (0..).zip(own).for_each(|(i, k)| rows[*k as usize] = i);
         let nodes: Vec<Point3<T>> = needed.nodes.iter().map(|k| whole.nodes()[*k as usize]).collect();
         let corners = needed.elements.iter().flat_map(|e| whole.element(*e as usize));
         let connectivity: Vec<u32> = corners.map(|k| place(*k)).collect();
@@ -291,16 +241,14 @@ impl<T: Real> FemModel<T> {
         self.materials = self.materials.of_some(kept());
         self.field = Arc::new(FemField::new(Mesh::bare(kind, section, nodes, connectivity)));
         self.patches = OnceLock::new();
-        let reach = Reach::new(portion, needed.links.iter().copied(), &needed.nodes);
         Part {
             nodes: here,
             field: Arc::new(FemField::new(inner)),
             numbers: needed.nodes.clone(),
-            own,
             x: vec![T::zero(); kind.components() * rows.len()],
             rows,
             components: kind.components(),
-            messages: reach.halo.messages(kind.components()),
+            messages: reach.halo().messages(kind.components()),
             reach,
             around: OnceLock::new(),
         }

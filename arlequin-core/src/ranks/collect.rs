@@ -26,7 +26,7 @@ impl Portion {
             _ => vec![message(0, own.to_vec(), 0)],
         };
         messages.retain(|m| !(m.out.is_empty() && m.into.is_empty()));
-        self.keep(self.communicator().exchange(&mut messages, &mut || ()))?;
+        self.keep(self.communicator().exchange(&mut messages, &mut || false))?;
         let others = messages.iter().flat_map(|m| &m.into);
         Ok((rank == 0).then(|| own.iter().chain(others).copied().collect()))
     }
@@ -47,7 +47,7 @@ impl Portion {
                     out,
                     into: Vec::new(),
                 };
-                self.keep(self.communicator().exchange(&mut [message], &mut || ()))?;
+                self.keep(self.communicator().exchange(&mut [message], &mut || false))?;
             }
             return Ok(None);
         }
@@ -60,7 +60,7 @@ impl Portion {
             into: vec![0.0; *n],
         };
         let mut messages: Vec<Message> = others.map(message).collect();
-        self.keep(self.communicator().exchange(&mut messages, &mut || ()))?;
+        self.keep(self.communicator().exchange(&mut messages, &mut || false))?;
         let mut parts: Vec<&[f64]> = vec![&[]; division.ranks()];
         messages.iter().for_each(|m| parts[m.peer] = &m.into);
         let mut own = x;

@@ -1,11 +1,9 @@
 //! Sums over some nodes of a model, cut where these pass from unit to unit.
 
-use super::{Exact, Portion, UNIT};
+use super::portion::{everywhere, pieces};
+use super::{Portion, UNIT};
 use crate::{Real, parallel};
 use std::ops::Range;
-
-/// Units per unit of parallel work.
-const GRAIN: usize = 8;
 
 /// Where an ascending list of nodes passes from one unit to the next.
 #[derive(Debug, Clone)]
@@ -41,34 +39,8 @@ impl Cuts {
         part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
     ) -> [T; N] {
         let all = self.0.last().copied().unwrap_or_default();
-        let own = self.within(0..self.0.len() - 1, part, parallel::pays(all * numbers));
-        let total = match portion {
-            Some(p) => p.total(own),
-            None => own.map(Exact::value),
-        };
-        total.map(T::of)
-    }
-
-    fn within<T: Real, const N: usize>(
-        &self,
-        range: Range<usize>,
-        part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
-        parallel: bool,
-    ) -> [Exact; N] {
-        if parallel && range.len() > GRAIN {
-            let middle = range.start + range.len() / 2;
-            let (mut a, b) = rayon::join(
-                || self.within(range.start..middle, part, true),
-                || self.within(middle..range.end, part, true),
-            );
-            a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-            return a;
-        }
-        let mut out = [Exact::zero(); N];
-        for cut in self.0[range.start..=range.end].windows(2) {
-            let of = part(cut[0]..cut[1]);
-            out.iter_mut().zip(of).for_each(|(sum, x)| sum.add(x.as_f64()));
-        }
-        out
+        let of = |k: usize| part(self.0[k]..self.0[k + 1]);
+        let own = pieces(0..self.0.len() - 1, &of, parallel::pays(all * numbers));
+        everywhere(portion, own)
     }
 }

@@ -1,7 +1,9 @@
 //! Who holds what: recursive bisection of the units of a model.
 
 use super::{RankError, UNIT};
-use nalgebra::Point3;
+use crate::Real;
+use nalgebra::{Point3, Vector3};
+use std::ops::Range;
 
 /// A unit of a model as the division sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -10,6 +12,22 @@ pub struct Unit {
     pub centre: Point3<f64>,
     /// What a step of it costs, in any measure.
     pub work: f64,
+}
+
+impl Unit {
+    /// Those of a model with such nodes \[m\]: the mean of their places, and what `work` says of a range of them.
+    #[must_use]
+    pub fn all<T: Real>(nodes: &[Point3<T>], work: impl Fn(Range<usize>) -> f64) -> Vec<Self> {
+        let unit = |first: usize| {
+            let range = first..nodes.len().min(first + UNIT);
+            let sum: Vector3<T> = nodes[range.clone()].iter().map(|x| x.coords).sum();
+            Self {
+                centre: Point3::from(sum.map(|c| c.as_f64() / range.len() as f64)),
+                work: work(range),
+            }
+        };
+        (0..nodes.len()).step_by(UNIT).map(unit).collect()
+    }
 }
 
 /// Which rank holds which unit of [`UNIT`] nodes.

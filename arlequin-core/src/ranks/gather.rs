@@ -48,10 +48,8 @@ impl Gather {
     /// Messages of so many numbers per item, to be used again and again.
     #[must_use]
     pub fn messages(&self, numbers: usize) -> Vec<Message> {
-        let message = |(peer, places): &(usize, Vec<u32>)| Message {
-            peer: *peer,
-            out: vec![0.0; numbers * self.own.len()],
-            into: vec![0.0; numbers * places.len()],
+        let message = |(peer, places): &(usize, Vec<u32>)| {
+            Message::zeros(*peer, numbers * self.own.len(), numbers * places.len())
         };
         self.others.iter().map(message).collect()
     }
@@ -74,7 +72,7 @@ impl Gather {
         if messages.is_empty() {
             return;
         }
-        let told: Result<(), RankError> = self.portion.communicator().exchange(messages, &mut || ());
+        let told: Result<(), RankError> = self.portion.communicator().exchange(messages, &mut || false);
         if self.portion.keep(told).is_err() {
             out.fill(T::of(f64::NAN));
             return;

@@ -95,11 +95,7 @@ impl Halo {
     /// Messages of so many numbers per node, to be used again and again.
     #[must_use]
     pub fn messages(&self, numbers: usize) -> Vec<Message> {
-        let message = |p: &Peer| Message {
-            peer: p.rank,
-            out: vec![0.0; numbers * p.send.len()],
-            into: vec![0.0; numbers * p.receive.len()],
-        };
+        let message = |p: &Peer| Message::zeros(p.rank, numbers * p.send.len(), numbers * p.receive.len());
         self.peers.iter().map(message).collect()
     }
 
@@ -112,7 +108,23 @@ impl Halo {
         &self,
         messages: &mut [Message],
         read: impl Fn(usize) -> [f64; N],
-        mut write: impl FnMut(usize, [f64; N]),
+        write: impl FnMut(usize, [f64; N]),
+    ) -> Result<(), RankError> {
+        self.tell(messages, read, &mut || false)?;
+        self.told(messages, write);
+        Ok(())
+    }
+
+    /// The first half of [`Self::exchange`]: tells, and waits for what others tell. Until that is there, `meanwhile` does pieces of
+    /// work that needs no ghosts, and says whether there is more; all of it is done in the end.
+    ///
+    /// # Errors
+    /// Those of [`Self::exchange`]; no ghosts are then known.
+    pub fn tell<const N: usize>(
+        &self,
+        messages: &mut [Message],
+        read: impl Fn(usize) -> [f64; N],
+        meanwhile: &mut dyn FnMut() -> bool,
     ) -> Result<(), RankError> {
         for (peer, message) in self.peers.iter().zip(&mut *messages) {
             let places = message.out.as_chunks_mut::<N>().0;
@@ -121,13 +133,19 @@ impl Halo {
             }
         }
         let communicator = self.portion.communicator();
-        self.portion.keep(communicator.exchange(messages, &mut || ()))?;
-        for (peer, message) in self.peers.iter().zip(&*messages) {
+        self.portion.keep(communicator.exchange(messages, meanwhile))?;
+        // Whatever a transport does: unfinished work would be a wrong answer without a word.
+        while meanwhile() {}
+        Ok(())
+    }
+
+    /// The second half of [`Self::exchange`]: hands what others told of ghosts to `write`.
+    pub fn told<const N: usize>(&self, messages: &[Message], mut write: impl FnMut(usize, [f64; N])) {
+        for (peer, message) in self.peers.iter().zip(messages) {
             let told = message.into.as_chunks::<N>().0;
             for (ghost, x) in peer.receive.clone().zip(told) {
                 write(ghost, *x);
             }
         }
-        Ok(())
     }
 }

@@ -17,6 +17,7 @@ mod halo;
 mod near;
 mod portion;
 mod post;
+mod reach;
 
 pub(crate) use cuts::Cuts;
 pub use division::{Division, Unit};
@@ -26,6 +27,7 @@ pub use halo::Halo;
 pub(crate) use portion::largest;
 pub use portion::{Portion, add_products, sum};
 pub(crate) use post::{Places, Post};
+pub use reach::Reach;
 
 /// Nodes in a unit: what a rank holds at least, and what sums are formed over first.
 pub const UNIT: usize = 256;
@@ -39,6 +41,18 @@ pub struct Message {
     pub out: Vec<f64>,
     /// Room for what it sends: as many numbers as come.
     pub into: Vec<f64>,
+}
+
+impl Message {
+    /// Of zeros, so many to and from a rank.
+    #[must_use]
+    pub fn zeros(peer: usize, out: usize, into: usize) -> Self {
+        Self {
+            peer,
+            out: vec![0.0; out],
+            into: vec![0.0; into],
+        }
+    }
 }
 
 /// How integers of several ranks are put together; no order of ranks changes the result.
@@ -59,11 +73,16 @@ pub trait Communicator: std::fmt::Debug + Send + Sync {
     /// How many there are.
     fn ranks(&self) -> usize;
 
-    /// Sends and receives all messages, whose peers do the same; `meanwhile` runs while they are on their way.
+    /// Sends and receives all messages, whose peers do the same. While they are on their way `meanwhile` does a piece of other work
+    /// and says whether there is more of it: it is called until there is none, and messages are looked after in between.
     ///
     /// # Errors
     /// A peer that is silent, lost or gave up; a message of another length.
-    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError>;
+    fn exchange(
+        &self,
+        messages: &mut [Message],
+        meanwhile: &mut dyn FnMut() -> bool,
+    ) -> Result<(), RankError>;
 
     /// Puts the words of all ranks together, entry by entry; all get the result.
     ///

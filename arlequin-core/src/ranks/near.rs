@@ -8,21 +8,9 @@ use std::sync::Arc;
 type Corners = [f64; 6];
 
 fn corners(points: &[[f64; 3]]) -> Corners {
-    let mut out = [
-        f64::INFINITY,
-        f64::INFINITY,
-        f64::INFINITY,
-        f64::NEG_INFINITY,
-        f64::NEG_INFINITY,
-        f64::NEG_INFINITY,
-    ];
-    for x in points {
-        for c in 0..3 {
-            out[c] = out[c].min(x[c]);
-            out[3 + c] = out[3 + c].max(x[c]);
-        }
-    }
-    out
+    let lowest = |c: usize| points.iter().map(|x| x[c]).fold(f64::INFINITY, f64::min);
+    let highest = |c: usize| points.iter().map(|x| x[c]).fold(f64::NEG_INFINITY, f64::max);
+    std::array::from_fn(|k| if k < 3 { lowest(k) } else { highest(k - 3) })
 }
 
 impl Halo {
@@ -82,6 +70,6 @@ impl Halo {
 }
 
 fn told(portion: &Portion, mut messages: Vec<Message>) -> Result<std::vec::IntoIter<Message>, RankError> {
-    portion.keep(portion.communicator().exchange(&mut messages, &mut || ()))?;
+    portion.keep(portion.communicator().exchange(&mut messages, &mut || false))?;
     Ok(messages.into_iter())
 }

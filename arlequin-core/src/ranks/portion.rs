@@ -1,12 +1,12 @@
 //! What one rank holds of a model, and sums over all of it.
 
-use super::{Communicator, Division, Exact, RankError, Reduction, UNIT, WORDS};
+use super::{Communicator, Division, Exact, RankError, Reduction, UNIT, Unit, WORDS, agree};
 use crate::scalar::dot;
 use crate::{DofLayout, Real, parallel};
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-/// Units per unit of parallel work.
+/// Pieces of a sum per unit of parallel work.
 const GRAIN: usize = 8;
 
 /// The units of a model that this rank holds: nodes keep their order, and are numbered from zero.
@@ -43,6 +43,22 @@ impl Portion {
             communicator,
             failure: OnceLock::new(),
         })
+    }
+
+    /// What the rank of `communicator` holds of a model that is divided by the work of its `units`. All ranks must ask; `digest`
+    /// is that of `what` they must have alike.
+    ///
+    /// # Errors
+    /// [`RankError::Differ`] unless they do; those of [`Division::bisect`].
+    pub fn bisected(
+        communicator: &Arc<dyn Communicator>,
+        (what, digest): (&str, u64),
+        nodes: usize,
+        units: &[Unit],
+    ) -> Result<Arc<Self>, RankError> {
+        agree(&**communicator, what, digest)?;
+        let division = Division::bisect(nodes, units, communicator.ranks())?;
+        Ok(Arc::new(Self::new(division, communicator.clone())?))
     }
 
     /// How ranks hear of each other.
@@ -183,12 +199,7 @@ pub fn sum<T: Real, const N: usize>(
     portion: Option<&Portion>,
     part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
 ) -> [T; N] {
-    let own = units(nodes, 0..nodes.div_ceil(UNIT), part, parallel::pays(nodes * N));
-    let total = match portion {
-        Some(p) => p.total(own),
-        None => own.map(Exact::value),
-    };
-    total.map(T::of)
+    everywhere(portion, units(nodes, part, parallel::pays(nodes * N)))
 }
 
 /// Adds `Σ x y` over the unknowns of the nodes here, one term per unit: of displacements and rotations.
@@ -208,37 +219,50 @@ pub fn add_products<T: Real>(layout: &DofLayout, x: &[T], y: &[T], to: &mut Exac
         let turning = first + r * n.start..first + r * n.end;
         [dot(&x[moving.clone()], &y[moving]) + dot(&x[turning.clone()], &y[turning])]
     };
-    let [sum] = units(
-        layout.nodes,
-        0..layout.nodes.div_ceil(UNIT),
-        &part,
-        parallel::pays(x.len()),
-    );
+    let [sum] = units(layout.nodes, &part, parallel::pays(x.len()));
     *to += sum;
 }
 
-/// Sums over a range of units.
+/// Sums over the units of so many nodes.
 fn units<T: Real, const N: usize>(
     nodes: usize,
-    range: Range<usize>,
     part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
+    parallel: bool,
+) -> [Exact; N] {
+    let of = |u: usize| part(u * UNIT..nodes.min((u + 1) * UNIT));
+    pieces(0..nodes.div_ceil(UNIT), &of, parallel)
+}
+
+/// Sums over a range of pieces, exactly: in whatever order.
+pub(super) fn pieces<T: Real, const N: usize>(
+    range: Range<usize>,
+    of: &(dyn Fn(usize) -> [T; N] + Sync),
     parallel: bool,
 ) -> [Exact; N] {
     if parallel && range.len() > GRAIN {
         let middle = range.start + range.len() / 2;
         let (mut a, b) = rayon::join(
-            || units(nodes, range.start..middle, part, true),
-            || units(nodes, middle..range.end, part, true),
+            || pieces(range.start..middle, of, true),
+            || pieces(middle..range.end, of, true),
         );
         a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         return a;
     }
     let mut out = [Exact::zero(); N];
-    for u in range {
-        let of = part(u * UNIT..nodes.min((u + 1) * UNIT));
-        out.iter_mut().zip(of).for_each(|(sum, x)| sum.add(x.as_f64()));
+    for piece in range {
+        let sums = out.iter_mut().zip(of(piece));
+        sums.for_each(|(sum, x)| sum.add(x.as_f64()));
     }
     out
+}
+
+/// Sums of all ranks, from those here.
+pub(super) fn everywhere<T: Real, const N: usize>(portion: Option<&Portion>, own: [Exact; N]) -> [T; N] {
+    let total = match portion {
+        Some(p) => p.total(own),
+        None => own.map(Exact::value),
+    };
+    total.map(T::of)
 }
 
 /// The largest of a number of every rank that is not negative.

@@ -31,10 +31,8 @@ impl Post {
         peers: impl Iterator<Item = (usize, Places)>,
     ) -> Self {
         let (ranks, peers): (Vec<_>, Vec<Places>) = peers.unzip();
-        let message = |(peer, p): (usize, &Places)| Message {
-            peer,
-            out: vec![0.0; numbers * p.send.len()],
-            into: vec![0.0; numbers * p.receive.len()],
+        let message = |(peer, p): (usize, &Places)| {
+            Message::zeros(peer, numbers * p.send.len(), numbers * p.receive.len())
         };
         Self {
             messages: ranks.into_iter().zip(&peers).map(message).collect(),
@@ -62,7 +60,7 @@ impl Post {
         let told = self
             .portion
             .communicator()
-            .exchange(&mut self.messages, &mut || ());
+            .exchange(&mut self.messages, &mut || false);
         if self.portion.keep(told).is_err() {
             return false;
         }

@@ -70,7 +70,7 @@ impl<T: Real> Subdomain<T> {
                 out.iter_mut().zip(all).for_each(|(o, (f, g))| *o = *f + *g);
             }
             // The model makes its steps itself; nothing else acts on it then.
-            Stepper::Verlet if self.forces.internal().is_empty() => {
+            Stepper::Verlet if self.forces.are_released() => {
                 out.fill(T::zero());
                 self.model.add_internal_forces(&self.state.q, out)?;
             }

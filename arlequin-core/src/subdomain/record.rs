@@ -37,7 +37,7 @@ impl<T: Real> Subdomain<T> {
             q: self.recorded(&self.state.q)?,
             v: self.recorded(&self.state.v)?,
             a: self.recorded(&self.state.a)?,
-            internal: if self.forces.internal().is_empty() {
+            internal: if self.forces.are_released() {
                 Vec::new()
             } else {
                 self.recorded(self.forces.internal())?

@@ -56,7 +56,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Writes internal forces alone, weighted, of the present state.
     pub(crate) fn internal_forces_now(&mut self, out: &mut [T]) -> Result<()> {
-        if self.forces.internal().is_empty() && matches!(self.stepper, Stepper::Verlet) {
+        if self.forces.are_released() && matches!(self.stepper, Stepper::Verlet) {
             out.fill(T::zero());
             return self.model.add_internal_forces(&self.state.q, out);
         }

@@ -42,6 +42,8 @@ pub(super) struct Forces<T> {
     loads: Loads<T>,
     /// Whether they are those of the present state: not between a restored one and its first step.
     known: bool,
+    /// Whether the model makes its steps itself, and has all memory back.
+    released: bool,
 }
 
 impl<T: Real> Forces<T> {
@@ -52,7 +54,13 @@ impl<T: Real> Forces<T> {
             q_before: vec![T::zero(); dofs],
             loads: Loads::Absent,
             known: false,
+            released: false,
         }
+    }
+
+    /// Whether the model makes its steps itself: on a rank without nodes there are none in any case.
+    pub(super) fn are_released(&self) -> bool {
+        self.released
     }
 
     /// Whether they are those of the present state.
@@ -94,6 +102,7 @@ impl<T: Real> Forces<T> {
         self.q_before.resize(internal.len(), T::zero());
         self.internal = internal;
         self.known = true;
+        self.released = false;
     }
 
     /// Takes all forces of another state, where there are others than internal ones.
@@ -113,6 +122,7 @@ impl<T: Real> Forces<T> {
         self.internal = Vec::new();
         self.internal_before = Vec::new();
         self.q_before = Vec::new();
+        self.released = true;
     }
 
     /// Displacements and internal forces one step earlier.
@@ -158,10 +168,11 @@ impl<T: Real> Subdomain<T> {
 
     /// Effect forces beside the internal ones, which are there. `own` is the number of this subdomain.
     fn evaluate(&mut self, reached: Reached<T>, own: usize, announce: &mut Announce<'_>) -> Result<()> {
-        let (at, total) = self.forces.at(reached, &self.state);
-        if total.is_empty() {
+        // A rank without nodes has no forces either, and effects all the same: they hear of other ranks.
+        if self.forces.are_internal() {
             return Ok(());
         }
+        let (at, total) = self.forces.at(reached, &self.state);
         parallel::copy(total, at.internal);
         for (k, e) in self.effects.iter_mut().enumerate() {
             announce(Phase::Effect(own, k));

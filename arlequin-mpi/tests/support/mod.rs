@@ -4,7 +4,8 @@
 
 use arlequin_core::nalgebra::Point3;
 use arlequin_core::ranks::{Communicator, Division, Message, RankError, Reduction};
-use arlequin_core::{Model, Weight};
+use arlequin_core::{Model, Subdomain, Weight};
+use arlequin_mpi::threads;
 use dem_beam::{BeamMaterial, Container, DemModel, Packing, PackingSpec};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, LazyLock};
@@ -85,6 +86,39 @@ pub(crate) fn together(parts: Vec<Result<Told, RankError>>) -> Told {
     all
 }
 
+/// What `of` tells on so many ranks, threads of this test, is what one rank told.
+pub(crate) fn same_on(
+    ranks: &[usize],
+    what: &dyn std::fmt::Debug,
+    whole: &Told,
+    of: impl Fn(Arc<dyn Communicator>) -> Told + Sync,
+) {
+    for &ranks in ranks {
+        let all = together(threads::run(ranks, 1, WAIT, &of));
+        assert!(
+            same(&all.1, &whole.1),
+            "{ranks} ranks, {what:?}: {:?} {:?}",
+            all.1,
+            whole.1
+        );
+        assert!(all.0 == whole.0, "{ranks} ranks, {what:?}");
+    }
+}
+
+/// What the first of so many ranks has.
+pub(crate) fn first<R: Send>(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> R + Sync) -> R {
+    let all = threads::run(ranks, 1, WAIT, of);
+    all.into_iter().next().unwrap().unwrap()
+}
+
+/// A subdomain on several ranks, or on one alone.
+pub(crate) fn shared(side: Subdomain<f64>, ranks: Option<Arc<dyn Communicator>>) -> Subdomain<f64> {
+    match ranks {
+        Some(c) => side.shared(c),
+        None => side,
+    }
+}
+
 pub(crate) fn same(a: &[f64], b: &[f64]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
@@ -115,7 +149,11 @@ impl Communicator for Counted {
     fn ranks(&self) -> usize {
         self.inner.ranks()
     }
-    fn exchange(&self, messages: &mut [Message], meanwhile: &mut dyn FnMut()) -> Result<(), RankError> {
+    fn exchange(
+        &self,
+        messages: &mut [Message],
+        meanwhile: &mut dyn FnMut() -> bool,
+    ) -> Result<(), RankError> {
         let numbers: usize = messages.iter().map(|m| m.out.len()).sum();
         self.bytes[0].fetch_add(8 * numbers as u64, Relaxed);
         self.inner.exchange(messages, meanwhile)

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::kernel::lanes::LANES;
 use arlequin_core::ranks::{self, Communicator, Division, Halo, Portion, UNIT, Unit};
 use arlequin_core::{ParticleField, Shared};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
 use std::sync::Arc;
@@ -27,9 +27,7 @@ impl DemModel {
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let bonds = self.body.adjacency();
-        let unit = |first: usize| {
-            let particles = first..self.nodes.len().min(first + UNIT);
-            let middle: Vector3<f64> = self.nodes[particles.clone()].iter().map(|x| x.coords).sum();
+        Unit::all(&self.nodes, |particles| {
             let blocks = particles.clone().step_by(LANES);
             let longest = |b: usize| {
                 (b..particles.end.min(b + LANES))
@@ -39,12 +37,8 @@ impl DemModel {
             let slots: usize = blocks.map(|b| longest(b).unwrap_or(0) + MOVING).sum();
             let coupled = |i: &usize| bonds.row(*i).iter().any(|e| self.in_overlap(e[1] as usize));
             let coupled = particles.clone().filter(coupled).count();
-            Unit {
-                centre: Point3::from(middle / particles.len() as f64),
-                work: (slots * LANES + coupled * COUPLING) as f64,
-            }
-        };
-        (0..self.nodes.len()).step_by(UNIT).map(unit).collect()
+            (slots * LANES + coupled * COUPLING) as f64
+        })
     }
 
     /// The part of the body that the rank of `communicator` holds: its units of `division`, with all their bonds. All ranks
