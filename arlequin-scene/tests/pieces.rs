@@ -333,7 +333,6 @@ fn pieces_of_all_ranks_are_the_frame_of_one() {
             ranks
         });
         let index = std::fs::read_to_string(out.join("results.pvd")).expect("an index");
-        let frames = alone.summary().frames;
         assert_eq!(
             index.matches(".pvtu").count(),
             frames * if ranks == 2 { 3 } else { 2 }

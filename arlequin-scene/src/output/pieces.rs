@@ -104,7 +104,7 @@ impl Piece {
             into: vec![0.0; each * p.receive],
         };
         let mut messages: Vec<Message> = self.peers.iter().map(message).collect();
-        let told = portion.communicator().exchange(&mut messages, &mut || ());
+        let told = portion.communicator().exchange(&mut messages, &mut || false);
         told.map_err(elsewhere)?;
         // In the order of ranks, as ghosts are.
         let ghosts = messages.iter().flat_map(|m| &m.into);
