@@ -1,4 +1,4 @@
-//! How multipliers are solved for: conjugate gradients that end anywhere, dependent multipliers in any number.
+//! How multipliers are solved for: iterations that end anywhere, dependent multipliers in any number.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -7,8 +7,8 @@ mod support;
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
-    Coupled, H1Gradient, InterfaceOptions, InterfaceSpec, Junction, L2, OwnStep, PrescribedMotion, Profile,
-    Ramp, Silent, Slab, Solver, Subdomain, TimeFunction, TimeStep, Weights,
+    Coupled, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, OwnStep, Partition,
+    PrescribedMotion, Profile, Ramp, Silent, Slab, Solver, Subdomain, TimeFunction, TimeStep, Weights,
 };
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::Line;
@@ -18,6 +18,13 @@ use support::solid;
 
 fn gradients(tolerance: f64, max_iterations: usize) -> Solver<f64> {
     Solver::ConjugateGradients {
+        tolerance,
+        max_iterations,
+    }
+}
+
+fn chebyshev(tolerance: f64, max_iterations: usize) -> Solver<f64> {
+    Solver::Chebyshev {
         tolerance,
         max_iterations,
     }
@@ -67,9 +74,10 @@ fn velocities(c: &Coupled<f64>) -> Vec<f64> {
 
 #[test]
 fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
-    for iterations in [2, 3, 5] {
+    let methods = [gradients, chebyshev];
+    for (iterations, of) in [2, 3, 5].into_iter().flat_map(|n| methods.map(|of| (n, of))) {
         for ratio in [1, 4] {
-            let mut c = line(gradients(0.0, iterations), ratio);
+            let mut c = line(of(0.0, iterations), ratio);
             let before = c.momentum()[0];
             c.run(4000 / ratio, &mut Silent).unwrap();
             let change = (c.momentum()[0] - before).norm();
@@ -89,7 +97,7 @@ fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
         }
         for junction in solid::junctions::<f64>() {
             let name = junction.name();
-            let mut c = solid_pair(junction, gradients(0.0, iterations));
+            let mut c = solid_pair(junction, of(0.0, iterations));
             c.run(400, &mut Silent).unwrap();
             assert_eq!(c.interfaces()[0].iterations(), iterations);
             assert!(
@@ -102,32 +110,142 @@ fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
 }
 
 #[test]
-fn conjugate_gradients_that_converge_give_what_the_factor_gives() {
+fn iterations_that_converge_give_what_the_factor_gives() {
     for junction in [
         || Box::new(L2) as Box<dyn Junction<f64>>,
         || Box::new(H1Gradient::new(0.15).unwrap()) as Box<dyn Junction<f64>>,
+        || Box::new(H1Strain::new(0.15).unwrap()) as Box<dyn Junction<f64>>,
     ] {
         let run = |solver| {
             let mut c = solid_pair(junction(), solver);
             c.run(100, &mut Silent).unwrap();
             c
         };
-        let [exact, near] = [Solver::Factor, gradients(1e-13, 500)].map(run);
         let report = |c: &Coupled<f64>| c.interfaces()[0].report().clone();
+        let exact = run(Solver::Factor);
         assert_eq!(report(&exact).solver, "factor");
-        assert_eq!(report(&near).solver, "conjugate gradients");
-        assert_eq!(report(&exact).rank, report(&near).rank);
-        let ratio = report(&exact).condition / report(&near).condition;
-        assert!((ratio - 1.0).abs() < 0.01, "conditions differ by {ratio}");
-        let [a, b] = [&exact, &near].map(velocities);
-        let top = a.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-        let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top;
-        assert!(apart < 1e-10, "velocities differ by {apart:e}");
+        for (solver, name) in [
+            (gradients(1e-13, 500), "conjugate gradients"),
+            (chebyshev(1e-13, 1000), "chebyshev"),
+        ] {
+            let near = run(solver);
+            assert_eq!(report(&near).solver, name);
+            assert_eq!(report(&exact).rank, report(&near).rank);
+            let ratio = report(&exact).condition / report(&near).condition;
+            assert!((ratio - 1.0).abs() < 0.01, "conditions differ by {ratio}");
+            let [a, b] = [&exact, &near].map(velocities);
+            let top = a.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top;
+            assert!(apart < 1e-10, "{name}: velocities differ by {apart:e}");
+            let left = near.constraint_residual();
+            assert!(left < 1e-10, "{name}: residual {left:e}");
+            // Known beforehand: not one more in any step.
+            if let Some(damped) = report(&near).damped {
+                assert_eq!(near.interfaces()[0].iterations(), damped.iterations);
+                let [low, high] = damped.eigenvalues;
+                let slack = high / low / report(&near).condition;
+                assert!(slack > 1.0, "bounds {low} and {high} are within the eigenvalues");
+            }
+        }
+    }
+}
+
+/// Of 81 multipliers 41 are independent: nothing grows in the null space, where nothing is damped.
+#[test]
+fn dependent_multipliers_stay_alone_in_a_chebyshev_iteration_over_many_steps() {
+    for solver in [Solver::chebyshev(), chebyshev(0.0, 5)] {
+        let deck = Line {
+            overlap: 40.0,
+            mediator: 0.5,
+            coarse_elements: 20,
+            fine_bonds: 150,
+            step: TimeStep::Seconds(0.9),
+            options: options(solver),
+            ..Line::default()
+        };
+        let mut next = noise(5);
+        let random: Vec<f64> = (0..400).map(|_| next()).collect();
+        let at = |x: f64| (0.0, random[(x + 210.0) as usize]);
+        let mut c = deck.build(&at, &at).unwrap();
+        let largest = |c: &Coupled<f64>| {
+            let all = c.interfaces()[0].multipliers().iter();
+            all.fold(0.0, |m: f64, l| m.max(l.abs()))
+        };
+        c.run(200, &mut Silent).unwrap();
+        let report = c.interfaces()[0].report().clone();
+        assert_eq!([report.multipliers, report.rank], [81, 41]);
+        let early = largest(&c);
+        c.run(20_000, &mut Silent).unwrap();
+        assert!(c.drift() < 1e-12, "{solver:?}: drift {:e}", c.drift());
+        assert!(largest(&c) < 10.0 * early, "{} of {early}", largest(&c));
+        if matches!(solver, Solver::Chebyshev { tolerance, .. } if tolerance > 0.0) {
+            let left = c.constraint_residual();
+            assert!(left < 1e-9, "residual {left:e}");
+        }
+    }
+}
+
+/// Metres and seconds in other units, masses of the models a million times apart.
+#[test]
+fn a_chebyshev_iteration_takes_as_many_iterations_in_any_units() {
+    let count = |[length, density]: [f64; 2], contrast: f64| {
+        let bar = |name: &str, from: f64, count, density: f64| {
+            let mesh = generate::bar(from * length, (from + 3.0) * length, count, length * length).unwrap();
+            FemModel::new(name, mesh, Elastic::new(1.0, 0.0, density).unwrap()).unwrap()
+        };
+        let point = |x: f64| Point3::new(x * length, 0.0, 0.0);
+        let slab = Slab::between(point(3.0), point(2.0)).unwrap();
+        let left = Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
+        let right = Weights::complement_of(std::slice::from_ref(&left));
+        let v: Vec<f64> = (0..=75).map(|k| length * (0.2 * f64::from(k)).sin()).collect();
+        let fine = Subdomain::fine(bar("fine", 2.0, 75, density * contrast), right)
+            .with_partition(Partition::Unchecked);
+        let bodies = vec![
+            Subdomain::coarse(bar("coarse", 0.0, 15, density), left).with_partition(Partition::Unchecked),
+            fine.with_initial(vec![0.0; 76], v).unwrap(),
+        ];
+        let space = FemField::new(generate::bar(2.0 * length, 3.0 * length, 5, length * length).unwrap());
+        let mut tie = InterfaceSpec::new("overlap", 0, 1, Arc::new(space), L2);
+        tie.options.solver = Solver::chebyshev();
+        let mut run = Coupled::new(bodies, vec![tie], TimeStep::Fraction(0.8), None).unwrap();
+        run.run(300, &mut Silent).unwrap();
         assert!(
-            near.constraint_residual() < 1e-10,
-            "residual {:e}",
-            near.constraint_residual()
+            run.drift() < 1e-12,
+            "{length} {density} {contrast}: {:e}",
+            run.drift()
         );
+        let left = run.constraint_residual() / length;
+        assert!(left < 1e-10, "{length} {density} {contrast}: {left:e}");
+        run.interfaces()[0].iterations()
+    };
+    for contrast in [1.0, 1e6, 1e-6] {
+        let own = count([1.0, 1.0], contrast);
+        for units in [[1e-9, 1e-12], [1e6, 1e9]] {
+            assert_eq!(count(units, contrast), own);
+        }
+    }
+}
+
+#[test]
+fn single_precision_keeps_the_energy_with_a_chebyshev_iteration() {
+    for solver in [
+        Solver::chebyshev(),
+        Solver::Chebyshev {
+            tolerance: 0.0,
+            max_iterations: 3,
+        },
+    ] {
+        let bodies = solid::shaken(solid::bodies::<f32>(Profile::Cubic, 0.05), 12);
+        let space = solid::mediator::<f32>(ElementKind::Hex8, solid::OVERLAP, [3, 3, 3]);
+        let mut spec = solid::spec(space, Box::new(L2));
+        spec.options.solver = solver;
+        let mut c = Coupled::new(bodies, vec![spec], TimeStep::Fraction(0.8), None).unwrap();
+        c.run(1000, &mut Silent).unwrap();
+        assert!(c.drift() < 1e-4, "{solver:?}: {:e}", c.drift());
+        if solver == Solver::chebyshev() {
+            let left = c.constraint_residual();
+            assert!(left < 1e-4, "residual {left:e}");
+        }
     }
 }
 
@@ -196,8 +314,8 @@ fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
         c.run(200, &mut Silent).unwrap();
         c
     };
-    let [exact, near] = [Solver::Factor, gradients(1e-13, 500)].map(run);
-    for c in [&exact, &near] {
+    let [exact, near, damped] = [Solver::Factor, gradients(1e-13, 500), chebyshev(1e-13, 1000)].map(run);
+    for c in [&exact, &near, &damped] {
         let report = c.interfaces()[0].report();
         assert!(c.drift() < 1e-12, "{}: drift {:e}", report.solver, c.drift());
         let left = c.constraint_residual();
@@ -207,9 +325,11 @@ fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
             held.for_each(|d| assert!(s.state().q[*d].abs() <= 0.0));
         }
     }
-    let [a, b] = [&exact, &near].map(velocities);
-    let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
-    assert!(apart < 1e-9, "velocities differ by {apart:e}");
+    let a = velocities(&exact);
+    for b in [&near, &damped].map(velocities) {
+        let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+        assert!(apart < 1e-9, "velocities differ by {apart:e}");
+    }
 }
 
 /// The section of a mediator's bars scales multipliers, and moves nothing.

@@ -301,6 +301,8 @@ fn interfaces() {
         "sampling = \"projection\"\nmediator = { shape.box = { low = [4.0, 0.0, 0.0], high = [6.0, 2.0, 1.0] } }",
     );
     let lumped = with("lumped = true\njunction = { kind = \"h1-strain\" }");
+    let iterated = with("lumped = true\nsolver = \"chebyshev\"");
+    let unknown = with("solver = \"chebychev\"");
     let particles = with("sampling = \"particles\"");
     let length = with("junction = { kind = \"l2\", length = 1.0 }");
     let negative = with("junction = { kind = \"h1-strain\", length = -1.0 }");
@@ -327,6 +329,19 @@ fn interfaces() {
                 &["projection sampling) field; trim the mediator"],
             ),
             (weight, &lumped, &["only a junction of values (L2) may be lumped"]),
+            (
+                weight,
+                &iterated,
+                &[
+                    "interface.joint.solver",
+                    "nothing to do where the operator is lumped",
+                ],
+            ),
+            (
+                weight,
+                &unknown,
+                &["chebychev", "`conjugate-gradients`", "`chebyshev`"],
+            ),
             (weight, &particles, &["has integration points of its own"]),
             (
                 weight,

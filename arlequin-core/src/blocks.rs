@@ -107,17 +107,42 @@ impl<T: Real> BlockMatrix<T> {
 
     /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
     pub fn subtract_product(&self, q: &[T], f: &mut [T]) {
+        self.subtract_some(0..self.starts.len() - 1, &|_| true, q, f);
+    }
+
+    /// The same of those of a range of block rows that are `wanted`, with the same bits; `f` are all forces. `q` need not be known where
+    /// these rows do not name it.
+    ///
+    /// # Panics
+    /// For rows that are not there.
+    pub fn subtract_some(
+        &self,
+        rows: Range<usize>,
+        wanted: &(impl Fn(usize) -> bool + Sync),
+        q: &[T],
+        f: &mut [T],
+    ) {
         match self.size {
-            1 => self.rows::<1>(q, f),
-            _ => self.rows::<3>(q, f),
+            1 => self.rows::<1>(rows, wanted, q, f),
+            _ => self.rows::<3>(rows, wanted, q, f),
         }
     }
 
-    fn rows<const C: usize>(&self, q: &[T], f: &mut [T]) {
+    fn rows<const C: usize>(
+        &self,
+        rows: Range<usize>,
+        wanted: &(impl Fn(usize) -> bool + Sync),
+        q: &[T],
+        f: &mut [T],
+    ) {
         let q = q.as_chunks::<C>().0;
+        let (first, f) = (rows.start, &mut f[C * rows.start..C * rows.end]);
         let work = |chunk: usize, f: &mut [T]| {
             for (k, out) in f.as_chunks_mut::<C>().0.iter_mut().enumerate() {
-                let i = chunk * CHUNK + k;
+                let i = first + chunk * CHUNK + k;
+                if !wanted(i) {
+                    continue;
+                }
                 let y = self.row::<C>(i, q);
                 for (o, y) in out.iter_mut().zip(y) {
                     *o -= y;

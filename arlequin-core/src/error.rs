@@ -266,6 +266,21 @@ pub enum Error {
         /// Number of multiplier unknowns.
         size: usize,
     },
+    /// A Chebyshev iteration for multipliers that enlarges residuals: it does not damp what it should.
+    #[error(
+        "interface '{interface}': in {iterations} Chebyshev iterations the residual of the multipliers grew {growth:.1e} times: eigenvalues of \
+         their operator lie above {high:.4e}, the bound that the set-up found; solve by a factor or by conjugate gradients, and report this"
+    )]
+    EigenvaluesBeyond {
+        /// Name of the interface.
+        interface: String,
+        /// Iterations.
+        iterations: usize,
+        /// Residual over that at the start.
+        growth: f64,
+        /// Bound of the eigenvalues of the scaled operator.
+        high: f64,
+    },
     /// Two models that are tied are moved in different ways at one place.
     #[error(
         "interface '{interface}': at ({:.6e}, {:.6e}, {:.6e}) m models {models} are moved along {component} by prescribed motions that differ by {gap:.3e} m at t = {time:.3e} s; give both the same motion, or move one of them by its own region only", point[0], point[1], point[2]

@@ -14,10 +14,14 @@ use std::time::Duration;
 
 type Done<R> = Result<R, Box<dyn Error>>;
 
-/// Nodes, ghosts, sent nodes, peers.
-fn counts(nodes: usize, halo: Option<&Halo>) -> [usize; 4] {
-    let of = |h: &Halo| [nodes, h.ghosts().len(), h.sent(), h.peers()];
-    halo.map_or([nodes, 0, 0, 0], of)
+/// Nodes, ghosts, sent nodes, peers, units in a thousand that name ghosts.
+fn counts(nodes: usize, halo: Option<&Halo>) -> [usize; 5] {
+    let of = |h: &Halo| {
+        let borders = h.borders();
+        let waiting = 1000 * borders.iter().filter(|b| **b).count() / borders.len().max(1);
+        [nodes, h.ghosts().len(), h.sent(), h.peers(), waiting]
+    };
+    halo.map_or([nodes, 0, 0, 0, 0], of)
 }
 
 fn table(
@@ -25,22 +29,25 @@ fn table(
     units: &[Unit],
     nodes: usize,
     bytes: usize,
-    of_rank: impl Fn(usize) -> Done<Vec<[usize; 4]>>,
+    of_rank: impl Fn(usize) -> Done<Vec<[usize; 5]>>,
 ) -> Done<()> {
     println!("{what}: {nodes} nodes, {} units of {UNIT}", units.len());
-    println!("ranks | nodes | ghosts | messages | kB sent per step | held over N/P | imbalance %");
+    println!(
+        "ranks | nodes | ghosts | messages | kB sent per step | held over N/P | imbalance % | units that wait for ghosts %"
+    );
     for ranks in [2, 4, 8] {
         let all = of_rank(ranks)?;
         let most = |k: usize| all.iter().map(|c| c[k]).max().unwrap_or(0);
         let held = all.iter().map(|c| c[0] + c[1]).max().unwrap_or(0);
         println!(
-            "{ranks} | {} | {} | {} | {:.0} | {:.2} | {:.1}",
+            "{ranks} | {} | {} | {} | {:.0} | {:.2} | {:.1} | {:.0}",
             most(0),
             most(1),
             most(3),
             (bytes * most(2)) as f64 / 1e3,
             (held * ranks) as f64 / nodes as f64,
-            100.0 * Division::bisect(nodes, units, ranks)?.imbalance()
+            100.0 * Division::bisect(nodes, units, ranks)?.imbalance(),
+            most(4) as f64 / 10.0
         );
     }
     Ok(())

@@ -6,7 +6,8 @@
 //!
 //! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their times counts. Two more numbers
 //! tie the first cells to elements: cells along an element (4, where 4 divides the cells), of which the overlap has two across, and
-//! whether multipliers are solved for by conjugate gradients (0 or 1).
+//! how multipliers are solved for: as chosen by the core (0), by conjugate gradients (1), by a Chebyshev iteration (2). "Waiting" are
+//! ranks that find no forces while messages are on their way.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -39,7 +40,10 @@ struct Deck {
     cells: usize,
     /// Along an element; none without an interface.
     element: usize,
-    iterated: bool,
+    /// Of multipliers.
+    solver: usize,
+    /// Whether forces within a rank are found after messages have come, and not meanwhile.
+    waits: bool,
 }
 
 impl Deck {
@@ -47,7 +51,8 @@ impl Deck {
         Ok(Self {
             cells: number(0)?,
             element: number(1)?,
-            iterated: number(2)? > 0,
+            solver: number(2)?,
+            waits: number(3)? > 0,
         })
     }
 }
@@ -76,26 +81,27 @@ fn main() -> Result<(), Failure> {
     }
     let argument = |k: usize, default: usize| std::env::args().nth(k).map_or(Ok(default), |a| a.parse());
     let rounds = argument(2, 3)?;
-    let deck = Deck::of(|k| argument([1, 3, 4][k], [47, 0, 0][k]))?;
+    let deck = Deck::of(|k| argument([1, 3, 4, 5][k], [47, 0, 0, 0][k]))?;
+    let waiting = Deck { waits: true, ..deck };
     sums(deck.cells)?;
     println!(
         "ranks x threads | ms per step | particles | kB in use | kB at most | messages per step | kB per step | reductions per step | \
          words each | imbalance %"
     );
-    let mut timed = vec![(1, 1), (1, 2), (2, 1)];
+    let mut timed = vec![(1, 1, deck), (1, 2, deck), (2, 1, deck), (2, 1, waiting)];
     let mut best: Vec<Option<Told>> = vec![None; timed.len()];
     for _ in 0..rounds {
         for (of, best) in timed.iter().zip(&mut best) {
-            let now = started(deck, *of)?;
+            let now = started(*of)?;
             *best = Some(best.filter(|b| b[0] <= now[0]).unwrap_or(now));
         }
     }
-    for of in [(4, 1), (8, 1)] {
+    for of in [(4, 1, deck), (8, 1, deck)] {
         timed.push(of);
-        best.push(Some(started(deck, of)?));
+        best.push(Some(started(of)?));
     }
     let all = BATCHES * STEPS + STEPS;
-    for ((ranks, threads), told) in timed.iter().zip(best.iter().flatten()) {
+    for ((ranks, threads, deck), told) in timed.iter().zip(best.iter().flatten()) {
         let [
             ns,
             now,
@@ -109,7 +115,8 @@ fn main() -> Result<(), Failure> {
         ] = told.map(|x| x as f64);
         let per = |x: f64| x / all as f64;
         println!(
-            "{ranks} x {threads} | {:.3} | {particles} | {now} | {most} | {:.2} | {:.1} | {:.2} | {:.0} | {:.2}",
+            "{ranks} x {threads}{} | {:.3} | {particles} | {now} | {most} | {:.2} | {:.1} | {:.2} | {:.0} | {:.2}",
+            if deck.waits { ", waiting" } else { "" },
             1e-6 * ns,
             per(messages),
             1e-3 * per(bytes),
@@ -120,6 +127,10 @@ fn main() -> Result<(), Failure> {
     }
     let ms = |k: usize| best[k].map_or(f64::NAN, |t| t[0] as f64);
     println!(
+        "2 ranks that wait for messages before they go on take {:.3} times as long",
+        ms(3) / ms(2)
+    );
+    println!(
         "2 ranks are {:.2} times as fast as 1 rank with 1 thread, {:.2} times as 1 rank with 2 threads",
         ms(0) / ms(2),
         ms(1) / ms(2)
@@ -128,7 +139,7 @@ fn main() -> Result<(), Failure> {
 }
 
 /// Starts so many ranks with so many threads each, and hears the largest of what they tell.
-fn started(deck: Deck, (ranks, threads): (usize, usize)) -> Result<Told, Failure> {
+fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Told, Failure> {
     let mut run = Command::new("mpirun");
     run.args([
         "--oversubscribe",
@@ -142,9 +153,10 @@ fn started(deck: Deck, (ranks, threads): (usize, usize)) -> Result<Told, Failure
     let Deck {
         cells,
         element,
-        iterated,
+        solver,
+        waits,
     } = deck;
-    run.env(DECK, format!("{cells} {element} {}", u8::from(iterated)));
+    run.env(DECK, format!("{cells} {element} {solver} {}", u8::from(waits)));
     run.env("RAYON_NUM_THREADS", threads.to_string());
     for key in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
         run.env(key, "1");
@@ -165,6 +177,7 @@ fn started(deck: Deck, (ranks, threads): (usize, usize)) -> Result<Told, Failure
 #[derive(Debug)]
 struct Counted {
     inner: Arc<dyn Communicator>,
+    waits: bool,
     /// Messages, bytes, reductions, their words.
     counts: [AtomicU64; 4],
 }
@@ -184,6 +197,11 @@ impl Communicator for Counted {
         let numbers: usize = messages.iter().map(|m| m.out.len()).sum();
         self.counts[0].fetch_add(messages.len() as u64, Relaxed);
         self.counts[1].fetch_add(8 * numbers as u64, Relaxed);
+        if self.waits {
+            self.inner.exchange(messages, &mut || false)?;
+            while meanwhile() {}
+            return Ok(());
+        }
         self.inner.exchange(messages, meanwhile)
     }
     fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
@@ -200,6 +218,7 @@ impl Communicator for Counted {
 fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     let counted = Arc::new(Counted {
         inner: inner.clone(),
+        waits: deck.waits,
         counts: Default::default(),
     });
     let mut run = tied(deck, counted.clone())?;
@@ -267,9 +286,11 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
         bodies.push(Subdomain::coarse(elements, ramp).with_partition(Partition::Unchecked));
         let mut spec = InterfaceSpec::new("tie", 1, 0, Arc::new(FemField::new(block(0.0, 2)?)), L2);
         spec.options.sampling = Sampling::Particles;
-        if deck.iterated {
-            spec.options.solver = Solver::conjugate_gradients();
-        }
+        spec.options.solver = match deck.solver {
+            0 => Solver::Auto,
+            1 => Solver::conjugate_gradients(),
+            _ => Solver::chebyshev(),
+        };
         interfaces.push(spec);
     }
     let n = model.layout().dofs();

@@ -45,6 +45,7 @@ enum Sort {
     Strains,
     Gradients,
     Iterated,
+    Damped,
     Lumped,
 }
 
@@ -93,10 +94,13 @@ fn spec(name: &str, coarse: usize, [from, to]: [f64; 2], case: Case) -> Interfac
     InterfaceSpec {
         options: InterfaceOptions {
             sampling: Sampling::Particles,
-            solver: if case.sort == Sort::Iterated {
-                iterated
-            } else {
-                Solver::Auto
+            solver: match case.sort {
+                Sort::Iterated => iterated,
+                Sort::Damped => Solver::Chebyshev {
+                    tolerance: 1e-9,
+                    max_iterations: 60,
+                },
+                _ => Solver::Auto,
             },
             lumped: case.sort == Sort::Lumped,
             ..InterfaceOptions::default()
@@ -261,7 +265,13 @@ fn coupled_steps_have_the_bits_of_one_rank() {
 /// Strains act between components; forty iterations do not get to the end.
 #[test]
 fn junctions_and_solvers_have_the_bits_of_one_rank() {
-    for sort in [Sort::Strains, Sort::Gradients, Sort::Iterated, Sort::Lumped] {
+    for sort in [
+        Sort::Strains,
+        Sort::Gradients,
+        Sort::Iterated,
+        Sort::Damped,
+        Sort::Lumped,
+    ] {
         check(Case { sort, ..PLAIN }, &[3]);
     }
     // Rows of the operator are longer than those of both sides: it is applied by these, on all ranks together.
@@ -271,6 +281,11 @@ fn junctions_and_solvers_have_the_bits_of_one_rank() {
         ..PLAIN
     };
     check(fine, &[2, 4]);
+    let damped = Case {
+        sort: Sort::Damped,
+        ..fine
+    };
+    check(damped, &[1, 2, 3, 4]);
 }
 
 #[test]
@@ -292,8 +307,9 @@ fn interfaces_that_share_particles_have_the_bits_of_one_rank() {
     };
     assert!(!run(case, None).interfaces()[0].report().together.is_empty());
     check(case, &[2, 3, 4]);
-    let sort = Sort::Iterated;
-    check(Case { sort, ..case }, &[4]);
+    for sort in [Sort::Iterated, Sort::Damped] {
+        check(Case { sort, ..case }, &[4]);
+    }
 }
 
 /// Bytes that interfaces have a rank send in a step, in messages and for reductions, the most of four ranks; multiplier unknowns;
@@ -374,8 +390,9 @@ fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_
     assert!(coupled.iter().any(|c| c[0] > 0 && c[1] == 0), "{coupled:?}");
     check(NARROW, &[6, 8]);
     // Of few blocks of multipliers most ranks have none.
-    let sort = Sort::Iterated;
-    check(Case { sort, ..NARROW }, &[8]);
+    for sort in [Sort::Iterated, Sort::Damped] {
+        check(Case { sort, ..NARROW }, &[8]);
+    }
 }
 
 /// Saved on three ranks, gone on with on one, two and four: as if it had never stopped.

@@ -356,11 +356,10 @@ impl Model<f64> for CnemModel {
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
-        let q = match &mut self.part {
-            Some(part) => part.hear(q)?,
-            None => q,
-        };
-        self.forces.subtract_product(q, f);
+        match &mut self.part {
+            Some(part) => return part.subtract_product(&mut self.forces, q, f),
+            None => self.forces.subtract_product(q, f),
+        }
         Ok(())
     }
 

@@ -16,6 +16,9 @@ use std::sync::{Arc, OnceLock};
 /// Entries of rows that take as long as moving a node.
 const MOVING: usize = 10;
 
+/// Cells per thread between two looks at messages that are on their way: fractions of a millisecond.
+const PIECE: usize = 1_024;
+
 /// What a rank holds of a body.
 #[derive(Debug, Clone)]
 pub(crate) struct Part {
@@ -73,10 +76,23 @@ impl Part {
         self.reach.halo().portion()
     }
 
-    /// Displacements of the named nodes, for those of the own ones.
-    pub(crate) fn hear(&mut self, q: &[f64]) -> Result<&[f64]> {
-        self.reach.spread::<f64, 3>(&mut self.messages, q, &mut self.x)?;
-        Ok(&self.x)
+    /// Subtracts internal forces at displacements `q` of own nodes: stresses of cells that name no others are found while displacements
+    /// of these are on their way.
+    pub(crate) fn subtract_product(
+        &mut self,
+        forces: &mut MatrixFree,
+        q: &[f64],
+        f: &mut [f64],
+    ) -> Result<()> {
+        let (mut done, size) = (0, PIECE * rayon::current_num_threads());
+        let meanwhile = &mut |x: &[f64]| {
+            done += size;
+            forces.stress_inner(done - size..done, x)
+        };
+        self.reach
+            .spread_meanwhile::<f64, 3>(&mut self.messages, q, &mut self.x, meanwhile)?;
+        forces.subtract_rest(&self.x, f);
+        Ok(())
     }
 
     /// What was heard last.

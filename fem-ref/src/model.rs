@@ -192,11 +192,10 @@ impl<T: Real> Model<T> for FemModel<T> {
     fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> arlequin_core::Result<()> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
-        let q = match &mut self.part {
-            Some(part) => part.hear(q)?,
-            None => q,
-        };
-        self.stiffness.subtract_product(q, f);
+        match &mut self.part {
+            Some(part) => return part.subtract_product(&self.stiffness, q, f),
+            None => self.stiffness.subtract_product(q, f),
+        }
         Ok(())
     }
 

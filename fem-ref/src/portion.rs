@@ -9,7 +9,8 @@ use crate::field::FemField;
 use crate::mesh::Mesh;
 use crate::model::FemModel;
 use arlequin_core::adjacency::Adjacency;
-use arlequin_core::ranks::{Communicator, Halo, Message, Portion, RankError, Reach, Unit};
+use arlequin_core::blocks::BlockMatrix;
+use arlequin_core::ranks::{Communicator, Halo, Message, Portion, RankError, Reach, UNIT, Unit};
 use arlequin_core::{Error, Model, Real, Result, Shared};
 use nalgebra::Point3;
 use std::hash::{DefaultHasher, Hasher};
@@ -17,6 +18,9 @@ use std::sync::{Arc, OnceLock};
 
 /// Blocks of the stiffness that take as long as moving a node.
 const MOVING: usize = 3;
+
+/// Rows of the stiffness per thread between two looks at messages that are on their way: fractions of a millisecond.
+const PIECE: usize = 1_024;
 
 /// Number of a node that is not there.
 const NONE: u32 = u32::MAX;
@@ -33,8 +37,9 @@ pub(crate) struct Part<T: Real> {
     /// Own numbers of the nodes of the mesh.
     rows: Vec<u32>,
     components: usize,
-    /// Of the stiffness.
+    /// Of the stiffness, and the units whose rows name its ghosts.
     reach: Reach,
+    borders: Vec<bool>,
     /// Of recovered stresses, once they are asked for.
     around: OnceLock<Reach>,
     messages: Vec<Message>,
@@ -62,10 +67,32 @@ impl<T: Real> Part<T> {
         self.reach.places(model, nodes)
     }
 
-    /// Displacements of the nodes of the mesh that the stiffness names, for those of the own ones.
-    pub(crate) fn hear(&mut self, q: &[T]) -> Result<&[T]> {
-        spread(self.components, &self.reach, &mut self.messages, q, &mut self.x)?;
-        Ok(&self.x)
+    /// Subtracts the product of the stiffness with displacements `q` of own nodes from forces: of rows that name no others while
+    /// displacements of these are on their way, then of the rest.
+    pub(crate) fn subtract_product(
+        &mut self,
+        stiffness: &BlockMatrix<T>,
+        q: &[T],
+        f: &mut [T],
+    ) -> Result<()> {
+        let (rows, borders, messages) = (self.nodes.len(), &self.borders, &mut self.messages);
+        let (mut done, size) = (0, PIECE * rayon::current_num_threads());
+        let meanwhile = &mut |x: &[T]| {
+            let piece = done..rows.min(done + size);
+            done = piece.end;
+            stiffness.subtract_some(piece, &|i| !borders[i / UNIT], x, f);
+            done < rows
+        };
+        match self.components {
+            1 => self
+                .reach
+                .spread_meanwhile::<T, 1>(messages, q, &mut self.x, meanwhile)?,
+            _ => self
+                .reach
+                .spread_meanwhile::<T, 3>(messages, q, &mut self.x, meanwhile)?,
+        }
+        stiffness.subtract_some(0..rows, &|i| borders[i / UNIT], &self.x, f);
+        Ok(())
     }
 
     /// What was heard last.
@@ -249,6 +276,7 @@ impl<T: Real> FemModel<T> {
             rows,
             components: kind.components(),
             messages: reach.halo().messages(kind.components()),
+            borders: reach.halo().borders(),
             reach,
             around: OnceLock::new(),
         }

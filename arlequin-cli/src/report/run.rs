@@ -353,6 +353,11 @@ fn interfaces(all: &[InterfaceLine]) {
                 all => format!(" together with '{}'", all.join("', '")),
             }
         );
+        if let (Some([low, high]), Some(count)) = (i.eigenvalues, i.planned_iterations) {
+            println!(
+                "           {count} iterations per solution for eigenvalues from {low:.3e} to {high:.3e}"
+            );
+        }
         let [coarse, fine] = i.tied.map(|t| 100.0 * t);
         println!(
             "           tied {coarse:.1} % of the coarse and {fine:.1} % of the fine nodes in the overlap, {:.2} % of it outside \

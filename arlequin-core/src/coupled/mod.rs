@@ -329,39 +329,14 @@ impl<T: Real> Coupled<T> {
             return Err(self.diverged("velocity"));
         }
         portions::agree(&self.subdomains, invariant, self.step)?;
-        let mut residual = T::zero();
-        let speed = |s: &Subdomain<T>| {
-            let own = parallel::largest(&s.state().v[..s.model().layout().translations()]);
-            ranks::largest(s.portion(), own)
-        };
-        let top = self
-            .subdomains
-            .iter()
-            .map(speed)
-            .fold(self.ledger.top_velocity, |a, b| a.max(b));
-        self.ledger.top_velocity = top;
-        for k in 0..self.interfaces.len() {
-            let [velocity, displacement] = self.jumps(k);
-            residual = residual.max(velocity);
-            let sides = self.interfaces[k].sides().map(|s| &self.subdomains[s]);
-            let own = sides.map(Subdomain::own_steps);
-            let steps = self.step * own[0].max(own[1]);
-            self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
-        }
-        if top > T::zero() {
-            residual /= top;
-        }
+        let residual = self.gaps();
         let (work, volume) = self.total_work();
         // Only a model that changed itself in the first step has done work before the first drawing.
         let start = *self.ledger.start.get_or_insert(invariant - work);
         let drift = invariant - start - work;
-        self.ledger.scale = self
-            .ledger
-            .scale
-            .max(start.abs())
-            .max(invariant.abs())
-            .max(volume);
-        let scale = self.ledger.scale;
+        let scale = self.ledger.scale.max(start.abs());
+        let scale = scale.max(invariant.abs()).max(volume);
+        self.ledger.scale = scale;
         let relative = if scale > T::zero() {
             drift / scale
         } else {
@@ -369,14 +344,6 @@ impl<T: Real> Coupled<T> {
         };
         self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
         self.ledger.top_residual = self.ledger.top_residual.max(residual);
-        let mut momentum_drift = [T::zero(); 2];
-        let finest = self.subdomains.iter().map(Subdomain::own_steps).max();
-        let finest = T::of(finest.unwrap_or(1) as f64);
-        let rate = T::of(self.step as f64) * finest * finest / self.dt;
-        for b in &mut self.ledger.bodies {
-            let one = b.balance(&self.subdomains, rate);
-            (0..2).for_each(|k| momentum_drift[k] = momentum_drift[k].max(one[k]));
-        }
         let sample = EnergySample {
             step: self.step,
             time: self.time,
@@ -386,14 +353,54 @@ impl<T: Real> Coupled<T> {
             work,
             drift,
             relative_drift: relative,
-            momentum_drift,
+            momentum_drift: self.momentum_drift(),
             constraint_residual: residual,
         };
         if !drift.is_finite() {
             return Err(self.diverged("energy"));
         }
         // Growth is measured against what was put in, not against the (growing) energy itself.
-        let reference = start.abs().max(volume);
+        self.bounded(drift, start.abs().max(volume))?;
+        self.ledger.last = Some(sample.clone());
+        Ok(sample)
+    }
+
+    /// Looks at the jumps of all interfaces; that of velocities over the largest speed so far.
+    fn gaps(&mut self) -> T {
+        let speed = |s: &Subdomain<T>| {
+            let own = parallel::largest(&s.state().v[..s.model().layout().translations()]);
+            ranks::largest(s.portion(), own)
+        };
+        let speeds = self.subdomains.iter().map(speed);
+        let top = speeds.fold(self.ledger.top_velocity, |a, b| a.max(b));
+        self.ledger.top_velocity = top;
+        let mut residual = T::zero();
+        for k in 0..self.interfaces.len() {
+            let [velocity, displacement] = self.jumps(k);
+            residual = residual.max(velocity);
+            let sides = self.interfaces[k].sides().map(|s| &self.subdomains[s]);
+            let own = sides.map(Subdomain::own_steps);
+            let steps = self.step * own[0].max(own[1]);
+            self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
+        }
+        if top > T::zero() { residual / top } else { residual }
+    }
+
+    /// Largest of all bodies, of linear and of angular momentum.
+    fn momentum_drift(&mut self) -> [T; 2] {
+        let finest = self.subdomains.iter().map(Subdomain::own_steps).max();
+        let finest = T::of(finest.unwrap_or(1) as f64);
+        let rate = T::of(self.step as f64) * finest * finest / self.dt;
+        let mut drift = [T::zero(); 2];
+        for b in &mut self.ledger.bodies {
+            let one = b.balance(&self.subdomains, rate);
+            (0..2).for_each(|k| drift[k] = drift[k].max(one[k]));
+        }
+        drift
+    }
+
+    /// Whether the energy has grown no more than the guard allows.
+    fn bounded(&self, drift: T, reference: T) -> Result<()> {
         let bound = self.guard.growth * reference + self.rounded;
         if reference > T::zero() && drift > bound {
             return Err(Error::EnergyGrowth {
@@ -404,8 +411,7 @@ impl<T: Real> Coupled<T> {
                 percent: 100.0 * self.guard.growth.as_f64(),
             });
         }
-        self.ledger.last = Some(sample.clone());
-        Ok(sample)
+        Ok(())
     }
 }
 

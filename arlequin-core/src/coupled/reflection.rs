@@ -24,6 +24,7 @@ impl<T: Real> Coupled<T> {
         for i in self.interfaces.iter_mut().filter(|i| i.is_alone()) {
             let [coarse, fine] = i.sides;
             i.reflect(pair(&mut self.subdomains, coarse, fine).map(Subdomain::velocities));
+            i.check()?;
             for (m, s) in i.sides.into_iter().enumerate() {
                 self.subdomains[s].hand_over(&i.coupling[m])?;
             }
@@ -31,6 +32,7 @@ impl<T: Real> Coupled<T> {
         for j in &mut self.joints {
             let subdomains = &self.subdomains;
             j.find(|s| &subdomains[s].state().v, T::one());
+            j.check()?;
             j.tell(&mut self.interfaces);
             for (s, change) in j.kicks() {
                 change.kick(self.subdomains[s].velocities());
@@ -47,6 +49,7 @@ impl<T: Real> Coupled<T> {
             let [coarse, fine] = i.sides;
             let [c, d] = pair(&mut self.subdomains, coarse, fine);
             i.reflect([&mut *c, &mut *d].map(Subdomain::velocities));
+            i.check()?;
             i.find([&c.state().a, &d.state().a], half);
         }
         for j in &mut self.joints {

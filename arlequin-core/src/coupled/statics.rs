@@ -7,7 +7,7 @@ use super::Coupled;
 use crate::effect::Instant;
 use crate::linalg::SquareFactor;
 use crate::{Error, Real, Result, Subdomain};
-use sprs::{CsMat, TriMat};
+use sprs::{CsMat, CsVecView, TriMat};
 
 /// Static equilibrium.
 #[derive(Debug, Clone, PartialEq)]
@@ -183,6 +183,53 @@ pub(super) struct Factored<T> {
     factor: Box<dyn SquareFactor<T>>,
 }
 
+impl<T: Real> System<T> {
+    /// What symmetric scaling multiplies rows and columns by. Rows of multipliers have no diagonal: they are scaled by their largest
+    /// entry against the stiffness.
+    fn scaling(&self, full: &CsMat<T>) -> Vec<T> {
+        let of = |(i, row): (usize, CsVecView<'_, T>)| {
+            let diagonal = row.get(i).copied().unwrap_or_else(T::zero);
+            let top = row.iter().fold(T::zero(), |s, (_, v)| s.max(v.abs()));
+            if diagonal > T::zero() {
+                T::one() / diagonal.sqrt()
+            } else if top > T::zero() {
+                self.scale.sqrt() / top
+            } else {
+                T::one()
+            }
+        };
+        full.outer_iterator().enumerate().map(of).collect()
+    }
+
+    /// The scaled matrix and right-hand side, prescribed unknowns eliminated.
+    fn reduced(&self, full: &CsMat<T>, weight: &[T]) -> (CsMat<T>, Vec<T>) {
+        let (n, fixed, values) = (self.rhs.len(), &self.fixed, &self.values);
+        let mut system = TriMat::with_capacity((n, n), full.nnz());
+        let scaled = |i: usize| {
+            if fixed[i] {
+                values[i] / weight[i]
+            } else {
+                self.rhs[i] * weight[i]
+            }
+        };
+        let mut b: Vec<T> = (0..n).map(scaled).collect();
+        for (v, (i, j)) in full.iter() {
+            if fixed[i] {
+                continue;
+            }
+            if fixed[j] {
+                b[i] -= *v * weight[i] * values[j];
+            } else {
+                system.add_triplet(i, j, *v * weight[i] * weight[j]);
+            }
+        }
+        (0..n)
+            .filter(|&i| fixed[i])
+            .for_each(|i| system.add_triplet(i, i, T::one()));
+        (system.to_csc(), b)
+    }
+}
+
 /// Eliminates prescribed unknowns, scales symmetrically, solves with one step of refinement. The first `moving` unknowns are
 /// displacements, what follows are multipliers. A matrix is factored if it is not that of `kept`.
 fn solve_with_supports<T: Real>(
@@ -190,52 +237,9 @@ fn solve_with_supports<T: Real>(
     moving: usize,
     kept: &mut Option<Factored<T>>,
 ) -> Result<(Vec<T>, T)> {
-    let System {
-        matrix,
-        rhs,
-        fixed,
-        values,
-        scale,
-    } = system;
-    let n = rhs.len();
-    let full = matrix.to_csr::<usize>();
-    // Multiplier rows have no diagonal; they are scaled by their largest entry against the stiffness scale.
-    let mut weight = vec![T::one(); n];
-    for (i, row) in full.outer_iterator().enumerate() {
-        let diagonal = row.get(i).copied().unwrap_or_else(T::zero);
-        let top = row.iter().fold(T::zero(), |s, (_, v)| s.max(v.abs()));
-        weight[i] = if diagonal > T::zero() {
-            T::one() / diagonal.sqrt()
-        } else if top > T::zero() {
-            scale.sqrt() / top
-        } else {
-            T::one()
-        };
-    }
-    let mut system = TriMat::with_capacity((n, n), full.nnz());
-    let mut b: Vec<T> = (0..n)
-        .map(|i| {
-            if fixed[i] {
-                values[i] / weight[i]
-            } else {
-                rhs[i] * weight[i]
-            }
-        })
-        .collect();
-    for (v, (i, j)) in full.iter() {
-        if fixed[i] {
-            continue;
-        }
-        if fixed[j] {
-            b[i] -= *v * weight[i] * values[j];
-        } else {
-            system.add_triplet(i, j, *v * weight[i] * weight[j]);
-        }
-    }
-    (0..n)
-        .filter(|&i| fixed[i])
-        .for_each(|i| system.add_triplet(i, i, T::one()));
-    let fresh = system.to_csc::<usize>();
+    let full = system.matrix.to_csr::<usize>();
+    let weight = system.scaling(&full);
+    let (fresh, b) = system.reduced(&full, &weight);
     let Factored { matrix: a, factor } = match kept.take() {
         Some(same) if same.matrix == fresh => kept.insert(same),
         _ => kept.insert(Factored {
@@ -260,7 +264,7 @@ fn solve_with_supports<T: Real>(
         || norm(&x) > norm(&b) / T::epsilon()
     {
         return Err(Error::SingularSystem {
-            size: n,
+            size: b.len(),
             residual: relative.as_f64(),
             free: String::new(),
         });

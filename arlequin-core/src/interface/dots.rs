@@ -46,6 +46,22 @@ impl Dots {
         Vector3::from_fn(|c, _| sums.get(c).copied().unwrap_or_else(T::zero))
     }
 
+    /// Four of them, in one reduction.
+    pub(super) fn four<T: Real, const N: usize>(&self, pairs: [(&[T], &[T]); 4]) -> [Vector3<T>; 4] {
+        let pairs = pairs.map(|(a, b)| (a.as_chunks::<N>().0, b.as_chunks::<N>().0));
+        let part = |range: Range<usize>| {
+            let mut sums = [T::zero(); 12];
+            for (sums, (a, b)) in sums.as_chunks_mut::<3>().0.iter_mut().zip(pairs) {
+                for (a, b) in a[range.clone()].iter().zip(&b[range.clone()]) {
+                    (0..N).for_each(|c| sums[c] += a[c] * b[c]);
+                }
+            }
+            sums
+        };
+        let sums = self.cuts.sum(self.portion.as_deref(), 4 * N, &part);
+        [0, 1, 2, 3].map(|k| Vector3::from_fn(|c, _| sums[3 * k + c]))
+    }
+
     /// `Σ a b` over all components, of which each row has `shared`.
     pub(super) fn all<T: Real>(&self, shared: usize, a: &[T], b: &[T]) -> T {
         match shared {

@@ -8,7 +8,7 @@ use super::operator::Wanted;
 use super::sides::Sides;
 use super::system::System;
 use super::transfer::Transfer;
-use super::{Coupling, Draft, Interface, InterfaceOptions, InterfaceSpec, Solver, coupled_nodes};
+use super::{Coupling, Draft, Interface, InterfaceOptions, InterfaceSpec, coupled_nodes};
 use crate::ranks::Portion;
 use crate::{Real, Result};
 use sprs::TriMat;
@@ -19,6 +19,8 @@ use std::sync::Arc;
 pub(crate) struct Joint<T: Real> {
     /// Their numbers, ascending.
     pub(crate) members: Vec<usize>,
+    /// Their names.
+    name: String,
     /// First multiplier of each, and the number of all.
     starts: Vec<usize>,
     /// Models they act on.
@@ -97,6 +99,7 @@ impl<T: Real> Joint<T> {
             starts,
             models,
             system,
+            name: name.clone(),
         };
         for (place, k) in out.members.iter().enumerate() {
             let own = out.starts[place]..out.starts[place + 1];
@@ -114,6 +117,14 @@ impl<T: Real> Joint<T> {
         all.for_each(|(s, m)| s.load(x(*m)));
         self.system
             .find(&mut self.sides, &|_| (), scale, &mut self.impulse);
+    }
+
+    /// Whether the last solve went wrong.
+    ///
+    /// # Errors
+    /// [`crate::Error::EigenvaluesBeyond`].
+    pub(crate) fn check(&self) -> Result<()> {
+        self.system.operator.check(&self.name)
     }
 
     /// From now on models are in parts, by their numbers.
@@ -175,25 +186,7 @@ fn agreed<T: Real>(members: &[usize], specs: &[InterfaceSpec<T>]) -> Result<Inte
             return Err(crate::error::invalid_option(&spec.name, "lumped", "true", &rule));
         }
         out.rank_tolerance = out.rank_tolerance.min(spec.options.rank_tolerance);
-        out.solver = match (out.solver, spec.options.solver) {
-            (
-                Solver::ConjugateGradients {
-                    tolerance: a,
-                    max_iterations: m,
-                },
-                Solver::ConjugateGradients {
-                    tolerance: b,
-                    max_iterations: n,
-                },
-            ) => Solver::ConjugateGradients {
-                tolerance: a.min(b),
-                max_iterations: m.max(n),
-            },
-            (chosen @ Solver::ConjugateGradients { .. }, _)
-            | (_, chosen @ Solver::ConjugateGradients { .. }) => chosen,
-            (Solver::Factor, _) | (_, Solver::Factor) => Solver::Factor,
-            _ => Solver::Auto,
-        };
+        out.solver = out.solver.with(spec.options.solver);
     }
     Ok(out)
 }

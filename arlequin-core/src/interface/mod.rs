@@ -14,8 +14,10 @@
 
 mod advice;
 mod assembly;
+mod chebyshev;
 mod dots;
 mod gradients;
+mod iterated;
 pub(crate) mod joint;
 mod operator;
 mod parts;
@@ -23,14 +25,15 @@ mod rank;
 mod report;
 mod rows;
 mod sides;
+mod solver;
 mod sums;
 mod system;
 mod transfer;
 
 pub use assembly::Sampling;
-pub use operator::Solver;
 pub use rank::NullMode;
-pub use report::InterfaceReport;
+pub use report::{Damped, InterfaceReport};
+pub use solver::Solver;
 
 use crate::field::Interpolation;
 use crate::junction::{Components, Junction, Needs};
@@ -245,7 +248,7 @@ impl<T: Real> Draft<T> {
                 "only a junction of values (L2) may be lumped; lumping an H1 junction diverges",
             ));
         }
-        spec.options.solver.check(&spec.name)?;
+        spec.options.solver.check(&spec.name, spec.options.lumped)?;
         let built = assembly::assemble(spec, &sides, components)?;
         let shared = built.coupling[0].shared;
         let size = built.coupling[0].matrix.rows() * shared;
@@ -258,6 +261,7 @@ impl<T: Real> Draft<T> {
             multipliers: size,
             rank: size,
             solver: "",
+            damped: None,
             condition: 1.0,
             measure: built.measure.as_f64(),
             coupled_nodes: [0, 1].map(|m| coupled_nodes(&coupling[m], components).len()),
@@ -351,6 +355,10 @@ impl<T: Real> Interface<T> {
             .collect();
         report.rank = report.multipliers - report.null_modes.len();
         report.solver = operator.solver;
+        report.damped = operator.chebyshev().map(|of| Damped {
+            eigenvalues: of.bounds,
+            iterations: of.iterations,
+        });
         report.condition = operator.condition.as_f64();
         if own.start == 0 {
             report.nonzeros += operator.nonzeros();
@@ -414,6 +422,15 @@ impl<T: Real> Interface<T> {
         system.find(&mut self.coupling, &load, scale, &mut self.impulse);
         self.iterations = system.operator.iterations();
         self.tell();
+    }
+
+    /// Whether the last solve went wrong.
+    ///
+    /// # Errors
+    /// [`Error::EigenvaluesBeyond`].
+    pub(crate) fn check(&self) -> Result<()> {
+        let system = self.system.as_ref();
+        system.map_or(Ok(()), |s| s.operator.check(&self.report.name))
     }
 
     /// Takes the impulses that were found together with others.

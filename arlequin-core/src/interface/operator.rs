@@ -1,79 +1,21 @@
 //! The multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ`: how it is solved with.
 
-use super::gradients::{Apply, Gradients, Precondition};
+use super::chebyshev::{self, Chebyshev};
+use super::iterated::{Apply, Broken, Iterated, Method, Precondition};
 use super::parts::Parts;
 use super::rank::{self, NullMode};
 use super::sides::Sides;
 use super::transfer::Rows;
-use super::{Coupling, InterfaceOptions};
+use super::{Coupling, InterfaceOptions, Solver};
 use crate::linalg::SpdFactor;
 use crate::scalar::dot;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
 
-/// How the multipliers are solved for.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Solver<T> {
-    /// By a factor, unless conjugate gradients are expected to take less time or the factor takes too much memory.
-    #[default]
-    Auto,
-    /// By a Cholesky factor, exactly; where multipliers are dependent by the eigenvectors that act on something, and beyond
-    /// 2 000 of them per component by conjugate gradients.
-    Factor,
-    /// By conjugate gradients from zero, whose result costs no energy wherever they end; the velocity jump is then only as
-    /// small as the tolerance.
-    ConjugateGradients {
-        /// Residual, relative to the jump before, in the norm of the inverse diagonal of `S`.
-        tolerance: T,
-        /// Iterations at which they end anyway.
-        max_iterations: usize,
-    },
-}
-
-impl<T: Real> Solver<T> {
-    /// Conjugate gradients to 1e-12 (single precision: 32 of its last digits), in 1000 iterations at most.
-    pub fn conjugate_gradients() -> Self {
-        Self::ConjugateGradients {
-            tolerance: T::of(1e-12).max(T::epsilon() * T::of(32.0)),
-            max_iterations: MOST_ITERATIONS,
-        }
-    }
-
-    /// Tolerance and number of iterations.
-    fn limits(self) -> (T, usize) {
-        match self {
-            Self::ConjugateGradients {
-                tolerance,
-                max_iterations,
-            } => (tolerance, max_iterations),
-            _ => Self::conjugate_gradients().limits(),
-        }
-    }
-
-    /// Refuses limits that make no sense.
-    pub(super) fn check(self, interface: &str) -> Result<()> {
-        let (tolerance, most) = self.limits();
-        let invalid = |value: &str, rule| Err(crate::error::invalid_option(interface, "solver", value, rule));
-        if !(tolerance >= T::zero() && tolerance < T::one()) {
-            let value = format!("tolerance {tolerance}");
-            return invalid(&value, "must be at least 0 and below 1, such as 1e-12");
-        }
-        if most == 0 {
-            return invalid(
-                "max_iterations 0",
-                "must be at least 1: without any the models are not coupled",
-            );
-        }
-        Ok(())
-    }
-}
-
 /// Iterations of conjugate gradients over the root of the condition number: to 1e-12 they took 5 to 8 (decision 0030).
 const ITERATIONS: f64 = 7.0;
 /// Entries of the largest factor: a gigabyte.
 const LARGEST_FACTOR: usize = 1 << 27;
-/// Iterations after which they end where nobody has chosen.
-const MOST_ITERATIONS: usize = 1000;
 
 /// One symmetric block of the operator, or a fixed stand-in for its inverse.
 #[derive(Debug)]
@@ -107,7 +49,7 @@ struct Blocks<T: Real> {
 pub(super) struct Operator<T: Real> {
     blocks: Blocks<T>,
     /// Where the blocks are no exact inverse.
-    gradients: Option<Gradients<T>>,
+    iterated: Option<Iterated<T>>,
     /// Name of the way it is solved.
     pub(super) solver: &'static str,
     pub(super) condition: T,
@@ -127,6 +69,8 @@ struct Outcome<T: Real> {
     block: Block<T>,
     exact: bool,
     condition: T,
+    /// Smallest eigenvalue but zero of the scaled operator, an estimate from above, and a bound of the largest.
+    bounds: [f64; 2],
     /// None where they are not known.
     null_modes: Option<Vec<NullMode>>,
 }
@@ -147,6 +91,7 @@ impl<T: Real> Operator<T> {
             exact,
             ranked,
             condition,
+            bounds,
             null_modes,
         } = find_blocks(wanted, coupling, inverse, components)?;
         if null_modes.len() == rows * shared {
@@ -155,23 +100,33 @@ impl<T: Real> Operator<T> {
                 size: rows * shared,
             });
         }
-        let gradients = (!exact).then(|| {
-            let apply = match only.filter(|s| s.nnz() < passes) {
+        let solver = wanted.options.solver;
+        let iterated = (!exact).then(|| {
+            let (tolerance, most) = solver.limits();
+            let (method, rows_pay) = match solver {
+                // Whatever their number: they make every iteration a talk between neighbours.
+                Solver::Chebyshev { .. } => {
+                    let of = Chebyshev::new(bounds, tolerance.as_f64(), most);
+                    (Method::Chebyshev(of), usize::MAX)
+                }
+                _ => (Method::Gradients, passes),
+            };
+            let apply = match only.filter(|s| s.nnz() < rows_pay) {
                 Some(s) => Apply::Rows(Rows::of(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
                 None => Apply::Sides,
             };
-            let (tolerance, most) = wanted.options.solver.limits();
-            Gradients::new(apply, shared, rows * shared, tolerance, most)
+            Iterated::new(apply, method, [rows, shared], (tolerance, most))
         });
         let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
         Ok(Self {
-            solver: match (&gradients, dependent) {
-                (Some(_), _) => "conjugate gradients",
+            solver: match (iterated.as_ref().map(|i| i.method), dependent) {
+                (Some(Method::Gradients), _) => "conjugate gradients",
+                (Some(Method::Chebyshev(_)), _) => "chebyshev",
                 (None, _) if wanted.options.lumped => "lumped",
                 (None, true) => "eigenvectors",
                 (None, false) => "factor",
             },
-            gradients,
+            iterated,
             blocks: Blocks {
                 all: blocks,
                 columns: vec![T::zero(); rows * shared],
@@ -190,8 +145,8 @@ impl<T: Real> Operator<T> {
             .all
             .iter()
             .all(|b| matches!(b.0, Block::Diagonal { .. }));
-        let gradients = self.gradients.as_mut().filter(|_| diagonal);
-        if !gradients.is_some_and(|g| g.share_out(parts)) {
+        let iterated = self.iterated.as_mut().filter(|_| diagonal);
+        if !iterated.is_some_and(|i| i.share_out(parts)) {
             return false;
         }
         for (block, _) in &mut self.blocks.all {
@@ -212,19 +167,41 @@ impl<T: Real> Operator<T> {
             Block::Diagonal { inverse } => inverse.len(),
         };
         let blocks: usize = self.blocks.all.iter().map(|(b, _)| count(b)).sum();
-        blocks + self.gradients.as_ref().map_or(0, Gradients::nonzeros)
+        blocks + self.iterated.as_ref().map_or(0, Iterated::nonzeros)
     }
 
     /// Iterations of the last solve; none where it took none.
     pub(super) fn iterations(&self) -> usize {
-        self.gradients.as_ref().map_or(0, |g| g.made)
+        self.iterated.as_ref().map_or(0, |i| i.made)
+    }
+
+    /// What a Chebyshev iteration damps.
+    pub(super) fn chebyshev(&self) -> Option<Chebyshev> {
+        match self.iterated.as_ref()?.method {
+            Method::Chebyshev(of) => Some(of),
+            Method::Gradients => None,
+        }
+    }
+
+    /// Whether the last solve enlarged what it should damp; `interface`: its name.
+    pub(super) fn check(&self, interface: &str) -> Result<()> {
+        let broken = self.iterated.as_ref().and_then(|i| i.broken);
+        let Some(Broken { iterations, growth }) = broken else {
+            return Ok(());
+        };
+        Err(Error::EigenvaluesBeyond {
+            interface: interface.to_owned(),
+            iterations,
+            growth,
+            high: self.chebyshev().map_or(f64::NAN, |of| of.bounds[1]),
+        })
     }
 
     /// `b ← S⁻¹ b`, components interleaved; overwrites what the sides hold.
     pub(super) fn solve(&mut self, b: &mut [T], sides: &mut Sides<T>) {
-        match &mut self.gradients {
+        match &mut self.iterated {
             None => self.blocks.apply(b),
-            Some(g) => g.solve(b, sides, &mut self.blocks),
+            Some(i) => i.solve(b, sides, &mut self.blocks),
         }
     }
 }
@@ -290,6 +267,7 @@ struct Found<T: Real> {
     exact: bool,
     ranked: bool,
     condition: T,
+    bounds: [f64; 2],
     null_modes: Vec<NullMode>,
 }
 
@@ -307,6 +285,7 @@ fn find_blocks<T: Real>(
         exact: true,
         ranked: true,
         condition: T::one(),
+        bounds: [f64::INFINITY, 0.0],
         null_modes: Vec::new(),
     };
     let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
@@ -330,6 +309,8 @@ fn find_blocks<T: Real>(
             block(wanted.options, &s, components / shared, passes)?
         };
         found.condition = found.condition.max(outcome.condition);
+        let ([low, high], [l, h]) = (found.bounds, outcome.bounds);
+        found.bounds = [low.min(l), high.max(h)];
         found.exact &= outcome.exact;
         found.ranked &= outcome.null_modes.is_some();
         found.blocks.push((outcome.block, vec![c]));
@@ -353,6 +334,11 @@ fn block<T: Real>(
     let tolerance = options.rank_tolerance;
     let (scaled, scale) = equilibrated(s);
     let entries = T::cholesky_entries(&scaled);
+    let chosen = options.solver.iterates();
+    let bounds = |low: T| match options.solver {
+        Solver::Chebyshev { .. } => [low.as_f64(), chebyshev::ceiling(&scaled)],
+        _ => [0.0; 2],
+    };
     let diagonal = Block::Diagonal {
         inverse: scale.iter().map(|x| *x * *x).collect(),
     };
@@ -365,31 +351,34 @@ fn block<T: Real>(
             let iterations = ITERATIONS * (high / low).sqrt().as_f64();
             let by_factor = match options.solver {
                 Solver::Auto => 2.0 * entries as f64 <= iterations * passes.min(s.nnz()) as f64,
-                Solver::Factor => true,
-                Solver::ConjugateGradients { .. } => false,
+                _ => !chosen,
             };
+            let bounds = bounds(low);
             let mut block = Block::Factor { scale, factor };
             let [low, high] = rank::extremes(s, &mut |b| block.solve(b, s.rows()));
             return Ok(Outcome {
                 block: if by_factor { block } else { diagonal },
                 exact: by_factor,
                 condition: high / low,
+                bounds,
                 null_modes: Some(Vec::new()),
             });
         }
     }
-    let chosen = matches!(options.solver, Solver::ConjugateGradients { .. });
     if scaled.rows() > rank::DENSE_LIMIT {
+        let [low, high] = rank::range(&scaled, tolerance)?;
         return Ok(Outcome {
             block: diagonal,
             exact: false,
-            condition: rank::condition(&scaled, tolerance)?,
+            condition: high / low,
+            bounds: bounds(low),
             null_modes: (entries <= LARGEST_FACTOR)
                 .then(|| rank::counted(&scaled, tolerance, per_node))
                 .flatten(),
         });
     }
     let found = rank::modes(&scaled, tolerance, per_node)?;
+    let [low, high] = found.range;
     let modes = Block::Modes {
         scale,
         modes: found.modes,
@@ -398,7 +387,8 @@ fn block<T: Real>(
     Ok(Outcome {
         block: if chosen { diagonal } else { modes },
         exact: !chosen,
-        condition: found.condition,
+        condition: if low > T::zero() { high / low } else { T::one() },
+        bounds: bounds(low),
         null_modes: Some(found.null_modes),
     })
 }
@@ -473,6 +463,7 @@ fn lumped<T: Real>(interface: &str, s: &CsMat<T>) -> Result<Outcome<T>> {
         block: Block::Diagonal { inverse },
         exact: true,
         condition: high / low,
+        bounds: [1.0; 2],
         null_modes: Some(Vec::new()),
     })
 }

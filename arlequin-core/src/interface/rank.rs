@@ -74,8 +74,8 @@ fn sign<T: Real>(i: usize) -> T {
 pub(super) struct Found<T> {
     /// Eigenvectors of what acts on something, each divided by the root of its eigenvalue.
     pub(super) modes: Vec<T>,
-    /// Condition number of that.
-    pub(super) condition: T,
+    /// Smallest and largest eigenvalue of that.
+    pub(super) range: [T; 2],
     pub(super) null_modes: Vec<NullMode>,
 }
 
@@ -102,10 +102,9 @@ pub(super) fn modes<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -
             eigenvalue: relative.as_f64(),
         });
     }
-    let condition = if low > T::zero() { top / low } else { T::one() };
     Ok(Found {
         modes,
-        condition,
+        range: [low, top],
         null_modes,
     })
 }
@@ -122,8 +121,8 @@ pub(super) fn counted<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize)
     Some(rows.into_iter().map(mode).collect())
 }
 
-/// Condition number of a positive semidefinite matrix on its range, by Lanczos iteration from a vector of it: from below.
-pub(super) fn condition<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<T> {
+/// Smallest and largest eigenvalue of a positive semidefinite matrix on its range, by Lanczos iteration from a vector of it: from within.
+pub(super) fn range<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<[T; 2]> {
     let n = a.rows();
     let start: Vec<T> = (0..n).map(scattered).collect();
     let (mut v, mut before, mut w) = (vec![T::zero(); n], vec![T::zero(); n], vec![T::zero(); n]);
@@ -156,7 +155,7 @@ pub(super) fn condition<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<T> {
     let values = T::symmetric_eigen(k, &dense)?.values;
     let top = values.last().copied().unwrap_or_else(T::one);
     let low = values.into_iter().find(|v| *v > top * tolerance).unwrap_or(top);
-    Ok(top / low)
+    Ok([low, top])
 }
 
 /// A fixed sequence of both signs.
@@ -206,7 +205,8 @@ mod tests {
         let s: CsMat<f64> = t.to_csc();
         let found = modes(&s, tolerance, 2).unwrap();
         assert_eq!(found.modes.len(), (n - 3) * n);
-        assert!((found.condition * 1.1 * tolerance - 1.0).abs() < 1e-6);
+        let [low, top] = found.range;
+        assert!((top / low * 1.1 * tolerance - 1.0).abs() < 1e-6);
         for null in [found.null_modes, counted(&s, tolerance, 2).unwrap()] {
             let mut pairs: Vec<_> = null.iter().map(|m| m.node).collect();
             pairs.sort_unstable();

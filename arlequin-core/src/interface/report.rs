@@ -2,6 +2,16 @@
 
 use super::NullMode;
 
+/// What a Chebyshev iteration for multipliers damps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Damped {
+    /// Lowest and highest eigenvalue of the operator, scaled to a diagonal of ones: all but zeros lie between them. Lower ones are only
+    /// left out where the tolerance would take more iterations than are allowed.
+    pub eigenvalues: [f64; 2],
+    /// Iterations per solution; more are made where the lowest was too high.
+    pub iterations: usize,
+}
+
 /// What the set-up of an interface found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InterfaceReport {
@@ -13,8 +23,11 @@ pub struct InterfaceReport {
     pub multipliers: usize,
     /// Independent ones; all of them where it is not known (a warning says so).
     pub rank: usize,
-    /// How they are solved for: `factor`, `eigenvectors` (where multipliers are dependent), `conjugate gradients`, `lumped`.
+    /// How they are solved for: `factor`, `eigenvectors` (where multipliers are dependent), `conjugate gradients`, `chebyshev`,
+    /// `lumped`.
     pub solver: &'static str,
+    /// What a Chebyshev iteration damps; none of another solver.
+    pub damped: Option<Damped>,
     /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
     pub condition: f64,
     /// Measure of the overlap \[m³\].

@@ -1,6 +1,6 @@
 //! Nodes of other ranks that the nodes of this one are linked with.
 
-use super::{Message, Portion, RankError};
+use super::{Message, Portion, RankError, UNIT};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -86,6 +86,16 @@ impl Halo {
         self.peers.iter().map(|p| p.send.len()).sum()
     }
 
+    /// Which units here have a node that is linked with a ghost; all others can be worked on before ghosts are known.
+    #[must_use]
+    pub fn borders(&self) -> Vec<bool> {
+        let mut out = vec![false; self.portion.nodes().div_ceil(UNIT)];
+        // Links have two ends: what is linked with a ghost is told to its rank.
+        let linked = self.peers.iter().flat_map(|p| &p.send);
+        linked.for_each(|node| out[*node as usize / UNIT] = true);
+        out
+    }
+
     /// Ranks that it hears of.
     #[must_use]
     pub fn peers(&self) -> usize {
@@ -132,10 +142,15 @@ impl Halo {
                 *to = read(*node as usize);
             }
         }
+        let mut more = true;
+        let mut work = || {
+            more = more && meanwhile();
+            more
+        };
         let communicator = self.portion.communicator();
-        self.portion.keep(communicator.exchange(messages, meanwhile))?;
+        self.portion.keep(communicator.exchange(messages, &mut work))?;
         // Whatever a transport does: unfinished work would be a wrong answer without a word.
-        while meanwhile() {}
+        while work() {}
         Ok(())
     }
 

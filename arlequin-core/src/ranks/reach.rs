@@ -63,13 +63,31 @@ impl Reach {
         q: &[T],
         x: &mut [T],
     ) -> Result<(), RankError> {
-        let (q, x) = (q.as_chunks::<N>().0, x.as_chunks_mut::<N>().0);
+        self.spread_meanwhile::<T, N>(messages, q, x, &mut |_| false)
+    }
+
+    /// The same; until ghosts are there, `meanwhile` does pieces of work with what is known of own nodes, and says whether there is
+    /// more ([`Halo::tell`]).
+    ///
+    /// # Errors
+    /// Those of [`Halo::exchange`].
+    pub fn spread_meanwhile<T: Real, const N: usize>(
+        &self,
+        messages: &mut [Message],
+        q: &[T],
+        x: &mut [T],
+        meanwhile: &mut dyn FnMut(&[T]) -> bool,
+    ) -> Result<(), RankError> {
+        let q = q.as_chunks::<N>().0;
         for (place, q) in self.own.iter().zip(q) {
-            x[*place as usize] = *q;
+            x.as_chunks_mut::<N>().0[*place as usize] = *q;
         }
         let read = |i: usize| q[i].map(|x| x.as_f64());
-        self.halo.exchange(messages, read, |ghost, told| {
-            x[self.ghosts[ghost] as usize] = told.map(T::of);
-        })
+        self.halo.tell(messages, read, &mut || meanwhile(x))?;
+        let places = x.as_chunks_mut::<N>().0;
+        self.halo.told(messages, |ghost, told| {
+            places[self.ghosts[ghost] as usize] = told.map(T::of);
+        });
+        Ok(())
     }
 }

@@ -144,6 +144,9 @@ class MomentumLeak(InputError):
 class SingularInterface(InputError):
     """The multiplier operator cannot be factored even after null modes are dropped."""
 
+class EigenvaluesBeyond(RunError):
+    """A Chebyshev iteration for multipliers does not damp what it should."""
+
 class OpposedMotions(InputError):
     """Two models that are tied are moved in different ways at one place."""
 

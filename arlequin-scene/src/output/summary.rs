@@ -226,6 +226,12 @@ pub struct InterfaceLine {
     pub together: Vec<String>,
     /// Iterations of the last solve; zero with a factor.
     pub iterations: usize,
+    /// Lowest and highest eigenvalue that a Chebyshev iteration damps, of the operator scaled to a diagonal of ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub eigenvalues: Option<[f64; 2]>,
+    /// Iterations of each solve that the set-up found to be needed for them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub planned_iterations: Option<usize>,
     /// Condition number of the operator.
     pub condition: f64,
     /// Volume of the overlap \[m³\].
@@ -423,6 +429,8 @@ pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
             solver: r.solver,
             together: r.together.clone(),
             iterations: i.iterations(),
+            eigenvalues: r.damped.map(|d| d.eigenvalues),
+            planned_iterations: r.damped.map(|d| d.iterations),
             condition: r.condition,
             measure: r.measure,
             coupled_nodes: r.coupled_nodes,

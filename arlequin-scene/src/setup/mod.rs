@@ -484,6 +484,7 @@ fn located(source: arlequin::core::Error) -> Error {
             interface(i, "mediator")
         }
         Core::OpposedMotions { interface: i, .. } => interface(i, "overlap"),
+        Core::EigenvaluesBeyond { interface: i, .. } => interface(i, "solver"),
         Core::UnequalShapes { interface: i, .. } => interface(i, "overlap"),
         Core::UncoveredOverlap { interface: i, .. } | Core::CoveredTwice { interface: i, .. } => {
             interface(i, "mediator")

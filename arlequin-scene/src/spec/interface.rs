@@ -64,6 +64,8 @@ pub enum SolverKind {
     Factor,
     /// By conjugate gradients to 1e-12 of the jump; their result costs no energy wherever they end.
     ConjugateGradients,
+    /// By a Chebyshev iteration to 1e-12 of the jump: more iterations, none of which needs a sum over all ranks.
+    Chebyshev,
 }
 
 /// An overlap.

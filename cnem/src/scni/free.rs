@@ -231,6 +231,8 @@ pub(crate) struct MatrixFree {
     tets: Option<BlockMatrix<f64>>,
     /// Places among the cells of those of the nodes that are here, for a part of a body.
     own: Option<Vec<u32>>,
+    /// Which cells name nodes of other ranks, in a part of a body.
+    outer: Vec<bool>,
     /// Computed by every call.
     cells: Vec<Stresses>,
 }
@@ -241,6 +243,8 @@ struct Cells<'a> {
     q: &'a [[f64; 3]],
     first: usize,
     out: &'a mut [Stresses],
+    /// Of outer ones alone, or of the others.
+    only: Option<bool>,
 }
 
 impl NullaryFnOnce for Cells<'_> {
@@ -249,6 +253,9 @@ impl NullaryFnOnce for Cells<'_> {
     #[inline(always)]
     fn call(self) {
         for (i, out) in (self.first..).zip(self.out) {
+            if self.only.is_some_and(|outer| self.of.outer[i] != outer) {
+                continue;
+            }
             let [g, d] = gradients(&self.of.rows.row(i), self.q);
             let (s, t) = (stress(&g, self.of.lame), stress(&d, self.of.lame));
             let (volume, alpha) = (self.of.volumes[i], self.of.alpha[i]);
@@ -343,6 +350,7 @@ impl MatrixFree {
             alpha: Vec::new(),
             tets: None,
             own: None,
+            outer: Vec::new(),
         };
         out.set_weights(sub, alpha);
         out
@@ -389,6 +397,8 @@ impl MatrixFree {
     /// What is needed for the forces on `own` nodes, from `cells` and for displacements of the nodes `named`; all ascending.
     pub(crate) fn part(&self, own: &[u32], cells: &[u32], named: &[u32]) -> Self {
         let place = |of: &[u32], k: &u32| of.partition_point(|n| n < k) as u32;
+        let other = |k: &u32| own.binary_search(k).is_err();
+        let outer = |c: &u32| self.rows.row(*c as usize).columns.iter().any(other);
         let of = |x: &[f64]| cells.iter().map(|c| x[*c as usize]).collect();
         Self {
             rows: self.rows.some(cells, |k| place(named, k)),
@@ -398,6 +408,7 @@ impl MatrixFree {
             alpha: of(&self.alpha),
             tets: self.tets.as_ref().map(|t| some_of(t, own, named)),
             own: Some(own.iter().map(|k| place(cells, k)).collect()),
+            outer: cells.iter().map(outer).collect(),
             cells: vec![Stresses::default(); cells.len()],
         }
     }
@@ -409,25 +420,55 @@ impl MatrixFree {
         self.alpha = cells.iter().map(|c| alpha[*c as usize]).collect();
     }
 
-    /// Subtracts `K q` from `f` \[N\]; of a part `q` are the displacements of the named nodes. Allocates nothing.
-    pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
-        let arch = Arch::new();
-        let nodes = q.as_chunks::<3>().0;
+    /// Finds the stresses of those of some cells that name own nodes only, whose displacements `q` holds; whether there are more behind
+    /// these cells.
+    pub(crate) fn stress_inner(&mut self, some: Range<usize>, q: &[f64]) -> bool {
+        let range = some.start..some.end.min(self.cells.len());
+        self.stress(range, q, Some(false));
+        some.end < self.cells.len()
+    }
+
+    /// Stresses of a range of cells, of outer ones alone or of the others where that is said.
+    fn stress(&mut self, range: Range<usize>, q: &[f64], only: Option<bool>) {
+        let (arch, q) = (Arch::new(), q.as_chunks::<3>().0);
         let mut cells = std::mem::take(&mut self.cells);
         let of = &*self;
-        each(&mut cells, |first, out| {
-            let q = nodes;
-            arch.dispatch(Cells { of, q, first, out });
+        let start = range.start;
+        each(&mut cells[range], |first, out| {
+            arch.dispatch(Cells {
+                of,
+                q,
+                first: start + first,
+                out,
+                only,
+            });
         });
+        self.cells = cells;
+    }
+
+    /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
+    pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
+        self.stress(0..self.cells.len(), q, None);
+        self.gather(q, f);
+    }
+
+    /// The same of a part, whose inner cells have their stresses: `q` are the displacements of the named nodes.
+    pub(crate) fn subtract_rest(&mut self, q: &[f64], f: &mut [f64]) {
+        self.stress(0..self.cells.len(), q, Some(true));
+        self.gather(q, f);
+    }
+
+    /// Forces from the stresses of all cells.
+    fn gather(&self, q: &[f64], f: &mut [f64]) {
+        let arch = Arch::new();
         each(f.as_chunks_mut::<3>().0, |first, f| {
             arch.dispatch(Nodes {
-                columns: &of.columns,
-                cells: &cells,
+                columns: &self.columns,
+                cells: &self.cells,
                 first,
                 f,
             });
         });
-        self.cells = cells;
         if let Some(tets) = &self.tets {
             tets.subtract_product(q, f);
         }

@@ -175,8 +175,26 @@ impl<F: Cut> Cut for Part<'_, F> {
     }
 }
 
+impl<F: Finish> Part<'_, F> {
+    /// The same, lent.
+    pub(crate) fn lent(&mut self) -> Part<'_, F::Lent<'_>> {
+        Part {
+            first: self.first,
+            finish: self.finish.lent(),
+            marks: self.marks.as_mut().map(|(screen, marks)| (*screen, &mut **marks)),
+            sums: self.sums.as_deref_mut(),
+        }
+    }
+}
+
 /// What becomes of the forces of a block.
 pub(crate) trait Finish: Cut {
+    /// The same, lent.
+    type Lent<'a>: Finish
+    where
+        Self: 'a;
+    /// Lends itself: to take the forces of some of its blocks first.
+    fn lent(&mut self) -> Self::Lent<'_>;
     /// Fetches what block `b` of this part will need.
     fn fetch<L: Lanes>(&self, l: L, b: usize);
     /// Takes forces and torques on the particles of block `b`.
@@ -213,6 +231,18 @@ impl Cut for Sink<'_> {
 }
 
 impl Finish for Sink<'_> {
+    type Lent<'a>
+        = Sink<'a>
+    where
+        Self: 'a;
+
+    fn lent(&mut self) -> Sink<'_> {
+        Sink {
+            linear: self.linear,
+            angular: self.angular,
+        }
+    }
+
     #[inline(always)]
     fn fetch<L: Lanes>(&self, l: L, b: usize) {
         for to in [&*self.linear, &*self.angular] {
@@ -229,14 +259,22 @@ impl Finish for Sink<'_> {
 }
 
 impl<W: Screened> Pass<'_, W> {
-    /// Forces of all blocks of a part; places must be particle numbers.
-    pub(crate) fn run<F: Finish>(&self, rows: &[CacheLine], part: Part<'_, F>, parallel: bool) {
+    /// Forces of the blocks of a part, as far as their unit of [`CHUNK`] blocks is `wanted`; places must be particle numbers.
+    pub(crate) fn run<F: Finish>(
+        &self,
+        rows: &[CacheLine],
+        part: Part<'_, F>,
+        parallel: bool,
+        wanted: &(impl Fn(usize) -> bool + Sync),
+    ) {
         in_parts(part, parallel, &|part| {
-            self.isa.run(Gathering {
-                pass: self,
-                rows,
-                part,
-            });
+            if part.blocks() > 0 && wanted(part.first / CHUNK) {
+                self.isa.run(Gathering {
+                    pass: self,
+                    rows,
+                    part,
+                });
+            }
         });
     }
 }

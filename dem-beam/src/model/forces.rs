@@ -67,11 +67,16 @@ impl Reached<'_> {
 /// What needs other ranks; nothing fails on one.
 pub(crate) type Heard<R> = Result<R, RankError>;
 
+/// Units per thread between two looks at messages that are on their way: some 150 microseconds.
+const PIECE: usize = 16;
+
 /// Particles of other ranks: their rows come from there.
 #[derive(Debug)]
 struct Ghosts {
     halo: Halo,
     messages: Vec<Message>,
+    /// Units with bonds to them.
+    borders: Vec<bool>,
 }
 
 impl Ghosts {
@@ -79,8 +84,11 @@ impl Ghosts {
     const TOLD: usize = 7;
 
     fn new(halo: Halo) -> Self {
-        let messages = halo.messages(Self::TOLD);
-        Self { halo, messages }
+        Self {
+            messages: halo.messages(Self::TOLD),
+            borders: halo.borders(),
+            halo,
+        }
     }
 }
 
@@ -221,36 +229,77 @@ impl<W: Screened> Gather<W> {
         in_parts(placing, parallel, &|p| {
             W::write_rows(isa, p.rows, p.q[0], p.q[1], p.reached);
         });
-        self.hear()?;
-        self.gather(sink, marks, energy);
-        Ok(())
-    }
-
-    /// Brings the rows of other ranks' particles up to date.
-    fn hear(&mut self) -> Heard<()> {
-        let Some(Ghosts { halo, messages }) = &mut self.ghosts else {
-            return Ok(());
-        };
-        let first = self.layout.particles().next_multiple_of(LANES);
-        let (own, foreign) = self.rows.split_at_mut(first);
-        let told = |i: usize| std::array::from_fn(|k| own[i].0[k]);
-        halo.exchange::<{ Ghosts::TOLD }>(messages, told, |g, x| {
-            foreign[g].0[..Ghosts::TOLD].copy_from_slice(&x);
-        })
+        self.gather(sink, marks, energy)
     }
 
     /// Forces at the rows, and sums if wanted.
-    fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) {
+    fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) -> Heard<()> {
         let parallel = self.parallel();
-        let mut all = std::mem::take(&mut self.sums);
+        let (mut all, mut ghosts) = (std::mem::take(&mut self.sums), self.ghosts.take());
         let part = Part {
             first: 0,
             finish,
             marks,
             sums: sums.then_some(&mut all[..]),
         };
-        self.pass().run(&self.rows, part, parallel);
-        self.sums = all;
+        let heard = match &mut ghosts {
+            Some(ghosts) => self.gather_with(ghosts, part, parallel),
+            None => {
+                self.pass().run(&self.rows, part, parallel, &|_| true);
+                Ok(())
+            }
+        };
+        (self.sums, self.ghosts) = (all, ghosts);
+        heard
+    }
+
+    /// The same in a part of a body: units without bonds to ghosts while the rows of these are on their way, then the others.
+    /// Every block by itself: the order of units changes no bit.
+    fn gather_with<F: Finish>(
+        &mut self,
+        ghosts: &mut Ghosts,
+        mut part: Part<'_, F>,
+        parallel: bool,
+    ) -> Heard<()> {
+        let Ghosts {
+            halo,
+            messages,
+            borders,
+        } = ghosts;
+        self.gather_inner((halo, messages, borders), part.lent(), parallel)?;
+        let first = self.layout.particles().next_multiple_of(LANES);
+        halo.told::<{ Ghosts::TOLD }>(messages, |g, x| {
+            self.rows[first + g].0[..Ghosts::TOLD].copy_from_slice(&x);
+        });
+        self.pass().run(&self.rows, part, parallel, &|unit| borders[unit]);
+        Ok(())
+    }
+
+    /// The first half of [`Self::gather_with`], at the end of which messages hold the rows of ghosts.
+    fn gather_inner<F: Finish>(
+        &self,
+        (halo, messages, borders): (&Halo, &mut [Message], &[bool]),
+        part: Part<'_, F>,
+        parallel: bool,
+    ) -> Heard<()> {
+        let threads = if parallel { rayon::current_num_threads() } else { 1 };
+        let piece = PIECE * CHUNK * threads;
+        let (rows, pass) = (&self.rows, self.pass());
+        let mut left = Some(part);
+        let told = |i: usize| std::array::from_fn(|k| rows[i].0[k]);
+        halo.tell::<{ Ghosts::TOLD }>(messages, told, &mut || {
+            let now = match left.take() {
+                Some(all) if all.blocks() > piece => {
+                    let (now, rest) = all.cut(piece);
+                    left = Some(rest);
+                    now
+                }
+                Some(all) => all,
+                None => return false,
+            };
+            pass.run(rows, now, parallel, &|unit| !borders[unit]);
+            left.is_some()
+        })
     }
 
     /// Sums over all parts, on all ranks.
@@ -302,7 +351,6 @@ impl<W: Screened> Gather<W> {
             }
             W::write_rows(isa, rows, q[0], q[1], reached);
         });
-        self.hear()?;
         let accelerate = Accelerate {
             step: steps,
             v: v.split_at_mut(n).into(),
@@ -311,7 +359,7 @@ impl<W: Screened> Gather<W> {
             m: inertia.map(|m| m.split_at(n).into()),
             sum: 0.0,
         };
-        self.gather(accelerate, None, inertia.is_some());
+        self.gather(accelerate, None, inertia.is_some())?;
         Ok(inertia.map(|_| {
             let [internal, moving] = self.total();
             Drawn { internal, moving }
@@ -429,7 +477,7 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
                 marks: None,
                 sums: None,
             };
-            self.pass().run(&self.rows, part, false);
+            self.pass().run(&self.rows, part, false, &|_| true);
         }
     }
 

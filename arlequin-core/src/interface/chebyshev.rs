@@ -1,0 +1,403 @@
+//! A Chebyshev iteration from zero for `S μ = b`.
+//!
+//! With all eigenvalues of `C S` but zeros between `a` and `c`, and `θ`, `δ` half their sum and difference, `k` iterations leave
+//! `r = T_k((θ − C S)/δ) / T_k(θ/δ) b`: in the norm of `C` at most `1/cosh(k arcosh(θ/δ))` of `b`, so that their number is
+//! known beforehand and none of them needs a sum over multipliers. Eigenvalues below `a` are damped less, never enlarged; zeros are left alone.
+//! Above `c` they would be enlarged, so that `c` is a bound and no estimate.
+//!
+//! The result is no Galerkin solution, and a kick by it would change the energy by `2 μᵀ(S μ − b)`. `μᵀb / μᵀS μ` times it, per component, is
+//! one, and is away from one by no more than `r` is from zero. That takes one sum over multipliers at the end, which tells the residual as well: where `a` was too high, iterations go
+//! on from there.
+
+use super::iterated::{Broken, Iterated, Precondition, update};
+use super::sides::Sides;
+use crate::Real;
+use nalgebra::Vector3;
+use sprs::CsMat;
+
+/// What is taken of the smallest eigenvalue that was found, an estimate from above: inverse power iterations that end with changes of
+/// 1e-4 are 3 % too high at most.
+const BELOW: f64 = 0.9;
+/// What is added to the bound of the largest: more than round-off in its sums, in single precision too.
+const ABOVE: f64 = 1.001;
+/// Power iterations for that bound, and the change at which they end.
+const POWERS: usize = 60;
+const SETTLED: f64 = 1e-4;
+/// Growth of the square of the residual beyond what round-off could do: none can where the bounds hold.
+const GROWN: f64 = 4.0;
+/// Share of the square of the residual that iterations that go on must leave at most, or they do so no more.
+const WORTH: f64 = 0.25;
+
+/// What eigenvalues the iteration damps, and by how many iterations at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Chebyshev {
+    /// Lowest and highest eigenvalue of `C S`.
+    pub(super) bounds: [f64; 2],
+    /// Iterations that leave no more than the tolerance of them.
+    pub(super) iterations: usize,
+}
+
+impl Chebyshev {
+    /// For eigenvalues from `low`, an estimate, to `high`, a bound. With fewer iterations than those take, the lowest ones are left
+    /// out of the tolerance, whose share in the jump is least.
+    pub(super) fn new([low, high]: [f64; 2], tolerance: f64, most: usize) -> Self {
+        let high = high * ABOVE;
+        let mut low = (low * BELOW).max(high * f64::EPSILON).min(high * BELOW);
+        let ratio = |low: f64| (high + low) / (high - low);
+        if tolerance <= 0.0 {
+            let (bounds, iterations) = ([low, high], most);
+            return Self { bounds, iterations };
+        }
+        let asked = (1.0 / tolerance).acosh();
+        let mut iterations = (asked / ratio(low).acosh()).ceil().max(1.0);
+        if iterations > most as f64 {
+            let ratio = (asked / most as f64).cosh();
+            low = low.max(high * (ratio - 1.0) / (ratio + 1.0));
+            iterations = most as f64;
+        }
+        Self {
+            bounds: [low, high],
+            iterations: iterations as usize,
+        }
+    }
+}
+
+/// A bound of all eigenvalues of a symmetric matrix: `max_i (|A| x)_i / x_i` is one for any `x > 0` (Collatz, Wielandt), beginning with the
+/// row sums (Gershgorin) and falling with power iterations to the largest eigenvalue of `|A|`, which is that of `A` where no entry is negative.
+pub(super) fn ceiling<T: Real>(a: &CsMat<T>) -> f64 {
+    let (mut x, mut y) = (vec![1.0; a.rows()], vec![0.0; a.rows()]);
+    let mut least = f64::INFINITY;
+    for _ in 0..POWERS {
+        y.fill(0.0);
+        for (j, column) in a.outer_iterator().enumerate() {
+            column.iter().for_each(|(i, v)| y[i] += v.as_f64().abs() * x[j]);
+        }
+        let ratios = x.iter().zip(&y).map(|(x, y)| y / x);
+        let ratio = ratios.fold(0.0, f64::max);
+        let settled = ratio > least * (1.0 - SETTLED);
+        least = ratio.min(least);
+        if settled || ratio <= 0.0 {
+            break;
+        }
+        // Rows without entries have none of any other row either.
+        for (x, y) in x.iter_mut().zip(&y).filter(|(_, y)| **y > 0.0) {
+            *x = *y / ratio;
+        }
+    }
+    least
+}
+
+impl<T: Real> Iterated<T> {
+    /// From `r = b`.
+    pub(super) fn chebyshev<const N: usize>(
+        &mut self,
+        x: &mut [T],
+        sides: &mut Sides<T>,
+        by: &mut (impl Precondition<T> + ?Sized),
+        of: Chebyshev,
+    ) {
+        self.given.copy_from_slice(x);
+        x.fill(T::zero());
+        let mut before = T::one();
+        loop {
+            let count = of.iterations.min(self.most - self.made);
+            self.damp::<N>(x, sides, by, (of, count));
+            // `C b` and `C r`.
+            self.image.copy_from_slice(&self.given);
+            by.apply(&mut self.image);
+            self.turn(by);
+            let [given, left, work, missed] = self.dots.four::<T, N>([
+                (&self.given, &self.image),
+                (&self.residual, &self.turned),
+                (x, &self.given),
+                (x, &self.residual),
+            ]);
+            let shares = (0..N).filter(|c| given[*c] > T::zero());
+            let share = shares
+                .map(|c| left[c] / given[c])
+                .fold(T::zero(), |m, s| if s > m || !s.is_finite() { s } else { m });
+            let grown = share > T::of(GROWN) || !share.is_finite();
+            if grown && (0..N).all(|c| given[c].is_finite()) {
+                self.broken = Some(Broken {
+                    iterations: self.made,
+                    growth: share.as_f64().sqrt(),
+                });
+            }
+            let met = share <= self.tolerance * self.tolerance;
+            // Round-off goes on for ever.
+            let goes_on = share <= before * T::of(WORTH);
+            if met || !goes_on || self.made >= self.most {
+                return scale::<T, N>(x, &work, &missed);
+            }
+            before = share;
+        }
+    }
+
+    /// Iterations that damp `r` of all eigenvalues between the bounds, and go on with `x`.
+    fn damp<const N: usize>(
+        &mut self,
+        x: &mut [T],
+        sides: &mut Sides<T>,
+        by: &mut (impl Precondition<T> + ?Sized),
+        (of, count): (Chebyshev, usize),
+    ) {
+        let [low, high] = of.bounds;
+        let (middle, half) = (0.5 * (high + low), 0.5 * (high - low));
+        let ratio = middle / half;
+        // `p = kept p + taken C r`.
+        let (mut rho, mut kept, mut taken) = (1.0 / ratio, 0.0, 1.0 / middle);
+        let one = Vector3::repeat(T::one());
+        self.direction.fill(T::zero());
+        for _ in 0..count {
+            self.turn(by);
+            let [k, t] = [kept, taken].map(T::of);
+            update::<T, N>(&mut self.direction, &self.turned, &mut |p, z| {
+                (0..N).for_each(|c| p[c] = k * p[c] + t * z[c]);
+            });
+            self.product::<N>(sides);
+            self.advance::<N>(x, &one);
+            let next = 1.0 / (2.0 * ratio - rho);
+            (kept, taken, rho) = (next * rho, 2.0 * next / half, next);
+        }
+    }
+}
+
+/// Galerkin's scaling: `x·b / x·S x` of every component, where `x·b = work` and `x·r = missed`.
+fn scale<T: Real, const N: usize>(x: &mut [T], work: &Vector3<T>, missed: &Vector3<T>) {
+    let factor = Vector3::from_fn(|c, _| {
+        let curvature = work[c] - missed[c];
+        // What moves nothing is not to be scaled up; what is no number takes no part.
+        if work[c] > T::zero() && curvature > T::zero() {
+            work[c] / curvature
+        } else {
+            T::zero()
+        }
+    });
+    for x in x.as_chunks_mut::<N>().0 {
+        for c in 0..N {
+            x[c] = if factor[c] > T::zero() {
+                factor[c] * x[c]
+            } else {
+                T::zero()
+            };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::iterated::{Apply, Method};
+    use super::super::rank;
+    use super::super::transfer::Rows;
+    use super::*;
+    use proptest::prelude::*;
+    use sprs::TriMat;
+
+    fn matrix(n: usize, entry: impl Fn(usize, usize) -> f64) -> CsMat<f64> {
+        let mut t = TriMat::new((n, n));
+        for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+            let value = entry(i, j);
+            if value != 0.0 {
+                t.add_triplet(i, j, value);
+            }
+        }
+        t.to_csc()
+    }
+
+    /// A power iteration from a vector without any of the top mode would end at another one.
+    #[test]
+    fn the_bound_is_never_below_the_largest_eigenvalue_and_close_to_it() {
+        // Of `1 + k cos(π q)` with one end mode that decays into the rows: `2.05` and `0.05` outside the band from `0.1` to `1.9`.
+        let chains = [1.0, -1.0].map(|sign| {
+            matrix(80, |i, j| match i.abs_diff(j) {
+                0 => 1.0,
+                1 if i + j == 1 => sign * 0.75,
+                1 => sign * 0.45,
+                _ => 0.0,
+            })
+        });
+        // Two that know nothing of each other, of other sizes, and rows that act on nothing.
+        let apart = matrix(60, |i, j| match (i % 3, i / 30 == j / 30) {
+            (0, _) => 0.0,
+            (_, true) if j % 3 > 0 => (if i == j { 1.0 } else { 0.02 }) * if i < 30 { 1.0 } else { 1e-3 },
+            _ => 0.0,
+        });
+        for a in chains.iter().chain([&apart]) {
+            let n = a.rows();
+            let dense: Vec<f64> = (0..n * n)
+                .map(|k| a.get(k / n, k % n).copied().unwrap_or(0.0))
+                .collect();
+            let values = f64::symmetric_eigen(n, &dense).unwrap().values;
+            let (top, bound) = (values[n - 1], ceiling(a));
+            assert!(
+                bound >= top * (1.0 - 1e-14) && bound < 1.02 * top,
+                "{bound} of {top}"
+            );
+        }
+    }
+
+    struct Diagonal(Vec<f64>);
+
+    impl Precondition<f64> for Diagonal {
+        fn apply(&mut self, z: &mut [f64]) {
+            z.iter_mut().zip(&self.0).for_each(|(z, c)| *z *= c);
+        }
+    }
+
+    /// Multipliers; their residual over the right-hand side in the norm of the inverse diagonal, found anew; the change of the
+    /// energy by a kick over the work of the multipliers; the iteration.
+    fn solved(s: &CsMat<f64>, b: &[f64], of: Chebyshev, limits: (f64, usize)) -> (f64, f64, Iterated<f64>) {
+        let n = b.len();
+        let inverse: Vec<f64> = (0..n).map(|i| s.get(i, i).map_or(0.0, |d| 1.0 / d)).collect();
+        let rows = Rows::of(n, s.iter().map(|(v, (i, j))| (j, i, *v)));
+        let mut iterated = Iterated::new(Apply::Rows(rows), Method::Chebyshev(of), [n, 1], limits);
+        let mut x = b.to_vec();
+        iterated.solve(
+            &mut x,
+            &mut Sides::new(Vec::new()),
+            &mut Diagonal(inverse.clone()),
+        );
+        let mut r = b.to_vec();
+        s.iter().for_each(|(v, (i, j))| r[i] -= v * x[j]);
+        let norm = |r: &[f64]| r.iter().zip(&inverse).map(|(r, c)| r * r * c).sum::<f64>().sqrt();
+        let dot = |r: &[f64]| r.iter().zip(&x).map(|(r, x)| r * x).sum::<f64>();
+        (norm(&r) / norm(b), dot(&r).abs() / dot(b), iterated)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        /// Rows of `B` of any size, some of them twice, over any number of columns: with units of any size.
+        #[test]
+        fn residuals_are_below_the_tolerance_and_no_energy_is_made(
+            entries in prop::collection::vec(-1.0..1.0, 30 * 40),
+            [n, m] in [4_usize..30, 4_usize..40],
+            seed in 0_u32..1000,
+            unit in -100.0..100.0,
+            few in 1_usize..6,
+        ) {
+            let size = |i: usize| 10_f64.powf(3.0 * (f64::from(seed) + i as f64).sin() + unit);
+            let entry = |i: usize, j: usize| {
+                let i = if i % 5 == 4 { i - 1 } else { i };
+                let near = (i * m).abs_diff(j * n) < 3 * m;
+                if near { entries[40 * i + j] } else { 0.0 }
+            };
+            let s = matrix(n, |i, k| {
+                size(i) * size(k) * (0..m).map(|j| entry(i, j) * entry(k, j)).sum::<f64>()
+            });
+            let b: Vec<f64> = (0..n).map(|i| size(i) * (0..m).map(|j| entry(i, j) * entries[j]).sum::<f64>()).collect();
+            prop_assume!(b.iter().any(|b| *b != 0.0));
+            let scale = |i: usize| s.get(i, i).map_or(0.0, |d| 1.0 / d.sqrt());
+            let scaled = matrix(n, |i, k| s.get(i, k).map_or(0.0, |v| v * scale(i) * scale(k)));
+            let low = rank::modes(&scaled, 1e-10, 1).unwrap().range[0];
+            let (tolerance, most) = (1e-8, 20_000);
+            let of = Chebyshev::new([low, ceiling(&scaled)], tolerance, most);
+            let (left, change, done) = solved(&s, &b, of, (tolerance, most));
+            prop_assert!(done.broken.is_none());
+            prop_assert!(change < 1e-12, "{change:e}");
+            if of.iterations < most {
+                // As much again comes from the scaling, which is as close to one as multipliers are to the exact ones.
+                prop_assert!(left < 2.01 * tolerance, "{left:e} after {} iterations", done.made);
+            }
+            let (_, change, done) = solved(&s, &b, Chebyshev { iterations: few, ..of }, (0.0, few));
+            prop_assert!(done.made == few && change < 1e-12, "{few}: {change:e}");
+        }
+    }
+
+    /// Eigenvalues from 1 to 1.9 but for one at 0.01.
+    fn long_wave() -> (CsMat<f64>, Vec<f64>) {
+        let n = 60;
+        let s = matrix(n, |i, j| {
+            if i == j {
+                1.0 + 0.9 * (i as f64) / n as f64
+            } else {
+                0.0
+            }
+        });
+        let mode: Vec<f64> = (0..n).map(|i| (1.0 + i as f64).sqrt().recip()).collect();
+        let size: f64 = mode.iter().map(|x| x * x).sum();
+        let along: f64 = mode
+            .iter()
+            .zip(0..)
+            .map(|(x, i)| x * x * s.get(i, i).unwrap())
+            .sum();
+        let image: Vec<f64> = mode
+            .iter()
+            .zip(0..)
+            .map(|(x, i)| x * s.get(i, i).unwrap())
+            .collect();
+        // `P S P + 0.01 e eᵀ` with `P = 1 − e eᵀ`.
+        let all = matrix(n, |i, j| {
+            let plain = s.get(i, j).copied().unwrap_or(0.0);
+            let mixed = (mode[i] * image[j] + image[i] * mode[j]) / size;
+            plain - mixed + mode[i] * mode[j] / size * (along / size + 0.01)
+        });
+        (all, (0..n).map(|i| (0.7 * i as f64).sin() + mode[i]).collect())
+    }
+
+    #[test]
+    fn a_lower_bound_that_is_too_high_costs_iterations_and_an_upper_one_too_low_is_told() {
+        let (s, b) = long_wave();
+        let tolerance = 1e-9;
+        let of = |low: f64, high: f64| Chebyshev::new([low, high], tolerance, 1000);
+        let (left, _, right) = solved(&s, &b, of(0.005, 2.2), (tolerance, 1000));
+        assert!(
+            left < 2.01 * tolerance && right.made == of(0.005, 2.2).iterations,
+            "{left:e}"
+        );
+        for low in [0.02, 0.1] {
+            let (left, change, more) = solved(&s, &b, of(low, 2.2), (tolerance, 1000));
+            assert!(
+                left < 2.01 * tolerance && change < 1e-14,
+                "{low}: {left:e} {change:e}"
+            );
+            assert!(
+                more.made > of(low, 2.2).iterations && more.broken.is_none(),
+                "{low}"
+            );
+        }
+        let (left, change, cut) = solved(&s, &b, of(0.1, 2.2), (tolerance, 30));
+        assert!(
+            cut.made == 30 && left > tolerance && left < 1.0 && change < 1e-14,
+            "{left:e}"
+        );
+        let (_, _, broken) = solved(&s, &b, of(0.005, 1.0), (tolerance, 1000));
+        assert!(
+            broken.broken.is_some_and(|b| b.growth > 2.0),
+            "{:?}",
+            broken.broken
+        );
+    }
+
+    /// What round-off leaves in the null space of a right-hand side is not damped: iterations do not go on for it.
+    #[test]
+    fn a_residual_that_multipliers_cannot_reach_ends_the_iteration() {
+        let s = matrix(8, |i, j| if i / 2 == j / 2 { 1.0 } else { 0.0 });
+        let b: Vec<f64> = (0..8).map(|i| 1.0 + 1e-6 * f64::from(i % 2)).collect();
+        let of = Chebyshev::new([2.0, ceiling(&s)], 1e-9, 1000);
+        let (left, _, done) = solved(&s, &b, of, (1e-9, 1000));
+        assert!((4e-7..6e-7).contains(&left), "{left:e}");
+        assert_eq!(done.made, 2 * of.iterations);
+    }
+
+    #[test]
+    fn iterations_are_as_many_as_the_bounds_ask_for() {
+        for (range, tolerance) in [([0.02, 2.5], 1e-12), ([1e-5, 1.0], 1e-6), ([1.0, 1.0], 1e-3)] {
+            let of = Chebyshev::new(range, tolerance, usize::MAX);
+            let [low, high] = of.bounds;
+            assert!(low <= 0.9 * range[0] && high >= 1.001 * range[1]);
+            let left = |k: usize| 1.0 / (k as f64 * ((high + low) / (high - low)).acosh()).cosh();
+            assert!(
+                left(of.iterations) <= tolerance && left(of.iterations - 1) > tolerance,
+                "{of:?}"
+            );
+            // With half of them, what they can do is done to all but the lowest.
+            let few = Chebyshev::new(range, tolerance, of.iterations / 2);
+            assert_eq!(few.iterations, of.iterations / 2);
+            assert!(
+                few.bounds[0] > low && few.bounds[1].to_bits() == high.to_bits(),
+                "{few:?}"
+            );
+        }
+        assert_eq!(Chebyshev::new([0.1, 2.0], 0.0, 7).iterations, 7);
+    }
+}
