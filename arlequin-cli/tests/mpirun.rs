@@ -262,7 +262,7 @@ fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
     };
     std::fs::write(&piece, bytes(&out, "vtu/right_00000000_0.vtu")).expect("written");
     refused(
-        "right_00000000.pvtu = is no frame that 'arlequin run' wrote, or a damaged one (its pieces do not make a whole)",
+        "right_00000000.pvtu: is no frame that 'arlequin run' wrote, or a damaged one (its pieces do not make a whole)",
     );
     std::fs::write(&piece, &whole[..whole.len() / 2]).expect("written");
     refused("right_00000000_1.vtu");
