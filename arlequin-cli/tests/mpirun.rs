@@ -224,3 +224,48 @@ fn a_run_that_was_killed_goes_on_with_another_number_of_ranks() {
         assert!(bytes(&whole, file) == bytes(&out, file), "{file}");
     }
 }
+
+#[test]
+fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
+    let folder = scratch("ranks-pieces");
+    let scene = pulse("time.end=1.5e-6");
+    let one = folder.join("one");
+    let alone = command(&run(&scene, &["--out", text(&one)]))
+        .output()
+        .expect("runs");
+    assert!(alone.status.success(), "{}", said(&alone));
+    let out = folder.join("out");
+    let more = ["--out", text(&out), "--set", "output.pieces=true"];
+    let done = on_ranks(3, &run(&scene, &more));
+    assert!(done.status.success(), "{}", said(&done));
+    let index = String::from_utf8(bytes(&out, "results.pvd")).expect("text");
+    assert!(index.contains("vtu/right_00000000.pvtu"), "{index}");
+    assert_eq!(
+        index.replace(".pvtu", ".vtu").as_bytes(),
+        bytes(&one, "results.pvd")
+    );
+    // What differs without pieces as well: times, memory, ranks.
+    std::fs::copy(one.join("summary.json"), out.join("summary.json")).expect("copied");
+    let view = |of: &Path| command(&["view", text(of)]).output().expect("runs");
+    for of in [&one, &out] {
+        let done = view(of);
+        assert!(done.status.success(), "{}", said(&done));
+    }
+    assert!(bytes(&one, "view.html") == bytes(&out, "view.html"));
+    // A piece of another instant, one that is cut, none at all.
+    let piece = out.join("vtu/right_00000000_1.vtu");
+    let whole = bytes(&out, "vtu/right_00000000_1.vtu");
+    let refused = |wanted: &str| {
+        let done = view(&out);
+        let words = said(&done);
+        assert!(done.status.code() == Some(2) && words.contains(wanted), "{words}");
+    };
+    std::fs::write(&piece, bytes(&out, "vtu/right_00000000_0.vtu")).expect("written");
+    refused(
+        "right_00000000.pvtu: is no frame that 'arlequin run' wrote, or a damaged one (its pieces do not make a whole)",
+    );
+    std::fs::write(&piece, &whole[..whole.len() / 2]).expect("written");
+    refused("right_00000000_1.vtu");
+    std::fs::remove_file(&piece).expect("removed");
+    refused("right_00000000_1.vtu");
+}

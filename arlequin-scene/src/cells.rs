@@ -17,6 +17,18 @@ pub(crate) struct Cell {
 }
 
 impl Cell {
+    /// Nodes that its gradient needs.
+    pub(crate) fn nodes(&self) -> impl Iterator<Item = u32> {
+        self.row.iter().map(|(node, _)| *node as u32)
+    }
+
+    /// Gives its nodes other numbers.
+    pub(crate) fn renumber(&mut self, number: &impl Fn(u32) -> usize) {
+        self.row
+            .iter_mut()
+            .for_each(|(node, _)| *node = number(*node as u32));
+    }
+
     /// Gradient `∂u_c/∂x_k` at row `c`, column `k` of a field with `count` components.
     pub(crate) fn gradient(&self, values: &[f64], count: usize) -> Matrix3<f64> {
         let mut h = Matrix3::zeros();
@@ -33,6 +45,11 @@ impl Cell {
 
 /// The cells of a model; an error, placed at `key`, where its field has no gradient.
 pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
+    some(key, d, 0..d.grid.cells())
+}
+
+/// Some of them, by their numbers.
+pub(crate) fn some(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>) -> Result<Vec<Cell>> {
     let Some(materials) = &d.materials else {
         return Err(crate::error::key(
             key,
@@ -40,7 +57,8 @@ pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
         ));
     };
     let mut row = ShapeRow::default();
-    let one = |(k, cell): (usize, &[u32])| {
+    let one = |k: usize| {
+        let cell = &d.grid.connectivity[k * d.grid.corners..][..d.grid.corners];
         let sum = cell
             .iter()
             .fold(Vector3::zeros(), |s, &k| s + d.grid.points[k as usize].coords);
@@ -53,10 +71,5 @@ pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
             row: row.collect(),
         })
     };
-    d.grid
-        .connectivity
-        .chunks_exact(d.grid.corners)
-        .enumerate()
-        .map(one)
-        .collect()
+    which.map(one).collect()
 }

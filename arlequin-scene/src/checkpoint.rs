@@ -13,6 +13,7 @@ use crate::recorder::Records;
 use crate::scene::{Scene, Source};
 use crate::wake::Stage;
 use arlequin::core::snapshot::Snapshot;
+use arlequin::dem_beam::packing::pieces_of_pvtu;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Write as _;
@@ -69,8 +70,10 @@ impl Origin {
             path: folder.to_owned(),
             source: e,
         })?;
-        let files = scene
-            .files()
+        let mut files = scene.files();
+        let pieces = files.iter().flat_map(|name| pieces(&absolute, name));
+        files.extend(pieces.collect::<Vec<_>>());
+        let files = files
             .into_iter()
             .map(|name| {
                 let (length, sum) = fingerprint(&absolute.join(&name))?;
@@ -120,6 +123,15 @@ pub(crate) fn remove(folder: &Path) -> Result<()> {
         std::fs::remove_file(&path).map_err(write(&path))?;
     }
     Ok(())
+}
+
+/// Files that a file of a scene names in turn; what cannot be understood is for the set-up to say.
+fn pieces(folder: &Path, name: &Path) -> Vec<PathBuf> {
+    let read = || std::fs::read(folder.join(name)).ok();
+    let parallel = name.extension().is_some_and(|e| e == "pvtu");
+    let content = parallel.then(read).flatten();
+    let named = content.and_then(|c| pieces_of_pvtu(&c).ok()).unwrap_or_default();
+    named.into_iter().map(|p| name.with_file_name(p)).collect()
 }
 
 fn fingerprint(path: &Path) -> Result<(u64, u32)> {

@@ -165,9 +165,14 @@ impl Ranks {
         }
     }
 
+    /// Number of this rank.
+    pub(crate) fn rank(&self) -> usize {
+        self.communicator.as_ref().map_or(0, |c| c.rank())
+    }
+
     /// Whether this rank writes and speaks.
     pub(crate) fn leads(&self) -> bool {
-        self.communicator.as_ref().is_none_or(|c| c.rank() == 0)
+        self.rank() == 0
     }
 
     /// Whether all ranks have the same number.

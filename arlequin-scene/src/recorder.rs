@@ -211,7 +211,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Records the state before the first step, but for scenes at rest: it is no equilibrium.
+    /// Records the state before the first step, unless it is `known`, or none: that of a scene at rest is no equilibrium.
     pub fn new(
         run: &mut Coupled<f64>,
         mut readers: Vec<ProbeReader>,
@@ -219,9 +219,9 @@ impl Recorder {
         mut fragments: Fragments,
         [probe_every, frame_every]: [usize; 2],
         warnings: Vec<String>,
-        resting: bool,
+        known: bool,
     ) -> Result<Self> {
-        if !resting {
+        if !known {
             if let Some(frames) = &mut frames {
                 frames.write(run)?;
             }
@@ -254,7 +254,7 @@ impl Recorder {
             probe_every,
             frame_every,
         };
-        if !resting {
+        if !known {
             out.read_probes(run)?;
         }
         Ok(out)

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use dem_beam::Surface;
-use dem_beam::packing::{read_csv, read_vtu};
+use dem_beam::packing::{pieces_of_pvtu, read_csv, read_vtu};
 use reader_fuzz::Corpus;
 
 reader_fuzz::counted!();
@@ -87,6 +87,12 @@ fn mutated_vtu_is_read_or_refused() {
         "Float32",
         "Int64",
         "UInt8",
+        "vtkGhostType",
+        "PointData GlobalIds=\"r\"",
+        "PUnstructuredGrid",
+        "Piece Source=\"\"",
     ];
-    corpus("vtu", tokens).run("vtu", &allocated, &|bytes| read_vtu(bytes, None).is_ok());
+    corpus("vtu", tokens).run("vtu", &allocated, &|bytes| {
+        pieces_of_pvtu(bytes).is_ok() || read_vtu(bytes, None).is_ok()
+    });
 }

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use approx::{assert_abs_diff_eq, assert_relative_eq};
-use dem_beam::packing::read_vtu;
+use dem_beam::packing::{pieces_of_pvtu, read_pieces, read_vtu};
 use dem_beam::{Container, Error, Packing, PackingSpec, Surface};
 use nalgebra::Vector3;
 use std::f64::consts::PI;
@@ -262,6 +262,52 @@ fn bad_vtu_files_have_names() {
         found.contains("particles 1 and 2 are 5e-4 m apart") || found.contains("particles 1 and 2 are 4.99"),
         "{found}"
     );
+}
+
+/// A piece with numbers of its points, the first of which another piece has.
+fn piece(numbers: &str, kind: &str) -> Vec<u8> {
+    let array = |name: &str, values: &str| {
+        format!(
+            "<DataArray type=\"Int64\" Name=\"{name}\" NumberOfComponents=\"1\" format=\"ascii\">{values}</DataArray>"
+        )
+    };
+    let more = array("n", numbers) + &array("vtkGhostType", kind);
+    String::from_utf8(vtu("r", "4.8e-3"))
+        .unwrap()
+        .replace("<PointData>", &format!("<PointData GlobalIds=\"n\">{more}"))
+        .into_bytes()
+}
+
+#[test]
+fn pieces_make_one_file_without_ghosts() {
+    let (x, r) = read_vtu(&vtu("r", "4.8e-3"), None).unwrap();
+    let (a, b) = (piece("7 3 0", "1 0 0"), piece("5 9 8", "0 1 1"));
+    assert_eq!(read_vtu(&a, None).unwrap(), (x[1..].to_vec(), r[1..].to_vec()));
+    // By their numbers 0, 3, 5.
+    let found = read_pieces(&[&a, &b], None).unwrap();
+    assert_eq!(found, (vec![x[2], x[1], x[0]], vec![r[2], r[1], r[0]]));
+    // Without numbers as they stand.
+    let plain = vtu("r", "4.8e-3");
+    assert_eq!(read_pieces(&[&plain], None).unwrap(), (x, r));
+    let short = read_vtu(&piece("5 9", "0 1 1"), None).unwrap_err();
+    assert!(matches!(
+        short,
+        Error::LengthMismatch {
+            what: "global numbers",
+            found: 2,
+            expected: 3
+        }
+    ));
+    let named = b"<VTKFile type=\"PUnstructuredGrid\"><P><Piece Source=\"a_0.vtu\"/><Piece Source=\"a_1.vtu\"/></P></VTKFile>";
+    assert_eq!(pieces_of_pvtu(named).unwrap(), ["a_0.vtu", "a_1.vtu"]);
+    for (bad, wanted) in [
+        (&plain[..], "PUnstructuredGrid"),
+        (b"<VTKFile type=\"PUnstructuredGrid\"/>", "it names no pieces"),
+        (b"", "this is no VTU file that can be read"),
+    ] {
+        let said = pieces_of_pvtu(bad).unwrap_err().to_string();
+        assert!(said.contains(wanted), "{said}");
+    }
 }
 
 /// The same spheres as VTK itself writes them: base64 with 32-bit headers, plain and zlib, in place and appended.

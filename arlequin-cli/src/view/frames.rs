@@ -1,6 +1,7 @@
-//! Frames of a run, read back: the index `results.pvd` and the VTU files that the run wrote (raw appended data). An array is read
-//! when it is asked for, so that no more than one is in memory at a time.
+//! Frames of a run, read back: the index `results.pvd` and the VTU files that the run wrote (raw appended data), whole or in pieces. An
+//! array is read when it is asked for, so that no more than one is in memory at a time.
 
+use super::pieces::Pieces;
 use crate::error::{Error, Result, value};
 use roxmltree::{Document, Node};
 use std::fs::File;
@@ -54,14 +55,14 @@ pub(super) fn index(folder: &Path) -> Result<Vec<Series>> {
     Ok(out)
 }
 
-fn read(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
+pub(super) fn read(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
     move |source| Error::Read {
         path: path.to_owned(),
         source,
     }
 }
 
-fn damaged(path: &Path, why: &str) -> Error {
+pub(super) fn damaged(path: &Path, why: &str) -> Error {
     let rule = format!("is no frame that 'arlequin run' wrote, or a damaged one ({why}); make the run again");
     value("DIR", path.display(), &rule)
 }
@@ -86,10 +87,67 @@ pub(super) struct Array {
     offset: u64,
 }
 
-/// An open file.
+/// All of a model at one instant.
 #[derive(Debug)]
 pub(super) struct Frame {
-    path: PathBuf,
+    content: Content,
+    pub(super) points: usize,
+    pub(super) cells: usize,
+    pub(super) arrays: Vec<Array>,
+}
+
+#[derive(Debug)]
+enum Content {
+    Whole(Vtu),
+    Pieces(Pieces),
+}
+
+impl Frame {
+    /// Reads the heads of its file or files.
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        if path.extension().is_some_and(|e| e == "pvtu") {
+            let pieces = Pieces::open(path)?;
+            return Ok(Self {
+                points: pieces.points,
+                cells: pieces.cells,
+                arrays: pieces.arrays(),
+                content: Content::Pieces(pieces),
+            });
+        }
+        let file = Vtu::open(path)?;
+        Ok(Self {
+            points: file.points,
+            cells: file.cells,
+            arrays: file.arrays.clone(),
+            content: Content::Whole(file),
+        })
+    }
+
+    /// An array by its name.
+    pub(super) fn find(&self, place: Place, name: &str) -> Option<Array> {
+        named(&self.arrays, place, name)
+    }
+
+    /// All numbers of an array.
+    pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
+        match &mut self.content {
+            Content::Whole(file) => file.numbers(array),
+            Content::Pieces(pieces) => pieces.numbers(array),
+        }
+    }
+}
+
+/// An array by its name; without one, of vectors.
+fn named(arrays: &[Array], place: Place, name: &str) -> Option<Array> {
+    let mut all = arrays.iter();
+    all.find(|a| a.place == place && (a.name == name || (name.is_empty() && a.components == 3)))
+        .cloned()
+}
+
+/// An open file.
+#[derive(Debug)]
+pub(super) struct Vtu {
+    pub(super) path: PathBuf,
     file: File,
     data: u64,
     pub(super) points: usize,
@@ -97,7 +155,7 @@ pub(super) struct Frame {
     pub(super) arrays: Vec<Array>,
 }
 
-impl Frame {
+impl Vtu {
     /// Reads the head of a file.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let mut file = File::open(path).map_err(read(path))?;
@@ -138,9 +196,7 @@ impl Frame {
 
     /// An array by its name.
     pub(super) fn find(&self, place: Place, name: &str) -> Option<Array> {
-        let mut all = self.arrays.iter();
-        all.find(|a| a.place == place && (a.name == name || (name.is_empty() && a.components == 3)))
-            .cloned()
+        named(&self.arrays, place, name)
     }
 
     /// All numbers of an array.

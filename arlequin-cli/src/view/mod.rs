@@ -5,6 +5,7 @@ mod frames;
 mod grid;
 mod page;
 mod part;
+mod pieces;
 
 use crate::error::{Result, write};
 use crate::report;

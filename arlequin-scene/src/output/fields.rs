@@ -1,5 +1,6 @@
 //! What models recover, as arrays of their frames.
 
+use super::pieces::Piece;
 use super::vtu::Array;
 use crate::error::{Result, core};
 use crate::ranks::elsewhere;
@@ -35,9 +36,30 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         })
 }
 
-/// Stresses and strains at the nodes, as far as they are wanted and the model knows them; of a model in parts on the first rank, all
-/// of which must ask.
-pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Vec<Array>> {
+/// Numbers of all points that are shown, so many each, of those of the nodes here: of a whole model in parts on the first rank alone.
+/// All ranks must ask.
+pub(super) fn at_points(
+    s: &Subdomain<f64>,
+    piece: Option<&Piece>,
+    each: usize,
+    here: Vec<f64>,
+) -> Result<Vec<f64>> {
+    match (s.portion(), piece) {
+        (None, _) => Ok(here),
+        (Some(portion), Some(piece)) => piece.told(portion, each, &here),
+        (Some(portion), None) => {
+            let all = portion.collect(each, &here).map_err(elsewhere)?;
+            Ok(all.unwrap_or_default())
+        }
+    }
+}
+
+/// Stresses and strains at the nodes, as far as they are wanted and the model knows them; see [`at_points`].
+pub(super) fn recovered(
+    fields: &[OutputField],
+    s: &Subdomain<f64>,
+    piece: Option<&Piece>,
+) -> Result<Vec<Array>> {
     let wanted = fields.iter().any(|f| width(*f) > 0);
     let Some(recovery) = s.model().recovery().filter(|_| wanted) else {
         return Ok(Vec::new());
@@ -71,17 +93,19 @@ pub(super) fn recovered(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Ve
             _ => continue,
         });
     }
-    if let Some(portion) = s.portion() {
-        for a in &mut out {
-            let all = portion.collect(a.components, &a.values).map_err(elsewhere)?;
-            a.values = all.unwrap_or_default();
-        }
+    for a in &mut out {
+        a.values = at_points(s, piece, a.components, std::mem::take(&mut a.values))?;
     }
     Ok(out)
 }
 
-/// Sum of the contact forces on every node of a model that has contact; of one in parts on the first rank, all of which must ask.
-pub(super) fn contacts(fields: &[OutputField], run: &Coupled<f64>, model: usize) -> Result<Option<Array>> {
+/// Sum of the contact forces on every node of a model that has contact; see [`at_points`].
+pub(super) fn contacts(
+    fields: &[OutputField],
+    run: &Coupled<f64>,
+    model: usize,
+    piece: Option<&Piece>,
+) -> Result<Option<Array>> {
     let s = &run.subdomains()[model];
     let layout = s.model().layout();
     if !fields.contains(&OutputField::ContactForces) || layout.components != 3 {
@@ -90,11 +114,8 @@ pub(super) fn contacts(fields: &[OutputField], run: &Coupled<f64>, model: usize)
     let mut forces = vec![0.0; layout.dofs()];
     let any = run.add_contact_forces(model, &mut forces);
     forces.truncate(layout.translations());
-    if let Some(portion) = s.portion().filter(|_| any) {
-        forces = portion
-            .collect(3, &forces)
-            .map_err(elsewhere)?
-            .unwrap_or_default();
+    if any {
+        forces = at_points(s, piece, 3, forces)?;
     }
     Ok(any.then(|| Array {
         name: "contact force [N]".into(),
@@ -137,8 +158,13 @@ fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carr
     Ok(counts.iter().enumerate().flat_map(of).collect())
 }
 
-/// What bonds carry, as arrays of the `cells` of a picture that shows them.
-pub(super) fn bonds(fields: &[OutputField], s: &Subdomain<f64>, cells: usize) -> Result<Vec<Array>> {
+/// What bonds carry, as arrays of the `cells` of a picture that shows them, or of a piece.
+pub(super) fn bonds(
+    fields: &[OutputField],
+    s: &Subdomain<f64>,
+    cells: usize,
+    piece: Option<&Piece>,
+) -> Result<Vec<Array>> {
     let wanted = fields.contains(&OutputField::BondForces);
     // Of a model in parts some of the bonds are here.
     let whole = s.portion().is_none();
@@ -162,10 +188,11 @@ pub(super) fn bonds(fields: &[OutputField], s: &Subdomain<f64>, cells: usize) ->
         Some(portion) => {
             let here = links.pairs().iter().map(|p| p[0] as usize).zip(numbers);
             let here: Vec<(usize, Carried)> = here.filter(|b| b.0 < portion.nodes()).collect();
-            (
-                of_all_bonds(portion, &here)?,
-                !portion.any(!known).map_err(elsewhere)?,
-            )
+            let all = match piece {
+                Some(_) => here.iter().map(|b| b.1).collect(),
+                None => of_all_bonds(portion, &here)?,
+            };
+            (all, !portion.any(!known).map_err(elsewhere)?)
         }
     };
     let part = |c: usize| all.iter().map(|x: &Carried| x[c]).collect();

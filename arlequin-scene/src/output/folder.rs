@@ -149,6 +149,11 @@ impl Folder {
         })
     }
 
+    /// Where the files of a run go until it has ended.
+    pub fn unfinished(target: &Path) -> PathBuf {
+        beside(target, "unfinished")
+    }
+
     /// Where the checkpoint of a run is that was killed or interrupted.
     pub fn left_behind(target: &Path) -> PathBuf {
         Some(beside(target, "unfinished"))

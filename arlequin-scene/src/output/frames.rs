@@ -1,24 +1,25 @@
 //! Frames: the state of all models and mediators at one instant.
 
-use super::vtu::{self, Array, Entry};
+use super::painter::{Painter, Seen, vectors};
+use super::pieces::Piece;
+use super::vtu::{self, Array, Entry, Kinds, Numbers};
 use super::{fields, mark};
-use crate::cells::{self, Cell};
-use crate::error::{Error, Result, core, write};
-use crate::ranks::heard;
+use crate::error::{Error, Result, write};
+use crate::ranks::{Ranks, heard};
 use crate::setup::{Grid, ModelInfo, RigidPicture};
 use crate::spec::OutputField;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
-use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
-use std::borrow::Cow;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Writes frames and, at the end, their index.
 #[derive(Debug)]
 pub struct Frames {
     /// None on a rank that writes nothing.
     folder: Option<PathBuf>,
+    /// All ranks, where each of them writes its piece of models in parts.
+    ranks: Option<Ranks>,
     fields: Vec<OutputField>,
     models: Vec<Painter>,
     mediators: Vec<Grid>,
@@ -50,44 +51,15 @@ pub struct Picture<'a> {
     pub cells: Vec<Array>,
 }
 
-/// Displacements and velocities of all of a model.
-struct Seen<'a> {
-    q: Cow<'a, [f64]>,
-    v: Cow<'a, [f64]>,
-}
-
-impl<'a> Seen<'a> {
-    /// Of a model in parts, on the first rank alone; all of them must ask.
-    fn of(s: &'a Subdomain<f64>) -> Result<Option<Self>> {
-        let state = s.state();
-        if s.portion().is_none() {
-            let (q, v) = (Cow::from(&state.q), Cow::from(&state.v));
-            return Ok(Some(Self { q, v }));
-        }
-        let (q, v) = (in_all(s, &state.q)?, in_all(s, &state.v)?);
-        let both = q.zip(v);
-        Ok(both.map(|(q, v)| Self {
-            q: q.into(),
-            v: v.into(),
-        }))
-    }
-}
-
-fn in_all(s: &Subdomain<f64>, x: &[f64]) -> Result<Option<Vec<f64>>> {
-    s.in_all(x).map_err(core("output"))
-}
-
-/// What a model's files repeat.
+/// What a rank has written of an instant.
 #[derive(Debug)]
-struct Painter {
-    grid: Arc<Grid>,
-    /// Empty if the energy density is not wanted, the field has no gradient or the material is not known.
-    centres: Vec<Cell>,
-    weights: Vec<Array>,
-    /// What broke, where bonds can.
-    breaks: Option<SharedLog>,
-    /// Bytes of recovered fields in a frame.
-    recovered: usize,
+struct Written {
+    /// Entries of models, with the arrays of those in pieces.
+    models: Vec<(Entry, Option<Kinds>)>,
+    /// Files of this rank.
+    files: Vec<PathBuf>,
+    /// What went wrong first.
+    failed: Result<()>,
 }
 
 impl Frames {
@@ -98,31 +70,54 @@ impl Frames {
         run: &Coupled<f64>,
         pictures: Pictures,
     ) -> Self {
+        Self::of(folder, fields, run, pictures, Vec::new())
+    }
+
+    /// Prepares frames of which every rank writes its piece of models in parts into the folder, which all of them see. All must ask.
+    ///
+    /// # Errors
+    /// What ranks say of each other.
+    pub(crate) fn in_pieces(
+        folder: PathBuf,
+        fields: &[OutputField],
+        run: &Coupled<f64>,
+        mut pictures: Pictures,
+        ranks: &Ranks,
+    ) -> Result<Self> {
         let density = fields.contains(&OutputField::EnergyDensity);
-        let models = pictures
-            .models
-            .into_iter()
-            .zip(run.subdomains())
-            .map(|(d, s)| Painter {
-                centres: if density {
-                    cells::cells("output.fields", &d).unwrap_or_default()
-                } else {
-                    Vec::new()
-                },
-                weights: weights(s, &d.grid.points),
-                recovered: fields::bytes(fields, s),
-                grid: d.grid,
-                breaks: d.breaks,
-            })
-            .collect();
+        let all = pictures.models.iter_mut().zip(run.subdomains());
+        let pieces = all.map(|(info, s)| s.portion().map(|p| Piece::cut(info, p, density)).transpose());
+        let pieces = pieces.collect::<Result<Vec<_>>>()?;
+        let mut out = Self::of(Some(folder), fields, run, pictures, pieces);
+        out.ranks = Some(ranks.clone());
+        Ok(out)
+    }
+
+    fn of(
+        folder: Option<PathBuf>,
+        fields: &[OutputField],
+        run: &Coupled<f64>,
+        pictures: Pictures,
+        pieces: Vec<Option<Piece>>,
+    ) -> Self {
+        let pieces = pieces.into_iter().chain(std::iter::repeat_with(|| None));
+        let models = pictures.models.into_iter().zip(run.subdomains()).zip(pieces);
         Self {
             folder,
+            ranks: None,
             fields: fields.to_vec(),
-            models,
+            models: models
+                .map(|((info, s), piece)| Painter::new(fields, info, s, piece))
+                .collect(),
             mediators: pictures.mediators,
             rigid: pictures.rigid,
             entries: Vec::new(),
         }
+    }
+
+    /// Whether this rank writes what is whole, and the index.
+    fn leads(&self) -> bool {
+        self.folder.is_some() && self.ranks.as_ref().is_none_or(Ranks::leads)
     }
 
     /// Files written so far.
@@ -132,14 +127,16 @@ impl Frames {
 
     /// Goes on with the files written before; removes those of later instants.
     pub fn resume(&mut self, entries: Vec<Entry>) -> Result<()> {
-        let Some(folder) = &self.folder else { return Ok(()) };
-        let kept: Vec<_> = entries
+        let Some(folder) = self.folder.as_ref().filter(|_| self.leads()) else {
+            return Ok(());
+        };
+        let kept: HashSet<_> = entries
             .iter()
-            .filter_map(|e| Path::new(&e.file).file_name())
+            .filter_map(|e| Path::new(&e.file).file_name()?.to_str())
             .collect();
         for file in std::fs::read_dir(folder).map_err(write(folder))?.flatten() {
-            let name = file.file_name();
-            if !kept.contains(&name.as_os_str()) && mark::is_frame(&name) {
+            let frame = mark::frame(&file.file_name());
+            if frame.is_some_and(|f| !kept.contains(f.as_str())) {
                 std::fs::remove_file(file.path()).map_err(write(&file.path()))?;
             }
         }
@@ -154,24 +151,13 @@ impl Frames {
 
     /// Bytes of one frame, without headers.
     pub fn bytes_per_frame(&self) -> usize {
-        let model = |m: &Painter| {
-            let fixed = 24 * m.grid.points.len() + 4 * m.grid.connectivity.len() + 9 * m.grid.cells();
-            let weights = if self.fields.contains(&OutputField::Weights) {
-                24
-            } else {
-                0
-            };
-            fixed
-                + (48 + weights) * m.grid.points.len()
-                + 8 * (m.centres.len() + m.grid.radii.len())
-                + m.recovered
-        };
         let mediator = |v: &Grid| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
-        self.models.iter().map(model).sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
+        let models = self.models.iter().map(|m| m.bytes(&self.fields));
+        models.sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
 
-    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model, and of one in parts on
-    /// ranks but the first, all of which must ask.
+    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model. Of one in parts all ranks must
+    /// ask: the first gets it whole and the others none, or each its piece.
     ///
     /// # Errors
     /// Values that are not finite; what a model cannot recover.
@@ -180,14 +166,18 @@ impl Frames {
             return Ok(None);
         };
         check_state(run, s)?;
-        let Some(seen) = Seen::of(s)? else {
+        let piece = painter.piece.as_ref();
+        let Some(seen) = Seen::of(s, piece)? else {
+            // What the first rank asks of models in parts, in its order.
+            fields::recovered(&self.fields, s, None)?;
+            fields::bonds(&self.fields, s, 0, None)?;
+            fields::contacts(&self.fields, run, part, None)?;
             return Ok(None);
         };
-        let name = s.model().name();
         let (mut points, cells) = painter.arrays(&self.fields, s, &seen)?;
-        points.extend(fields::contacts(&self.fields, run, part)?);
+        points.extend(fields::contacts(&self.fields, run, part, piece)?);
         Ok(Some(Picture {
-            name: name.to_owned(),
+            name: s.model().name().to_owned(),
             grid: &painter.grid,
             points,
             cells,
@@ -196,29 +186,76 @@ impl Frames {
 
     /// Writes the current state.
     pub fn write(&mut self, run: &Coupled<f64>) -> Result<()> {
-        let Some(folder) = self.folder.clone() else {
-            // What the first rank asks of models in parts, in its order.
-            for (part, s) in run.subdomains().iter().enumerate() {
+        let mut written = Written {
+            models: Vec::new(),
+            files: Vec::new(),
+            failed: Ok(()),
+        };
+        for (part, s) in run.subdomains().iter().enumerate() {
+            if !self.leads() && s.portion().is_none() {
                 check_state(run, s)?;
-                if s.portion().is_none() {
-                    continue;
-                }
-                Seen::of(s)?;
-                fields::recovered(&self.fields, s)?;
-                fields::bonds(&self.fields, s, 0)?;
-                fields::contacts(&self.fields, run, part)?;
+            } else if let Some(picture) = self.picture(run, part)? {
+                self.write_model(run, part, &picture, &mut written);
             }
+        }
+        // Pieces are there before what names them; what one rank cannot write leaves nothing of this instant.
+        let done = match &self.ranks {
+            Some(ranks) => ranks.together(written.failed),
+            None => written.failed,
+        };
+        if done.is_err() {
+            written.files.iter().for_each(|p| {
+                let _ = std::fs::remove_file(p);
+            });
+        }
+        done?;
+        let Some(folder) = self.folder.clone().filter(|_| self.leads()) else {
             return Ok(());
         };
-        let mut part = 0;
-        while let Some(p) = self.picture(run, part)? {
-            let file = format!("{}_{:08}.vtu", p.name, run.steps());
-            vtu::write_grid(&folder.join(&file), p.grid, &p.points, &p.cells)?;
-            let written = entry(run, part, &p.name, file);
-            self.entries.push(written);
-            part += 1;
+        for (entry, kinds) in written.models {
+            if let (Some(kinds), Some(ranks)) = (kinds, &self.ranks) {
+                let name = entry.file.trim_start_matches("vtu/").trim_end_matches(".pvtu");
+                let pieces: Vec<String> = (0..ranks.count()).map(|r| piece_file(name, r)).collect();
+                pieces
+                    .iter()
+                    .enumerate()
+                    .try_for_each(|(r, p)| seen(&folder.join(p), r))?;
+                vtu::write_parallel(&folder.join(format!("{name}.pvtu")), &kinds, &pieces)?;
+            }
+            self.entries.push(entry);
         }
         self.write_rigid(run, &folder)?;
+        self.write_multipliers(run, &folder)
+    }
+
+    /// Writes what this rank shows of a model, unless it has failed before.
+    fn write_model(&self, run: &Coupled<f64>, part: usize, p: &Picture<'_>, to: &mut Written) {
+        let (Some(folder), Ok(())) = (&self.folder, &to.failed) else {
+            return;
+        };
+        let name = format!("{}_{:08}", p.name, run.steps());
+        let piece = self.models[part].piece.as_ref();
+        let file = match (piece, &self.ranks) {
+            (Some(_), Some(ranks)) => piece_file(&name, ranks.rank()),
+            _ => format!("{name}.vtu"),
+        };
+        let path = folder.join(file);
+        let numbers = piece.map(|piece| Numbers {
+            points: &piece.points,
+            own: piece.own,
+            cells: &piece.cells,
+        });
+        to.failed = vtu::write_grid(&path, p.grid, &p.points, &p.cells, numbers);
+        to.files.push(path);
+        let (ending, kinds) = match piece {
+            None => ("vtu", None),
+            Some(_) => ("pvtu", Some(Kinds::of(&p.points, &p.cells))),
+        };
+        let entry = entry(run, part, &p.name, format!("{name}.{ending}"));
+        to.models.push((entry, kinds));
+    }
+
+    fn write_multipliers(&mut self, run: &Coupled<f64>, folder: &Path) -> Result<()> {
         if !self.fields.contains(&OutputField::Multipliers) {
             return Ok(());
         }
@@ -231,7 +268,7 @@ impl Frames {
                 values: vectors(i.multipliers(), i.components(), grid.points.len()),
             };
             let file = format!("mediator-{name}_{:08}.vtu", run.steps());
-            vtu::write_grid(&folder.join(&file), grid, &[lambda], &[])?;
+            vtu::write_grid(&folder.join(&file), grid, &[lambda], &[], None)?;
             self.entries.push(entry(
                 run,
                 self.models.len() + k,
@@ -275,7 +312,7 @@ impl Frames {
                 name.chars().map(plain).collect::<String>(),
                 run.steps()
             );
-            vtu::write_grid(&folder.join(&file), &p.grid, &arrays, &[])?;
+            vtu::write_grid(&folder.join(&file), &p.grid, &arrays, &[], None)?;
             let part = self.models.len() + self.mediators.len() + k;
             self.entries.push(entry(run, part, &name, file));
         }
@@ -288,117 +325,6 @@ impl Frames {
     }
 }
 
-impl Painter {
-    fn arrays(
-        &self,
-        fields: &[OutputField],
-        s: &Subdomain<f64>,
-        seen: &Seen<'_>,
-    ) -> Result<(Vec<Array>, Vec<Array>)> {
-        let (mut points, mut cells) = (Vec::new(), Vec::new());
-        let count = s.model().layout().components;
-        let vector = |name: &str, values: &[f64]| Array {
-            name: name.into(),
-            components: 3,
-            values: vectors(values, count, self.grid.points.len()),
-        };
-        if !self.grid.radii.is_empty() {
-            points.push(Array {
-                name: "radius [m]".into(),
-                components: 1,
-                values: self.grid.radii.clone(),
-            });
-        }
-        for field in fields {
-            match field {
-                OutputField::Displacement => points.push(vector("displacement [m]", &seen.q)),
-                OutputField::Velocity => points.push(vector("velocity [m/s]", &seen.v)),
-                OutputField::Weights => points.extend(self.weights.iter().cloned()),
-                OutputField::EnergyDensity if !self.centres.is_empty() => cells.push(Array {
-                    name: "energy density [J/m3]".into(),
-                    components: 1,
-                    values: self
-                        .centres
-                        .iter()
-                        .map(|cell| density(cell, &seen.q, count))
-                        .collect(),
-                }),
-                _ => {}
-            }
-        }
-        points.extend(fields::recovered(fields, s)?);
-        cells.extend(fields::bonds(fields, s, self.grid.cells())?);
-        if let Some(log) = &self.breaks {
-            let (damage, broken) = self.damage(&locked(log));
-            points.push(damage);
-            cells.push(broken);
-        }
-        Ok((points, cells))
-    }
-
-    /// Share of broken bonds of every particle, and which bonds are broken.
-    fn damage(&self, log: &BreakLog) -> (Array, Array) {
-        let mut counts = vec![[0.0_f64; 2]; self.grid.points.len()];
-        let mut broken = Vec::with_capacity(self.grid.cells());
-        for (b, pair) in self.grid.connectivity.chunks_exact(2).enumerate() {
-            let gone = f64::from(u8::from(log.is_broken(b)));
-            broken.push(gone);
-            for i in pair {
-                let c = &mut counts[*i as usize];
-                c[0] += gone;
-                c[1] += 1.0;
-            }
-        }
-        let array = |name: &str, values| Array {
-            name: name.into(),
-            components: 1,
-            values,
-        };
-        let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
-        (array("damage [-]", shares), array("broken [-]", broken))
-    }
-}
-
-/// Unweighted strain energy density `½ σ:ε` at a cell centre.
-fn density(cell: &Cell, q: &[f64], count: usize) -> f64 {
-    let h = cell.gradient(q, count);
-    if count == 1 {
-        return 0.5 * cell.material.young() * h[(0, 0)] * h[(0, 0)];
-    }
-    let [lambda, mu] = cell.material.lame();
-    let strain = (h + h.transpose()) * 0.5;
-    0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
-}
-
-fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
-    let w = s.weights();
-    let all = [
-        ("alpha", &w.internal),
-        ("beta", &w.kinetic),
-        ("gamma", &w.external),
-    ];
-    all.map(|(name, w)| Array {
-        name: name.into(),
-        components: 1,
-        values: points.iter().map(|x| w.at(x)).collect(),
-    })
-    .into()
-}
-
-/// Three components per point, whatever the model has.
-fn vectors(values: &[f64], components: usize, points: usize) -> Vec<f64> {
-    (0..points)
-        .flat_map(|k| (0..3).map(move |c| (k, c)))
-        .map(|(k, c)| {
-            if c < components {
-                values[k * components + c]
-            } else {
-                0.0
-            }
-        })
-        .collect()
-}
-
 fn entry(run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
     Entry {
         time: run.time(),
@@ -406,6 +332,26 @@ fn entry(run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
         name: name.to_owned(),
         file: format!("vtu/{file}"),
     }
+}
+
+/// Name of the file of a rank.
+fn piece_file(name: &str, rank: usize) -> String {
+    format!("{name}_{rank}.vtu")
+}
+
+/// Refuses a piece that its rank has written where nobody else sees it.
+fn seen(path: &Path, rank: usize) -> Result<()> {
+    if path.exists() {
+        return Ok(());
+    }
+    Err(Error::System {
+        what: "output.pieces",
+        message: format!(
+            "rank {rank} has written '{}', and rank 0 does not see it: give all ranks an --out on a file system that they share, or set \
+             output.pieces = false",
+            path.display()
+        ),
+    })
 }
 
 /// Refuses displacements and velocities that are no numbers, on whatever rank they are: on all of them.

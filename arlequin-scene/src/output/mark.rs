@@ -42,7 +42,7 @@ const FILES: [&str; 12] = [
 /// Files that a sweep, or `arlequin view`, adds to results afterwards.
 const ADDED: [&str; 4] = ["member.json", ".member.json", "predicted.json", "view.html"];
 /// Folders inside, and what their files end with.
-const FOLDERS: [(&str, &str); 2] = [("vtu", ".vtu"), ("plots", ".svg")];
+const FOLDERS: [(&str, &str); 3] = [("vtu", ".vtu"), ("vtu", ".pvtu"), ("plots", ".svg")];
 /// How tables begin that are named after a model or a curve.
 const NAMED: [&str; 2] = ["fracture-", "curve-"];
 /// Folder with the same again.
@@ -213,11 +213,22 @@ pub fn is_ours(name: &Path) -> bool {
     }
 }
 
-/// Whether a file's name is that of a frame: a model, an underscore, the number of the step.
-pub fn is_frame(name: &OsStr) -> bool {
-    let stem = name.to_str().and_then(|n| n.strip_suffix(".vtu"));
-    let step = stem.and_then(|s| s.rsplit_once('_')).map(|(_, step)| step);
-    step.is_some_and(|s| s.len() >= 8 && s.bytes().all(|b| b.is_ascii_digit()))
+/// The file that the index names of a frame that a file is, or is a piece of: a model, an underscore and the number of the step; of a
+/// piece another underscore and its rank.
+pub fn frame(name: &OsStr) -> Option<String> {
+    let name = name.to_str()?;
+    let is_step = |s: &str| s.len() >= 8 && s.bytes().all(|b| b.is_ascii_digit());
+    let is_frame = |stem: &str| stem.rsplit_once('_').is_some_and(|(_, step)| is_step(step));
+    if let Some(stem) = name.strip_suffix(".pvtu") {
+        return is_frame(stem).then(|| name.to_owned());
+    }
+    let stem = name.strip_suffix(".vtu")?;
+    if is_frame(stem) {
+        return Some(name.to_owned());
+    }
+    let (stem, rank) = stem.rsplit_once('_')?;
+    let is_rank = !rank.is_empty() && rank.bytes().all(|b| b.is_ascii_digit());
+    (is_rank && is_frame(stem)).then(|| format!("{stem}.pvtu"))
 }
 
 fn is_part(parts: &[&str]) -> bool {

@@ -8,6 +8,8 @@ mod frames;
 pub(crate) mod live;
 pub mod mark;
 pub mod packing;
+mod painter;
+mod pieces;
 pub mod summary;
 pub mod tables;
 mod vtu;

@@ -17,6 +17,48 @@ pub struct Array {
     pub values: Vec<f64>,
 }
 
+impl Array {
+    /// One number per point or cell.
+    pub(super) fn scalar(name: &str, values: Vec<f64>) -> Self {
+        Self {
+            name: name.into(),
+            components: 1,
+            values,
+        }
+    }
+}
+
+/// Names that viewers know: numbers of points and cells in the whole model, and which points another rank holds.
+const POINTS: &str = "GlobalPointIds";
+const CELLS: &str = "GlobalCellIds";
+const GHOST: &str = "vtkGhostType";
+/// Kind of the first two, VTK's own for numbers.
+const NUMBER: &str = "Int64\" IdType=\"1";
+/// Name of the coordinates.
+const POSITION: &str = "position [m]";
+
+/// Numbers of a piece in the whole model.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Numbers<'a> {
+    /// Of its points.
+    pub(super) points: &'a [u32],
+    /// How many of them, the first ones, no other piece has.
+    pub(super) own: usize,
+    /// Of its cells.
+    pub(super) cells: &'a [u32],
+}
+
+/// Names and components of the arrays of points and of cells.
+#[derive(Debug)]
+pub(super) struct Kinds([Vec<(String, usize)>; 2]);
+
+impl Kinds {
+    pub(super) fn of(points: &[Array], cells: &[Array]) -> Self {
+        let of = |all: &[Array]| all.iter().map(|a| (a.name.clone(), a.components)).collect();
+        Self([of(points), of(cells)])
+    }
+}
+
 /// One data section and its description.
 struct Appended {
     xml: String,
@@ -27,9 +69,8 @@ impl Appended {
     fn add(&mut self, kind: &str, name: &str, components: usize, bytes: &mut dyn Iterator<Item = u8>) {
         let _ = writeln!(
             self.xml,
-            "        <DataArray type=\"{kind}\" Name=\"{}\" NumberOfComponents=\"{components}\" \
-             format=\"appended\" offset=\"{}\"/>",
-            escape(name),
+            "        <DataArray {} format=\"appended\" offset=\"{}\"/>",
+            described(kind, name, components),
             self.data.len()
         );
         let start = self.data.len();
@@ -48,15 +89,37 @@ impl Appended {
         );
     }
 
-    fn section(&mut self, name: &str, fill: impl FnOnce(&mut Self)) {
-        let _ = writeln!(self.xml, "      <{name}>");
+    fn numbers(&mut self, name: &str, values: impl Iterator<Item = i64>) {
+        self.add(NUMBER, name, 1, &mut values.flat_map(i64::to_le_bytes));
+    }
+
+    fn section(&mut self, name: &str, numbers: Option<&str>, fill: impl FnOnce(&mut Self)) {
+        let numbers = numbered(numbers);
+        let _ = writeln!(self.xml, "      <{name}{numbers}>");
         fill(self);
         let _ = writeln!(self.xml, "      </{name}>");
     }
 }
 
-/// Writes one grid.
-pub(super) fn write_grid(path: &Path, grid: &Grid, points: &[Array], cells: &[Array]) -> Result<()> {
+/// Type, name and components of an array.
+fn described(kind: &str, name: &str, components: usize) -> String {
+    let name = escape(name);
+    format!("type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"")
+}
+
+/// Says which array of a section has the numbers in the whole model.
+fn numbered(array: Option<&str>) -> String {
+    array.map_or_else(String::new, |name| format!(" GlobalIds=\"{name}\""))
+}
+
+/// Writes one grid; of a piece with its numbers in the whole.
+pub(super) fn write_grid(
+    path: &Path,
+    grid: &Grid,
+    points: &[Array],
+    cells: &[Array],
+    numbers: Option<Numbers<'_>>,
+) -> Result<()> {
     let mut a = Appended {
         xml: String::new(),
         data: Vec::new(),
@@ -66,16 +129,24 @@ pub(super) fn write_grid(path: &Path, grid: &Grid, points: &[Array], cells: &[Ar
             a.floats(&x.name, x.components, x.values.iter().copied());
         }
     };
-    a.section("PointData", |a| arrays(a, points));
-    a.section("CellData", |a| arrays(a, cells));
-    a.section("Points", |a| {
-        a.floats(
-            "position [m]",
-            3,
-            grid.points.iter().flat_map(|p| [p.x, p.y, p.z]),
-        );
+    a.section("PointData", numbers.map(|_| POINTS), |a| {
+        arrays(a, points);
+        if let Some(n) = numbers {
+            a.numbers(POINTS, n.points.iter().map(|k| i64::from(*k)));
+            let ghosts = (0..n.points.len()).map(|k| u8::from(k >= n.own));
+            a.add("UInt8", GHOST, 1, &mut { ghosts });
+        }
     });
-    a.section("Cells", |a| {
+    a.section("CellData", numbers.map(|_| CELLS), |a| {
+        arrays(a, cells);
+        if let Some(n) = numbers {
+            a.numbers(CELLS, n.cells.iter().map(|k| i64::from(*k)));
+        }
+    });
+    a.section("Points", None, |a| {
+        a.floats(POSITION, 3, grid.points.iter().flat_map(|p| [p.x, p.y, p.z]));
+    });
+    a.section("Cells", None, |a| {
         let corners = grid.connectivity.iter();
         a.add(
             "Int64",
@@ -102,6 +173,43 @@ pub(super) fn write_grid(path: &Path, grid: &Grid, points: &[Array], cells: &[Ar
     );
     let tail = b"\n  </AppendedData>\n</VTKFile>\n";
     put(path, &[head.as_bytes(), &a.data, tail])
+}
+
+/// Writes what names the pieces of a grid, which are beside it.
+pub(super) fn write_parallel(path: &Path, kinds: &Kinds, pieces: &[String]) -> Result<()> {
+    let mut text = String::from(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"PUnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
+         header_type=\"UInt64\">\n  <PUnstructuredGrid GhostLevel=\"0\">\n",
+    );
+    let [points, cells] = &kinds.0;
+    let float = |(name, components): &(String, usize)| described("Float64", name, *components);
+    let number = |name: &str| described(NUMBER, name, 1);
+    let of_points = [number(POINTS), described("UInt8", GHOST, 1)];
+    for (section, name, arrays) in [
+        (
+            "PPointData",
+            Some(POINTS),
+            points.iter().map(float).chain(of_points).collect(),
+        ),
+        (
+            "PCellData",
+            Some(CELLS),
+            cells.iter().map(float).chain([number(CELLS)]).collect(),
+        ),
+        ("PPoints", None, vec![described("Float64", POSITION, 3)]),
+    ] {
+        let arrays: Vec<String> = arrays;
+        let _ = writeln!(text, "    <{section}{}>", numbered(name));
+        for array in arrays {
+            let _ = writeln!(text, "      <PDataArray {array}/>");
+        }
+        let _ = writeln!(text, "    </{section}>");
+    }
+    for piece in pieces {
+        let _ = writeln!(text, "    <Piece Source=\"{}\"/>", escape(piece));
+    }
+    text.push_str("  </PUnstructuredGrid>\n</VTKFile>\n");
+    put(path, &[text.as_bytes()])
 }
 
 /// One file of the index.

@@ -14,8 +14,10 @@ use std::time::Instant;
 /// A folder to run into: checked, with a note of the files that the scene reads.
 #[derive(Debug)]
 pub struct RunFolder {
-    /// None on a rank that writes nothing.
+    /// None on ranks but the first, which has the folder.
     place: Option<Place>,
+    /// Where files go until the run has ended.
+    unfinished: PathBuf,
     origin: Origin,
 }
 
@@ -30,19 +32,26 @@ impl RunFolder {
         let read = scene.files().into_iter().map(|f| scene.folder().join(f));
         let inputs: Vec<PathBuf> = std::iter::once(scene.source().path.clone()).chain(read).collect();
         let place = Place::new(&target, force, &inputs);
+        let unfinished = Folder::unfinished(&target);
         let origin = Origin::of(scene)?;
         let ranks = scene.ranks();
         let place = ranks.leads().then_some(place);
         ranks.together(place.as_ref().map_or(Ok(()), Place::check))?;
-        Ok(Self { place, origin })
+        Ok(Self {
+            place,
+            unfinished,
+            origin,
+        })
     }
 }
 
 /// Where a run writes, and which scene it is of.
 #[derive(Debug)]
 pub(crate) struct Keep {
-    /// None on a rank that writes nothing.
+    /// None on ranks but the first.
     pub(super) folder: Option<Folder>,
+    /// Where files go until the run has ended.
+    unfinished: PathBuf,
     origin: Origin,
 }
 
@@ -50,6 +59,7 @@ impl Keep {
     pub(super) fn begin(folder: RunFolder) -> Result<Self> {
         Ok(Self {
             folder: folder.place.map(Folder::begin).transpose()?,
+            unfinished: folder.unfinished,
             origin: folder.origin,
         })
     }
@@ -57,8 +67,14 @@ impl Keep {
     pub(super) fn reopen(target: &Path, origin: Origin, leads: bool) -> Result<Self> {
         Ok(Self {
             folder: leads.then(|| Folder::reopen(target)).transpose()?,
+            unfinished: Folder::unfinished(target),
             origin,
         })
+    }
+
+    /// Where frames go: there once the first rank has made it.
+    pub(super) fn frames(&self) -> PathBuf {
+        self.unfinished.join("vtu")
     }
 
     /// Undoes [`Session::put_aside`].
@@ -95,7 +111,7 @@ impl Session<'_> {
     }
 
     /// Takes the state of a checkpoint.
-    pub(crate) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
+    pub(super) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
         let restored = self.run.restore(&saved.snapshot);
         restored.map_err(|e| Error::Checkpoint {
             path: self.folder().unwrap_or(Path::new("")).join(checkpoint::NAME),
@@ -172,11 +188,11 @@ impl Session<'_> {
             Ok(summary) => summary,
             Err(e) => return Err(self.salvage(e, None, observer)),
         };
-        if let Some(Keep { folder, origin }) = self.keep.take() {
-            let put = folder.as_ref().map_or(Ok(()), |f| f.put_aside(name));
-            match (put, folder) {
+        if let Some(mut keep) = self.keep.take() {
+            let put = keep.folder.as_ref().map_or(Ok(()), |f| f.put_aside(name));
+            match (put, keep.folder.take()) {
                 (Err(e), Some(folder)) => return Err(folder.keep(e)),
-                (_, folder) => self.keep = Some(Keep { folder, origin }),
+                (_, folder) => self.keep = Some(Keep { folder, ..keep }),
             }
         }
         Ok((self.recorder.into_recorded(self.scene.spec(), summary), self.keep))

@@ -228,7 +228,7 @@ impl Prepared {
                 drop(self.built);
                 wake::run(&self.scene, asleep, keep, self.setup, None, observer)
             }
-            None => Session::new(&self.scene, self.built, keep, self.setup)?.complete(observer),
+            None => Session::new(&self.scene, self.built, keep, self.setup, None)?.complete(observer),
         }
     }
 }
@@ -360,8 +360,7 @@ impl Resumed {
                 wake::run(&prepared.scene, asleep, keep, setup, Some(saved), observer)
             }
             (_, stage) => {
-                let mut session = Session::new(&prepared.scene, prepared.built, keep, setup)?;
-                session.restore(saved)?;
+                let session = Session::new(&prepared.scene, prepared.built, keep, setup, Some(saved))?;
                 let done = match stage {
                     Some(Stage::Awake { start, report }) => wake::finish(session, start, *report, observer),
                     _ => session.complete(observer),

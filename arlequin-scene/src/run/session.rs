@@ -2,6 +2,7 @@
 
 use super::folder::Keep;
 use super::{End, Observer};
+use crate::checkpoint::Checkpoint;
 use crate::crossing::Crossing;
 use crate::error::Result;
 use crate::output::fragments::Fragments;
@@ -14,7 +15,7 @@ use crate::recorder::{self, PhaseClock, Recorder};
 use crate::scene::Scene;
 use crate::setup::{Bounds, Built, Grid, LoadSteps, ParticlesWithoutContact, PhaseTime};
 use crate::wake::Stage;
-use arlequin::core::Coupled;
+use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::SharedLog;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -44,14 +45,30 @@ pub(crate) struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Records the state before the first step of a run that took so many seconds to set up.
-    pub(crate) fn new(scene: &'a Scene, mut built: Built, keep: Option<Keep>, setup: f64) -> Result<Self> {
+    /// A run that took so many seconds to set up, from its first state, which is recorded, or from that of a checkpoint.
+    pub(crate) fn new(
+        scene: &'a Scene,
+        mut built: Built,
+        keep: Option<Keep>,
+        setup: f64,
+        saved: Option<Checkpoint>,
+    ) -> Result<Self> {
         let settings = &scene.spec().output;
-        // What the first rank alone draws.
-        if !scene.ranks().leads() {
-            let in_parts = built.run.subdomains().iter().map(|s| s.portion().is_some());
-            let others = built.models.iter_mut().zip(in_parts).filter(|(_, parts)| *parts);
-            others.for_each(|(info, _)| {
+        let ranks = scene.ranks();
+        let in_parts = |s: &Subdomain<f64>| s.portion().is_some();
+        let pieces = settings.pieces && built.run.subdomains().iter().any(in_parts);
+        let pictures = Pictures {
+            models: match pieces && keep.is_some() {
+                true => built.models.clone(),
+                false => Vec::new(),
+            },
+            mediators: built.mediators,
+            rigid: built.rigid,
+        };
+        // What the first rank alone looks at as a whole.
+        if !ranks.leads() {
+            let all = built.models.iter_mut().zip(built.run.subdomains());
+            all.filter(|(_, s)| in_parts(s)).for_each(|(info, _)| {
                 let corners = info.grid.corners;
                 info.grid = Arc::new(Grid {
                     corners,
@@ -62,19 +79,24 @@ impl<'a> Session<'a> {
         let breaks: Vec<_> = built.models.iter().map(|d| d.breaks.clone()).collect();
         let fragments = Fragments::new(&built.run, &built.models)?;
         let packings = built.models.iter().map(|d| d.packing.clone()).collect();
+        let models = built.models;
         let frames = match &keep {
             None => None,
             Some(keep) => {
                 let folder = keep.folder.as_ref().map(|f| f.subfolder("vtu")).transpose()?;
-                let pictures = Pictures {
-                    models: built.models,
-                    mediators: built.mediators,
-                    rigid: built.rigid,
-                };
-                Some(Frames::new(folder, &settings.fields, &built.run, pictures))
+                Some(if pieces {
+                    drop(models);
+                    let folder = folder.unwrap_or_else(|| keep.frames());
+                    Frames::in_pieces(folder, &settings.fields, &built.run, pictures, ranks)?
+                } else {
+                    let pictures = Pictures { models, ..pictures };
+                    Frames::new(folder, &settings.fields, &built.run, pictures)
+                })
             }
         };
-        Ok(Self {
+        // A checkpoint has it, with files that this number of ranks need not write alike.
+        let recorded = saved.is_some() || built.load_steps.is_some();
+        let mut out = Self {
             recorder: Recorder::new(
                 &mut built.run,
                 built.probes,
@@ -82,7 +104,7 @@ impl<'a> Session<'a> {
                 fragments,
                 [settings.probe_every, built.frame_every],
                 built.warnings,
-                built.load_steps.is_some(),
+                recorded,
             )?,
             live: Live::new(),
             scene,
@@ -100,7 +122,11 @@ impl<'a> Session<'a> {
             bounds: built.bounds,
             phases: built.phases,
             holdings: built.holdings,
-        })
+        };
+        if let Some(saved) = saved {
+            out.restore(saved)?;
+        }
+        Ok(out)
     }
 
     /// The run.

@@ -8,7 +8,9 @@ use crate::error::{Error, Result, fem, key, value};
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::size::{mean_diameter, sphere_count};
-use arlequin::dem_beam::packing::{Around, Container, Loose, Packing, PackingSpec, read_csv, read_vtu};
+use arlequin::dem_beam::packing::{
+    Around, Container, Loose, Packing, PackingSpec, pieces_of_pvtu, read_csv, read_pieces, read_vtu,
+};
 use arlequin::dem_beam::{BeamMaterial, Surface};
 use arlequin::fem_ref::gmsh::{self, Triangles};
 use arlequin::fem_ref::{ElementKind, Mesh, generate};
@@ -320,8 +322,13 @@ fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Resul
         read_csv(&mut content.as_slice()).map_err(dem(&at))?
     } else if is(file, "vtu") {
         read_vtu(&content, t.radii.as_deref()).map_err(dem(&at))?
+    } else if is(file, "pvtu") {
+        let pieces = pieces_of_pvtu(&content).map_err(dem(&at))?;
+        let pieces = pieces.iter().map(|p| bytes(&file.with_file_name(p)));
+        let pieces = pieces.collect::<Result<Vec<_>>>()?;
+        read_pieces(&pieces, t.radii.as_deref()).map_err(dem(&at))?
     } else {
-        let rule = "spheres are read from CSV (.csv, lines x,y,z,r) or VTU (.vtu)";
+        let rule = "spheres are read from CSV (.csv, lines x,y,z,r), VTU (.vtu) or its pieces (.pvtu)";
         return Err(value(at, file.display(), rule));
     };
     positions.iter_mut().for_each(|x| *x -= filling.shift);

@@ -323,7 +323,7 @@ pub struct DemTable {
     /// How the packing is compacted. Default: `onset`.
     pub protocol: Option<Protocol>,
     /// Spheres from a file in place of a packing of ours, in m, path relative to the scene: `.csv` (lines
-    /// `x,y,z,r`) or `.vtu` (points and a point array of radii, such as a written frame). Bonded by `coordination`;
+    /// `x,y,z,r`), `.vtu` (points and a point array of radii, such as a written frame) or `.pvtu` (the same in pieces). Bonded by `coordination`;
     /// the shape gives the volume, and every sphere must lie in it. Excludes `spacing`, `count`, `seed`,
     /// `protocol`.
     pub file: Option<PathBuf>,

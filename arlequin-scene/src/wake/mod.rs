@@ -106,11 +106,8 @@ pub(crate) fn run(
         return Err(key("wake", "is gone; it is what a model sleeps by"));
     };
     let mut watch = asleep.watch;
-    let mut session = Session::new(&asleep.scene, asleep.built, keep, setup)?;
+    let mut session = Session::new(&asleep.scene, asleep.built, keep, setup, saved)?;
     session.stage = Some(watch.stage());
-    if let Some(saved) = saved {
-        session.restore(saved)?;
-    }
     let end = session.advance(observer, &mut |run, stage| {
         let woken = watch.look(run);
         *stage = Some(watch.stage());
@@ -142,7 +139,7 @@ pub(crate) fn run(
     report.wake(session.coupled());
     let (slept, keep) = session.put_aside(ASLEEP, observer)?;
     report.woken_as(&built.run);
-    let session = Session::new(scene, built, keep, begin.elapsed().as_secs_f64())?;
+    let session = Session::new(scene, built, keep, begin.elapsed().as_secs_f64(), None)?;
     let mut done = finish(session, start, report, observer)?;
     done.asleep = Some(slept);
     Ok(done)

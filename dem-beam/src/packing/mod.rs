@@ -36,4 +36,4 @@ pub use report::PackingReport;
 pub use stl::read_facets;
 pub use surface::Surface;
 #[cfg(feature = "vtu")]
-pub use vtu::read_vtu;
+pub use vtu::{pieces_of_pvtu, read_pieces, read_vtu};

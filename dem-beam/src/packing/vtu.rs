@@ -14,13 +14,70 @@ const NAMES: [&str; 6] = ["radius [m]", "radius", "Radius", "radii", "Radii", "r
 
 /// Reads the points of all pieces as centres \[m\] and a point array as radii \[m\]: the one named
 /// `radius`, or without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii`
-/// and `r`. Cells are not read.
+/// and `r`. Cells are not read, nor points that `vtkGhostType` calls those of another piece.
 ///
 /// # Errors
 /// [`Error::BadFile`] if it is no such file, [`Error::MissingArray`],
 /// [`Error::LengthMismatch`], and those of bad spheres: [`Error::NotFinite`],
 /// [`Error::BadRadius`], [`Error::RadiusRatio`].
 pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
+    checked(&spheres(bytes, radius)?)
+}
+
+/// Names of the files of a PVTU file (pieces, beside it), in its order.
+///
+/// # Errors
+/// [`Error::BadFile`] if it is no such file, or names none.
+pub fn pieces_of_pvtu(bytes: &[u8]) -> Result<Vec<String>> {
+    let text = std::str::from_utf8(bytes).map_err(|_| bad("it is no UTF-8 text"))?;
+    let xml = Document::parse(text).map_err(|e| bad(e.to_string()))?;
+    if xml.root_element().attribute("type") != Some("PUnstructuredGrid") {
+        return Err(bad("it is not a VTKFile of the type PUnstructuredGrid"));
+    }
+    let all = xml.descendants().filter(|n| n.has_tag_name("Piece"));
+    let names: Vec<String> = all
+        .filter_map(|n| n.attribute("Source").map(str::to_owned))
+        .collect();
+    if names.is_empty() {
+        return Err(bad("it names no pieces"));
+    }
+    Ok(names)
+}
+
+/// The same as [`read_vtu`] of the contents of all pieces of a PVTU file, in the order of their numbers in the whole
+/// (`GlobalIds`) where all pieces have them: as one file would have them.
+///
+/// # Errors
+/// Those of [`read_vtu`].
+pub fn read_pieces<P: AsRef<[u8]>>(
+    pieces: &[P],
+    radius: Option<&str>,
+) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
+    let mut all = Vec::new();
+    for piece in pieces {
+        all.extend(spheres(piece.as_ref(), radius)?);
+    }
+    if all.iter().all(|s| s.number.is_some()) {
+        all.sort_by_key(|s| s.number);
+    }
+    checked(&all)
+}
+
+/// A point as a sphere.
+struct Sphere {
+    /// Its number in the whole, where the file tells.
+    number: Option<u64>,
+    centre: Vector3<f64>,
+    radius: f64,
+}
+
+fn checked(all: &[Sphere]) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
+    let (positions, radii): (Vec<_>, Vec<_>) = all.iter().map(|s| (s.centre, s.radius)).unzip();
+    check_spheres(&positions, &radii)?;
+    Ok((positions, radii))
+}
+
+fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<Vec<Sphere>> {
     // Appended data need not be XML: the head is closed by hand.
     let mark = b"<AppendedData";
     let cut = bytes.windows(mark.len()).position(|w| w == mark);
@@ -33,23 +90,49 @@ pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>
     }
     let xml = Document::parse(&head).map_err(|e| bad(e.to_string()))?;
     let file = Source::new(xml.root_element(), tail)?;
-    let (mut positions, mut radii) = (Vec::new(), Vec::new());
+    let mut out = Vec::new();
     for piece in xml.descendants().filter(|n| n.has_tag_name("Piece")) {
         let array = child(piece, "Points").and_then(|p| child(p, "DataArray"));
         let points = file.numbers(array.ok_or_else(|| bad("a piece has no points"))?)?;
-        let found = file.numbers(radius_array(piece, radius)?)?;
-        if points.len() != 3 * found.len() {
+        let radii = file.numbers(radius_array(piece, radius)?)?;
+        let count = points.len() / 3;
+        let beside = |name: &str, what: &'static str| {
+            let found = file.numbers_of_points(piece, name)?;
+            match found.as_ref().map(Vec::len) {
+                Some(found) if found != count => Err(Error::LengthMismatch {
+                    what,
+                    found,
+                    expected: count,
+                }),
+                _ => Ok(found),
+            }
+        };
+        if points.len() != 3 * radii.len() {
             return Err(Error::LengthMismatch {
                 what: "radii",
-                found: found.len(),
-                expected: points.len() / 3,
+                found: radii.len(),
+                expected: count,
             });
         }
-        positions.extend(points.chunks_exact(3).map(Vector3::from_column_slice));
-        radii.extend(found);
+        let ghosts = beside("vtkGhostType", "ghost types")?;
+        let ids = child(piece, "PointData").and_then(|d| d.attribute("GlobalIds"));
+        let numbers = ids
+            .map(|name| beside(name, "global numbers"))
+            .transpose()?
+            .flatten();
+        for (k, (centre, radius)) in points.chunks_exact(3).zip(radii).enumerate() {
+            // The first bit: another piece has it.
+            if ghosts.as_ref().is_some_and(|g| g[k] as u8 & 1 == 1) {
+                continue;
+            }
+            out.push(Sphere {
+                number: numbers.as_ref().map(|n| n[k] as u64),
+                centre: Vector3::from_column_slice(centre),
+                radius,
+            });
+        }
     }
-    check_spheres(&positions, &radii)?;
-    Ok((positions, radii))
+    Ok(out)
 }
 
 fn bad(reason: impl Into<String>) -> Error {
@@ -154,6 +237,14 @@ impl<'a> Source<'a> {
             .unpack(&data)
             .ok_or_else(|| bad("an array is cut short or damaged"))?;
         convert(array.attribute("type").unwrap_or_default(), &data)
+    }
+
+    /// The numbers of an array of the points of a piece, if it has one of this name.
+    fn numbers_of_points(&self, piece: Node<'a, 'a>, name: &str) -> Result<Option<Vec<f64>>> {
+        let data = child(piece, "PointData");
+        let mut arrays = data.iter().flat_map(|d| d.children());
+        let found = arrays.find(|n| n.has_tag_name("DataArray") && n.attribute("Name") == Some(name));
+        found.map(|array| self.numbers(array)).transpose()
     }
 
     /// Takes away the header, and the compression.

@@ -1,0 +1,208 @@
+//! A model at one instant as arrays of its points and cells.
+
+use super::fields;
+use super::pieces::Piece;
+use super::vtu::Array;
+use crate::cells::{self, Cell};
+use crate::error::{Result, core};
+use crate::setup::{Grid, ModelInfo};
+use crate::spec::OutputField;
+use arlequin::core::Subdomain;
+use arlequin::core::nalgebra::Point3;
+use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
+use std::borrow::Cow;
+use std::sync::Arc;
+
+/// What a model's files repeat.
+#[derive(Debug)]
+pub(super) struct Painter {
+    /// What is shown: all of the model, or a piece of it.
+    pub(super) grid: Arc<Grid>,
+    /// What this rank shows of a model in parts, if each of them shows its own.
+    pub(super) piece: Option<Piece>,
+    /// None if the energy density is not wanted, the field has no gradient or the material is not known.
+    centres: Option<Vec<Cell>>,
+    weights: Vec<Array>,
+    /// What broke, where bonds can.
+    breaks: Option<SharedLog>,
+    /// Bytes of recovered fields in a frame.
+    recovered: usize,
+}
+
+/// Displacements and velocities of all points that are shown.
+pub(super) struct Seen<'a> {
+    q: Cow<'a, [f64]>,
+    v: Cow<'a, [f64]>,
+}
+
+impl<'a> Seen<'a> {
+    /// Of a whole model in parts, on the first rank alone; all of them must ask.
+    pub(super) fn of(s: &'a Subdomain<f64>, piece: Option<&Piece>) -> Result<Option<Self>> {
+        let state = s.state();
+        let Some(portion) = s.portion() else {
+            let (q, v) = (Cow::from(&state.q), Cow::from(&state.v));
+            return Ok(Some(Self { q, v }));
+        };
+        let of = |x: &[f64]| match piece {
+            None => s.in_all(x).map_err(core("output")),
+            Some(piece) => {
+                let layout = s.model().layout();
+                let moving = &x[..layout.translations()];
+                piece.told(portion, layout.components, moving).map(Some)
+            }
+        };
+        let (q, v) = (of(&state.q)?, of(&state.v)?);
+        let both = q.zip(v);
+        Ok(both.map(|(q, v)| Self {
+            q: q.into(),
+            v: v.into(),
+        }))
+    }
+}
+
+impl Painter {
+    pub(super) fn new(
+        fields: &[OutputField],
+        info: ModelInfo,
+        s: &Subdomain<f64>,
+        mut piece: Option<Piece>,
+    ) -> Self {
+        let all = || {
+            let wanted = fields.contains(&OutputField::EnergyDensity);
+            let all = wanted.then(|| cells::cells("output.fields", &info).ok());
+            all.flatten().filter(|c| !c.is_empty())
+        };
+        Self {
+            centres: match &mut piece {
+                Some(piece) => piece.centres.take(),
+                None => all(),
+            },
+            weights: weights(s, &info.grid.points),
+            recovered: fields::bytes(fields, s),
+            grid: info.grid,
+            breaks: info.breaks,
+            piece,
+        }
+    }
+
+    /// Bytes of one frame, without headers.
+    pub(super) fn bytes(&self, fields: &[OutputField]) -> usize {
+        let fixed = 24 * self.grid.points.len() + 4 * self.grid.connectivity.len() + 9 * self.grid.cells();
+        let weights = if fields.contains(&OutputField::Weights) {
+            24
+        } else {
+            0
+        };
+        let densities = self.centres.as_ref().map_or(0, Vec::len);
+        fixed
+            + (48 + weights) * self.grid.points.len()
+            + 8 * (densities + self.grid.radii.len())
+            + self.recovered
+    }
+
+    /// Arrays of the points, then of the cells; of a model in parts all ranks must ask.
+    pub(super) fn arrays(
+        &self,
+        fields: &[OutputField],
+        s: &Subdomain<f64>,
+        seen: &Seen<'_>,
+    ) -> Result<(Vec<Array>, Vec<Array>)> {
+        let (mut points, mut cells) = (Vec::new(), Vec::new());
+        let count = s.model().layout().components;
+        let vector = |name: &str, values: &[f64]| Array {
+            name: name.into(),
+            components: 3,
+            values: vectors(values, count, self.grid.points.len()),
+        };
+        if !self.grid.radii.is_empty() {
+            points.push(Array::scalar("radius [m]", self.grid.radii.clone()));
+        }
+        for field in fields {
+            match (field, &self.centres) {
+                (OutputField::Displacement, _) => points.push(vector("displacement [m]", &seen.q)),
+                (OutputField::Velocity, _) => points.push(vector("velocity [m/s]", &seen.v)),
+                (OutputField::Weights, _) => points.extend(self.weights.iter().cloned()),
+                (OutputField::EnergyDensity, Some(centres)) => {
+                    let of = centres.iter().map(|cell| density(cell, &seen.q, count));
+                    cells.push(Array::scalar("energy density [J/m3]", of.collect()));
+                }
+                _ => {}
+            }
+        }
+        let piece = self.piece.as_ref();
+        points.extend(fields::recovered(fields, s, piece)?);
+        cells.extend(fields::bonds(fields, s, self.grid.cells(), piece)?);
+        if let Some(log) = &self.breaks {
+            let [shares, broken] = self.damage(&locked(log));
+            let shares = match piece {
+                Some(_) => fields::at_points(s, piece, 1, shares)?,
+                None => shares,
+            };
+            points.push(Array::scalar("damage [-]", shares));
+            cells.push(Array::scalar("broken [-]", broken));
+        }
+        Ok((points, cells))
+    }
+
+    /// Share of broken bonds of every particle, of a piece of those that this rank holds, and which bonds are broken.
+    fn damage(&self, log: &BreakLog) -> [Vec<f64>; 2] {
+        let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.own);
+        let mut counts = vec![[0.0_f64; 2]; points];
+        let mut count = |particle: u32, bond: usize| {
+            let c = &mut counts[particle as usize];
+            c[0] += f64::from(u8::from(log.is_broken(bond)));
+            c[1] += 1.0;
+        };
+        let gone = |bond: usize| f64::from(u8::from(log.is_broken(bond)));
+        let broken = match &self.piece {
+            Some(piece) => {
+                piece.bonds.iter().for_each(|[i, b]| count(*i, *b as usize));
+                piece.cells.iter().map(|b| gone(*b as usize)).collect()
+            }
+            None => {
+                for (b, pair) in self.grid.connectivity.chunks_exact(2).enumerate() {
+                    pair.iter().for_each(|i| count(*i, b));
+                }
+                (0..self.grid.cells()).map(gone).collect()
+            }
+        };
+        let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
+        [shares, broken]
+    }
+}
+
+/// Unweighted strain energy density `½ σ:ε` at a cell centre.
+fn density(cell: &Cell, q: &[f64], count: usize) -> f64 {
+    let h = cell.gradient(q, count);
+    if count == 1 {
+        return 0.5 * cell.material.young() * h[(0, 0)] * h[(0, 0)];
+    }
+    let [lambda, mu] = cell.material.lame();
+    let strain = (h + h.transpose()) * 0.5;
+    0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
+}
+
+fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
+    let w = s.weights();
+    let all = [
+        ("alpha", &w.internal),
+        ("beta", &w.kinetic),
+        ("gamma", &w.external),
+    ];
+    all.map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.at(x)).collect()))
+        .into()
+}
+
+/// Three components per point, whatever the model has.
+pub(super) fn vectors(values: &[f64], components: usize, points: usize) -> Vec<f64> {
+    (0..points)
+        .flat_map(|k| (0..3).map(move |c| (k, c)))
+        .map(|(k, c)| {
+            if c < components {
+                values[k * components + c]
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,487 @@
+//! Frames in pieces: those of all ranks together are the frame that one rank writes, bit for bit, whatever became of earlier ones.
+
+use arlequin::core::Coupled;
+use arlequin_mpi::threads;
+use arlequin_scene::{End, Error, Observer, Result, Results, RunFolder, Scene, Silent, resume_on};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+const WAIT: Duration = Duration::from_secs(60);
+
+/// Spheres that are torn apart and struck by a ball, tied to elements (two units: in parts on two ranks, whole on more), and natural
+/// elements beside them.
+const BODIES: &str = r#"
+[model.bar]
+kind = "dem"
+role = "fine"
+shape.box = { low = [0.0, 0.0, 0.0], high = [8e-3, 2e-3, 2e-3] }
+spacing = 0.3e-3
+dem.protocol = "quench"
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+[model.grip]
+kind = "fem"
+role = "coarse"
+shape.box = { low = [-4e-3, 0.0, 0.0], high = [1.5e-3, 2e-3, 2e-3] }
+spacing = 0.5e-3
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+[model.gum]
+kind = "cnem"
+shape.box = { low = [0.0, 5e-3, 0.0], high = [6e-3, 7e-3, 2e-3] }
+spacing = 0.35e-3
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+[interface.rim]
+coarse = "grip"
+fine = "bar"
+overlap.slab = { coarse = [0.0, 0.0, 0.0], fine = [1.5e-3, 0.0, 0.0] }
+mediator = { spacing = 0.75e-3 }
+[[effect]]
+models = ["bar"]
+fracture = { criterion = "rankine", strength = 100e6, weibull = 10.0 }
+[[effect]]
+models = ["bar"]
+contact = { friction = 0.3 }
+[[effect]]
+models = ["bar"]
+[effect.obstacle]
+name = "ball"
+shape.sphere = { centre = [6e-3, 1e-3, 3.002e-3], radius = 1e-3 }
+mass = 2e-5
+velocity = [2.0, 0.0, -40.0]
+contact = { friction = 0.3 }
+[[initial]]
+models = ["bar", "gum"]
+velocity.polynomial = { component = "x", along = "x", coefficients = [-3.0, 2000.0] }
+[time]
+end = 1.5e-6
+[probe.end]
+model = "bar"
+where = "x-max"
+quantity = "velocity"
+component = "x"
+[output]
+interval = 0.5e-6
+energy_every = 5
+plots = false
+"#;
+
+fn scratch(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("pieces-{name}"));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    folder
+}
+
+fn scene(pieces: bool) -> Scene {
+    let scene = Scene::from_text(BODIES).expect("a scene");
+    scene
+        .set("output.pieces", if pieces { "true" } else { "false" })
+        .expect("a key")
+}
+
+fn run(scene: &Scene, folder: &Path, observer: &mut dyn Observer) -> Result<Results> {
+    let into = RunFolder::new(scene, Some(folder), true)?;
+    scene.prepare()?.run_into(into, observer)
+}
+
+/// Results of one rank, which no pieces were asked of, and how many frames there are.
+fn alone() -> (&'static Path, usize) {
+    static ONE: OnceLock<(PathBuf, usize)> = OnceLock::new();
+    let made = || {
+        let folder = scratch("one").join("out");
+        let done = run(&scene(false), &folder, &mut Silent).expect("runs");
+        (folder, done.summary().frames)
+    };
+    let (folder, frames) = ONE.get_or_init(made);
+    (folder, *frames)
+}
+
+fn on_ranks(ranks: usize, folder: &Path) -> Vec<Result<Results>> {
+    let scene = scene(true);
+    let all = threads::run(ranks, 1, WAIT, |c| {
+        run(&scene.clone().on_ranks(c)?, folder, &mut Silent)
+    });
+    all.into_iter().map(|r| r.expect("no rank is lost")).collect()
+}
+
+/// The value of a key of XML.
+fn word<'a>(line: &'a str, key: &str) -> &'a str {
+    let start = line.find(&format!("{key}=\"")).expect("a key") + key.len() + 2;
+    let rest = &line[start..];
+    &rest[..rest.find('"').expect("an end")]
+}
+
+/// Arrays of a VTU file by section and name: kind, components, bytes.
+type Arrays = BTreeMap<String, (String, usize, Vec<u8>)>;
+
+fn arrays(path: &Path) -> Arrays {
+    let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let head = b"<AppendedData encoding=\"raw\">\n_";
+    let start = bytes.windows(head.len()).position(|w| w == head).expect("data") + head.len();
+    let text = std::str::from_utf8(&bytes[..start]).expect("a head");
+    let mut section = String::new();
+    let mut out = Arrays::new();
+    for line in text.lines().map(str::trim) {
+        if line.starts_with("<DataArray") {
+            let at = start + word(line, "offset").parse::<usize>().expect("a number");
+            let size = u64::from_le_bytes(bytes[at..at + 8].try_into().expect("8 bytes")) as usize;
+            let components = word(line, "NumberOfComponents").parse().expect("a number");
+            let of = (
+                word(line, "type").to_owned(),
+                components,
+                bytes[at + 8..at + 8 + size].to_vec(),
+            );
+            out.insert(format!("{section}/{}", word(line, "Name")), of);
+        } else if let Some(name) = line.strip_prefix('<') {
+            let end = name.find([' ', '>']).expect("an end");
+            section = name[..end].to_owned();
+        }
+    }
+    out
+}
+
+fn integers(of: &Arrays, name: &str) -> Vec<usize> {
+    let (kind, _, bytes) = of
+        .get(name)
+        .unwrap_or_else(|| panic!("{name} in {:?}", of.keys()));
+    assert_eq!(kind, "Int64");
+    let one = |b: &[u8; 8]| usize::try_from(i64::from_le_bytes(*b)).expect("a number");
+    bytes.as_chunks().0.iter().map(one).collect()
+}
+
+/// The frame that pieces make, with every ghost equal to what it stands for, and how many ghosts there are.
+fn together(parallel: &Path, pieces: usize) -> (Arrays, usize) {
+    let text = std::fs::read_to_string(parallel).expect("a file");
+    let lines = || text.lines().map(str::trim);
+    let files = lines()
+        .filter(|l| l.starts_with("<Piece"))
+        .map(|l| word(l, "Source"));
+    let all: Vec<Arrays> = files.map(|f| arrays(&parallel.with_file_name(f))).collect();
+    assert_eq!(all.len(), pieces);
+    // What it says of arrays is what pieces have.
+    let told = lines().filter(|l| l.starts_with("<PDataArray"));
+    let mut told: Vec<_> = told.map(|l| (word(l, "Name"), word(l, "type"))).collect();
+    told.sort_unstable();
+    let name = |k: &'_ str| k.split_once('/').expect("a section").1.to_owned();
+    for piece in &all {
+        let has = piece.iter().filter(|(k, _)| !k.starts_with("Cells/"));
+        let mut has: Vec<_> = has.map(|(k, a)| (name(k), a.0.clone())).collect();
+        has.sort_unstable();
+        assert!(
+            has.iter()
+                .map(|h| (h.0.as_str(), h.1.as_str()))
+                .eq(told.iter().copied()),
+            "{has:?} {told:?}"
+        );
+    }
+    let numbers: Vec<_> = all
+        .iter()
+        .map(|p| integers(p, "PointData/GlobalPointIds"))
+        .collect();
+    let cells: Vec<_> = all
+        .iter()
+        .map(|p| integers(p, "CellData/GlobalCellIds"))
+        .collect();
+    let ghosts: Vec<_> = all
+        .iter()
+        .map(|p| p["PointData/vtkGhostType"].2.clone())
+        .collect();
+    let counts = [
+        ghosts.iter().flatten().filter(|g| **g == 0).count(),
+        cells.iter().map(Vec::len).sum(),
+    ];
+    let mut out = Arrays::new();
+    for (key, (kind, width, _)) in &all[0] {
+        let (section, name) = key.split_once('/').expect("a section");
+        if ["GlobalPointIds", "GlobalCellIds", "vtkGhostType"].contains(&name) {
+            continue;
+        }
+        let of_cells = ["CellData", "Cells"].contains(&section);
+        let corners = all.iter().map(|p| p["Cells/types"].2.len()).sum::<usize>();
+        let bytes = width * if kind == "UInt8" { 1 } else { 8 };
+        let width = match name {
+            "connectivity" => all.iter().map(|p| p[key].2.len()).sum::<usize>() / corners.max(1),
+            _ => bytes,
+        };
+        let count = counts[usize::from(of_cells)];
+        let mut whole: Vec<Option<&[u8]>> = vec![None; count];
+        let mut mapped = Vec::new();
+        for (k, piece) in all.iter().enumerate() {
+            let mut own = piece[key].2.clone();
+            if name == "connectivity" {
+                let corners = integers(piece, key).into_iter().map(|c| numbers[k][c] as i64);
+                own = corners.flat_map(i64::to_le_bytes).collect();
+            }
+            mapped.push(own);
+        }
+        for (k, own) in mapped.iter().enumerate() {
+            let list = if of_cells { &cells[k] } else { &numbers[k] };
+            assert_eq!(own.len(), width * list.len(), "{key}");
+            for (at, n) in list.iter().enumerate() {
+                let place = &mut whole[*n];
+                if of_cells || ghosts[k][at] == 0 {
+                    assert!(place.is_none(), "{key} of {n} twice");
+                    *place = Some(&own[width * at..width * (at + 1)]);
+                }
+            }
+        }
+        for (k, own) in mapped.iter().enumerate().filter(|_| !of_cells) {
+            for (at, n) in numbers[k].iter().enumerate() {
+                assert_eq!(
+                    whole[*n].expect("there"),
+                    &own[width * at..width * (at + 1)],
+                    "{key} of ghost {n}"
+                );
+            }
+        }
+        let mut values: Vec<u8> = whole
+            .iter()
+            .flat_map(|w| w.expect("all are there"))
+            .copied()
+            .collect();
+        if name == "offsets" {
+            let each = values.len() / 8;
+            let per = all.iter().map(|p| p["Cells/connectivity"].2.len()).sum::<usize>() / 8 / each.max(1);
+            values = (1..=each)
+                .flat_map(|k| ((k * per) as i64).to_le_bytes())
+                .collect();
+        }
+        out.insert(key.clone(), (kind.clone(), all[0][key].1, values));
+    }
+    (out, ghosts.iter().flatten().filter(|g| **g == 1).count())
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let all = std::fs::read_dir(folder).expect("a folder").flatten();
+    let mut all: Vec<String> = all
+        .map(|f| f.file_name().into_string().expect("a name"))
+        .collect();
+    all.sort();
+    all
+}
+
+/// Compares results in pieces with those of one rank; `pieces` of every frame of a step that is in pieces.
+fn assert_same(one: &Path, other: &Path, pieces: &dyn Fn(&str, usize) -> usize) {
+    let index = |f: &Path| std::fs::read_to_string(f.join("results.pvd")).expect("an index");
+    assert_eq!(index(one), index(other).replace(".pvtu", ".vtu"));
+    for table in [
+        "probes.csv",
+        "energy.csv",
+        "fragments.csv",
+        "breaks.csv",
+        "effects.csv",
+    ] {
+        let of = |f: &Path| std::fs::read(f.join(table)).expect(table);
+        assert!(of(one) == of(other), "{table}");
+    }
+    let mut wanted = Vec::new();
+    for file in index(other)
+        .lines()
+        .filter(|l| l.contains("<DataSet"))
+        .map(|l| word(l, "file"))
+    {
+        let file = file.strip_prefix("vtu/").expect("in its folder");
+        wanted.push(file.to_owned());
+        let Some(stem) = file.strip_suffix(".pvtu") else {
+            let [a, b] = [one, other].map(|f| std::fs::read(f.join("vtu").join(file)).expect("a frame"));
+            assert!(a == b, "{file}");
+            continue;
+        };
+        let (name, step) = stem.rsplit_once('_').expect("a step");
+        let count = pieces(name, step.parse().expect("a number"));
+        wanted.extend((0..count).map(|r| format!("{stem}_{r}.vtu")));
+        let (found, ghosts) = together(&other.join("vtu").join(file), count);
+        let whole = arrays(&one.join(format!("vtu/{stem}.vtu")));
+        assert!(
+            found.keys().eq(whole.keys()),
+            "{file}: {:?} {:?}",
+            found.keys(),
+            whole.keys()
+        );
+        found
+            .iter()
+            .for_each(|(k, a)| assert!(*a == whole[k], "{file}: {k}"));
+        assert!(ghosts > 10, "{file}: {ghosts}");
+    }
+    wanted.sort();
+    assert_eq!(names(&other.join("vtu")), wanted);
+}
+
+#[test]
+fn pieces_of_all_ranks_are_the_frame_of_one() {
+    let folder = scratch("same");
+    let (one, frames) = alone();
+    let fragments = std::fs::read_to_string(one.join("fragments.csv")).expect("a table");
+    assert!(fragments.lines().count() > 2 * frames, "{fragments}");
+    let frame = arrays(&one.join("vtu/bar_00000000.vtu"));
+    for name in ["radius [m]", "stress [Pa]", "contact force [N]", "damage [-]"] {
+        assert!(frame.contains_key(&format!("PointData/{name}")), "{name}");
+    }
+    assert!(frame.contains_key("CellData/utilisation [-]"));
+    let gum = arrays(&one.join("vtu/gum_00000000.vtu"));
+    assert!(gum.contains_key("CellData/energy density [J/m3]") && gum.contains_key("PointData/strain [-]"));
+    // In turn into the same folder: none of the pieces before is left.
+    let out = folder.join("out");
+    for ranks in [4, 2] {
+        let all = on_ranks(ranks, &out);
+        all.into_iter().for_each(|r| assert!(r.is_ok(), "{r:?}"));
+        assert_same(one, &out, &|name, _| {
+            assert!(name != "grip" || ranks == 2, "{name}");
+            ranks
+        });
+        let index = std::fs::read_to_string(out.join("results.pvd")).expect("an index");
+        assert_eq!(
+            index.matches(".pvtu").count(),
+            frames * if ranks == 2 { 3 } else { 2 }
+        );
+    }
+    opened_by_vtk(one, &out, 3 * frames);
+}
+
+/// Reads frames with VTK itself, through the index, and compares them with those of one rank.
+fn opened_by_vtk(one: &Path, other: &Path, frames: usize) {
+    let python = std::env::var("ARLEQUIN_PYTHON").unwrap_or_else(|_| "python3".into());
+    let found = Command::new(&python).args(["-c", "import pyvista"]).output();
+    if !found.is_ok_and(|o| o.status.success()) {
+        println!("not run: {python} has no pyvista; name an interpreter that has it in ARLEQUIN_PYTHON");
+        return;
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pieces.py");
+    let done = Command::new(&python)
+        .arg(script)
+        .args([one, other])
+        .output()
+        .expect("runs");
+    let said = [&done.stdout[..], &done.stderr[..]].concat();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&said));
+    assert!(
+        said.starts_with(format!("same: {frames} frames").as_bytes()),
+        "{}",
+        String::from_utf8_lossy(&said)
+    );
+}
+
+/// Centres of the particles of a scene whose packing is that of a frame.
+fn packed_as(frame: &Path) -> Vec<u64> {
+    let text = BODIES.split("[model.grip]").next().expect("a body");
+    let text = text.replace("role = \"fine\"\nshape", "shape").replace(
+        "spacing = 0.3e-3\ndem.protocol = \"quench\"",
+        &format!("dem.file = {frame:?}"),
+    );
+    let scene = Scene::from_text(text + "[time]\nend = 1e-7\n").expect("a scene");
+    let built = scene.prepare().expect("built");
+    let nodes = built.coupled().subdomains()[0].model().nodes().iter();
+    nodes.flat_map(|x| [x.x, x.y, x.z].map(f64::to_bits)).collect()
+}
+
+#[test]
+fn spheres_are_read_from_pieces_as_from_one_file() {
+    let (one, _) = alone();
+    let out = scratch("packing").join("out");
+    for r in on_ranks(3, &out) {
+        r.expect("runs");
+    }
+    let [a, b] = [
+        one.join("vtu/bar_00000000.vtu"),
+        out.join("vtu/bar_00000000.pvtu"),
+    ]
+    .map(|f| packed_as(&f));
+    assert!(a.len() > 3_000 && a == b, "{} {}", a.len(), b.len());
+}
+
+/// Ends the run at a step.
+struct Stop(usize);
+
+impl Observer for Stop {
+    fn step(&mut self, run: &Coupled<f64>, _: usize) -> ControlFlow<()> {
+        if run.steps() >= self.0 {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+#[test]
+fn a_run_in_pieces_goes_on_with_another_number_of_ranks() {
+    let folder = scratch("resumed");
+    let (one, _) = alone();
+    let half = scene(true).prepare().expect("built").built().steps / 2;
+    for (first, then) in [(4, 2), (1, 3)] {
+        let place = folder.join(format!("{first}-{then}"));
+        let stopped = threads::run(first, 1, WAIT, |c| {
+            let done = run(&scene(true).on_ranks(c)?, &place, &mut Stop(half));
+            done.map(|r| (r.end, r.run.steps()))
+        });
+        let mut at = 0;
+        for s in stopped {
+            let (end, steps) = s.expect("there").expect("stops");
+            assert_eq!(end, End::Interrupted);
+            at = steps;
+        }
+        let gone_on = threads::run(then, 1, WAIT, |c| {
+            resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
+        });
+        for g in gone_on {
+            assert_eq!(g.expect("there").expect("goes on"), End::Complete);
+        }
+        assert_same(one, &place, &|_, step| if step <= at { first } else { then });
+    }
+}
+
+/// Puts a folder where a rank is going to write.
+struct InTheWay(PathBuf);
+
+impl Observer for InTheWay {
+    fn step(&mut self, run: &Coupled<f64>, _: usize) -> ControlFlow<()> {
+        if run.steps() == 1 {
+            std::fs::create_dir_all(&self.0).expect("a folder");
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+#[test]
+fn a_piece_that_cannot_be_written_ends_all_ranks_by_name_and_leaves_no_half_frame() {
+    let folder = scratch("failing");
+    let (one, frames) = alone();
+    assert!(frames > 3);
+    let index = std::fs::read_to_string(one.join("results.pvd")).expect("an index");
+    let frames = index.lines().filter(|l| l.contains("name=\"bar\""));
+    let second = frames
+        .map(|l| word(l, "file").to_owned())
+        .nth(1)
+        .expect("a frame");
+    let out = folder.join("out");
+    let stem = second.strip_suffix(".vtu").expect("a frame");
+    let taken = folder.join(format!("out.unfinished/{stem}_1.vtu"));
+    let all = threads::run(3, 1, WAIT, |c| {
+        let scene = scene(true).on_ranks(c)?;
+        run(&scene, &out, &mut InTheWay(taken.clone())).map(|_| ())
+    });
+    for (rank, r) in all.into_iter().enumerate() {
+        let e = r.expect("there").expect_err("fails");
+        assert!(e.is_everywhere() && !e.is_input(), "{rank}: {e}");
+        let text = e.to_string();
+        match rank {
+            1 => assert!(
+                matches!(e, Error::Agreed(_)) && text.contains(&format!("{stem}_1.vtu")),
+                "{text}"
+            ),
+            _ => assert!(text.contains("rank 1 has an error"), "{text}"),
+        }
+    }
+    // What was there before is whole, and nothing of the frame is left.
+    let index = std::fs::read_to_string(out.join("results.pvd")).expect("an index");
+    assert_eq!(index.matches("name=\"bar\"").count(), 1, "{index}");
+    let step = stem.rsplit_once('_').expect("a step").1;
+    let left = names(&out.join("vtu")).into_iter().filter(|n| n.contains(step));
+    assert_eq!(
+        left.collect::<Vec<_>>(),
+        [format!("bar_{step}_1.vtu")],
+        "the folder in the way alone"
+    );
+    together(&out.join("vtu/bar_00000000.pvtu"), 3);
+}
