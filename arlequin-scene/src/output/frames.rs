@@ -191,18 +191,13 @@ impl Frames {
             files: Vec::new(),
             failed: Ok(()),
         };
-        for (part, s) in run.subdomains().iter().enumerate() {
-            if !self.leads() && s.portion().is_none() {
-                check_state(run, s)?;
-            } else if let Some(picture) = self.picture(run, part)? {
-                self.write_model(run, part, &picture, &mut written);
-            }
-        }
-        // Pieces are there before what names them; what one rank cannot write leaves nothing of this instant.
-        let done = match &self.ranks {
-            Some(ranks) => ranks.together(written.failed),
-            None => written.failed,
-        };
+        let shown = self.write_models(run, &mut written);
+        // Pieces are there before what names them; what fails leaves nothing of this instant.
+        let failed = written.failed;
+        let done = shown.and_then(|()| match &self.ranks {
+            Some(ranks) => ranks.together(failed),
+            None => failed,
+        });
         if done.is_err() {
             written.files.iter().for_each(|p| {
                 let _ = std::fs::remove_file(p);
@@ -226,6 +221,17 @@ impl Frames {
         }
         self.write_rigid(run, &folder)?;
         self.write_multipliers(run, &folder)
+    }
+
+    fn write_models(&self, run: &Coupled<f64>, to: &mut Written) -> Result<()> {
+        for (part, s) in run.subdomains().iter().enumerate() {
+            if !self.leads() && s.portion().is_none() {
+                check_state(run, s)?;
+            } else if let Some(picture) = self.picture(run, part)? {
+                self.write_model(run, part, &picture, to);
+            }
+        }
+        Ok(())
     }
 
     /// Writes what this rank shows of a model, unless it has failed before.
