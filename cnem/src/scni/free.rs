@@ -432,8 +432,7 @@ impl MatrixFree {
     fn stress(&mut self, range: Range<usize>, q: &[f64], only: Option<bool>) {
         let (arch, q) = (Arch::new(), q.as_chunks::<3>().0);
         let mut cells = std::mem::take(&mut self.cells);
-        let of = &*self;
-        let start = range.start;
+        let (of, start) = (&*self, range.start);
         each(&mut cells[range], |first, out| {
             arch.dispatch(Cells {
                 of,
