@@ -274,9 +274,11 @@ fn ranks_that_differ_in_what_they_say_of_a_body_are_told_so() {
     );
 }
 
+type Change<'a> = &'a (dyn Fn(&mut Piece) + Sync);
+
 #[test]
 fn a_part_that_makes_no_sense_is_refused_with_the_numbers_of_the_whole() {
-    let first = |change: &(dyn Fn(&mut Piece) + Sync)| {
+    let first = |change: Change<'_>| {
         let [error, other] = refused(|rank, p| {
             if rank == 0 {
                 change(p);
@@ -291,7 +293,7 @@ fn a_part_that_makes_no_sense_is_refused_with_the_numbers_of_the_whole() {
     let whole = body(false);
     let mine = piece(&whole, &halves(&whole, 2), 0);
     let (own, far) = (mine.numbers[5], *mine.numbers.last().unwrap());
-    let cases: [(&(dyn Fn(&mut Piece) + Sync), String); 9] = [
+    let cases: [(Change<'_>, String); 9] = [
         (
             &|p| p.numbers.swap(3, 4),
             "own particles of a part, in the order of its units has 3 entries".into(),
