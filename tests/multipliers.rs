@@ -105,6 +105,13 @@ fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
                 "{name}, {iterations} iterations: drift {:e}",
                 c.drift()
             );
+            // What multipliers do is booked apart from the drift.
+            let work = c.works().iter().find(|w| w.name == "constraint").unwrap().work;
+            let all = c.energy();
+            assert!(
+                work.abs() < 1e-11 * all,
+                "{name}, {iterations} iterations: work of the constraint {work:e} of {all:e}"
+            );
         }
     }
 }

@@ -226,3 +226,87 @@ fn a_late_rank_does_not_delay_work_within_others() {
         assert_eq!(way.done.load(SeqCst), 3, "{}", name);
     }
 }
+
+/// A transport that asks for so many pieces of work, whatever is said of more, and leaves the rest of it.
+#[derive(Debug)]
+struct Asking {
+    inner: Arc<dyn Communicator>,
+    pieces: usize,
+    /// Those after which there was more to do.
+    more: AtomicUsize,
+}
+
+impl Communicator for Asking {
+    fn rank(&self) -> usize {
+        self.inner.rank()
+    }
+    fn ranks(&self) -> usize {
+        self.inner.ranks()
+    }
+    fn exchange(
+        &self,
+        messages: &mut [Message],
+        meanwhile: &mut dyn FnMut() -> bool,
+    ) -> Result<(), RankError> {
+        let more = (0..self.pieces).filter(|_| meanwhile()).count();
+        self.more.fetch_add(more, SeqCst);
+        self.inner.exchange(messages, &mut || false)
+    }
+    fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
+        self.inner.reduce(words, how)
+    }
+    fn abandon(&self, why: &str) {
+        self.inner.abandon(why);
+    }
+}
+
+/// Bodies of which each of two ranks has more than one piece of work.
+fn large_bodies() -> [Body; 3] {
+    let elements = || {
+        let far = Point3::new(1e-3, 1e-3, 25e-3);
+        let mesh = generate::block(ElementKind::Hex8, Point3::origin(), far, [4, 4, 100]).unwrap();
+        let body = FemModel::new("block", mesh, Elastic::new(75e9, 0.17, 2200.0).unwrap());
+        Box::new(body.unwrap()) as Box<dyn Model<f64>>
+    };
+    fn particles() -> DemModel {
+        let long = lattice(Lattice::BodyCentred, [70, 8, 8], 1e-4).unwrap();
+        DemModel::new("long", &long, BeamMaterial::SILICA, 2200.0).unwrap()
+    }
+    [
+        || Box::new(particles()),
+        || Box::new(particles().with_finite_rotations()),
+        elements,
+    ]
+}
+
+/// As often as transports find time for it: never, for a part of it, or once it is long done.
+#[test]
+fn work_in_pieces_is_done_once_however_often_a_transport_asks_for_it() {
+    for body in large_bodies() {
+        let (name, expected) = of_one_rank(body());
+        for pieces in [0, 1, 40] {
+            let more = threads::run(2, 1, WAIT, |c| {
+                let asking = Arc::new(Asking {
+                    inner: c,
+                    pieces,
+                    more: AtomicUsize::new(0),
+                });
+                let mut model = body();
+                model
+                    .share_out(&(asking.clone() as Arc<dyn Communicator>))
+                    .unwrap();
+                asking.more.store(0, SeqCst);
+                let (found, f) = forces(&mut *model);
+                found.unwrap();
+                for i in 0..model.layout().nodes {
+                    let there = &expected[global(&*model, i)];
+                    assert_eq!(&on_node(&*model, &f, i), there, "{i} of {name}, {pieces}");
+                }
+                asking.more.load(SeqCst)
+            });
+            for more in more {
+                assert_eq!(more.unwrap() > 0, pieces > 0, "{name}, {pieces}");
+            }
+        }
+    }
+}

@@ -16,7 +16,7 @@ use dem_beam::packing::{Bricks, Lattice};
 use dem_beam::{BeamMaterial, DemModel, Matter, Piece};
 use fem_ref::{ElementKind, FemField, FemModel, generate};
 use std::sync::Arc;
-use support::{Along, Told, WAIT, bar, bits, same, together, unknowns};
+use support::{Along, Told, WAIT, bar, bits, same, same_on, together, unknowns};
 
 /// The bar of the other tests, turned and far from the origin if wanted.
 fn body(moved: bool) -> DemModel {
@@ -268,10 +268,61 @@ fn ranks_that_differ_in_what_they_say_of_a_body_are_told_so() {
         }),
         "ranks differ in the centre, the radius or the volume of particle ",
     );
-    both(
-        refused(|rank, p| p.mean_radius *= 1.0 + 1e-12 * rank as f64),
-        "ranks differ in the body of particles that they make parts of",
-    );
+    let bodies: [fn(&mut Piece); 5] = [
+        |p| p.mean_radius *= 1.0 + 1e-12,
+        |p| p.density *= 1.0 + 1e-12,
+        |p| p.beam.young *= 1.0 + 1e-12,
+        |p| p.beam.poisson += 1e-12,
+        |p| p.beam.radius_ratio *= 1.0 + 1e-12,
+    ];
+    for change in bodies {
+        both(
+            refused(|rank, p| {
+                if rank == 1 {
+                    change(p);
+                }
+            }),
+            "ranks differ in the body of particles that they make parts of",
+        );
+    }
+    for change in [
+        |p: &mut Piece, k| p.radii[k] *= 1.001,
+        |p: &mut Piece, k| p.volumes[k] *= 1.001,
+    ] {
+        both(
+            refused(|rank, p| {
+                let k = foreign(p);
+                if rank == 0 {
+                    change(p, k);
+                }
+            }),
+            "ranks differ in the centre, the radius or the volume of particle ",
+        );
+    }
+}
+
+#[test]
+fn ranks_with_other_divisions_of_a_body_are_told_so() {
+    let whole = body(false);
+    let told = threads::run(2, 1, WAIT, |c| {
+        let mut units = whole.units();
+        if c.rank() == 1 {
+            units.iter_mut().for_each(|u| u.centre.x *= -1.0);
+        }
+        let division = Division::bisect(whole.nodes().len(), &units, 2).unwrap();
+        let mine = piece(&whole, &division, c.rank());
+        DemModel::of_piece("bar", mine, &division, c)
+            .map(|_| ())
+            .unwrap_err()
+            .to_string()
+    });
+    for error in told {
+        let error = error.unwrap();
+        assert!(
+            error.contains("ranks differ in the body of particles that they make parts of"),
+            "{error}"
+        );
+    }
 }
 
 type Change<'a> = &'a (dyn Fn(&mut Piece) + Sync);
@@ -356,4 +407,87 @@ fn a_part_that_is_tied_by_an_interface_is_refused_by_name() {
             "{text}"
         );
     }
+}
+
+/// Those of the second rank, whose own numbers are others.
+#[test]
+fn bonds_without_length_are_told_with_the_numbers_of_the_whole() {
+    let whole = body(false);
+    let (division, all) = (halves(&whole, 2), whole.body().pairs());
+    let foreign = |i: u32| division.owner(i as usize) == 0;
+    let inner = |i: &u32| {
+        let mut around = all.iter().filter(|p| p.contains(i)).flatten();
+        around.all(|k| !foreign(*k))
+    };
+    let [i, j] = *all.iter().find(|p| p.iter().all(inner)).unwrap();
+    let told = |change: &(dyn Fn(&mut Piece) + Sync)| {
+        let [_, error] = refused(|rank, p| {
+            if rank == 1 {
+                change(p);
+            }
+        });
+        error
+    };
+    let error = told(&|p| {
+        let at = |of: u32| p.numbers.iter().position(|n| *n == of).unwrap();
+        p.positions[at(j)] = p.positions[at(i)];
+    });
+    assert!(
+        error.contains(&format!("particles {i} and {j} are 0e0 m apart")),
+        "{error}"
+    );
+    let error = told(&|p| p.pairs.push([j, j]));
+    let bond = all.partition_point(|p| *p < [j, j]);
+    assert!(
+        error.contains(&format!("bond {bond} between particles {j} and {j} has length")),
+        "{error}"
+    );
+}
+
+/// The grid of centres follows from the longest bond of all ranks, and some of them have no such.
+#[test]
+fn a_bond_that_is_much_longer_than_those_of_other_ranks_leaves_the_bits_of_the_whole() {
+    let home = body(false);
+    let x = home.body().positions();
+    let far = (0..x.len()).min_by(|i, j| x[*i].x.total_cmp(&x[*j].x)).unwrap();
+    let off = |i: &usize| ((x[*i] - x[far]).norm() - 1.5e-3).abs();
+    let other = (0..x.len()).min_by(|i, j| off(i).total_cmp(&off(j))).unwrap();
+    let mut pairs = home.body().pairs().to_vec();
+    pairs.push([far as u32, other as u32]);
+    let matter = Matter {
+        beam: BeamMaterial::SILICA,
+        density: 2200.0,
+        volume: 1.9e-8,
+    };
+    let long = || DemModel::from_spheres("bar", x, home.body().radii(), &pairs, &matter).unwrap();
+    // As they were before the whole body put them on its grid.
+    let part = |c: Arc<dyn Communicator>| {
+        let whole = long();
+        let division = halves(&whole, c.ranks());
+        let mut mine = piece(&whole, &division, c.rank());
+        for (from, to) in x.iter().zip(whole.places()) {
+            if let Some(k) = mine.numbers.iter().position(|n| n == to) {
+                mine.positions[k] = *from;
+            }
+        }
+        DemModel::of_piece("bar", mine, &division, c).unwrap()
+    };
+    let whole = stepped(long(), true, None);
+    same_on(&[3], &"", &whole, |c| stepped(part(c), true, None));
+}
+
+#[test]
+fn bonds_that_are_named_twice_count_once() {
+    let whole = body(false);
+    let told = threads::run(2, 1, WAIT, |c| {
+        let division = halves(&whole, 2);
+        let mut twice = piece(&whole, &division, c.rank());
+        twice
+            .pairs
+            .extend(twice.pairs.clone().iter().map(|[i, j]| [*j, *i]));
+        let twice = DemModel::of_piece("bar", twice, &division, c.clone()).unwrap();
+        assert_eq!(twice.body().pairs(), part(&whole, c).body().pairs());
+        twice.body().pairs().len()
+    });
+    told.into_iter().for_each(|t| assert!(t.unwrap() > 100));
 }

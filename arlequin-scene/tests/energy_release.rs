@@ -304,7 +304,7 @@ fn cracks_of_other_sizes_and_under_pressure_release_the_same() {
             (millimetres[k] / metres[k] / 1e-3 - 1.0).abs() < 1e-9,
             "{millimetres:?}"
         );
-        assert!((opened[k] / metres[k] - 1.0).abs() < 1e-6, "{opened:?}");
+        assert!((opened[k] / metres[k] - 1.0).abs() < 1e-3, "{opened:?}");
     }
 }
 

@@ -402,3 +402,49 @@ fn a_body_at_rest_with_finite_rotations_is_not_stopped_for_its_last_digits() {
         eprintln!("{size}: {sample:?}");
     }
 }
+
+/// Bits of forces, where the model goes to.
+fn reached(model: &mut DemModel, q: &[f64]) -> Vec<u64> {
+    let mut f = vec![0.0; q.len()];
+    model.advance(q, &mut f).unwrap();
+    f.iter().map(|f| f.to_bits()).collect()
+}
+
+/// Whatever was asked for before: weights, a law or a record come to a model that has found forces as to one that has not.
+#[test]
+fn a_model_that_has_found_forces_is_like_a_new_one_after_other_weights_laws_and_records() {
+    let light = Steep { low: 0.2 };
+    for finite in [false, true] {
+        let make = || match finite {
+            true => model().with_finite_rotations(),
+            false => model(),
+        };
+        let (q, other) = (random(&make(), 1e-6, 0.3), random(&make(), -2e-6, 0.2));
+        let plain = reached(&mut make(), &q);
+        let mut new = make();
+        new.set_internal_weight(&light).unwrap();
+        let weighted = reached(&mut new, &q);
+        assert_ne!(plain, weighted);
+        let mut late = make();
+        reached(&mut late, &other);
+        late.set_internal_weight(&light).unwrap();
+        assert_eq!(reached(&mut late, &q), weighted, "finite {finite}");
+
+        let mut late = model();
+        reached(&mut late, &other);
+        if finite {
+            late = late.with_finite_rotations();
+        }
+        assert_eq!(reached(&mut late, &q), plain, "finite {finite}");
+
+        let mut late = make();
+        reached(&mut late, &other);
+        late.restore(&make().save()).unwrap();
+        assert_eq!(reached(&mut late, &q), plain, "finite {finite}");
+
+        let mut still = make();
+        reached(&mut still, &vec![0.0; q.len()]);
+        let energies = [make(), still].map(|m| m.internal_energy(&q).to_bits());
+        assert_eq!(energies[0], energies[1], "finite {finite}");
+    }
+}

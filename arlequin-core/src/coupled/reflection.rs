@@ -51,15 +51,18 @@ impl<T: Real> Coupled<T> {
             i.reflect([&mut *c, &mut *d].map(Subdomain::velocities));
             i.check()?;
             i.find([&c.state().a, &d.state().a], half);
+            i.check()?;
         }
         for j in &mut self.joints {
             let subdomains = &self.subdomains;
             j.find(|s| &subdomains[s].state().v, T::one());
+            j.check()?;
             for (s, change) in j.kicks() {
                 change.kick(self.subdomains[s].velocities());
             }
             let subdomains = &self.subdomains;
             j.find(|s| &subdomains[s].state().a, half);
+            j.check()?;
             j.tell(&mut self.interfaces);
         }
         for (k, subdomain) in self.subdomains.iter_mut().enumerate() {

@@ -190,6 +190,9 @@ fn scale<T: Real, const N: usize>(x: &mut [T], work: &Vector3<T>, missed: &Vecto
 }
 
 #[cfg(test)]
+mod components;
+
+#[cfg(test)]
 mod tests {
     use super::super::iterated::{Apply, Method};
     use super::super::rank;
@@ -298,13 +301,14 @@ mod tests {
             let of = Chebyshev::new([low, ceiling(&scaled)], tolerance, most);
             let (left, change, done) = solved(&s, &b, of, (tolerance, most));
             prop_assert!(done.broken.is_none());
-            prop_assert!(change < 1e-12, "{change:e}");
+            // Round-off grows with the condition of the draw.
+            prop_assert!(change < 1e-11, "{change:e}");
             if of.iterations < most {
                 // As much again comes from the scaling, which is as close to one as multipliers are to the exact ones.
                 prop_assert!(left < 2.01 * tolerance, "{left:e} after {} iterations", done.made);
             }
             let (_, change, done) = solved(&s, &b, Chebyshev { iterations: few, ..of }, (0.0, few));
-            prop_assert!(done.made == few && change < 1e-12, "{few}: {change:e}");
+            prop_assert!(done.made == few && change < 1e-11, "{few}: {change:e}");
         }
     }
 

@@ -60,3 +60,42 @@ impl Work {
         factor.into_iter().chain(iterations).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Work;
+
+    /// Three times as many iterations without sums: dear on few ranks, cheap on many.
+    #[test]
+    fn a_chebyshev_iteration_pays_where_sums_take_longer_than_products() {
+        let work = Work {
+            unknowns: 3000,
+            shared: 3,
+            factor: None,
+            operator: 100_000,
+            gradients: 50.0,
+            chebyshev: 150.0,
+        };
+        let of = |ranks| {
+            let all = work.on(ranks);
+            let names = all.iter().map(|t| t.solver);
+            assert!(names.eq(["conjugate gradients", "chebyshev"]));
+            [all[0].seconds, all[1].seconds]
+        };
+        let [gradients, chebyshev] = of(1);
+        assert!(
+            (chebyshev / gradients - 3.0).abs() < 0.1,
+            "{gradients:e} {chebyshev:e}"
+        );
+        let [gradients, chebyshev] = of(100_000);
+        assert!(chebyshev < gradients, "{gradients:e} {chebyshev:e}");
+        // Nothing but entries is read where there is one rank, and as often as the factor has them.
+        let one = Work {
+            factor: Some(400_000),
+            ..work
+        };
+        let times = one.on(1);
+        assert!(times[0].solver == "factor" && times[0].seconds < times[1].seconds);
+        assert!((times[0].seconds - 16.0 * 4e5 / 8e9).abs() < 1e-12);
+    }
+}
