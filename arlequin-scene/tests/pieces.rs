@@ -1,4 +1,5 @@
 //! Frames in pieces: those of all ranks together are the frame that one rank writes, bit for bit, whatever became of earlier ones.
+#![allow(clippy::print_stdout, reason = "a test says what it could not run")]
 
 use arlequin::core::Coupled;
 use arlequin_mpi::threads;
