@@ -134,33 +134,53 @@ fn of_one_rank(mut model: Box<dyn Model<f64>>) -> (String, Vec<Vec<u64>>) {
     (model.name().to_owned(), all)
 }
 
-/// How a body is made.
-type Body = fn() -> Box<dyn Model<f64>>;
+/// Forces on the nodes here are those of the whole body.
+fn assert_forces(model: &mut dyn Model<f64>, expected: &[Vec<u64>], what: &str) {
+    let (found, f) = forces(model);
+    found.unwrap();
+    for i in 0..model.layout().nodes {
+        let there = &expected[global(model, i)];
+        assert_eq!(&on_node(model, &f, i), there, "{i} of {}, {what}", model.name());
+    }
+}
 
-/// Bodies of whose units some name nodes of the other of two ranks.
-fn bodies() -> [Body; 3] {
-    let elements = || {
-        let far = Point3::new(1e-3, 1e-3, 15e-3);
-        let mesh = generate::block(ElementKind::Hex8, Point3::origin(), far, [4, 4, 60]).unwrap();
+/// How a body is made.
+type Body = Box<dyn Fn() -> Box<dyn Model<f64>> + Sync>;
+
+/// A column of so many layers of elements, and a lattice of so many cells under both laws.
+fn bodies(layers: usize, cells: [usize; 3]) -> [Body; 3] {
+    let elements = move || {
+        let far = Point3::new(1e-3, 1e-3, 0.25e-3 * layers as f64);
+        let mesh = generate::block(ElementKind::Hex8, Point3::origin(), far, [4, 4, layers]).unwrap();
         let body = FemModel::new("block", mesh, Elastic::new(75e9, 0.17, 2200.0).unwrap());
         Box::new(body.unwrap()) as Box<dyn Model<f64>>
     };
-    fn particles() -> DemModel {
-        let long = lattice(Lattice::BodyCentred, [60, 5, 5], 1e-4).unwrap();
+    let particles = move || {
+        let long = lattice(Lattice::BodyCentred, cells, 1e-4).unwrap();
         DemModel::new("long", &long, BeamMaterial::SILICA, 2200.0).unwrap()
-    }
+    };
     [
-        || Box::new(particles()),
-        || Box::new(particles().with_finite_rotations()),
-        elements,
+        Box::new(move || Box::new(particles())),
+        Box::new(move || Box::new(particles().with_finite_rotations())),
+        Box::new(elements),
     ]
+}
+
+/// Bodies of whose units some name nodes of the other of two ranks.
+fn small_bodies() -> [Body; 3] {
+    bodies(60, [60, 5, 5])
+}
+
+/// Bodies of which each of two ranks has more than one piece of work.
+fn large_bodies() -> [Body; 3] {
+    bodies(100, [70, 8, 8])
 }
 
 /// Where messages get lost, forces of units within a rank are there all the same, with the bits of the whole body; those of units
 /// at the border are not begun, and the loss is told.
 #[test]
 fn forces_within_a_rank_are_final_before_messages_come() {
-    for body in bodies() {
+    for body in small_bodies() {
         let (name, expected) = of_one_rank(body());
         let way = Arc::new(Way::default());
         let both = std::sync::Barrier::new(2);
@@ -202,7 +222,7 @@ fn forces_within_a_rank_are_final_before_messages_come() {
 /// Ranks whose messages set off late hold nothing up but what needs them.
 #[test]
 fn a_late_rank_does_not_delay_work_within_others() {
-    for body in bodies() {
+    for body in small_bodies() {
         let (name, expected) = of_one_rank(body());
         let way = Arc::new(Way::default());
         let both = std::sync::Barrier::new(2);
@@ -214,12 +234,7 @@ fn a_late_rank_does_not_delay_work_within_others() {
             both.wait();
             way.late.store(true, SeqCst);
             for _ in 0..3 {
-                let (found, f) = forces(&mut *model);
-                found.unwrap();
-                for i in 0..model.layout().nodes {
-                    let there = &expected[global(&*model, i)];
-                    assert_eq!(&on_node(&*model, &f, i), there, "{i} of {}", model.name());
-                }
+                assert_forces(&mut *model, &expected, "late");
             }
         });
         parts.into_iter().for_each(|p| p.unwrap());
@@ -260,25 +275,6 @@ impl Communicator for Asking {
     }
 }
 
-/// Bodies of which each of two ranks has more than one piece of work.
-fn large_bodies() -> [Body; 3] {
-    let elements = || {
-        let far = Point3::new(1e-3, 1e-3, 25e-3);
-        let mesh = generate::block(ElementKind::Hex8, Point3::origin(), far, [4, 4, 100]).unwrap();
-        let body = FemModel::new("block", mesh, Elastic::new(75e9, 0.17, 2200.0).unwrap());
-        Box::new(body.unwrap()) as Box<dyn Model<f64>>
-    };
-    fn particles() -> DemModel {
-        let long = lattice(Lattice::BodyCentred, [70, 8, 8], 1e-4).unwrap();
-        DemModel::new("long", &long, BeamMaterial::SILICA, 2200.0).unwrap()
-    }
-    [
-        || Box::new(particles()),
-        || Box::new(particles().with_finite_rotations()),
-        elements,
-    ]
-}
-
 /// As often as transports find time for it: never, for a part of it, or once it is long done.
 #[test]
 fn work_in_pieces_is_done_once_however_often_a_transport_asks_for_it() {
@@ -296,12 +292,7 @@ fn work_in_pieces_is_done_once_however_often_a_transport_asks_for_it() {
                     .share_out(&(asking.clone() as Arc<dyn Communicator>))
                     .unwrap();
                 asking.more.store(0, SeqCst);
-                let (found, f) = forces(&mut *model);
-                found.unwrap();
-                for i in 0..model.layout().nodes {
-                    let there = &expected[global(&*model, i)];
-                    assert_eq!(&on_node(&*model, &f, i), there, "{i} of {name}, {pieces}");
-                }
+                assert_forces(&mut *model, &expected, &format!("{pieces} pieces"));
                 asking.more.load(SeqCst)
             });
             for more in more {
