@@ -26,6 +26,20 @@ pub(crate) struct Layout {
     lengths: bool,
 }
 
+/// Half-bonds that take as long as moving a particle.
+const MOVING: usize = 3;
+
+/// Slots of particles with so many bonds each: a block has those of its particle with most.
+fn slots(bonds: &[usize]) -> usize {
+    let most = |block: &[usize]| block.iter().max().copied().unwrap_or(0);
+    bonds.chunks(LANES).map(most).sum()
+}
+
+/// Half-bonds that the kernel passes over for particles with so many bonds each, empty lanes and the motion of particles included.
+pub(crate) fn work(bonds: &[usize]) -> usize {
+    (slots(bonds) + MOVING * bonds.len().div_ceil(LANES)) * LANES
+}
+
 impl Layout {
     /// `adjacency` gives other end and bond of each bond of a particle, sorted by the other end: the sum over a
     /// particle's bonds does not depend on how the caller numbered bonds. The first `particles` get blocks.
@@ -107,8 +121,7 @@ impl Layout {
 
     /// Bytes of bond data of particles with so many bonds each.
     pub(crate) fn bytes(bonds: &[usize], lengths: bool) -> usize {
-        let blocks = bonds.chunks(LANES);
-        let slots: usize = blocks.map(|b| b.iter().max().copied().unwrap_or(0)).sum();
+        let slots = slots(bonds);
         let lengths = if lengths { size_of::<CacheLine>() } else { 0 };
         slots * (size_of::<Slot>() + size_of::<[u32; LANES]>() + lengths)
     }

@@ -8,7 +8,7 @@ use super::DemModel;
 use super::piece::Numbered;
 use super::poses::Reader;
 use crate::error::{Error, Result};
-use crate::kernel::lanes::LANES;
+use crate::kernel::layout::work;
 use arlequin_core::ranks::{self, Communicator, Division, Halo, Portion, UNIT, Unit};
 use arlequin_core::{ParticleField, Shared};
 use nalgebra::Vector3;
@@ -16,10 +16,7 @@ use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Half-bonds that take as long as moving a particle.
-const MOVING: usize = 3;
-
-/// The same of coupling a particle of an overlap, once per step of a run: 25 ns beside 38 ns for all else (decision 0046).
+/// Half-bonds that take as long as coupling a particle of an overlap, once per step of a run: 25 ns beside 38 ns for all else (decision 0046).
 const COUPLING: usize = 7;
 
 impl DemModel {
@@ -34,11 +31,8 @@ impl DemModel {
             pair.iter().for_each(|i| coupled[*i as usize] |= inside);
         }
         Unit::all(&self.nodes, |particles| {
-            let blocks = particles.clone().step_by(LANES);
-            let longest = |b: usize| bonds[b..particles.end.min(b + LANES)].iter().max();
-            let slots: usize = blocks.map(|b| longest(b).copied().unwrap_or(0) + MOVING).sum();
-            let coupled = particles.filter(|i| coupled[*i]).count();
-            (slots * LANES + coupled * COUPLING) as f64
+            let coupled = particles.clone().filter(|i| coupled[*i]).count();
+            (work(&bonds[particles]) + coupled * COUPLING) as f64
         })
     }
 

@@ -9,6 +9,7 @@
 use super::lattice::Lattice;
 use crate::bond::BeamMaterial;
 use crate::error::{Error, Result, positive};
+use crate::kernel::layout::work;
 use crate::kernel::order::morton_key;
 use crate::model::Piece;
 use arlequin_core::ranks::{Division, UNIT, Unit};
@@ -17,10 +18,6 @@ use std::collections::HashMap;
 
 /// A particle, in halves of a cell.
 type Place = [i32; 3];
-
-/// Particles side by side in the kernel, and half-bonds that take as long as moving a particle: what work is made of.
-const LANES: usize = 8;
-const MOVING: usize = 3;
 
 /// A lattice of touching spheres in bricks, the same body as [`super::lattice()`] with another numbering.
 ///
@@ -144,11 +141,10 @@ impl Bricks {
 
     fn unit(&self, places: &[Place]) -> Unit {
         let sum: Vector3<f64> = places.iter().map(|p| self.centre(p)).sum();
-        let longest = |block: &[Place]| block.iter().map(|p| self.neighbours(p).count()).max();
-        let slots = places.chunks(LANES).map(|b| longest(b).unwrap_or(0) + MOVING);
+        let bonds: Vec<usize> = places.iter().map(|p| self.neighbours(p).count()).collect();
         Unit {
             centre: Point3::from(sum / places.len() as f64),
-            work: (LANES * slots.sum::<usize>()) as f64,
+            work: work(&bonds) as f64,
         }
     }
 
