@@ -7,6 +7,7 @@ mod shipped;
 
 use common::{command, scene, scratch, text};
 use shipped::SHIPPED;
+use std::collections::{BTreeMap, BTreeSet};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -268,4 +269,56 @@ fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
     refused("right_00000000_1.vtu");
     std::fs::remove_file(&piece).expect("removed");
     refused("right_00000000_1.vtu");
+}
+
+/// Features of every package outside the workspace, once for each set that a build compiles it with.
+fn features(build: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
+    let mut tree = Command::new(env!("CARGO"));
+    tree.args([
+        "tree",
+        "--prefix",
+        "none",
+        "--edges",
+        "normal,build",
+        "--format",
+        "{p}\t{f}",
+    ]);
+    tree.args(build)
+        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
+    let output = tree.output().expect("cargo is there");
+    assert!(output.status.success(), "{}", said(&output));
+    let mut packages = BTreeMap::<_, BTreeSet<_>>::new();
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
+        let (package, features) = line.split_once('\t').unwrap_or((line, ""));
+        // Members stand with their folder; features of a package that was shown before end with a star.
+        if !package.contains('/') {
+            let features = features.trim_end_matches([' ', '(', '*', ')']);
+            packages
+                .entry(package.to_owned())
+                .or_default()
+                .insert(features.to_owned());
+        }
+    }
+    packages
+}
+
+/// Another feature of a package compiles it again, and everything above it: with `syn` that was faer and the core.
+#[test]
+fn mpi_and_the_wheel_take_what_a_release_build_has_compiled() {
+    let release = features(&[]);
+    assert!(release.keys().any(|p| p.starts_with("faer ")), "{release:?}");
+    for build in [
+        &["-p", "arlequin-cli", "--features", "mpi"][..],
+        &["-p", "arlequin-py"],
+    ] {
+        for (package, sets) in features(build) {
+            // A set of features that is missing there is a build script's; the others must be those of the release build.
+            if let Some(compiled) = release.get(&package) {
+                assert!(
+                    !compiled.is_disjoint(&sets),
+                    "{package}: {compiled:?} in a release build, {sets:?} with {build:?}"
+                );
+            }
+        }
+    }
 }
