@@ -62,6 +62,7 @@ mod field;
 pub mod geometry;
 pub mod harmonic;
 mod interface;
+pub mod interrupt;
 mod junction;
 pub mod linalg;
 mod material;
