@@ -271,6 +271,48 @@ fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
     refused("right_00000000_1.vtu");
 }
 
+/// Started by `mpirun` of another MPI library, each process is alone in its world: the environment tells of more.
+#[test]
+fn a_launcher_of_another_mpi_library_is_refused_by_name() {
+    let out = scratch("ranks-launcher").join("out");
+    let scene = pulse("time.end=1.5e-6");
+    let arguments = run(&scene, &["--out", text(&out)]);
+    for rank in ["0", "1"] {
+        let mut process = command(&arguments);
+        process.env("PMI_RANK", rank).env("PMI_SIZE", "3");
+        let ended = process.output().expect("starts");
+        let error = said(&ended);
+        assert!(!ended.status.success() && !out.exists(), "{error}");
+        // One of them speaks for all.
+        let words = [
+            "the launcher started 3 processes, and MPI sees 1",
+            "linked with",
+            "which mpirun",
+        ];
+        assert!(
+            words.iter().all(|w| error.contains(w) == (rank == "0")),
+            "rank {rank}: {error}"
+        );
+    }
+    // MPICH's own, where the Python environment of the gate has it.
+    let python = std::env::var_os("ARLEQUIN_PYTHON").map(PathBuf::from);
+    let hydra = python.map(|p| p.with_file_name("mpiexec")).filter(|p| p.exists());
+    if let Some(hydra) = hydra {
+        let mut three = Command::new(hydra);
+        three
+            .args(["-n", "3", env!("CARGO_BIN_EXE_arlequin")])
+            .args(&arguments);
+        let ended = three.output().expect("starts");
+        let error = said(&ended);
+        assert!(!ended.status.success() && !out.exists(), "{error}");
+        assert_eq!(
+            error.matches("the launcher started 3 processes").count(),
+            1,
+            "{error}"
+        );
+    }
+}
+
 /// Features of every package outside the workspace, once for each set that a build compiles it with.
 fn features(build: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
     let mut tree = Command::new(env!("CARGO"));
