@@ -26,11 +26,16 @@ pub(crate) fn outside<V: Send>(
     work: impl FnOnce() -> Result<V, Fault> + Send,
 ) -> PyResult<V> {
     let made = py.detach(|| catch_unwind(AssertUnwindSafe(|| with_threads(work).flatten())));
-    if let Some(raised) = RAISED.take() {
+    if let Some(raised) = raised() {
         return Err(raised);
     }
     made.unwrap_or_else(|payload| Err(Fault::panic(&*payload)))
         .map_err(PyErr::from)
+}
+
+/// Takes what Ctrl-C raised while this thread computed.
+pub(crate) fn raised() -> Option<PyErr> {
+    RAISED.take()
 }
 
 /// Whether Ctrl-C was pressed, or another signal raised an exception: for long loops and waits of the crates. The interpreter
@@ -64,7 +69,7 @@ impl Pulse {
 
     /// Whether it is time; Ctrl-C and the like are the error, of `then` as well.
     pub(crate) fn beat(&mut self, then: impl FnOnce(Python<'_>) -> PyResult<()>) -> PyResult<()> {
-        if let Some(raised) = RAISED.take() {
+        if let Some(raised) = raised() {
             return Err(raised);
         }
         if self.0.elapsed() < LOOK {

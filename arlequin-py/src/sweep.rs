@@ -1,6 +1,6 @@
 //! Sweeps: many runs, one after another, in this process.
 
-use crate::border::outside;
+use crate::border::{outside, raised};
 use crate::error::Fault;
 use crate::scene::Watch;
 use arlequin_scene::output::mark;
@@ -33,7 +33,13 @@ impl Runner for Here {
                 Outcome::Interrupted
             }
             Ok(_) => Outcome::Complete,
-            Err(e) => Outcome::Failed(e.to_string()),
+            Err(e) => match raised() {
+                Some(raised) => {
+                    *self.stop() = Some(raised.into());
+                    Outcome::Interrupted
+                }
+                None => Outcome::Failed(e.to_string()),
+            },
         })
     }
 

@@ -1,6 +1,7 @@
 """Several processes and threads: forked ones compute, results are sent between them, and Ctrl-C is heard."""
 
 import copy
+import json
 import os
 import pathlib
 import pickle
@@ -128,6 +129,19 @@ def pressed(after, work):
 def test_ctrl_c_is_heard_while_spheres_are_packed():
     late = pressed(1.0, lambda: aq.Packing.block([0, 0, 0], [1, 1, 1], 200_000))
     assert late < 3.0, f"heard after {late:.1f} s"
+
+
+def test_ctrl_c_while_a_run_of_a_sweep_packs_spheres_ends_the_sweep(tmp_path, monkeypatch):
+    monkeypatch.setenv("ARLEQUIN_CACHE", str(tmp_path / "packings"))
+    block = '[model.block]\nkind = "dem"\nshape.box = { low = [0.0, 0.0, 0.0], high = [1.0, 1.0, 1.0] }\nspacing = 0.018\n'
+    material = "material = { young = 1e9, poisson = 0.2, density = 1000.0 }\n"
+    (tmp_path / "block.toml").write_text(block + material + "[time]\nend = 1e-3\n")
+    file = tmp_path / "sweep.toml"
+    file.write_text('scene = "block.toml"\n[axis.end]\nvalues = [1e-3, 2e-3, 3e-3]\nset = ["time.end={}"]\n')
+    Scene(tmp_path / "block.toml", **{"model.block.spacing": 0.2}).check()
+    late = pressed(2.0, lambda: aq.sweep(file, out=tmp_path / "out"))
+    assert late < 3.0, f"heard after {late:.1f} s"
+    assert json.loads((tmp_path / "out" / "sweep.json").read_text())["status"] == "interrupted"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals there")
