@@ -371,7 +371,7 @@ fn shaken(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
 macro_rules! pairs {
     ($($name:ident: $coarse:ident, $fine:ident;)*) => {
         proptest! {
-            #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+            #![proptest_config(reader_fuzz::property_config(64))]
             $(
                 #[test]
                 fn $name(case in case()) {

@@ -91,7 +91,7 @@ fn jittered(mesh: Mesh<f64>, amount: f64, seed: u64) -> Mesh<f64> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+    #![proptest_config(reader_fuzz::property_config(64))]
 
     #[test]
     fn weights_sum_to_one_and_stay_in_range(
@@ -122,7 +122,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+    #![proptest_config(reader_fuzz::property_config(12))]
 
     #[test]
     fn any_admissible_coupling_is_adjoint_and_conserves_momentum_and_energy(

@@ -34,7 +34,11 @@ impl Located {
 
     /// The code to exit with.
     pub(crate) fn code(&self) -> ExitCode {
-        ExitCode::from(if self.error.is_input() { 2 } else { 1 })
+        ExitCode::from(match self.error.is_input() {
+            _ if crate::run::is_interrupted() => crate::run::INTERRUPTED,
+            true => 2,
+            false => 1,
+        })
     }
 }
 

@@ -200,6 +200,7 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
                 report::result(&links, common.json, |l| report::held(l))?;
                 return Ok(ExitCode::SUCCESS);
             }
+            run::watch_links(scene)?;
             report::result(
                 &scene.prepare_with(&mut report::phase_teller())?.preview(),
                 common.json,

@@ -4,6 +4,7 @@ use crate::error::{Located, Result, value};
 #[cfg(feature = "mpi")]
 use crate::report;
 use arlequin::core::ranks::Communicator;
+use arlequin_mpi::Launched;
 use clap::Args;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -34,31 +35,6 @@ impl Waiting {
     }
 }
 
-/// What the launcher told this process.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Launched {
-    rank: usize,
-    ranks: usize,
-}
-
-/// Reads what launchers tell: Open MPI, MPICH and its kin, Slurm.
-fn launched(told: &dyn Fn(&str) -> Option<String>) -> Option<Launched> {
-    let number = |name: &&str| told(name)?.trim().parse::<usize>().ok();
-    let first = |names: &[&str]| names.iter().find_map(number);
-    let rank = first(&["OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"])?;
-    let ranks = first(&[
-        "OMPI_COMM_WORLD_SIZE",
-        "PMI_SIZE",
-        "SLURM_STEP_NUM_TASKS",
-        "SLURM_NTASKS",
-    ])?;
-    Some(Launched { rank, ranks })
-}
-
-fn environment() -> Option<Launched> {
-    launched(&|name| std::env::var(name).ok())
-}
-
 /// Processes of this job on this machine, which share its cores.
 pub(crate) fn on_this_machine() -> usize {
     let names = ["OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS"];
@@ -70,12 +46,12 @@ pub(crate) fn on_this_machine() -> usize {
 
 /// Whether this process is the one to speak.
 pub(crate) fn leads() -> bool {
-    environment().is_none_or(|l| l.rank == 0)
+    Launched::from_environment().is_none_or(|l| l.rank == 0)
 }
 
 /// Refuses a command that makes no sense on several ranks: it would be done by each of them.
 pub(crate) fn refuse_several(command: &str) -> Result<()> {
-    match environment() {
+    match Launched::from_environment() {
         Some(l) if l.ranks > 1 => Err(value(
             "ranks",
             l.ranks,
@@ -93,7 +69,7 @@ pub(crate) fn run(
 ) -> Result<ExitCode, Located> {
     use arlequin_mpi::processes::{self, Ending};
     let wait = waiting.seconds()?;
-    if environment().is_none_or(|l| l.ranks == 1) {
+    if Launched::from_environment().is_none_or(|l| l.ranks == 1) {
         return work(None);
     }
     let ending = Ending {
@@ -108,7 +84,10 @@ pub(crate) fn run(
         Err(e) if e.is_everywhere() => Ok(e.report_once()),
         Err(e) => Err(e.plain()),
     });
-    done.map_err(|e| Located::from(arlequin_scene::error::core("ranks")(e.into())))
+    done.or_else(|e| {
+        let refused = Located::from(arlequin_scene::error::core("ranks")(e.into()));
+        if leads() { Err(refused) } else { Ok(refused.code()) }
+    })
 }
 
 /// Does `work` alone: refuses to be one of several, who would all write the same files.
@@ -118,7 +97,7 @@ pub(crate) fn run(
     work: impl FnOnce(Others) -> Result<ExitCode, Located>,
 ) -> Result<ExitCode, Located> {
     waiting.seconds()?;
-    if let Some(Launched { rank, ranks }) = environment().filter(|l| l.ranks > 1) {
+    if let Some(Launched { rank, ranks }) = Launched::from_environment().filter(|l| l.ranks > 1) {
         let rule = "this program was built without MPI, and each rank would make the same run; build it with --features mpi, or \
                     call it without mpirun";
         let refused = Located::from(value("ranks", ranks, rule));
@@ -128,32 +107,4 @@ pub(crate) fn run(
         return Err(refused);
     }
     work(None)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Launched, launched};
-
-    #[test]
-    fn launchers_tell_ranks_in_their_own_words() {
-        let of = |all: &[(&str, &str)]| {
-            let told = |name: &str| all.iter().find(|v| v.0 == name).map(|v| v.1.to_owned());
-            launched(&told)
-        };
-        let some = |rank, ranks| Some(Launched { rank, ranks });
-        assert_eq!(of(&[]), None);
-        assert_eq!(
-            of(&[("OMPI_COMM_WORLD_RANK", "2"), ("OMPI_COMM_WORLD_SIZE", "4")]),
-            some(2, 4)
-        );
-        assert_eq!(of(&[("PMI_RANK", "0"), ("PMI_SIZE", "3")]), some(0, 3));
-        // srun --mpi=pmix
-        assert_eq!(of(&[("PMIX_RANK", "1"), ("SLURM_NTASKS", "8")]), some(1, 8));
-        // A job of a batch system whose script calls the program itself.
-        assert_eq!(of(&[("SLURM_NTASKS", "8")]), None);
-        assert_eq!(
-            of(&[("OMPI_COMM_WORLD_RANK", "x"), ("OMPI_COMM_WORLD_SIZE", "4")]),
-            None
-        );
-    }
 }

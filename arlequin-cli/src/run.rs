@@ -3,22 +3,28 @@
 use crate::error::{Error, Result};
 use crate::ranks::{self, Others};
 use crate::report::{self, Progress};
-use arlequin::core::Coupled;
+use arlequin::core::{Coupled, interrupt};
 use arlequin_scene::output::curves::CurveLine;
 use arlequin_scene::output::json;
-use arlequin_scene::{End, Observer, Results, RunFolder, Scene, Table};
+use arlequin_scene::{End, LinkLine, Observer, Results, RunFolder, Scene, Table};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 /// Exit code of a run that the user ended (128 + SIGINT).
 pub(crate) const INTERRUPTED: u8 = 130;
 
+/// Raised by Ctrl-C and SIGTERM, once they are watched for.
+static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+/// Whether steps are made: these end in order, whatever comes.
+static STEPS: AtomicBool = AtomicBool::new(false);
+
 /// Runs a scene and writes its results.
 pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool) -> Result<ExitCode> {
     let folder = RunFolder::new(scene, out, force)?;
+    watch_links(scene)?;
     let prepared = scene.prepare_with(&mut report::phase_teller())?;
     report::holdings(&prepared.built().holdings, as_json);
     finished(&prepared.run_into(folder, &mut Terminal::new(as_json)?)?, as_json)
@@ -26,6 +32,7 @@ pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool)
 
 /// Goes on with the run of a folder from its last checkpoint.
 pub(crate) fn resume(target: &Path, others: Others, as_json: bool) -> Result<ExitCode> {
+    watch_interrupt()?;
     let resumed = arlequin_scene::resume_on(target, others)?;
     finished(&resumed.run(&mut Terminal::new(as_json)?)?, as_json)
 }
@@ -55,12 +62,14 @@ struct Terminal {
 }
 
 impl Terminal {
-    /// Watches for Ctrl-C only from now on: during the set-up it leaves nothing behind.
+    /// Watches for Ctrl-C only from now on, unless there are links: without them a set-up leaves nothing behind.
     fn new(json: bool) -> Result<Self> {
+        let stop = watch_interrupt()?;
+        STEPS.store(true, Ordering::Relaxed);
         Ok(Self {
             json,
             bar: Progress::default(),
-            stop: watch_interrupt()?,
+            stop,
         })
     }
 }
@@ -89,13 +98,36 @@ impl Observer for Terminal {
     }
 }
 
-/// A flag that Ctrl-C raises.
+/// A flag that Ctrl-C and SIGTERM raise; waits for other programs and packings end with it. A second signal during the set-up
+/// ends the process.
 pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
+    if let Some(stop) = STOP.get() {
+        return Ok(stop.clone());
+    }
+    let stop = STOP.get_or_init(Arc::default).clone();
     let flag = stop.clone();
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(|e| Error::System {
+    let raise = move || {
+        if flag.swap(true, Ordering::Relaxed) && !STEPS.load(Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED.into());
+        }
+    };
+    ctrlc::set_handler(raise).map_err(|e| Error::System {
         what: "watching for Ctrl-C",
         message: e.to_string(),
     })?;
+    interrupt::listen(is_interrupted);
     Ok(stop)
+}
+
+/// Watches for Ctrl-C where the set-up of a scene starts programs, which are to end with it.
+pub(crate) fn watch_links(scene: &Scene) -> Result<()> {
+    if !LinkLine::of(scene).is_empty() {
+        watch_interrupt()?;
+    }
+    Ok(())
+}
+
+/// Returns whether Ctrl-C or SIGTERM came.
+pub(crate) fn is_interrupted() -> bool {
+    STOP.get().is_some_and(|stop| stop.load(Ordering::Relaxed))
 }

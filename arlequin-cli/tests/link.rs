@@ -6,6 +6,7 @@ mod common;
 use common::{arlequin, command, number, schemas::verdict, scratch, succeed, summary, text};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, Instant};
 
 /// A bar that is pulled on its left, and a fine side of 61 masses from −20 on.
 const SCENE: &str = r#"
@@ -220,6 +221,84 @@ fn a_solver_that_is_killed_ends_the_run_with_its_results_and_the_run_goes_on_in_
     }
 }
 
+/// Sends a signal to a run of this scene once `ready`; its error, after at most some seconds.
+fn signalled(signal: &str, scene: &Path, out: &Path, more: &[&str], ready: &dyn Fn() -> bool) -> String {
+    let arguments = [&["run", text(scene), "--out", text(out)], more].concat();
+    let run = command(&arguments).stderr(std::process::Stdio::piped()).spawn();
+    let run = run.expect("starts");
+    while !ready() {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    let begin = Instant::now();
+    let kill = Command::new("kill")
+        .args([signal, &run.id().to_string()])
+        .status();
+    assert!(kill.expect("kill").success());
+    let ended = run.wait_with_output().expect("ends");
+    let error = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert_eq!(ended.status.code(), Some(130), "{error}");
+    assert!(
+        begin.elapsed() < Duration::from_secs(8),
+        "{signal}: {:?}",
+        begin.elapsed()
+    );
+    assert!(error.contains("interrupted while 'fine'"), "{error}");
+    error
+}
+
+#[test]
+fn signals_end_a_run_that_waits_for_a_solver_to_start_and_what_it_started() {
+    let folder = scratch("link-signal-start");
+    for signal in ["-INT", "-TERM"] {
+        let number = folder.join("number");
+        let _ = std::fs::remove_file(&number);
+        let script = "echo $$ > new; mv new number; exec sleep 100";
+        let fine = format!("kind = \"link\"\ncommand = [\"sh\", \"-c\", \"{script}\"]");
+        let scene = write(&folder, "scene.toml", &fine);
+        let out = folder.join("out");
+        let error = signalled(signal, &scene, &out, &[], &|| number.exists());
+        assert!(error.contains("a connection to unix:"), "{error}");
+        let started = std::fs::read_to_string(&number).expect("number");
+        let left = Command::new("kill")
+            .args(["-0", started.trim()])
+            .output()
+            .expect("kill");
+        assert!(!left.status.success(), "what the run started is left");
+        assert!(!out.exists());
+    }
+}
+
+#[test]
+fn signals_end_a_run_whose_solver_does_not_answer_and_it_goes_on_later() {
+    let folder = scratch("link-signal-step");
+    build_chain(&folder);
+    let script = "if [ -e tame ]; then exec ./chain; fi; touch tame; ./chain & until find . -name checkpoint.bin | grep -q .; do sleep \
+                  0.01; done; kill -STOP $!; wait";
+    let fine = format!("kind = \"link\"\ntimeout = 600.0\ncommand = [\"sh\", \"-c\", \"{script}\"]");
+    let scene = write(&folder, "scene.toml", &fine);
+    let more = [
+        "time.end=100000.0",
+        "output.checkpoint_every=200",
+        "output.every=40000",
+    ];
+    let more: Vec<&str> = more.iter().flat_map(|m| ["--set", m]).collect();
+    let out = folder.join("out");
+    let saved = || {
+        let find = Command::new("find")
+            .arg(&folder)
+            .args(["-name", "checkpoint.bin"])
+            .output();
+        !find.expect("find").stdout.is_empty()
+    };
+    let error = signalled("-INT", &scene, &out, &more, &saved);
+    assert!(error.contains("was due"), "{error}");
+    let resumed = arlequin(&["resume", text(&out)]);
+    let error = String::from_utf8_lossy(&resumed.stderr);
+    assert!(resumed.status.success(), "{error}");
+    assert_eq!(summary(&out)["status"], "complete");
+}
+
 /// Fine models, changes, and words of the error that they make.
 const BAD: &[(&str, &str, &str)] = &[
     ("kind = \"link\"", "", "a link needs exactly one of command"),
@@ -241,6 +320,7 @@ const BAD: &[(&str, &str, &str)] = &[
     ),
     ("kind = \"link\"\naddress = \"nowhere\"", "", "must be unix:PATH"),
     (LINK, "--set=model.fine.timeout=0", "must be positive [s]"),
+    (LINK, "--set=model.fine.start_timeout=-1", "the default is 30"),
     (
         LINK,
         "--set=model.fine.spacing=1.0",

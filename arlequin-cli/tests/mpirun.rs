@@ -7,6 +7,7 @@ mod shipped;
 
 use common::{command, scene, scratch, text};
 use shipped::SHIPPED;
+use std::collections::{BTreeMap, BTreeSet};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -268,4 +269,98 @@ fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
     refused("right_00000000_1.vtu");
     std::fs::remove_file(&piece).expect("removed");
     refused("right_00000000_1.vtu");
+}
+
+/// Started by `mpirun` of another MPI library, each process is alone in its world: the environment tells of more.
+#[test]
+fn a_launcher_of_another_mpi_library_is_refused_by_name() {
+    let out = scratch("ranks-launcher").join("out");
+    let scene = pulse("time.end=1.5e-6");
+    let arguments = run(&scene, &["--out", text(&out)]);
+    for rank in ["0", "1"] {
+        let mut process = command(&arguments);
+        process.env("PMI_RANK", rank).env("PMI_SIZE", "3");
+        let ended = process.output().expect("starts");
+        let error = said(&ended);
+        assert!(!ended.status.success() && !out.exists(), "{error}");
+        // One of them speaks for all.
+        let words = [
+            "the launcher started 3 processes, and MPI sees 1",
+            "linked with",
+            "which mpirun",
+        ];
+        assert!(
+            words.iter().all(|w| error.contains(w) == (rank == "0")),
+            "rank {rank}: {error}"
+        );
+    }
+    // MPICH's own, where the Python environment of the gate has it.
+    let python = std::env::var_os("ARLEQUIN_PYTHON").map(PathBuf::from);
+    let hydra = python.map(|p| p.with_file_name("mpiexec")).filter(|p| p.exists());
+    if let Some(hydra) = hydra {
+        let mut three = Command::new(hydra);
+        three
+            .args(["-n", "3", env!("CARGO_BIN_EXE_arlequin")])
+            .args(&arguments);
+        let ended = three.output().expect("starts");
+        let error = said(&ended);
+        assert!(!ended.status.success() && !out.exists(), "{error}");
+        assert_eq!(
+            error.matches("the launcher started 3 processes").count(),
+            1,
+            "{error}"
+        );
+    }
+}
+
+/// Features of every package outside the workspace, once for each set that a build compiles it with.
+fn features(build: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
+    let mut tree = Command::new(env!("CARGO"));
+    tree.args([
+        "tree",
+        "--prefix",
+        "none",
+        "--edges",
+        "normal,build",
+        "--format",
+        "{p}\t{f}",
+    ]);
+    tree.args(build)
+        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
+    let output = tree.output().expect("cargo is there");
+    assert!(output.status.success(), "{}", said(&output));
+    let mut packages = BTreeMap::<_, BTreeSet<_>>::new();
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
+        let (package, features) = line.split_once('\t').unwrap_or((line, ""));
+        // Members stand with their folder; features of a package that was shown before end with a star.
+        if !package.contains('/') {
+            let features = features.trim_end_matches([' ', '(', '*', ')']);
+            packages
+                .entry(package.to_owned())
+                .or_default()
+                .insert(features.to_owned());
+        }
+    }
+    packages
+}
+
+/// Another feature of a package compiles it again, and everything above it: with `syn` that was faer and the core.
+#[test]
+fn mpi_and_the_wheel_take_what_a_release_build_has_compiled() {
+    let release = features(&[]);
+    assert!(release.keys().any(|p| p.starts_with("faer ")), "{release:?}");
+    for build in [
+        &["-p", "arlequin-cli", "--features", "mpi"][..],
+        &["-p", "arlequin-py"],
+    ] {
+        for (package, sets) in features(build) {
+            // A set of features that is missing there is a build script's; the others must be those of the release build.
+            if let Some(compiled) = release.get(&package) {
+                assert!(
+                    !compiled.is_disjoint(&sets),
+                    "{package}: {compiled:?} in a release build, {sets:?} with {build:?}"
+                );
+            }
+        }
+    }
 }

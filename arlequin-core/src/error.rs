@@ -28,6 +28,12 @@ impl std::fmt::Display for Share {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
+    /// The user ended work that takes long, by Ctrl-C or SIGTERM.
+    #[error("interrupted during {during}")]
+    Interrupted {
+        /// The work that was ended.
+        during: String,
+    },
     /// No equilibrium was reached.
     #[error(
         "no equilibrium at t = {time:e} s: after {steps} steps of relaxation the residual is {residual:.1e}, above {tolerance:.1e}; \

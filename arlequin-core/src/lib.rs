@@ -15,7 +15,7 @@
 //! | [`conformance`] | checks for those who write models, junctions or effects |
 //! | [`ranks`] | models in parts on several ranks, with the bits of one |
 //! | [`harmonic`], [`advice`] | what an overlap reflects, and what it is known to do badly |
-//! | [`geometry`], [`adjacency`], [`blocks`], [`linalg`], [`spectrum`], [`parallel`] | tools of the core that model crates use as well |
+//! | [`geometry`], [`adjacency`], [`blocks`], [`linalg`], [`spectrum`], [`parallel`], [`interrupt`] | tools of the core that model crates use as well |
 //!
 //! # A stiff bar and a fine one, tied over one unit of length
 //!
@@ -62,6 +62,7 @@ mod field;
 pub mod geometry;
 pub mod harmonic;
 mod interface;
+pub mod interrupt;
 mod junction;
 pub mod linalg;
 mod material;

@@ -131,6 +131,7 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(reader_fuzz::property_config(256))]
         #[test]
         fn the_tree_finds_what_a_scan_finds(seed in prop::collection::vec(prop::array::uniform3(0.0..1.0f64), 1..200)) {
             let boxes: Vec<_> = seed.iter().map(|s| {

@@ -4,11 +4,16 @@ use crate::address::Stream;
 use crate::error::{Error, Result};
 use crate::message::read_failure;
 use crate::wire::{Content, HEADER, Header, Kind, Message, SMALL};
+use arlequin_core::interrupt;
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
 
 /// Most that memory grows by before the bytes for it have come.
 const PIECE: usize = 1 << 20;
+/// Time between two looks for Ctrl-C.
+const GLANCE: Duration = Duration::from_millis(50);
+/// How long the other side may still take for its answer after Ctrl-C: with it the run ends at a whole step.
+const GRACE: Duration = Duration::from_secs(1);
 
 /// A stream of messages.
 #[derive(Debug)]
@@ -26,6 +31,8 @@ pub(crate) struct Channel {
     pub(crate) out: Message,
     /// What was read last; only ever grows.
     buffer: Vec<u8>,
+    /// When Ctrl-C was noticed.
+    interrupted: Option<Instant>,
 }
 
 impl Channel {
@@ -38,6 +45,7 @@ impl Channel {
             peer_limit: SMALL,
             out: Message::default(),
             buffer: Vec::new(),
+            interrupted: None,
         }
     }
 
@@ -46,13 +54,25 @@ impl Channel {
         self.timeout.map(|t| Instant::now() + t)
     }
 
-    /// What is left of the time; an error if nothing is. None if it may last for ever.
-    fn left(&self, until: Option<Instant>, waited: &str) -> Result<Option<Duration>> {
-        let left = until.map(|u| u.saturating_duration_since(Instant::now()));
-        if left.is_some_and(|l| l.is_zero()) {
+    /// How long to wait now: what is left of the time, at most until the next look for Ctrl-C. None if it may last for ever.
+    ///
+    /// # Errors
+    /// [`Error::Silent`] if no time is left, [`Error::Interrupted`].
+    fn left(&mut self, until: Option<Instant>, waited: &str) -> Result<Option<Duration>> {
+        let Some(until) = until else { return Ok(None) };
+        let now = Instant::now();
+        let left = until.saturating_duration_since(now);
+        if left.is_zero() {
             return Err(self.silent(waited));
         }
-        Ok(left)
+        self.interrupted = interrupt::is_requested().then(|| self.interrupted.unwrap_or(now));
+        if self.interrupted.is_some_and(|since| now - since >= GRACE) {
+            return Err(Error::Interrupted {
+                peer: self.peer.clone(),
+                waited: waited.to_owned(),
+            });
+        }
+        Ok(Some(left.min(GLANCE)))
     }
 
     fn silent(&self, waited: &str) -> Error {

@@ -33,7 +33,7 @@ pub enum Error {
     },
     /// Nobody came, or no answer.
     #[error(
-        "{peer}: {waited} was due within {:.1} s and did not come; see what it does, or allow it more by timeout", limit.as_secs_f64()
+        "{peer}: {waited} was due within {:.1} s and did not come; see what it does, or allow it more by timeout (by start_timeout to connect)", limit.as_secs_f64()
     )]
     Silent {
         /// The other side.
@@ -42,6 +42,14 @@ pub enum Error {
         waited: String,
         /// For how long.
         limit: Duration,
+    },
+    /// The user ended the run, by Ctrl-C or SIGTERM, while it waited.
+    #[error("interrupted while {peer} was waited for: {waited} was due")]
+    Interrupted {
+        /// The other side.
+        peer: String,
+        /// What was waited for.
+        waited: String,
     },
     /// The other side is gone.
     #[error("{peer} closed the link where {expected} was due; see its own messages for the reason")]

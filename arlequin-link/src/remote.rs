@@ -9,7 +9,7 @@ use crate::message::{Ask, Description, Fields, Shape, check_inertia, check_step,
 use crate::wire::{Kind, LIMIT};
 use arlequin_core::nalgebra::Point3;
 use arlequin_core::snapshot::Record;
-use arlequin_core::{DofLayout, Participant, Weighting, Weights};
+use arlequin_core::{DofLayout, Participant, Weighting, Weights, interrupt};
 use std::cell::RefCell;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -24,16 +24,19 @@ const QUESTIONS_PER_NODE: usize = 200;
 /// What a run allows the other side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// How long it may take to come, and to answer; a solver that needs longer sends [`Kind::Working`] meanwhile.
+    /// How long it may take to start and to connect: an interpreter with its packages takes seconds on a busy machine.
+    pub start: Duration,
+    /// How long it may take to answer once it is connected; a solver that needs longer sends [`Kind::Working`] meanwhile.
     pub timeout: Duration,
     /// Longest message in bytes.
     pub limit: u64,
 }
 
 impl Default for Options {
-    /// 4 s and 1 GiB: who hears nothing for 5 s thinks that the run itself hangs.
+    /// 30 s to start, 4 s to answer and 1 GiB. A command that ends before it connects is noticed at once.
     fn default() -> Self {
         Self {
+            start: Duration::from_secs(30),
             timeout: Duration::from_secs(4),
             limit: LIMIT,
         }
@@ -62,7 +65,7 @@ impl Remote {
     /// [`crate::VARIABLE`]. `name` is that of the model in the run.
     ///
     /// # Errors
-    /// [`Error::Command`], [`Error::Silent`], and everything that may be wrong with what it says of itself.
+    /// [`Error::Command`], [`Error::Silent`], [`Error::Interrupted`], and everything that may be wrong with what it says of itself.
     pub fn start(name: &str, command: &[String], folder: &Path, options: Options) -> Result<Self> {
         let listener = Listener::private()?;
         let child = Started::new(command, folder, listener.address())?;
@@ -94,18 +97,25 @@ impl Remote {
         mut child: Option<Started>,
         options: Options,
     ) -> Result<Self> {
-        let mut watch = || match &mut child {
-            None => Ok(()),
-            Some(c) => c
-                .ended(Duration::ZERO)
-                .map_or(Ok(()), |how| Err(c.early(&how, "it connected"))),
+        let waited = || format!("a connection to {}", listener.address());
+        let mut watch = || {
+            if interrupt::is_requested() {
+                let (peer, waited) = (peer.clone(), waited());
+                return Err(Error::Interrupted { peer, waited });
+            }
+            match &mut child {
+                None => Ok(()),
+                Some(c) => c
+                    .ended(Duration::ZERO)
+                    .map_or(Ok(()), |how| Err(c.early(&how, "it connected"))),
+            }
         };
-        let came = listener.accept(Instant::now() + options.timeout, &mut watch)?;
+        let came = listener.accept(Instant::now() + options.start, &mut watch)?;
         let Some(stream) = came else {
             return Err(Error::Silent {
                 peer,
-                waited: format!("a connection to {}", listener.address()),
-                limit: options.timeout,
+                waited: waited(),
+                limit: options.start,
             });
         };
         let channel = Channel::new(stream, peer, Some(options.timeout), options.limit);

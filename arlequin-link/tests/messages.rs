@@ -149,7 +149,7 @@ fn messages_of_the_right_length_with_mutated_content_are_read_or_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(reader_fuzz::property_config(200))]
 
     #[test]
     fn headers_are_read_as_they_are_written(k in 0_usize..17, length: u64) {

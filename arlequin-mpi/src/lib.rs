@@ -7,6 +7,9 @@
 //!
 //! What is shared out, and how results keep their bits, stands in [`arlequin_core::ranks`].
 
+mod launcher;
 #[cfg(feature = "mpi")]
 pub mod processes;
 pub mod threads;
+
+pub use launcher::Launched;

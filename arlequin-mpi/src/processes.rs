@@ -4,6 +4,7 @@
 //! then looked after until a limit of time; a rank that meets its limit, an error or a panic tells the others, says what happened,
 //! and ends the whole job ([`run`]). Waiting ranks yield their core: more ranks than cores are slow, but not stuck.
 
+use crate::launcher::Launched;
 use ::mpi::Threading;
 use ::mpi::collective::SystemOperation;
 use ::mpi::point_to_point::Status;
@@ -44,7 +45,8 @@ pub struct Ending {
 /// each says why through [`Ending::report`] and the job ends with its code: this function does not return then.
 ///
 /// # Errors
-/// [`RankError::Transport`] where MPI is in use already, or an MPI library that lets one thread alone call it.
+/// [`RankError::Transport`] where MPI is in use already, with an MPI library that lets one thread alone call it, and where the
+/// launcher started more processes than this library sees.
 pub fn run<R, E: Display>(
     ending: Ending,
     work: impl FnOnce(Arc<dyn Communicator>) -> Result<R, E>,
@@ -62,6 +64,7 @@ pub fn run<R, E: Display>(
         ));
     }
     let world = SimpleCommunicator::world();
+    check_launcher(world.size() as usize)?;
     let own = Arc::new(Process {
         rank: world.rank() as usize,
         ranks: world.size() as usize,
@@ -75,6 +78,24 @@ pub fn run<R, E: Display>(
         }
         Err(e) => own.end(&e.to_string(), true),
     }
+}
+
+/// Refuses fewer ranks than the launcher started: `mpirun` of another MPI library leaves each process alone in a world of its own,
+/// and each would make the whole run.
+fn check_launcher(ranks: usize) -> Result<(), RankError> {
+    let Some(launched) = Launched::from_environment().filter(|l| l.ranks > ranks) else {
+        return Ok(());
+    };
+    let library = ::mpi::environment::library_version().unwrap_or_default();
+    let library = library.lines().next().unwrap_or_default();
+    let library = library.split(',').next().unwrap_or_default().trim();
+    let (rank, started) = (launched.rank, launched.ranks);
+    let what = format!(
+        "the launcher started {started} processes, and MPI sees {ranks} in this one's world: the launcher belongs to another MPI \
+         library than this program, which is linked with {library}; start it with the mpirun of that library (which mpirun tells \
+         whose is found first)"
+    );
+    Err(RankError::Transport { rank, what })
 }
 
 /// Ends the job where work panics: to finalise MPI would wait for ranks that wait for this one.

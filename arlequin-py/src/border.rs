@@ -1,8 +1,10 @@
 //! What crosses from Python to Rust: without the interpreter's lock, and back without a panic.
 
 use crate::error::Fault;
+use crate::threads::with_threads;
 use pyo3::prelude::*;
 use pyo3::{PyTraverseError, PyVisit};
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -11,14 +13,48 @@ use std::time::{Duration, Instant};
 /// Time between two looks for Ctrl-C: no one waits that long, and no step is slowed down by it.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Computes without the interpreter's lock; errors and panics become exceptions.
+thread_local! {
+    /// What Ctrl-C raised while Rust computed; [`outside`] hands it to the interpreter.
+    static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
+    /// When this thread looked for Ctrl-C last.
+    static LOOKED: Cell<Option<Instant>> = const { Cell::new(None) };
+}
+
+/// Computes without the interpreter's lock; errors, panics and Ctrl-C become exceptions.
 pub(crate) fn outside<V: Send>(
     py: Python<'_>,
     work: impl FnOnce() -> Result<V, Fault> + Send,
 ) -> PyResult<V> {
-    let made = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
+    let made = py.detach(|| catch_unwind(AssertUnwindSafe(|| with_threads(work).flatten())));
+    if let Some(raised) = raised() {
+        return Err(raised);
+    }
     made.unwrap_or_else(|payload| Err(Fault::panic(&*payload)))
         .map_err(PyErr::from)
+}
+
+/// Takes what Ctrl-C raised while this thread computed.
+pub(crate) fn raised() -> Option<PyErr> {
+    RAISED.take()
+}
+
+/// Whether Ctrl-C was pressed, or another signal raised an exception: for long loops and waits of the crates. The interpreter
+/// handles signals on its main thread alone; elsewhere the answer is no.
+pub(crate) fn is_interrupted() -> bool {
+    if RAISED.with_borrow(Option::is_some) {
+        return true;
+    }
+    if LOOKED.get().is_some_and(|at| at.elapsed() < LOOK) {
+        return false;
+    }
+    LOOKED.set(Some(Instant::now()));
+    // Handlers of signals run here, and may call this package: nothing is borrowed meanwhile.
+    let raised = Python::attach(|py| py.check_signals()).err();
+    let stops = raised.is_some();
+    if stops {
+        RAISED.set(raised);
+    }
+    stops
 }
 
 /// Looks into the interpreter now and then.
@@ -33,6 +69,9 @@ impl Pulse {
 
     /// Whether it is time; Ctrl-C and the like are the error, of `then` as well.
     pub(crate) fn beat(&mut self, then: impl FnOnce(Python<'_>) -> PyResult<()>) -> PyResult<()> {
+        if let Some(raised) = raised() {
+            return Err(raised);
+        }
         if self.0.elapsed() < LOOK {
             return Ok(());
         }

@@ -314,8 +314,8 @@ impl Coupled {
 
     /// Linear and angular momentum about the origin [kg m/s, kg m2/s].
     #[getter]
-    fn momentum(&self) -> Result<[[f64; 3]; 2], Fault> {
-        Ok(self.lock()?.momentum().map(Into::into))
+    fn momentum(&self, py: Python<'_>) -> PyResult<[[f64; 3]; 2]> {
+        self.compute(py, |run| Ok(run.momentum().map(Into::into)))
     }
 
     /// Displacements of a model [m], (nodes, components).

@@ -19,6 +19,7 @@ mod shapes;
 mod solver;
 mod subdomain;
 mod sweep;
+mod threads;
 
 use pyo3::prelude::*;
 
@@ -49,12 +50,15 @@ mod _native {
     #[pymodule_export]
     use crate::subdomain::{Interface, Subdomain};
     #[pymodule_export]
-    use crate::sweep::{_bound_threads, set_threads, sweep};
+    use crate::sweep::sweep;
+    #[pymodule_export]
+    use crate::threads::{_bound_threads, _forked, set_threads};
 
     use pyo3::prelude::*;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        arlequin::core::interrupt::listen(crate::border::is_interrupted);
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -5,6 +5,7 @@ use crate::border::outside;
 use crate::choices::{Elastic, Weights};
 use crate::error::Fault;
 use crate::shapes::{Connectivity, Field, Mesh, node_numbers};
+use crate::threads::with_threads;
 use arlequin::cnem::{CnemModel as Cnem, Domain, Options, Surface};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{Interpolation, Model};
@@ -59,17 +60,17 @@ impl NativeModel {
     }
 
     /// Asks the model itself.
-    pub(crate) fn with<V>(
+    pub(crate) fn with<V: Send>(
         &self,
-        ask: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault>,
+        ask: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault> + Send,
     ) -> Result<V, Fault> {
-        match &mut *self.lock() {
+        with_threads(|| match &mut *self.lock() {
             Kind::Fem(m) => ask(&mut **m),
             Kind::Cnem(m) => ask(&mut **m),
             Kind::Chain(m) => ask(m),
             Kind::Dem(Some(m)) => ask(&mut **m),
             Kind::Dem(None) => Err(self.gone()),
-        }
+        })?
     }
 
     /// The field that it has without a choice.
@@ -95,10 +96,10 @@ impl NativeModel {
     }
 
     /// Asks the model under weights, and takes these from it again.
-    fn weighted<V>(
+    fn weighted<V: Send>(
         &self,
         weights: Option<&Weights>,
-        ask: impl FnOnce(&mut dyn Model<f64>, &arlequin::core::Weights<f64>) -> Result<V, Fault>,
+        ask: impl FnOnce(&mut dyn Model<f64>, &arlequin::core::Weights<f64>) -> Result<V, Fault> + Send,
     ) -> Result<V, Fault> {
         let whole = arlequin::core::Weights::uncoupled();
         let weights = weights.map_or(&whole, |w| &w.0);
@@ -228,7 +229,7 @@ pub(crate) struct FemModel;
 impl FemModel {
     #[new]
     fn new(name: &str, mesh: &Mesh, material: &Elastic) -> Result<PyClassInitializer<Self>, Fault> {
-        let model = Fem::new(name, mesh.0.mesh().clone(), material.0)?;
+        let model = with_threads(|| Fem::new(name, mesh.0.mesh().clone(), material.0))??;
         Ok(NativeModel::of(name, Kind::Fem(Box::new(model))).add_subclass(Self))
     }
 }
@@ -383,17 +384,21 @@ impl DemModel {
             radius_ratio,
         };
         let model = match packing {
-            Particles::Packing(p) => Dem::new(name, &p.get().0, beam, density),
+            Particles::Packing(p) => {
+                let packing = p.get().0.clone();
+                with_threads(|| Dem::new(name, &packing, beam, density))?
+            }
             Particles::Given(centres, radii, pairs, volume) => {
                 let centres: Vec<Vector3<f64>> =
                     points("points", &centres)?.iter().map(|p| p.coords).collect();
-                let pairs = node_numbers("pairs", &pairs, 2)?;
+                let (radii, pairs) = (flat(&radii), node_numbers("pairs", &pairs, 2)?);
                 let matter = Matter {
                     beam,
                     density,
                     volume,
                 };
-                Dem::from_spheres(name, &centres, &flat(&radii), pairs.as_chunks::<2>().0, &matter)
+                let pairs = pairs.as_chunks::<2>().0;
+                with_threads(|| Dem::from_spheres(name, &centres, &radii, pairs, &matter))?
             }
         };
         let model = model.map_err(Fault::from)?;

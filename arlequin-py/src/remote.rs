@@ -30,21 +30,24 @@ impl Place {
     }
 }
 
-/// Meets a solver that answers within a time [s], and its field.
+/// Meets a solver that answers within `timeout` [s], and starts within `start` [s], by default 30 s or `timeout`; and its field.
 pub(crate) fn meet(
     name: &str,
     place: &Place,
     timeout: f64,
+    start: Option<f64>,
 ) -> Result<(Remote, Arc<dyn Interpolation<f64>>), Fault> {
-    let timeout = Duration::try_from_secs_f64(timeout).map_err(|e| {
-        Fault::of(
-            "InvalidParameter",
-            format!("timeout = {timeout} s: {e}; give a positive time, such as 4.0"),
-        )
-    })?;
+    let time = |what: &str, seconds: f64| {
+        Duration::try_from_secs_f64(seconds).map_err(|e| {
+            let rule = format!("{what} = {seconds} s: {e}; give a positive time, such as 4.0");
+            Fault::of("InvalidParameter", rule)
+        })
+    };
+    let (timeout, usual) = (time("timeout", timeout)?, Options::default());
     let options = Options {
+        start: start.map_or(Ok(usual.start.max(timeout)), |s| time("start_timeout", s))?,
         timeout,
-        ..Options::default()
+        ..usual
     };
     let solver = match place {
         Place::Command(command) => Remote::start(name, command, Path::new("."), options)?,

@@ -12,8 +12,8 @@ use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Node numbers as arrays of the border have them.
-pub(crate) type Connectivity<'py> = PyArrayLike2<'py, i64, AllowTypeChange>;
+/// Node numbers as arrays of the border have them: as numbers, so that 0.5 is seen and not cut to 0.
+pub(crate) type Connectivity<'py> = PyArrayLike2<'py, f64, AllowTypeChange>;
 
 /// Nodes and values.
 type Row<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
@@ -44,7 +44,7 @@ impl Mesh {
     }
 }
 
-/// Node numbers that numpy has as signed ones, so many in a row.
+/// Node numbers, so many in a row.
 pub(crate) fn node_numbers(what: &str, from: &Connectivity<'_>, columns: usize) -> Result<Vec<u32>, Fault> {
     let all = from.as_array();
     if all.ncols() != columns {
@@ -54,13 +54,15 @@ pub(crate) fn node_numbers(what: &str, from: &Connectivity<'_>, columns: usize) 
         );
         return Err(Fault::of("SizeMismatch", rule));
     }
-    let number = |k: &i64| {
-        u32::try_from(*k).map_err(|_| {
-            let rule = format!("{what} has the node number {k}; they go from 0 to {}", u32::MAX);
-            Fault::of("InvalidParameter", rule)
-        })
-    };
-    all.iter().map(number).collect()
+    let is_number = |k: &f64| k.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(k);
+    if let Some(k) = all.iter().find(|k| !is_number(k)) {
+        let rule = format!(
+            "{what} has the node number {k}; they are whole, from 0 to {}",
+            u32::MAX
+        );
+        return Err(Fault::of("InvalidParameter", rule));
+    }
+    Ok(all.iter().map(|k| *k as u32).collect())
 }
 
 #[pymethods]

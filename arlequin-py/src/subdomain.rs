@@ -130,9 +130,11 @@ impl Subdomain {
     }
 
     /// A whole solver in another process, as `name`: started by a `command`, such as `["python3", "solver.py"]`, or awaited at an
-    /// `address`, such as `unix:solver.sock`. It must answer within `timeout` [s].
+    /// `address`, such as `unix:solver.sock`. It must connect within `start_timeout` [s], by default 30 s or `timeout` if that is
+    /// longer, and answer within `timeout` [s]. Ctrl-C ends the wait.
     #[staticmethod]
-    #[pyo3(signature = (name, command = None, weights = None, *, address = None, timeout = 4.0))]
+    #[pyo3(signature = (name, command = None, weights = None, *, address = None, timeout = 4.0, start_timeout = None))]
+    #[allow(clippy::too_many_arguments, reason = "names of Python")]
     fn remote(
         py: Python<'_>,
         name: String,
@@ -140,11 +142,12 @@ impl Subdomain {
         weights: Option<&Weights>,
         address: Option<String>,
         timeout: f64,
+        start_timeout: Option<f64>,
     ) -> PyResult<Self> {
         let place = Place::of(command, address)?;
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
         let inner = outside(py, || {
-            let (solver, field) = meet(&name, &place, timeout)?;
+            let (solver, field) = meet(&name, &place, timeout, start_timeout)?;
             Ok(Inner::participant(Box::new(solver), field, weights)?)
         })?;
         Ok(Self::made(name, inner, Heard::default()))

@@ -1,11 +1,11 @@
 //! Sweeps: many runs, one after another, in this process.
 
-use crate::border::outside;
+use crate::border::{outside, raised};
 use crate::error::Fault;
 use crate::scene::Watch;
-use arlequin_scene::output::{json, mark};
+use arlequin_scene::output::mark;
 use arlequin_scene::sweep::{Member, Outcome, PlannedSweep, Runner};
-use arlequin_scene::{End, RunFolder, Scene, Source, threads};
+use arlequin_scene::{End, RunFolder, Scene, Source};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -33,7 +33,13 @@ impl Runner for Here {
                 Outcome::Interrupted
             }
             Ok(_) => Outcome::Complete,
-            Err(e) => Outcome::Failed(e.to_string()),
+            Err(e) => match raised() {
+                Some(raised) => {
+                    *self.stop() = Some(raised.into());
+                    Outcome::Interrupted
+                }
+                None => Outcome::Failed(e.to_string()),
+            },
         })
     }
 
@@ -42,7 +48,7 @@ impl Runner for Here {
     }
 }
 
-/// Makes the runs of a sweep file into a folder and draws the conclusion: JSON.
+/// Makes the runs of a sweep file into a folder and draws the conclusion: the text of its `sweep.json`.
 #[pyfunction]
 pub(crate) fn sweep(
     py: Python<'_>,
@@ -65,42 +71,10 @@ pub(crate) fn sweep(
             }
         };
         let made = planned.make(&out, fresh, &here, &tell).map_err(fault)?;
+        let text = made.write(&out)?;
         match here.stop().take() {
             Some(e) => Err(e),
-            None => Ok(json("writing the sweep", &made)?),
+            None => Ok(text),
         }
     })
-}
-
-/// Computes with so many threads from now on: at most four per core.
-#[pyfunction]
-pub(crate) fn set_threads(count: usize) -> PyResult<()> {
-    let most = threads::most();
-    if !(1..=most).contains(&count) {
-        let rule = format!(
-            "threads = {count}: must be from 1 to {most}, {} for each of the {} cores of this machine",
-            threads::PER_CORE,
-            threads::cores()
-        );
-        return Err(Fault::of("InvalidParameter", rule).into());
-    }
-    start(count)
-}
-
-fn start(count: usize) -> PyResult<()> {
-    let built = rayon::ThreadPoolBuilder::new().num_threads(count).build_global();
-    built.map_err(|_| {
-        let rule = "threads have been started already: call set_threads before anything else, or set RAYON_NUM_THREADS";
-        Fault::of("System", rule).into()
-    })
-}
-
-/// Starts as many threads as are of use where `RAYON_NUM_THREADS` asks for more; what the user is told then.
-#[pyfunction]
-pub(crate) fn _bound_threads() -> PyResult<Option<String>> {
-    let Some(asked) = threads::asked().filter(|n| *n > threads::most()) else {
-        return Ok(None);
-    };
-    start(threads::most())?;
-    Ok(Some(threads::too_many("RAYON_NUM_THREADS", asked)))
 }

@@ -190,7 +190,7 @@ def test_the_socket_of_a_run_that_was_killed_is_taken_over_and_that_of_a_living_
 
     def refused():
         with pytest.raises(errors.Error) as caught:
-            aq.Subdomain.remote("mine", address=f"unix:{path}", timeout=0.05)
+            aq.Subdomain.remote("mine", address=f"unix:{path}", start_timeout=0.05)
         return str(caught.value)
 
     with socket.socket(socket.AF_UNIX) as living:

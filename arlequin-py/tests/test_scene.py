@@ -289,6 +289,12 @@ scene = "bar.toml"
     assert made.status == "complete" and len(made.runs) == 3
     errors_found = made.column("error_judged")
     assert errors_found[1] > errors_found[2] > 0.0, errors_found
+    assert json.loads((tmp_path / "out" / "sweep.json").read_text()) == made
+    # The reference has no parameter; its place stays free, so that columns belong together.
+    assert made.column("spacing") == [r.parameters.get("spacing") for r in made.runs]
+    assert made.column("spacing").count(None) == 1 and len(made.column("cost")) == 3
+    with pytest.raises(KeyError, match="no run has 'mesh'; there are: .*error_judged.*spacing"):
+        made.column("mesh")
     again = arlequin.sweep(file, out=tmp_path / "out")
     assert all(r.reused for r in again.runs)
     with pytest.raises(errors.Read):

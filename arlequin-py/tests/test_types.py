@@ -67,3 +67,12 @@ def test_types_of_the_package_are_right(tmp_path):
     call = [sys.executable, "-m", "mypy", "--strict", "--ignore-missing-imports", "arlequin"]
     done = subprocess.run(call, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
+    # What the documentation writes.
+    (tmp_path / "user.py").write_text(
+        "import arlequin as aq\n"
+        'run = aq.run("bar.toml", **{"time.end": 1e-4})\n'
+        'scene = aq.Scene("bar.toml", **{"time.end": 1e-4}).changed(**{"model.bar.spacing": 0.1})\n'
+        "tip: float = float(scene.run(progress=True).probes['tip'].u[-1])\n"
+    )
+    done = subprocess.run([*call[:-1], "user.py"], capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -332,7 +332,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(2000))]
+        #![proptest_config(reader_fuzz::property_config(2000))]
 
         /// No bytes crash the decoder or make it allocate more than a few times their own length.
         #[test]

@@ -73,7 +73,7 @@ prop_compose! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(reader_fuzz::property_config(200))]
 
     #[test]
     fn stiffness_is_the_textbook_matrix((a, b) in bond_ends(), w in 0.01..1.0_f64) {

@@ -151,7 +151,7 @@ fn rods_with_bonds_behind_the_contact_never_gain() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..reader_fuzz::property_config(96) })]
 
     /// Oblique collisions of spinning dumbbells of any size ratio, with all that the law knows.
     #[test]

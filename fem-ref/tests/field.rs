@@ -38,7 +38,7 @@ fn defect(field: &FemField<f64>, x: &Point3<f64>) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(reader_fuzz::property_config(64))]
     #[test]
     fn shapes_are_complete_on_jittered_meshes(
         seed in 1u64..100_000,

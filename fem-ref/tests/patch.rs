@@ -83,7 +83,7 @@ impl Weight<f64> for Wave {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(reader_fuzz::property_config(24))]
     #[test]
     fn rigid_motions_carry_no_force(seed in 1u64..10_000, hex in any::<bool>(), amount in 0.0..0.2f64) {
         let mut model = FemModel::new("free", jittered(SOLIDS[usize::from(hex)], amount, seed), silica()).unwrap();

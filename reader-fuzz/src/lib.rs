@@ -3,7 +3,12 @@
 //! Seeds are the files of a corpus folder; bytes, lines, tokens and numbers of them are changed, and pieces of one put
 //! into another. Some hundred cases run in every test; `ARLEQUIN_FUZZ_SECONDS=3600` runs as long as that with new
 //! random numbers. What fails is shrunk by proptest and shown; it belongs into the corpus.
+//!
+//! [`property_config`] is the configuration of every property test of the workspace.
 
+mod property;
+
+pub use property::property_config;
 #[doc(hidden)]
 pub use stats_alloc;
 

@@ -52,8 +52,7 @@ pub(crate) fn write_all(out: &Path, file: &SweepFile, sweep: &Sweep) -> Result<S
         let path = out.join(name);
         std::fs::write(&path, text).map_err(write(&path))
     };
-    let json = super::pretty(sweep)?;
-    put("sweep.json", &json)?;
+    let json = sweep.write(out)?;
     csv(&out.join("sweep.csv"), sweep)?;
     let plots = work_precision::all(file, sweep, work_precision::Screen::Wide)?;
     let narrow = work_precision::all(file, sweep, work_precision::Screen::Narrow)?;

@@ -137,6 +137,7 @@ fn a_plane_through_a_face_cuts_nothing_or_everything() {
 }
 
 proptest! {
+    #![proptest_config(reader_fuzz::property_config(256))]
     #[test]
     fn a_cut_conserves_volume(n in prop::array::uniform3(-1.0..1.0f64), d in -1.0..1.0f64) {
         prop_assume!(n.iter().map(|x| x * x).sum::<f64>() > 1e-3);
@@ -237,7 +238,7 @@ fn motion(turn: [f64; 3], shift: [f64; 3], noise: f64) -> impl Fn(Point3<f64>) -
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+    #![proptest_config(reader_fuzz::property_config(64))]
 
     #[test]
     fn intersections_are_symmetric_and_add_up_to_the_whole(

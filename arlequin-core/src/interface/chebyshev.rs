@@ -273,7 +273,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(reader_fuzz::property_config(64))]
         /// Rows of `B` of any size, some of them twice, over any number of columns: with units of any size.
         #[test]
         fn residuals_are_below_the_tolerance_and_no_energy_is_made(

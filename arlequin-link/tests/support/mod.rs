@@ -21,6 +21,7 @@ pub(crate) const BONDS: usize = 60;
 /// More than a busy machine needs to start a program.
 pub(crate) fn patient() -> Options {
     Options {
+        start: Duration::from_secs(120),
         timeout: Duration::from_secs(120),
         ..Options::default()
     }
@@ -111,6 +112,7 @@ pub(crate) fn gap(a: &Coupled<f64>, b: &Coupled<f64>) -> f64 {
 /// Waits briefly, for those that do not answer.
 pub(crate) fn hasty() -> Options {
     Options {
+        start: Duration::from_millis(700),
         timeout: Duration::from_millis(700),
         ..Options::default()
     }

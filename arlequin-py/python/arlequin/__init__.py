@@ -28,6 +28,7 @@ The left model's share falls from 1 to 0 between x = 0 and x = 1, the right one 
 True
 """
 
+import os as _os
 import warnings as _warnings
 
 from . import conformance, errors
@@ -57,6 +58,7 @@ from ._native import (
     Weights,
     __version__,
     _bound_threads,
+    _forked,
     set_threads,
 )
 from .errors import Error
@@ -67,6 +69,10 @@ from .scene import Progress, Scene, Sweep, resume, run, sweep
 
 if (_told := _bound_threads()) is not None:
     _warnings.warn(_told, errors.Warning, stacklevel=2)
+
+if hasattr(_os, "register_at_fork"):
+    # Threads do not exist in a forked process, such as multiprocessing starts up to Python 3.13: it needs its own.
+    _os.register_at_fork(after_in_child=_forked)
 
 __all__ = [
     "BodyForce",

@@ -81,6 +81,9 @@ class Unfinished(InputError):
 class Checkpoint(InputError):
     """A checkpoint cannot be used."""
 
+class Interrupted(RunError):
+    """The user ended work that takes long; Python raises :class:`KeyboardInterrupt` instead."""
+
 class NotFinite(RunError):
     """A result is not a finite number."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from typing import Any, Optional
 
@@ -48,10 +49,18 @@ class Coupled(_native.Coupled):
         return self.run(left, observer, every)
 
     def __repr__(self) -> str:
-        return f"<Coupled {', '.join(self.names)}: step {self.steps}, {self.time:g} s>"
+        try:
+            state = f"step {self.steps}, {self.time:g} s"
+        except errors.Busy:
+            state = "computing in another thread"
+        return f"<Coupled {', '.join(self.names)}: {state}>"
 
     def _repr_html_(self) -> str:
-        return f"<p>{self!r}, drift {self.drift:.1e}</p>" + self.energies._repr_html_()
+        try:
+            head = html.escape(f"{self!r}, drift {self.drift:.1e}")
+        except errors.Busy:
+            head = html.escape(repr(self))
+        return f"<p>{head}</p>" + self.energies._repr_html_()
 
 
 def stiffness(model: Any, weights: Optional[Weights] = None) -> Any:

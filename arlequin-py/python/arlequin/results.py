@@ -85,7 +85,7 @@ class Table(Mapping[str, np.ndarray]):
             raise KeyError(f"no column {name!r}; there are: {', '.join(self._columns)}") from None
 
     def __getattr__(self, name: str) -> np.ndarray:
-        if name.startswith("_") or name not in self._short:
+        if name.startswith("_") or name not in self.__dict__.get("_short", ()):
             raise AttributeError(f"no column {name!r}; there are: {', '.join(self.__dict__.get('_columns', ()))}")
         return self._columns[self._short[name]]
 
@@ -151,10 +151,12 @@ class Probe:
         return _SYMBOLS.get(self.quantity, "values")
 
     def __getattr__(self, name: str) -> np.ndarray:
-        if not name.startswith("_") and name == self.symbol:
+        # Copies and unpickled probes are asked for attributes before they have any.
+        if name.startswith("_") or "quantity" not in self.__dict__:
+            raise AttributeError(name)
+        if name == self.symbol:
             return self.values
-        name_of, quantity = self.__dict__.get("name"), self.__dict__.get("quantity")
-        what = f"probe {name_of!r} has no {name!r}; it reads a {quantity}: ask for {self.symbol!r} or 'values'"
+        what = f"probe {self.name!r} has no {name!r}; it reads a {self.quantity}: ask for {self.symbol!r} or 'values'"
         raise AttributeError(what)
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> np.ndarray:

@@ -81,7 +81,11 @@ class Progress:
 
 
 def _listener(progress: Union[bool, Progress]) -> Progress:
-    return progress if isinstance(progress, Progress) else Progress(progress)
+    if isinstance(progress, Progress):
+        return progress
+    if not isinstance(progress, bool):
+        raise errors.Value(f"progress = {progress!r}: give True, False or an arlequin.Progress")
+    return Progress(progress)
 
 
 def _finished(made: tuple[_native.Results, Optional[BaseException]]) -> Run:
@@ -237,8 +241,9 @@ class Scene:
         return self.check()._repr_html_()
 
 
-def run(path: PathLike, *, progress: Union[bool, Progress] = False, **changes: Any) -> Run:
-    """Runs a scene file: ``Scene(path, **changes).run(progress=progress)``."""
+def run(path: PathLike, *, progress: Union[bool, Progress, Any] = False, **changes: Any) -> Run:
+    """Runs a scene file: ``Scene(path, **changes).run(progress=progress)``, such as ``run("bar.toml", **{"time.end": 1e-4})``."""
+    # `Any` in the type of `progress`: types of unpacked dictionaries are held against each named argument.
     return Scene(path, **changes).run(progress=progress)
 
 
@@ -255,9 +260,14 @@ class Sweep(Record):
     """What a sweep found: ``sweep.json`` with attributes. ``runs`` has one entry per run."""
 
     def column(self, name: str) -> list[Any]:
-        """One value of every run that is complete, such as ``error_judged``, ``cost`` or a parameter."""
-        complete = (r for r in self["runs"] if r["status"] == "complete")
-        return [r["parameters"][name] if name in r["parameters"] else r[name] for r in complete]
+        """One value of every run that is complete, such as ``error_judged``, ``cost`` or a parameter; None for a run that does not
+        have it, as a reference run has no parameters.
+        """
+        complete = [r for r in self["runs"] if r["status"] == "complete"]
+        if not any(name in r["parameters"] or name in r for r in complete):
+            known = sorted({n for r in complete for n in [*r, *r["parameters"]]})
+            raise KeyError(f"no run has {name!r}; there are: {', '.join(known)}")
+        return [r["parameters"].get(name, r.get(name)) for r in complete]
 
 
 def sweep(

@@ -190,6 +190,7 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
         command: None,
         address: None,
         timeout: None,
+        start_timeout: None,
     }
 }
 

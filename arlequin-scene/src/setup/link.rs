@@ -36,6 +36,7 @@ pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
         ("command", table.command.is_some()),
         ("address", table.address.is_some()),
         ("timeout", table.timeout.is_some()),
+        ("start_timeout", table.start_timeout.is_some()),
     ];
     if table.kind != ModelKind::Link {
         return match own.iter().find(|k| k.1) {
@@ -67,13 +68,16 @@ pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
             "a link needs exactly one of command = [\"program\", \"argument\"], address = \"unix:PATH\"",
         )),
     }?;
-    match table.timeout {
-        Some(t) if !(t > 0.0 && t < LONGEST) => {
-            let rule = "must be positive [s], and at most a year; the default is 4";
-            Err(value(format!("{at}.timeout"), t, rule))
+    for (name, limit, default) in [
+        ("timeout", table.timeout, 4),
+        ("start_timeout", table.start_timeout, 30),
+    ] {
+        if let Some(t) = limit.filter(|t| !(*t > 0.0 && *t < LONGEST)) {
+            let rule = format!("must be positive [s], and at most a year; the default is {default}");
+            return Err(value(format!("{at}.{name}"), t, &rule));
         }
-        _ => Ok(()),
     }
+    Ok(())
 }
 
 /// Refuses what a scene with links cannot have.
@@ -108,9 +112,9 @@ fn address(at: &str, table: &ModelTable) -> Result<Address> {
 /// Starts or awaits the solver and makes a body of what it says of itself.
 pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let mut options = Options::default();
-    if let Some(t) = table.timeout {
-        options.timeout = Duration::from_secs_f64(t);
-    }
+    options.timeout = table.timeout.map_or(options.timeout, Duration::from_secs_f64);
+    let start = table.start_timeout.map(Duration::from_secs_f64);
+    options.start = start.unwrap_or(options.start.max(options.timeout));
     let met = match &table.command {
         Some(command) => Remote::start(name, command, folder, options),
         None => Remote::await_at(name, &address(at, table)?, options),

@@ -78,8 +78,10 @@ pub struct ModelTable {
     /// Where the run waits for a program that somebody else starts, in place of `command`: `unix:PATH`, `tcp:127.0.0.1:PORT`,
     /// or `tcp-open:IP:PORT` on a network that is closed to strangers.
     pub address: Option<String>,
-    /// How long the program may take to connect, and to answer \[s\]; for `kind = "link"`. Default: 4.
+    /// How long the program may take to answer \[s\]; for `kind = "link"`. Default: 4.
     pub timeout: Option<f64>,
+    /// How long the program may take to start and to connect \[s\]; for `kind = "link"`. Default: 30, or `timeout` if that is longer.
+    pub start_timeout: Option<f64>,
 }
 
 /// That of a link; others are told that it is missing.

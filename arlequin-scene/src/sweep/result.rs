@@ -4,10 +4,13 @@ use super::conclude;
 use super::curve::{self, Curve, Errors, Probes};
 use super::plan::Member;
 use super::spec::{Cost, Hook, Judge, Mark, Measure, Reference, SweepFile};
+use crate::error::{Result, write};
+use crate::output::json;
 use crate::suggest::Prediction;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// One entry of `runs` in `sweep.json`.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -261,6 +264,16 @@ pub struct Sweep {
 }
 
 impl Sweep {
+    /// Writes `sweep.json` into a folder; returns its text.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write(&self, folder: &Path) -> Result<String> {
+        let (path, text) = (folder.join("sweep.json"), json("writing the sweep", self)?);
+        std::fs::write(&path, &text).map_err(write(&path))?;
+        Ok(text)
+    }
+
     /// Gathers what the runs gave.
     pub(super) fn new(file: &SweepFile, runs: Vec<Run>, status: &'static str) -> Self {
         let reference = file.reference.as_ref().map(|r| match r {

@@ -230,7 +230,7 @@ fn location_is_exact_on_faces_and_nodes() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(reader_fuzz::property_config(48))]
 
     /// Small integer coordinates: every kind of degeneracy, duplicates included.
     #[test]

@@ -464,7 +464,7 @@ fn a_full_crack_separates() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(reader_fuzz::property_config(24))]
 
     #[test]
     fn unity_and_linear_precision(seed in 1_u64..10_000, exponent in -16_i32..0) {

@@ -200,6 +200,7 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(reader_fuzz::property_config(256))]
         /// Points of grids with any origin and spacing: every answer is the exact one, and on grids of powers of two
         /// there is always one.
         #[test]

@@ -97,7 +97,7 @@ impl PackingSpec {
     /// # Errors
     /// [`Error::OutOfRange`] for parameters, [`Error::RadiusRatio`], [`Error::TooFewAcross`],
     /// [`Error::ContainerTooSmall`], [`Error::NotJammed`], [`Error::TooFewPairs`], [`Error::LooseSpheres`];
-    /// for one of several bodies within [`Error::InBody`]; [`Error::CrossingBodies`].
+    /// for one of several bodies within [`Error::InBody`]; [`Error::CrossingBodies`]; [`arlequin_core::Error::Interrupted`].
     ///
     /// ```
     /// use dem_beam::{Container, PackingSpec};
@@ -143,6 +143,7 @@ impl PackingSpec {
                 set_fraction(&mut soft, container.volume(), fraction);
                 // A balance of 3 % of the contact force moves E by less than its seed spread.
                 let done = soft.relax(self.max_steps, 1e-5, 3e-2);
+                soft.check_interrupt()?;
                 (done.overlap, done.steps)
             }
         };
@@ -338,6 +339,7 @@ fn grow(
     // 25 growth steps reach 0.75, above any random packing; the rest is for corrections.
     for _ in 0..60 {
         let (done, flowing) = glance(soft, max_steps, wanted, last.is_none());
+        soft.check_interrupt()?;
         steps += done.steps;
         let m = done.overlap;
         if !flowing && m <= wanted * NEAR && m >= wanted / NEAR {

@@ -6,6 +6,8 @@
 
 use super::cells::{self, CHUNK, CellList, ListChunk, Sphere, image, verlet_list};
 use super::container::Container;
+use crate::error::Result;
+use arlequin_core::interrupt;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -70,6 +72,8 @@ pub(crate) struct SoftSpheres<'a> {
     mean_radius: f64,
     skin: f64,
     slack: f64,
+    /// Whether the user wants no more steps.
+    interrupted: bool,
 }
 
 impl<'a> SoftSpheres<'a> {
@@ -87,8 +91,21 @@ impl<'a> SoftSpheres<'a> {
             mean_radius,
             skin: 0.0,
             slack: 0.0,
+            interrupted: false,
             spheres,
         }
+    }
+
+    /// Refuses to go on where the user ended a relaxation.
+    ///
+    /// # Errors
+    /// [`arlequin_core::Error::Interrupted`].
+    pub(crate) fn check_interrupt(&self) -> Result<()> {
+        if !self.interrupted {
+            return Ok(());
+        }
+        let during = format!("the packing of {} spheres", self.spheres.len());
+        Err(arlequin_core::Error::Interrupted { during }.into())
     }
 
     /// Multiplies all radii.
@@ -115,7 +132,7 @@ impl<'a> SoftSpheres<'a> {
     }
 
     /// Relaxes from rest until forces balance to `balance` of the mean contact force, overlaps
-    /// stay below `loose` of the diameter (not jammed), or `max_steps` is reached.
+    /// stay below `loose` of the diameter (not jammed), `max_steps` is reached, or the user ends it.
     pub(crate) fn relax(&mut self, max_steps: usize, loose: f64, balance: f64) -> Relaxed {
         let (mut dt, mut mix, mut downhill) = (STEP_FIRST, MIX, 0);
         self.velocity.iter_mut().for_each(|v| *v = [0.0; 4]);
@@ -124,6 +141,10 @@ impl<'a> SoftSpheres<'a> {
         let mut since_list = 0;
         let mut overlap = 0.0;
         for step in 0..max_steps {
+            self.interrupted = self.interrupted || interrupt::is_requested();
+            if self.interrupted {
+                return Relaxed { overlap, steps: step };
+            }
             let s = self.forces();
             overlap = s.overlap / s.contacts.max(1.0) / (2.0 * self.mean_radius);
             let rms = (s.force2 / self.spheres.len() as f64).sqrt();

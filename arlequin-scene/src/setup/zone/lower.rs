@@ -185,6 +185,7 @@ fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {
         command: None,
         address: None,
         timeout: None,
+        start_timeout: None,
     }
 }
 

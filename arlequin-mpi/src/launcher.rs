@@ -1,0 +1,73 @@
+//! What a launcher, such as `mpirun` or a batch system, tells a process that it starts.
+
+/// Place of a process in the job of its launcher.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Launched {
+    /// Number of this process, from 0.
+    pub rank: usize,
+    /// Processes of the job.
+    pub ranks: usize,
+}
+
+/// Variables of launchers: number of the process, and processes in the job. Open MPI; MPICH and its kin; `srun --mpi=pmix`.
+const VARIABLES: [(&str, &[&str]); 3] = [
+    ("OMPI_COMM_WORLD_RANK", &["OMPI_COMM_WORLD_SIZE"]),
+    ("PMI_RANK", &["PMI_SIZE", "SLURM_STEP_NUM_TASKS", "SLURM_NTASKS"]),
+    ("PMIX_RANK", &["SLURM_STEP_NUM_TASKS", "SLURM_NTASKS"]),
+];
+
+impl Launched {
+    /// Reads the environment of this process; none where no launcher started it.
+    ///
+    /// Slurm tells every process of a job the number of tasks: it counts only beside a rank that a launcher gave.
+    pub fn from_environment() -> Option<Self> {
+        Self::from_variables(&|name| std::env::var(name).ok())
+    }
+
+    fn from_variables(variable: &dyn Fn(&str) -> Option<String>) -> Option<Self> {
+        let number = |name: &str| variable(name)?.trim().parse::<usize>().ok();
+        VARIABLES.iter().find_map(|(rank, sizes)| {
+            let ranks = sizes.iter().find_map(|name| number(name))?;
+            Some(Self {
+                rank: number(rank)?,
+                ranks,
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Launched;
+
+    #[test]
+    fn launchers_tell_ranks_in_their_own_words() {
+        let read = |all: &[(&str, &str)]| {
+            let variable = |name: &str| all.iter().find(|v| v.0 == name).map(|v| v.1.to_owned());
+            Launched::from_variables(&variable)
+        };
+        let some = |rank, ranks| Some(Launched { rank, ranks });
+        assert_eq!(read(&[]), None);
+        assert_eq!(
+            read(&[("OMPI_COMM_WORLD_RANK", "2"), ("OMPI_COMM_WORLD_SIZE", "4")]),
+            some(2, 4)
+        );
+        assert_eq!(read(&[("PMI_RANK", "0"), ("PMI_SIZE", "3")]), some(0, 3));
+        // srun --mpi=pmix
+        assert_eq!(read(&[("PMIX_RANK", "1"), ("SLURM_NTASKS", "8")]), some(1, 8));
+        // mpirun of Open MPI in a job of Slurm that has more tasks.
+        let both = [
+            ("PMIX_RANK", "1"),
+            ("SLURM_NTASKS", "8"),
+            ("OMPI_COMM_WORLD_RANK", "1"),
+            ("OMPI_COMM_WORLD_SIZE", "2"),
+        ];
+        assert_eq!(read(&both), some(1, 2));
+        // A job of a batch system whose script calls the program itself.
+        assert_eq!(read(&[("SLURM_NTASKS", "8")]), None);
+        assert_eq!(
+            read(&[("OMPI_COMM_WORLD_RANK", "x"), ("OMPI_COMM_WORLD_SIZE", "4")]),
+            None
+        );
+    }
+}
