@@ -198,20 +198,24 @@ pub enum Error {
         /// Largest value accepted.
         tolerance: f64,
     },
-    /// A linear displacement field does not have its energy.
+    /// A linear displacement field leaves forces where it has none.
     #[error(
-        "model '{model}': the strain field {field} has {found:e} times its exact energy (tolerance {tolerance:e}): the \
-         integration of this body cannot be trusted; move the nodes by a fraction of their spacing, or give \
-         coordinates with all digits"
+        "model '{model}': {field} leaves {defect:e} of the forces around node {node} at {point:?} out of balance \
+         (limit {tolerance:e}): the integration of this body cannot be trusted; move the nodes there by a fraction of their \
+         spacing, or give coordinates with all digits"
     )]
-    WrongEnergy {
+    WrongForces {
         /// Name of the model.
         model: String,
-        /// Component of the strain, `xx` to `zx`.
+        /// The field: a rigid motion or a constant strain.
         field: &'static str,
-        /// Ratio found.
-        found: f64,
-        /// Largest relative difference accepted.
+        /// Node with the largest part.
+        node: usize,
+        /// Its position.
+        point: [f64; 3],
+        /// Force left over, relative to the forces of the cells around the node before they cancel.
+        defect: f64,
+        /// Largest part accepted.
         tolerance: f64,
     },
     /// Points have so many natural neighbours that the method makes no sense.

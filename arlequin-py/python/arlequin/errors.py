@@ -375,8 +375,8 @@ class CellsDoNotFill(InputError):
 class CellOpen(InputError):
     """The facets of a Voronoi cell do not close."""
 
-class WrongEnergy(InputError):
-    """A linear displacement field does not have its energy."""
+class WrongForces(InputError):
+    """A linear displacement field leaves forces where it has none."""
 
 class TooManyNeighbours(InputError):
     """Points have so many natural neighbours that the method makes no sense."""

@@ -7,7 +7,8 @@
 //! Every constrained face must be a face of the complex. Where one is not a face of the Delaunay complex, in this order:
 //! 1. flat patches take the triangles that the Delaunay complex has on one side of them, or single diagonals are
 //!    swapped to those it has (same geometry),
-//! 2. faces and edges are split at nodes that lie on them (to 1e-10 of the edge length),
+//! 2. faces and edges are split at nodes that lie on them (to 1e-10 of the edge length; faces that are there
+//!    to round-off),
 //! 3. points are inserted on missing edges, until all are there; they are nodes of the domain and are reported,
 //! 4. the tetrahedra that missing faces cut are divided anew on both sides of them, without points: the complex is then
 //!    the constrained Delaunay complex, whose spheres are empty of what can be seen from inside them,

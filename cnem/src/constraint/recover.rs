@@ -4,6 +4,7 @@ use super::mesh::{ON_FACE, in_circle, key};
 use super::{FaceMesh, InsertedPoint, Recovery, Surface};
 use crate::bins::{Bins, around};
 use crate::delaunay::{Delaunay, joined};
+use crate::domain::{ON_BOUNDARY, largest_coordinate};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
 
@@ -118,26 +119,34 @@ impl Work<'_> {
         }
     }
 
-    /// Splits missing faces and edges at given nodes that lie on them.
+    /// Splits missing faces and edges at given nodes that lie on them, and faces that are there only because
+    /// the round-off of coordinates has put nodes of their plane behind them: a flat patch can take over the
+    /// triangles of the complex only if it has all its nodes.
     fn split_at_nodes(&mut self) {
+        let round_off = ON_BOUNDARY * largest_coordinate(&self.delaunay.points);
         let boxes = self.delaunay.points.iter().map(|p| [*p, *p]).collect();
         let bins = Bins::new(boxes);
         let mut near = Vec::new();
-        let mut queue = self.missing_faces();
+        let missing = self.missing_faces();
+        let mut queue: Vec<u32> = (0..self.mesh.faces.len() as u32).collect();
+        queue.retain(|f| missing.binary_search(f).is_err());
+        queue.extend(missing);
         while let Some(f) = queue.pop() {
             let v = self.mesh.faces[f as usize].v;
-            if self.has_face(v) {
-                continue;
-            }
             let corners = v.map(|v| self.delaunay.points[v as usize]);
             let size = (0..3)
                 .map(|k| (corners[k] - corners[(k + 1) % 3]).norm())
                 .fold(0.0, f64::max);
-            bins.overlapping(&around(corners.iter(), ON_FACE * size), &mut near);
+            let tolerance = if self.has_face(v) {
+                round_off
+            } else {
+                ON_FACE * size
+            };
+            bins.overlapping(&around(corners.iter(), tolerance), &mut near);
             let hit = near
                 .iter()
                 .filter(|&&m| !v.contains(&m) && self.delaunay.at_vertex[m as usize] != crate::tet::NONE);
-            let on = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], size);
+            let on = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], tolerance);
             // The node nearest to the middle keeps the pieces well shaped.
             let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
             let off = |m: u32| (self.delaunay.points[m as usize] - middle).norm_squared();
@@ -289,12 +298,11 @@ enum Place {
     Edge(usize),
 }
 
-/// Whether a point lies on a face, away from its corners.
-fn on_face(corners: &[Point3<f64>; 3], p: &Point3<f64>, size: f64) -> Option<Place> {
+/// Whether a point lies on a face within a distance, away from its corners.
+fn on_face(corners: &[Point3<f64>; 3], p: &Point3<f64>, tolerance: f64) -> Option<Place> {
     let [a, b, c] = corners;
     let n = (b - a).cross(&(c - a));
     let area = n.norm();
-    let tolerance = ON_FACE * size;
     if n.dot(&(p - a)).abs() > tolerance * area {
         return None;
     }

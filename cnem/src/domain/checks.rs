@@ -10,8 +10,11 @@ use nalgebra::{Point3, Vector3};
 const ON_SPHERE: f64 = 1e-12;
 /// Points at which natural neighbours are counted.
 const SAMPLES: usize = 32;
-/// Mean number of natural neighbours above which cells and shape functions are refused: their cost grows with its square.
+/// Mean number of natural neighbours above which cells and shape functions are refused.
 const MOST_NEIGHBOURS: f64 = 1000.0;
+/// Nodes times mean number of natural neighbours above which a body that has many of them is refused. Time
+/// and memory grow with it: 4e6 are about 20 s and 1 GB.
+const MOST_PAIRS: f64 = 4e6;
 /// Mean number above which a model warns. Random nodes have 16, grids 8 to 27.
 const MANY_NEIGHBOURS: f64 = 100.0;
 
@@ -114,13 +117,15 @@ impl Domain {
         }
     }
 
-    /// Refuses sets of nodes on which every point has a great many neighbours.
+    /// Refuses sets of nodes on which every point has a great many neighbours: the fewer are allowed the more
+    /// nodes there are.
     pub(crate) fn check_neighbours(&self) -> Result<()> {
         let found = self.neighbours();
-        if found.mean > MOST_NEIGHBOURS {
+        let limit = (MOST_PAIRS / found.nodes as f64).clamp(MANY_NEIGHBOURS, MOST_NEIGHBOURS);
+        if found.mean > limit {
             return Err(Error::TooManyNeighbours {
                 mean: found.mean,
-                limit: MOST_NEIGHBOURS,
+                limit,
                 on_surface: found.on_surface,
                 nodes: found.nodes,
             });

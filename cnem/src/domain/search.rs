@@ -4,10 +4,14 @@ use super::{Domain, ON_BOUNDARY};
 use crate::circumcentre::six_volumes;
 use crate::delaunay::{Delaunay, linear_gradients, linear_values};
 use crate::error::{Error, Result};
+use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::{Point3, Vector3};
 
 /// Squared sine of the angle at a corner of a face below which its normal is not used.
 const NEEDLE: f64 = 1e-6;
+
+/// Tetrahedra around a point that are looked at.
+const MAX_NEAR: usize = 256;
 
 /// Uniform grid of tetrahedra where walks may start; keeps walks short for queries in any order.
 #[derive(Debug, Clone, Default)]
@@ -98,22 +102,30 @@ impl Domain {
         let start = self.starts.at(x);
         let mut found = self.delaunay.walk(x, start);
         let mut reach = tolerance;
-        let far = |t: u32| {
-            self.plane_distances(t, x)
-                .into_iter()
-                .fold(f64::NEG_INFINITY, f64::max)
-        };
         let outside = self.delaunay.tets[found as usize].is_ghost();
         if outside {
             (found, reach) = self.enter(x, found, start, tolerance)?;
         }
-        if self.inside[found as usize] && (!outside || far(found) <= tolerance) {
+        if self.inside[found as usize] && (!outside || self.farthest_plane(found, x) <= tolerance) {
             return Some(found);
         }
+        let by_planes = self.search_by_planes(x, found, [tolerance, reach], near);
+        by_planes.or_else(|| self.search_by_distance(x, found, [tolerance, reach], near))
+    }
+
+    /// A tetrahedron of the domain whose planes are within a tolerance of `x`, from one beside it over those
+    /// within reach.
+    fn search_by_planes(
+        &self,
+        x: &Point3<f64>,
+        start: u32,
+        [tolerance, reach]: [f64; 2],
+        near: &mut Vec<u32>,
+    ) -> Option<u32> {
         near.clear();
-        near.push(found);
+        near.push(start);
         let mut next = 0;
-        while next < near.len() && next < 256 {
+        while next < near.len() && next < MAX_NEAR {
             let t = self.delaunay.tets[near[next] as usize];
             next += 1;
             for n in t.n.map(|n| n >> 2) {
@@ -128,7 +140,7 @@ impl Domain {
                     }
                     continue;
                 }
-                let far = far(n);
+                let far = self.farthest_plane(n, x);
                 if far <= tolerance && self.inside[n as usize] {
                     return Some(n);
                 }
@@ -140,15 +152,63 @@ impl Domain {
         None
     }
 
+    /// As [`Self::search_by_planes`], by the distance from the tetrahedra themselves: along straight edges
+    /// there are flat and needle-shaped ones, whose planes point anywhere.
+    fn search_by_distance(
+        &self,
+        x: &Point3<f64>,
+        start: u32,
+        [tolerance, reach]: [f64; 2],
+        near: &mut Vec<u32>,
+    ) -> Option<u32> {
+        near.clear();
+        near.push(start);
+        let mut next = 0;
+        while next < near.len() && next < MAX_NEAR {
+            let tet = near[next];
+            next += 1;
+            if self.inside[tet as usize] && self.distance_outside(tet, x) <= tolerance {
+                return Some(tet);
+            }
+            for n in self.delaunay.tets[tet as usize].n.map(|n| n >> 2) {
+                let ghost = self.delaunay.tets[n as usize].is_ghost();
+                if !ghost && !near.contains(&n) && self.distance_outside(n, x) <= reach {
+                    near.push(n);
+                }
+            }
+        }
+        None
+    }
+
+    /// Largest distance of a point beyond the planes of a tetrahedron \[m\], negative inside.
+    fn farthest_plane(&self, tet: u32, x: &Point3<f64>) -> f64 {
+        let distances = self.plane_distances(tet, x).into_iter();
+        distances.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Distance from a tetrahedron of a point that is outside it or on its border \[m\].
+    fn distance_outside(&self, tet: u32, x: &Point3<f64>) -> f64 {
+        let t = &self.delaunay.tets[tet as usize];
+        let to_face = |slot: usize| {
+            let corners = t.face(slot).map(|v| self.delaunay.points[v as usize] - x);
+            closest_on_triangle(&Vector3::zeros(), &corners).norm()
+        };
+        (0..4).map(to_face).fold(f64::INFINITY, f64::min)
+    }
+
     /// For a point outside the hull, beyond the face of a ghost: a tetrahedron beside it, and how far around the point
     /// to go on from there. The face need not be next to the point where the hull is flat up to round-off, so the
     /// point is moved towards the middle, further each time, until it is in a tetrahedron.
     fn enter(&self, x: &Point3<f64>, ghost: u32, start: u32, tolerance: f64) -> Option<(u32, f64)> {
         let v = self.delaunay.tets[ghost as usize].v;
         let [a, b, c] = [v[0], v[1], v[2]].map(|v| &self.delaunay.points[v as usize]);
-        let beyond = six_volumes([a, b, c, x]) / (b - a).cross(&(c - a)).norm();
-        // The hull lies before every plane of its faces.
-        if beyond > 2.0 * tolerance {
+        let (area, longest) = (
+            (b - a).cross(&(c - a)).norm(),
+            (b - a).norm().max((c - a).norm()).max((c - b).norm()),
+        );
+        // The hull lies before every plane of its faces; a needle along a straight edge has none.
+        let beyond = six_volumes([a, b, c, x]) / area;
+        if area > self.tolerance * longest && beyond > 2.0 * tolerance {
             return None;
         }
         let inward = (self.starts.middle - x).try_normalize(0.0)?;
@@ -180,13 +240,10 @@ impl Domain {
     pub(crate) fn linear_at_node(&self, node: usize, x: &Point3<f64>) -> Result<([usize; 4], [f64; 4])> {
         let mut star = Vec::new();
         self.delaunay.star(node as u32, &mut star);
-        let far = |t: u32| {
-            self.plane_distances(t, x)
-                .into_iter()
-                .fold(f64::NEG_INFINITY, f64::max)
-        };
         let inside = star.into_iter().filter(|&t| self.inside[t as usize]);
-        let nearest = inside.map(|t| (far(t), t)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let nearest = inside
+            .map(|t| (self.farthest_plane(t, x), t))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, tet)) = nearest else {
             return Err(Error::OutsideDomain {
                 point: (*x).into(),

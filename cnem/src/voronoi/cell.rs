@@ -25,6 +25,9 @@ const LIP: u64 = 1 << 39;
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     tag: u64,
+    /// Zero, or the face of two tetrahedra that this part of the border with another copy of the node lies
+    /// on: several of them are not plane, and only a plane facet integrates linear fields with one point.
+    face: u64,
     area: Vector3<f64>,
     moment: Vector3<f64>,
     weight: f64,
@@ -45,6 +48,8 @@ pub(super) struct Work {
     piece: Polyhedron,
     /// Volume in every tetrahedron, if the cell was clipped.
     pub(super) parts: Vec<(u32, f64)>,
+    /// Tetrahedra that the cell borders on, where another copy of the node rules.
+    pub(super) beside: Vec<u32>,
     /// The convex parts themselves, relative to the node, if asked for.
     pub(super) keep: Option<Vec<Polyhedron>>,
     pub(super) volume: f64,
@@ -60,6 +65,7 @@ impl Work {
         self.tets.clear();
         self.pieces.clear();
         self.parts.clear();
+        self.beside.clear();
         self.facets.clear();
         domain.delaunay.star(node, &mut self.star);
     }
@@ -115,7 +121,11 @@ impl Work {
     }
 
     fn add(&mut self, part: Piece) {
-        match self.pieces.iter_mut().find(|p| p.tag == part.tag) {
+        match self
+            .pieces
+            .iter_mut()
+            .find(|p| (p.tag, p.face) == (part.tag, part.face))
+        {
             Some(p) => {
                 p.area += part.area;
                 p.moment += part.moment;
@@ -193,6 +203,7 @@ impl Work {
                     self.volume += twice / 12.0;
                     self.add(Piece {
                         tag: NODE | u64::from(other),
+                        face: 0,
                         area,
                         moment: (m + from + to) * (weight / 3.0),
                         weight,
@@ -222,9 +233,13 @@ impl Work {
                 if tag & KIND == FREE {
                     domain.beyond((tag & !KIND) as u32, &mut self.beyond);
                     for &id in &self.beyond {
-                        let known = self.queue.contains(&id);
-                        if !known && domain.copy_at(id, original, &mut self.reached) == node {
+                        if self.queue.contains(&id) {
+                            continue;
+                        }
+                        if domain.copy_at(id, original, &mut self.reached) == node {
                             self.queue.push(id);
+                        } else {
+                            self.beside.push(id);
                         }
                     }
                 }
@@ -241,6 +256,7 @@ impl Work {
         let piece = std::mem::take(&mut self.piece);
         for (tag, face) in piece.faces() {
             let id = tag & !KIND;
+            let mut between = 0;
             let tag = match tag & KIND {
                 WALL if along(domain, id, &face.area) => tag | LIP,
                 NODE => NODE | u64::from(domain.copy_at(tet, id as u32, &mut self.reached)),
@@ -250,6 +266,8 @@ impl Work {
                     if copy == node {
                         continue;
                     }
+                    let tet = u64::from(tet);
+                    between = tet.min(id) << 32 | tet.max(id);
                     NODE | u64::from(copy)
                 }
                 _ => tag,
@@ -257,6 +275,7 @@ impl Work {
             let weight = face.area.norm();
             self.add(Piece {
                 tag,
+                face: between,
                 area: face.area,
                 moment: face.centroid * weight,
                 weight,
@@ -309,7 +328,7 @@ impl Work {
     }
 
     fn finish(&mut self, seed: &Point3<f64>) {
-        self.pieces.sort_unstable_by_key(|p| p.tag);
+        self.pieces.sort_unstable_by_key(|p| (p.tag, p.face));
         let size = self.pieces.iter().map(|p| p.weight).fold(0.0, f64::max);
         for p in &self.pieces {
             if p.weight > TINY_FACET * size {

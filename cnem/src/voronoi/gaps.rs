@@ -27,6 +27,14 @@ pub(crate) struct Region {
     pub(crate) nodes: Vec<u32>,
 }
 
+/// Where one cell is before anything is handed over.
+struct Reached {
+    /// Its volume in every tetrahedron \[m³\].
+    parts: Vec<(u32, f64)>,
+    /// Tetrahedra it borders on, where another copy of its node rules.
+    beside: Vec<u32>,
+}
+
 /// All regions of a domain.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Regions {
@@ -48,15 +56,18 @@ impl Regions {
 
     /// Clips all cells and looks for tetrahedra that are not filled.
     pub(super) fn find(domain: &Domain) -> Self {
-        let parts: Vec<Vec<(u32, f64)>> = (0..domain.nodes().len() as u32)
+        let reached: Vec<Reached> = (0..domain.nodes().len() as u32)
             .into_par_iter()
             .map_init(Work::default, |work, node| {
                 work.clipped(domain, &Self::default(), node);
-                work.parts.clone()
+                Reached {
+                    parts: work.parts.clone(),
+                    beside: work.beside.clone(),
+                }
             })
             .collect();
         let mut filled = vec![0.0; domain.delaunay.tets.len()];
-        for &(tet, v) in parts.iter().flatten() {
+        for &(tet, v) in reached.iter().flat_map(|r| &r.parts) {
             filled[tet as usize] += v;
         }
         let mut out = Self::default();
@@ -71,7 +82,7 @@ impl Regions {
             }
         }
         out.connect(domain);
-        out.share(domain, &parts);
+        out.share(domain, &reached);
         out.gaps.tetrahedra = out.of_tet.len();
         out.gaps.regions = out.regions.len();
         out
@@ -115,11 +126,18 @@ impl Regions {
         }
     }
 
-    /// Nodes whose cells reach a region, and the corners of its tetrahedra.
-    fn share(&mut self, domain: &Domain, parts: &[Vec<(u32, f64)>]) {
-        for (node, parts) in parts.iter().enumerate() {
-            for (tet, _) in parts {
-                if let Some(&r) = self.of_tet.get(tet) {
+    /// Nodes whose cells reach a region or border on it, and the corners of its tetrahedra. Without those
+    /// that border on it the region's side of that border would go to others, and the facets there would not
+    /// match.
+    fn share(&mut self, domain: &Domain, reached: &[Reached]) {
+        for (node, reached) in reached.iter().enumerate() {
+            let tets = reached
+                .parts
+                .iter()
+                .map(|p| p.0)
+                .chain(reached.beside.iter().copied());
+            for tet in tets {
+                if let Some(&r) = self.of_tet.get(&tet) {
                     self.regions[r as usize].nodes.push(node as u32);
                 }
             }

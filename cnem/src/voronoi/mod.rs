@@ -42,7 +42,9 @@ pub enum Side {
     Face(usize),
 }
 
-/// Facet of a cell: all of the common boundary with one neighbour or one side of a constrained face.
+/// Facet of a cell: all of the common boundary with one neighbour or one side of a constrained face. With
+/// another copy of its own node, beyond a crack front, a cell has a facet for every face of the tetrahedra
+/// that lies between them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
     /// What is on the other side.
