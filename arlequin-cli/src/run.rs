@@ -18,6 +18,8 @@ pub(crate) const INTERRUPTED: u8 = 130;
 
 /// Runs a scene and writes its results.
 pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool) -> Result<ExitCode> {
+    // What is wrong with the scene is said as `check` says it, before its folder is looked at.
+    scene.check_tables()?;
     let folder = RunFolder::new(scene, out, force)?;
     let prepared = scene.prepare_with(&mut report::phase_teller())?;
     report::holdings(&prepared.built().holdings, as_json);
