@@ -111,6 +111,7 @@ fn stepped(link: Option<Link>, own: [OwnStep<f64>; 2]) -> arlequin::core::Result
     });
     let parts = Parts {
         start: 0.0,
+        end: None,
         subdomains: vec![
             bar("left", 0.0, 0.0).with_step(own[0]),
             bar("right", 1.1, 1.0).with_step(own[1]),

@@ -123,6 +123,7 @@ fn a_restart_keeps_the_work_of_pair_effects() {
             .unwrap();
         let parts = Parts {
             start: 0.0,
+            end: None,
             // Weighted models that nothing ties: each lacks the other's share, on purpose.
             subdomains: vec![bar, chain]
                 .into_iter()

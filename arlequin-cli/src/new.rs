@@ -75,7 +75,9 @@ pub(crate) fn new(a: &Arguments) -> Result<()> {
         report::line(&format!("written    {}", path.display()));
     }
     let scene = files.first().map_or(Path::new(""), |f| &f.0).display();
-    report::line(&format!("next       arlequin run {scene} --out results"));
-    report::line("           arlequin view results");
+    let results = folder.join("results");
+    let results = results.display();
+    report::line(&format!("next       arlequin run {scene} --out {results}"));
+    report::line(&format!("           arlequin view {results}"));
     Ok(())
 }

@@ -23,6 +23,8 @@ static STEPS: AtomicBool = AtomicBool::new(false);
 
 /// Runs a scene and writes its results.
 pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool) -> Result<ExitCode> {
+    // What is wrong with the scene is said as `check` says it, before its folder is looked at.
+    scene.check_tables()?;
     let folder = RunFolder::new(scene, out, force)?;
     watch_links(scene)?;
     let prepared = scene.prepare_with(&mut report::phase_teller())?;

@@ -26,6 +26,16 @@ fn refused(folder: &std::path::Path, scene: &str, effect: &str, expected: &str) 
         error.contains(expected),
         "'{effect}' should say '{expected}':\n{error}"
     );
+    // A run says the same, and nothing is packed for it, unless it is bonds that are missed.
+    let run = arlequin(&["-v", "run", text(&path), "--out", text(&folder.join("never"))]);
+    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    let packs = expected == "crosses no bond";
+    assert_eq!(
+        said.contains("packing of"),
+        packs,
+        "'{effect}' packs first: {said}"
+    );
+    assert!(said.ends_with(&error), "{effect}: {error}, and by a run: {said}");
 }
 
 #[test]

@@ -42,7 +42,11 @@ impl Bench {
         }
         let path = self.folder.join("scene.toml");
         std::fs::write(&path, scene).expect("scene");
-        self.refused(&["check", text(&path)])
+        let error = self.refused(&["check", text(&path)]);
+        let out = self.folder.join("never");
+        assert_eq!(error, self.refused(&["run", text(&path), "--out", text(&out)]));
+        assert!(!out.exists(), "{error}");
+        error
     }
 
     fn refused(&self, arguments: &[&str]) -> String {

@@ -96,3 +96,110 @@ fn every_scene_of_the_book_runs() {
     }
     assert!(count >= 9, "{count} scenes");
 }
+
+/// Lines of a page's blocks of commands.
+fn commands(page: &str) -> Vec<String> {
+    let blocks = page.split("```").skip(1).step_by(2);
+    let shell = blocks.filter_map(|b| b.strip_prefix("sh\n").or_else(|| b.strip_prefix('\n')));
+    shell.flat_map(str::lines).map(|l| l.trim().to_owned()).collect()
+}
+
+/// Issue 26, G: a reader of any page has the command, or is told how to get it.
+#[test]
+fn pages_with_commands_say_where_the_command_comes_from() {
+    for page in pages(&docs()) {
+        if page.parent().is_some_and(|p| p.ends_with("decisions")) {
+            continue;
+        }
+        let words = read(&page);
+        let uses = commands(&words)
+            .iter()
+            .any(|l| l.starts_with("arlequin ") || l.contains(" arlequin "));
+        assert!(
+            !uses || words.contains("cargo install --path arlequin-cli"),
+            "{}",
+            page.display()
+        );
+    }
+}
+
+/// Issue 26, G: the tutorials' commands, as they are written, in the order of the book, in one folder.
+#[test]
+fn the_commands_of_the_tutorials_run() {
+    let folder = scratch("tutorials");
+    let root = docs();
+    let order = read(&root.join("SUMMARY.md"));
+    let order = links(&order)
+        .into_iter()
+        .filter(|l| l.starts_with("tutorial/") || *l == "introduction.md");
+    let mut count = 0;
+    for page in order {
+        for line in commands(&read(&root.join(page))) {
+            let Some(line) = line.strip_prefix("arlequin ") else {
+                continue;
+            };
+            let line = line.split('#').next().unwrap_or_default();
+            // The only quotes are around a value with spaces.
+            let mut words: Vec<String> = Vec::new();
+            for (k, part) in line.split('"').enumerate() {
+                if k % 2 == 0 {
+                    words.extend(part.split_whitespace().map(str::to_owned));
+                } else if let Some(last) = words.last_mut() {
+                    last.push_str(part);
+                }
+            }
+            let words: Vec<&str> = words.iter().map(String::as_str).collect();
+            let done = common::command(&words)
+                .current_dir(&folder)
+                .output()
+                .expect("runs");
+            let said = String::from_utf8_lossy(&done.stderr);
+            assert!(done.status.success(), "{page}: arlequin {line}: {said}");
+            count += 1;
+        }
+    }
+    assert!(count >= 14, "{count} commands");
+}
+
+/// Issue 26, G: section 4 of the first tutorial, applied to its scene as it says.
+#[test]
+fn particles_around_the_hole_of_the_first_tutorial() {
+    let folder = scratch("tutorial-zone");
+    succeed(&["new", "--template", "plate", text(&folder.join("plate"))]);
+    let page = read(&docs().join("tutorial/plate.md"));
+    let section = page.split("## 4. ").nth(1).expect("section 4");
+    let tables = section
+        .split("```toml\n")
+        .nth(1)
+        .and_then(|s| s.split("```").next())
+        .expect("tables");
+    let (body, probe) = tables.split_once("[probe.hole]").expect("a probe");
+    let path = folder.join("plate/scene.toml");
+    let scene = read(&path);
+    // One table in place of another: from its head to the next one.
+    let exchanged = |scene: &str, head: &str, with: &str| {
+        let (before, after) = scene.split_once(head).expect(head);
+        let end = after.find("\n[").expect("a further table");
+        format!("{before}{with}{}", &after[end..])
+    };
+    let scene = exchanged(&scene, "[probe.hole]", &format!("[probe.hole]{probe}"));
+    let scene = exchanged(&scene, "[model.plate]", body).replace("model = \"plate\"", "model = \"body\"");
+    std::fs::write(&path, &scene).expect("writes");
+    // Larger spheres take seconds.
+    let larger = ["--set", "zone.hole.spacing=0.35e-3"];
+    succeed(&[&["check", text(&path)], &larger[..]].concat());
+    // The probe as it was, on the body at the hole, is told to name the zone before anything is packed.
+    let old = exchanged(
+        &scene,
+        "[probe.hole]",
+        "[probe.hole]\nmodel = \"body\"\nat = [0.0, 5e-3, 0.5e-3]\ncomponent = \"x\"\n",
+    );
+    std::fs::write(&path, old).expect("writes");
+    let done = common::arlequin(&["check", text(&path)]);
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(
+        !done.status.success() && said.contains("lies in zone 'hole'"),
+        "{said}"
+    );
+    assert!(!said.contains("packing of"), "{said}");
+}

@@ -137,6 +137,46 @@ fn a_written_frame_is_read_back() {
     assert!((step(&twin) / step(&out) - 1.0).abs() < 0.02);
 }
 
+/// Issue 26, D.6: a late frame came back as a body that is whole and at rest.
+#[test]
+fn a_frame_whose_spheres_have_moved_is_refused() {
+    let folder = scratch("fillings-late-frame");
+    let shape = "shape.cylinder = { from = [1e-3, 2e-3, 0.0], length = 4e-3, radius = 1e-3 }";
+    let first = write_scene(
+        &folder,
+        "first.toml",
+        &format!("{shape}\ndem = {{ count = 400, protocol = \"quench\" }}"),
+    );
+    let pulled = std::fs::read_to_string(&first).unwrap()
+        + "[[initial]]\nvelocity.polynomial = { component = \"x\", along = \"x\", coefficients = [0.0, 1e6] }\n\
+           [[effect]]\nfracture = { criterion = \"axial\", strength = 1e6 }\n";
+    std::fs::write(&first, pulled).unwrap();
+    succeed(&["run", &first, "--out", text(&folder.join("first"))]);
+    let read = |step: &str| {
+        let file = format!("dem.file = \"first/vtu/body_0000000{step}.vtu\"");
+        arlequin(&[
+            "check",
+            &write_scene(&folder, "second.toml", &format!("{shape}\n{file}")),
+        ])
+    };
+    assert!(read("0").status.success());
+    let late = read("4");
+    let said = String::from_utf8_lossy(&late.stderr)
+        .replace(['\n', '│'], " ")
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ");
+    assert_eq!(late.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("spheres have moved by up to") && said.contains("bonds are broken"),
+        "{said}"
+    );
+    assert!(
+        !said.contains(" 0 bonds are broken") && said.contains("arlequin resume"),
+        "{said}"
+    );
+}
+
 #[test]
 fn bad_particle_files_are_named() {
     let folder = scratch("fillings-bad");

@@ -130,6 +130,14 @@ fn force_never_replaces_results_that_hold_something_else() {
         &format!("{table}# outlier, see page 7\n"),
     );
     go("holds 'probes.csv'");
+    // Another digit in place of the last one: the length is the same.
+    let mut digit = table.trim_end().to_owned();
+    let last = digit.pop().expect("a table");
+    digit.push(if last == '7' { '8' } else { '7' });
+    digit.push_str(&table[digit.len()..]);
+    assert_eq!(digit.len(), table.len());
+    put(&out.join("probes.csv"), &digit);
+    go("holds 'probes.csv'");
     put(&out.join("probes.csv"), &table);
     // An input that lies among results.
     let inside = out.join("small.toml");

@@ -249,6 +249,39 @@ fn opposed_motions_in_an_overlap_are_named() {
     succeed(&["check", text(&path)]);
 }
 
+/// Issue 26, D.4: two motions that are the same, and grow without end, were opposed after 1e6 seconds.
+#[test]
+fn equal_motions_by_formulas_are_not_opposed() {
+    let folder = scratch("equal-formulas");
+    let path = folder.join("scene.toml");
+    let side = "where.box = { low = [4.0, 0.0, 0.0], high = [6.0, 0.0, 1.0] }\ncomponents = [\"y\"]\n";
+    let motion = |size: &str, formula: &str| {
+        format!("{side}motion = {{ amplitude = {size}, time.expression = \"{formula}\" }}\n")
+    };
+    let both = |time: &str, first: &str, second: &str| {
+        let scene = SMALL.replace("steps = 50", time);
+        format!("{scene}\n[[support]]\nmodel = \"left\"\n{first}[[support]]\nmodel = \"right\"\n{second}")
+    };
+    let square = motion("1e-3", "(t/30e-1)^2");
+    for time in ["steps = 50", "end = 5.0"] {
+        std::fs::write(&path, both(time, &square, &square)).expect("scene");
+        succeed(&["check", text(&path)]);
+        let opposed = both(time, &square, &motion("-1e-3", "(t/30e-1)^2"));
+        expect(
+            &folder,
+            &opposed,
+            &["interface 'joint'", "are moved along y"],
+            "epsilon",
+        );
+    }
+    // Two motions that part after the end of the run.
+    let later = motion("1e-3", "(t/30e-1)^2 + max(0, t - 6)");
+    std::fs::write(&path, both("end = 5.0", &square, &later)).expect("scene");
+    succeed(&["check", text(&path)]);
+    let within = both("end = 7.0", &square, &later);
+    expect(&folder, &within, &["are moved along y"], "epsilon");
+}
+
 /// The advised spacing makes as many mediator nodes as the coarser model has, in one dimension and in three.
 #[test]
 fn the_advised_mediator_spacing_knows_the_dimension() {

@@ -54,6 +54,42 @@ fn of_file(path: &Path, sets: &[&str]) -> Vec<String> {
     all.iter().map(|w| w.as_str().expect("text").to_owned()).collect()
 }
 
+/// Issue 26, D.5: what a kind does not read is not taken without a word.
+#[test]
+fn a_ratio_of_poisson_that_nothing_reads_is_warned_of() {
+    let folder = scratch("unread");
+    let grains = |material: &str, dem: &str| {
+        format!(
+            "[model.grains]\nkind = \"dem\"\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [2e-3, 2e-3, 2e-3] }}\n\
+             dem = {{ count = 300, protocol = \"quench\"{dem} }}\nmaterial = {{ {material}, density = 2200.0 }}\n[time]\nend = 1e-8\n"
+        )
+    };
+    let unlike = |material: &str, dem: &str| {
+        let all = warnings(&folder, &grains(material, dem), &[]);
+        all.into_iter().find(|w| w.contains("its beams make a packing"))
+    };
+    let said = unlike("young = 75e9, poisson = 0.3", "").expect("a warning");
+    assert!(
+        said.contains("nu = 0.174, and material.poisson = 0.3 is that of estimates only"),
+        "{said}"
+    );
+    let said = unlike("young = 75e9, poisson = 0.17", ", young = 75e9").expect("a warning");
+    assert!(
+        said.contains("E = 2.062e10 Pa") && said.contains("material.young = 7.5e10 Pa"),
+        "{said}"
+    );
+    assert_eq!(unlike("young = 75e9, poisson = 0.17", ""), None);
+    assert_eq!(unlike("young = 75e9", ""), None);
+    let line = "[model.bar]\nkind = \"fem\"\nshape.bar = { from = 0.0, to = 1.0, section = 1e-4 }\ndivisions = [10]\n\
+                material = { young = 75e9, poisson = 0.3, density = 2200.0 }\n[time]\nsteps = 1\n";
+    let all = warnings(&folder, line, &[]);
+    assert!(
+        all.iter()
+            .any(|w| w.contains("material.poisson = 0.3 does not enter")),
+        "{all:?}"
+    );
+}
+
 /// Settings that make the scene odd, and a part of each warning they give.
 type Case = (&'static [&'static str], &'static [&'static str]);
 

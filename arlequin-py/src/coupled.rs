@@ -202,6 +202,7 @@ impl Coupled {
         guard.growth = growth.unwrap_or(guard.growth);
         let parts = Parts {
             start,
+            end: None,
             subdomains: all,
             interfaces: specs,
             pairs: Vec::new(),

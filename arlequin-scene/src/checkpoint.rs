@@ -16,7 +16,7 @@ use arlequin::core::snapshot::Snapshot;
 use arlequin::dem_beam::packing::pieces_of_pvtu;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Name of the file in an output folder.
@@ -134,12 +134,24 @@ fn pieces(folder: &Path, name: &Path) -> Vec<PathBuf> {
     named.into_iter().map(|p| name.with_file_name(p)).collect()
 }
 
-fn fingerprint(path: &Path) -> Result<(u64, u32)> {
-    let bytes = std::fs::read(path).map_err(|source| Error::Read {
+/// Length \[bytes\] and CRC-32 of a file, read in pieces.
+pub(crate) fn fingerprint(path: &Path) -> Result<(u64, u32)> {
+    let read = |source| Error::Read {
         path: path.to_owned(),
         source,
-    })?;
-    Ok((bytes.len() as u64, crc32fast::hash(&bytes)))
+    };
+    let mut file = File::open(path).map_err(read)?;
+    let (mut length, mut sum) = (0, crc32fast::Hasher::new());
+    let mut piece = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut piece).map_err(read)? {
+            0 => return Ok((length, sum.finalize())),
+            n => {
+                sum.update(&piece[..n]);
+                length += n as u64;
+            }
+        }
+    }
 }
 
 impl Checkpoint {

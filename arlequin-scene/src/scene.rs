@@ -183,7 +183,8 @@ impl Scene {
     /// # Errors
     /// The key, its value, the limit and a way out.
     pub fn check_tables(&self) -> Result<()> {
-        setup::check(&self.spec, self.folder()).map_err(|e| zone::written(&self.spec, e))
+        let found = setup::check(&self.spec, self.folder()).map_err(|e| zone::written(&self.spec, e));
+        self.ranks.together(found)
     }
 
     /// What [`Self::prepare`] would start or wait for: models and commands or addresses, as a user would type them.

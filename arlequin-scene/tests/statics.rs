@@ -258,11 +258,8 @@ fn static_scenes_refuse_what_needs_time() {
         "",
     );
     let scene = Scene::from_text(free + "[static]\nsteps = 1\n").expect("a scene");
-    let error = scene
-        .prepare()
-        .expect("built")
-        .run(&mut Silent)
-        .expect_err("no equilibrium");
+    let error = scene.prepare().expect_err("no equilibrium");
+    assert_eq!(error.place().0, Some("static"), "{error}");
     assert!(
         error
             .to_string()
@@ -291,7 +288,7 @@ fn bodies_that_can_move_freely_have_no_equilibrium() {
             };
             let run = |components: &str| {
                 let scene = Scene::from_text(text(components)).expect("a scene");
-                scene.prepare().expect("built").run(&mut Silent)
+                scene.prepare()?.run(&mut Silent)
             };
             assert!(run("").is_ok(), "{kind}, {load}");
             let told = run("components = [\"x\"]").expect_err("free to move").to_string();

@@ -406,6 +406,18 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
+    /// A frame of a run whose spheres have moved, or whose bonds are broken.
+    #[error(
+        "it is a later frame of a run: spheres have moved by up to {farthest:.3e} m, {broken} bonds are broken; spheres are read where \
+         they were at rest and bonded anew, so that this state would be lost: take the run's first frame (its number is 00000000), go \
+         on with the run by arlequin resume, or give the present centres and radii as .csv if a new body without stresses is meant"
+    )]
+    NotAtRest {
+        /// Largest component of a displacement \[m\].
+        farthest: f64,
+        /// Broken bonds.
+        broken: usize,
+    },
     /// What a run remembered of another body.
     #[error("{what} is of another body; restore into the run that was saved")]
     ForeignRecord {

@@ -52,6 +52,7 @@ fn impact_of([a, b]: [DemModel; 2], law: ContactLaw, fraction: f64) -> Coupled<f
     let contact = ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), law).unwrap();
     let parts = Parts {
         start: 0.0,
+        end: None,
         subdomains: vec![side(a, [0.0; 3]), side(b, [3.0, -1.0, -20.0])],
         interfaces: Vec::new(),
         pairs: vec![PairSpec {
@@ -149,6 +150,7 @@ fn two_equal_bodies_change_their_velocities() {
         ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), ContactLaw::elastic(E)).unwrap();
     let parts = Parts {
         start: 0.0,
+        end: None,
         subdomains: vec![side(a, [2.0, 0.0, 0.0]), side(b, [0.0; 3])],
         interfaces: Vec::new(),
         pairs: vec![PairSpec {
@@ -328,6 +330,7 @@ fn contact_between_a_model_and_itself_is_refused() {
     let contact = ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), rough()).unwrap();
     let parts = Parts {
         start: 0.0,
+        end: None,
         subdomains: vec![side(a, [0.0; 3]), side(b, [0.0; 3])],
         interfaces: Vec::new(),
         pairs: vec![PairSpec {
@@ -346,6 +349,7 @@ fn contact_between_a_model_and_itself_is_refused() {
     let swapped = ContactBetween::new(ContactBody::of(&b), ContactBody::of(&a), rough()).unwrap();
     let parts = Parts {
         start: 0.0,
+        end: None,
         subdomains: vec![side(a, [0.0; 3]), side(b, [0.0; 3])],
         interfaces: Vec::new(),
         pairs: vec![PairSpec {

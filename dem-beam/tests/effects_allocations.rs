@@ -48,6 +48,7 @@ fn contact_between_two_models() {
         .unwrap();
     let parts = Parts {
         start: 0.0,
+        end: None,
         subdomains: vec![Subdomain::fine(below, Weights::uncoupled()), above],
         interfaces: Vec::new(),
         pairs: vec![PairSpec {

@@ -310,6 +310,45 @@ fn pieces_make_one_file_without_ghosts() {
     }
 }
 
+/// Issue 26, D.6: what a frame says of its state is not dropped without a word.
+#[test]
+fn a_frame_with_moved_spheres_or_broken_bonds_is_no_packing() {
+    let with = |moved: &str, broken: &str| {
+        let array = |name: &str, parts: usize, values: &str| {
+            format!(
+                "<DataArray type=\"Float64\" Name=\"{name}\" NumberOfComponents=\"{parts}\" format=\"ascii\">{values}</DataArray>"
+            )
+        };
+        let (moved, broken) = (
+            array("displacement [m]", 3, moved),
+            array("broken [-]", 1, broken),
+        );
+        String::from_utf8(vtu("r", "4.8e-3"))
+            .unwrap()
+            .replace("<PointData>", &format!("<PointData>{moved}"))
+            .replace("<CellData/>", &format!("<CellData>{broken}</CellData>"))
+            .into_bytes()
+    };
+    let still = "0 0 0 0 0 0 0 0 0";
+    assert!(read_vtu(&with(still, "0 0"), None).is_ok());
+    let moved = with("0 0 0 0 0 0 1e-9 -2e-9 0", "0 0");
+    let broken = with(still, "0 1");
+    for (bytes, expected) in [(&moved, (2e-9, 0)), (&broken, (0.0, 1))] {
+        for found in [
+            read_vtu(bytes, None),
+            read_pieces(&[&with(still, "0 0"), bytes], None),
+        ] {
+            let Err(Error::NotAtRest { farthest, broken }) = found else {
+                panic!("{found:?}");
+            };
+            assert!(
+                (farthest - expected.0).abs() < 1e-24 && broken == expected.1,
+                "{farthest} {broken}"
+            );
+        }
+    }
+}
+
 /// The same spheres as VTK itself writes them: base64 with 32-bit headers, plain and zlib, in place and appended.
 #[test]
 fn vtu_forms_agree() {

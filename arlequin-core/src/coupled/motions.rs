@@ -10,15 +10,29 @@ use crate::{Error, Real, Result};
 /// Share of a field at a point that must be prescribed for it to count as prescribed there: a particle's centre lies a
 /// radius inside the face that is held.
 const PRESCRIBED: f64 = 0.75;
-/// Difference of two motions over the larger amplitude above which they are opposed.
+/// Difference of two motions over the larger one above which they are opposed.
 const SAME: f64 = 1e-6;
+/// Equal parts of a run at whose ends motions are compared.
+const PARTS: u32 = 64;
 
-/// Refuses an interface whose two models are moved by prescribed motions that differ at one place: no velocity jump can
-/// vanish there.
+/// Times over which motions are compared \[s\].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    pub(super) start: f64,
+    /// End of the run, where it is known.
+    pub(super) end: Option<f64>,
+}
+
+/// Refuses an interface whose two models are moved by prescribed motions that differ at one place within a
+/// span of time: no velocity jump can vanish there.
 ///
 /// # Errors
 /// [`Error::OpposedMotions`].
-pub(super) fn check<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Result<()> {
+pub(super) fn check<T: Real>(
+    interface: &Interface<T>,
+    subdomains: &[Subdomain<T>],
+    span: Span,
+) -> Result<()> {
     for m in 0..2 {
         let [here, there] = [m, 1 - m].map(|k| &subdomains[interface.sides[k]]);
         if here.supports().is_empty() || there.supports().is_empty() {
@@ -40,7 +54,7 @@ pub(super) fn check<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T
                 let held: Vec<_> = held
                     .filter_map(|(n, v)| Some((other[n * count + c]?, v.as_f64())))
                     .collect();
-                if let Some((time, gap)) = opposed(own, &held) {
+                if let Some((time, gap)) = opposed(own, &held, span) {
                     return Err(Error::OpposedMotions {
                         interface: interface.report().name.clone(),
                         models: format!("'{}' and '{}'", here.model().name(), there.model().name()),
@@ -97,33 +111,124 @@ fn by_unknown<T: Real>(s: &Subdomain<T>) -> Vec<Option<&PrescribedMotion<T>>> {
     out
 }
 
-/// When \[s\] and by how much \[m\] a motion differs most from the prescribed share of a field.
-fn opposed<T: Real>(own: &PrescribedMotion<T>, held: &[(&PrescribedMotion<T>, f64)]) -> Option<(f64, f64)> {
+/// When \[s\] and by how much \[m\] a motion differs most from the prescribed share of a field, relative to
+/// the larger of both: to what it is within the run where the end of that is known; else at that time, or to
+/// its amplitude where that is more.
+fn opposed<T: Real>(
+    own: &PrescribedMotion<T>,
+    held: &[(&PrescribedMotion<T>, f64)],
+    span: Span,
+) -> Option<(f64, f64)> {
     let share: f64 = held.iter().map(|h| h.1).sum();
     if share < PRESCRIBED {
         return None;
     }
     let motions = || held.iter().map(|h| h.0).chain([own]);
-    let scale = motions().fold(0.0, |s: f64, m| s.max(m.amplitude.as_f64().abs()));
-    let at = |m: &PrescribedMotion<T>, t: f64| m.amplitude.as_f64() * m.time.at_wide(t);
-    let gap = |t: f64| (at(own, t) - held.iter().map(|(m, v)| v * at(m, t)).sum::<f64>() / share).abs();
-    let times = motions().flat_map(|m| instants(&m.time));
-    let worst = times
-        .map(|t| (t, gap(t)))
-        .fold((0.0, 0.0), |a, b| if b.1 > a.1 { b } else { a });
-    (worst.1 > SAME * scale).then_some(worst)
+    let value = |m: &PrescribedMotion<T>, t: f64| m.amplitude.as_f64() * m.time.at_wide(t);
+    let gap = |t: f64| (value(own, t) - held.iter().map(|(m, v)| v * value(m, t)).sum::<f64>() / share).abs();
+    let size = |t: f64| motions().fold(0.0, |s: f64, m| s.max(value(m, t).abs()));
+    let times: Vec<f64> = motions().flat_map(|m| instants(&m.time, span)).collect();
+    let most = match span.end {
+        Some(_) => times.iter().fold(0.0, |s: f64, t| s.max(size(*t))),
+        None => motions().fold(0.0, |s: f64, m| s.max(m.amplitude.as_f64().abs())),
+    };
+    let apart = times.iter().map(|&t| (t, gap(t), gap(t) / most.max(size(t))));
+    let worst = apart.fold((0.0, 0.0, 0.0), |a, b| if b.2 > a.2 { b } else { a });
+    (worst.2 > SAME).then_some((worst.0, worst.1))
 }
 
-/// Instants at which two different functions of time can be told apart.
-fn instants<T: Real>(f: &TimeFunction<T>) -> Vec<f64> {
+/// Instants of a span at which two different functions of time can be told apart.
+fn instants<T: Real>(f: &TimeFunction<T>, span: Span) -> Vec<f64> {
+    let mut out = kinks(f);
+    match span.end {
+        // Any time will tell two formulas apart, unless they are the same there.
+        None if is_formula(f) => out.extend((-24..=24).map(|k| 10.0_f64.powf(f64::from(k) / 4.0))),
+        None => {}
+        Some(end) => {
+            let whole = end - span.start;
+            out.extend((0..=PARTS).map(|k| span.start + whole * f64::from(k) / f64::from(PARTS)));
+            out.retain(|t| (span.start..=end).contains(t));
+        }
+    }
+    out
+}
+
+fn is_formula<T: Real>(f: &TimeFunction<T>) -> bool {
+    match f {
+        TimeFunction::Integral(inner) => is_formula(inner),
+        f => matches!(f, TimeFunction::Formula(_)),
+    }
+}
+
+/// Instants between which a function of time is known from its values there and in the middle.
+fn kinks<T: Real>(f: &TimeFunction<T>) -> Vec<f64> {
     match f {
         TimeFunction::Step => vec![0.0],
         TimeFunction::Ramp { duration } | TimeFunction::SmoothPulse { duration } => {
             [0.25, 0.5, 0.75, 1.0].map(|s| s * duration.as_f64()).into()
         }
-        TimeFunction::Integral(of) => instants(of),
-        // Any time will tell two formulas apart, unless they are the same there.
-        TimeFunction::Formula(_) => (-24..=24).map(|k| 10.0_f64.powf(f64::from(k) / 4.0)).collect(),
+        TimeFunction::Integral(inner) => kinks(inner),
+        TimeFunction::Formula(_) => Vec::new(),
         TimeFunction::Table(rows) => rows.iter().map(|r| r.0.as_f64()).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::Formula;
+
+    fn motion(amplitude: f64, time: TimeFunction<f64>) -> PrescribedMotion<f64> {
+        PrescribedMotion {
+            dofs: vec![0],
+            amplitude,
+            time,
+        }
+    }
+
+    fn formula(text: &str, value: fn(f64) -> f64) -> TimeFunction<f64> {
+        TimeFunction::Formula(Formula::new(text, value))
+    }
+
+    /// Issue 26, D.4: two equal motions that grow with time were opposed by the round-off of 1e6 seconds.
+    #[test]
+    fn equal_motions_are_not_opposed_however_fast_they_grow() {
+        let square = || formula("(t/30e-6)^2", |t| (t / 30e-6).powi(2));
+        let speed = || TimeFunction::Integral(Box::new(square()));
+        let table = || TimeFunction::Table(vec![(0.0, 0.0), (1e-4, 1.0)]);
+        let known = Span {
+            start: 0.0,
+            end: Some(1e-4),
+        };
+        let unknown = Span { end: None, ..known };
+        // A row of shape functions whose sum is one up to round-off.
+        let shares = [0.1, 0.2, 0.3, 0.4];
+        let found = |a: TimeFunction<f64>, b: TimeFunction<f64>, size: f64, span: Span| {
+            let other = motion(size * 1e-3, b);
+            let held: Vec<_> = shares.iter().map(|s| (&other, *s)).collect();
+            opposed(&motion(1e-3, a), &held, span)
+        };
+        for span in [known, unknown] {
+            assert_eq!(found(square(), square(), 1.0, span), None);
+            assert_eq!(found(speed(), speed(), 1.0, span), None);
+            let (time, gap) = found(square(), square(), -1.0, span).expect("opposed");
+            assert!(time > 0.0 && gap > 0.0, "{time} {gap}");
+            assert!(found(square(), square(), 1.0 + 1e-5, span).is_some());
+            assert!(found(square(), table(), 1.0, span).is_some());
+        }
+        // A line and a table that ends with the run differ after it only.
+        let line = || formula("t/1e-4", |t| t / 1e-4);
+        assert_eq!(found(line(), table(), 1.0, known), None);
+        assert!(found(line(), table(), 1.0, unknown).is_some());
+        // Two pulses of a tenth of a microsecond, which are over before the first of the fixed instants.
+        let pulse = |sign: f64| {
+            let value = move |t: f64| sign * (1.0 - t / 1e-7).max(0.0) * (t / 1e-7);
+            TimeFunction::Formula(Formula::new("pulse", value))
+        };
+        let short = Span {
+            start: 0.0,
+            end: Some(2e-7),
+        };
+        assert!(found(pulse(1.0), pulse(-1.0), 1.0, short).is_some());
     }
 }

@@ -72,6 +72,14 @@ pub(super) fn choose<T: Real>(
     subdomains: &[Subdomain<T>],
     lockstep: &[Lockstep],
 ) -> Result<Pace<T>> {
+    for (c, s) in critical.iter().zip(subdomains) {
+        if c.as_f64().is_nan() || *c <= T::zero() {
+            let what = format!("critical step of model '{}'", s.model().name());
+            let rule = "must be a number above zero: its stiffness over its mass has too few digits; look at its material \
+                        (a Poisson's ratio next to 0.5 or -1) and at its smallest elements";
+            return Err(invalid(&what, c, rule));
+        }
+    }
     let wishes = critical.iter().zip(subdomains).map(|(c, s)| Wish {
         own: s.step_choice(),
         critical: *c,

@@ -80,13 +80,7 @@ impl<T: Real> Coupled<T> {
                 "needs a positive tolerance and at least one step",
             ));
         }
-        portions::whole(&self.subdomains, "be brought to rest")?;
-        if let Some(s) = self.subdomains.iter().find(|s| s.is_guest()) {
-            return Err(Error::Unsupported {
-                model: s.model().name().to_owned(),
-                what: "be brought to rest: it is a solver of its own".into(),
-            });
-        }
+        self.check_settling()?;
         let settled = match self.solves_directly() {
             Ok(()) => self.settle_directly(time)?,
             Err(_) => self.relax(from, time, how)?,
@@ -94,6 +88,38 @@ impl<T: Real> Coupled<T> {
         self.time = time;
         self.step += 1;
         Ok(settled)
+    }
+
+    /// Refuses a run that [`Self::settle`] cannot bring to rest, before its first load step.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] for a solver of its own, and for models in parts; [`Error::SingularSystem`]
+    /// where a rigid motion of models that are solved for directly is held by nothing.
+    pub fn check_rest(&mut self) -> Result<()> {
+        self.check_settling()?;
+        if self.solves_directly().is_err() {
+            return Ok(());
+        }
+        let free = self.free_motions();
+        if free.is_empty() {
+            return Ok(());
+        }
+        Err(Error::SingularSystem {
+            size: self.subdomains.iter().map(|s| s.model().layout().dofs()).sum(),
+            residual: f64::NAN,
+            free: format!(": {free}"),
+        })
+    }
+
+    fn check_settling(&self) -> Result<()> {
+        portions::whole(&self.subdomains, "be brought to rest")?;
+        match self.subdomains.iter().find(|s| s.is_guest()) {
+            None => Ok(()),
+            Some(s) => Err(Error::Unsupported {
+                model: s.model().name().to_owned(),
+                what: "be brought to rest: it is a solver of its own".into(),
+            }),
+        }
     }
 
     fn settle_directly(&mut self, time: T) -> Result<Settled<T>> {

@@ -35,6 +35,8 @@ pub enum TimeStep<T> {
 pub struct Parts<T: Real> {
     /// Time of the initial state \[s\].
     pub start: T,
+    /// Time at which the run is to end \[s\], where it is known: prescribed motions are compared until then.
+    pub end: Option<T>,
     /// Models with their weights, supports, effects and initial states.
     pub subdomains: Vec<Subdomain<T>>,
     /// Interfaces between them.
@@ -114,6 +116,7 @@ impl<T: Real> Coupled<T> {
     ) -> Result<Self> {
         let parts = Parts {
             start,
+            end: None,
             subdomains,
             interfaces,
             pairs: Vec::new(),
@@ -142,6 +145,7 @@ impl<T: Real> Coupled<T> {
     ) -> Result<Self> {
         let Parts {
             start,
+            end,
             mut subdomains,
             interfaces,
             pairs,
@@ -156,7 +160,13 @@ impl<T: Real> Coupled<T> {
         let (partition, outside) = partition::check(&subdomains, &interfaces)?;
         let (mut built, mut joints) = interfaces_of(&interfaces, outside, &subdomains, announce)?;
         announce(SetupPhase::Step);
-        built.iter().try_for_each(|i| motions::check(i, &subdomains))?;
+        let span = motions::Span {
+            start: start.as_f64(),
+            end: end.map(|t| t.as_f64()),
+        };
+        built
+            .iter()
+            .try_for_each(|i| motions::check(i, &subdomains, span))?;
         for i in &mut built {
             let told = motions::one_sided(i, &subdomains);
             i.report.warnings.extend(told);

@@ -315,6 +315,9 @@ class Overlapping(InputError):
 class BadFile(InputError):
     """The bytes of a file are not what its format asks for."""
 
+class NotAtRest(InputError):
+    """A frame of a run whose spheres have moved, or whose bonds are broken."""
+
 class ForeignRecord(InputError):
     """What a run remembered of another body."""
 

@@ -3,12 +3,13 @@
 //!
 //! ```text
 //! Results of arlequin, ...            head
-//! 1234 probes.csv                     length [bytes] and path of every file, once the run has ended
+//! 1234 8f3a02c1 probes.csv            length [bytes], CRC-32 and path of every file, once the run has ended
 //! end
 //! ```
 //!
 //! While the run goes on there is no list; then the names that a run uses decide, and a lock says that it goes on.
 
+use crate::checkpoint::fingerprint;
 use crate::error::{Error, Result, write};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -22,8 +23,27 @@ const HEAD: &str = "Results of arlequin. A run with --force replaces this folder
                     files listed here, unchanged.\n";
 /// Last line of a list that is whole.
 const END: &str = "end\n";
-/// Length of what is neither a file nor a folder: no list knows it.
-const LINK: u64 = u64::MAX;
+/// What stands in a folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    File,
+    Folder,
+    /// A link, a pipe, a device: no run writes one.
+    Other,
+}
+
+/// Files that the mark lists, each with its length \[bytes\] and the CRC-32 of its bytes.
+type Listed = BTreeMap<PathBuf, (u64, u32)>;
+
+/// Whether a file still has the bytes that the run wrote. One that cannot be read has not.
+fn is_unchanged(list: &Listed, folder: &Path, name: &Path) -> bool {
+    let path = folder.join(name);
+    let long = std::fs::metadata(&path).map(|m| m.len()).ok();
+    // A file of another length need not be read.
+    let listed = list.get(name).filter(|l| Some(l.0) == long);
+    listed.is_some_and(|l| fingerprint(&path).is_ok_and(|f| f == *l))
+}
+
 /// Files of a run.
 const FILES: [&str; 12] = [
     NAME,
@@ -76,9 +96,10 @@ impl Mark {
     /// Lists what the run wrote: from now on these files, unchanged, are what may be replaced.
     pub fn seal(&mut self, folder: &Path) -> Result<()> {
         let mut text = HEAD.to_owned();
-        for (name, length) in entries(folder)? {
-            if let Some(n) = length.filter(|_| is_ours(&name) && name != Path::new(NAME)) {
-                text += &format!("{n} {}\n", name.display());
+        for (name, kind) in entries(folder)? {
+            if kind == Kind::File && is_ours(&name) && name != Path::new(NAME) {
+                let (length, sum) = fingerprint(&folder.join(&name))?;
+                text += &format!("{length} {sum:08x} {}\n", name.display());
             }
         }
         text += END;
@@ -115,13 +136,13 @@ pub fn objection(folder: &Path) -> Result<Option<String>> {
              yourself"
         )));
     };
-    let foreign = found.iter().find(|(name, length)| {
+    let foreign = found.iter().find(|(name, kind)| {
         let added = ADDED.iter().any(|a| name.as_path() == Path::new(a));
-        let known = match length {
-            Some(LINK) => false,
-            _ if list.is_empty() || added || name.as_path() == Path::new(NAME) => true,
-            None => true,
-            Some(n) => list.get(*name) == Some(n),
+        let known = match kind {
+            Kind::Other => false,
+            Kind::Folder => true,
+            Kind::File if list.is_empty() || added || name.as_path() == Path::new(NAME) => true,
+            Kind::File => is_unchanged(&list, folder, name),
         };
         !known || !is_ours(name)
     });
@@ -139,16 +160,18 @@ pub fn remove(folder: &Path) -> Result<()> {
     let list = listed(folder).unwrap_or_default();
     let all = entries(folder)?;
     // Deepest first: the paths are sorted.
-    for (name, length) in all.iter().rev().filter(|(name, _)| is_ours(name)) {
+    for (name, kind) in all.iter().rev().filter(|(name, _)| is_ours(name)) {
         let path = folder.join(name);
-        let mine = match length {
+        let mine = match kind {
             _ if name.as_path() == Path::new(NAME) => continue,
-            Some(LINK) => false,
-            Some(n) => {
-                list.is_empty() || ADDED.iter().any(|a| name.ends_with(a)) || list.get(name) == Some(n)
+            Kind::Other => false,
+            Kind::File => {
+                list.is_empty()
+                    || ADDED.iter().any(|a| name.ends_with(a))
+                    || is_unchanged(&list, folder, name)
             }
             // A folder that still holds something stays.
-            None => {
+            Kind::Folder => {
                 let _ = std::fs::remove_dir(&path);
                 continue;
             }
@@ -247,9 +270,8 @@ fn is_part(parts: &[&str]) -> bool {
     }
 }
 
-/// Everything below a folder: path and length, none for folders. A link is never followed, and has a length that no
-/// list knows.
-fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Option<u64>>> {
+/// Everything below a folder. A link is never followed.
+fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Kind>> {
     let read = |path: &Path| {
         let path = path.to_owned();
         move |source| Error::Read { path, source }
@@ -260,27 +282,25 @@ fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Option<u64>>> {
         let path = folder.join(&below);
         for entry in std::fs::read_dir(&path).map_err(read(&path))? {
             let entry = entry.map_err(read(&path))?;
-            let kind = entry.file_type().map_err(read(&entry.path()))?;
+            let found = entry.file_type().map_err(read(&entry.path()))?;
             let name = below.join(entry.file_name());
-            let length = if kind.is_dir() {
-                // What lies deeper than a run writes is foreign by its folder's name already.
-                if is_ours(&name) {
-                    open.push(name.clone());
-                }
-                None
-            } else if kind.is_file() {
-                Some(entry.metadata().map_err(read(&entry.path()))?.len())
-            } else {
-                Some(LINK)
+            let kind = match (found.is_dir(), found.is_file()) {
+                (true, _) => Kind::Folder,
+                (_, true) => Kind::File,
+                _ => Kind::Other,
             };
-            out.insert(name, length);
+            // What lies deeper than a run writes is foreign by its folder's name already.
+            if kind == Kind::Folder && is_ours(&name) {
+                open.push(name.clone());
+            }
+            out.insert(name, kind);
         }
     }
     Ok(out)
 }
 
 /// The list of the mark, empty while the run goes on; none without a mark.
-fn listed(folder: &Path) -> Option<BTreeMap<PathBuf, u64>> {
+fn listed(folder: &Path) -> Option<Listed> {
     let path = folder.join(NAME);
     if !std::fs::symlink_metadata(&path).is_ok_and(|m| m.is_file()) {
         return None;
@@ -294,8 +314,10 @@ fn listed(folder: &Path) -> Option<BTreeMap<PathBuf, u64>> {
         return Some(BTreeMap::new());
     };
     let line = |l: &str| {
-        let (length, name) = l.split_once(' ')?;
-        Some((PathBuf::from(name), length.parse().ok()?))
+        let mut parts = l.splitn(3, ' ');
+        let length = parts.next()?.parse().ok()?;
+        let sum = u32::from_str_radix(parts.next()?, 16).ok()?;
+        Some((PathBuf::from(parts.next()?), (length, sum)))
     };
     list.lines().map(line).collect()
 }

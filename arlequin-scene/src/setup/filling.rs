@@ -7,6 +7,7 @@ use super::zone::Likeness;
 use crate::error::{Error, Result, fem, key, value};
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::calibrate::RATIOS;
 use arlequin::dem_beam::packing::size::{mean_diameter, sphere_count};
 use arlequin::dem_beam::packing::{
     Around, Container, Loose, Packing, PackingSpec, pieces_of_pvtu, read_csv, read_pieces, read_vtu,
@@ -365,10 +366,55 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
         let nearest = table.material.poisson.unwrap_or(0.0).clamp(low, high);
         return BeamMaterial::of_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
     }
-    Ok(BeamMaterial {
+    let beam = BeamMaterial {
         young: young.unwrap_or(YOUNG_RATIO * table.material.young),
         poisson: poisson.unwrap_or(BeamMaterial::SILICA.poisson),
         radius_ratio: radius_ratio.unwrap_or(BeamMaterial::SILICA.radius_ratio),
+    };
+    let [low, high] = RATIOS;
+    if !(low..=high).contains(&beam.radius_ratio) {
+        let rule = format!(
+            "must lie between {low} and {high}, where packings were measured: what wider or thinner beams make of a body is not known; \
+             take 0.71, or let arlequin calibrate find it"
+        );
+        return Err(value(
+            format!("{path}.dem.radius_ratio"),
+            beam.radius_ratio,
+            &rule,
+        ));
+    }
+    beam.rigidity(1.0).map_err(dem(format!("{path}.dem")))?;
+    Ok(beam)
+}
+
+/// How the packing of a model that is no zone differs from what its table says it is made of.
+pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Option<String> {
+    if let Shape::Piece(_) = table.shape {
+        return None;
+    }
+    let [young, poisson] = beam.bulk();
+    let (m, t) = (&table.material, &table.dem);
+    let mut unlike = Vec::new();
+    if (young / m.young - 1.0).abs() > ALIKE[0] {
+        unlike.push(format!(
+            "material.young = {:e} Pa is that of contact and of estimates only",
+            m.young
+        ));
+    }
+    if let Some(nu) = m.poisson.filter(|nu| (poisson - nu).abs() > ALIKE[1]) {
+        unlike.push(format!("material.poisson = {nu} is that of estimates only"));
+    }
+    let remedy = match t.radius_ratio {
+        None => {
+            "arlequin calibrate finds beams for a material (dem.young, dem.radius_ratio), and zones of [body] are fitted to it"
+        }
+        Some(_) => "give material what arlequin calibrate finds for these beams",
+    };
+    (!unlike.is_empty()).then(|| {
+        format!(
+            "its beams make a packing of about E = {young:.3e} Pa and nu = {poisson:.3}, and {}: {remedy}",
+            unlike.join(", ")
+        )
     })
 }
 

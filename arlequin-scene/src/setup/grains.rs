@@ -58,23 +58,15 @@ impl Grains {
             let spec = fracture(&path, f)?;
             if !e.enabled {
                 model = model.with_watched_strength(spec).map_err(dem(&path))?;
-            } else if breaks.is_some() {
-                let rule = format!("model '{}' has two; keep one", name(&model));
-                return Err(key(path, rule));
             } else {
                 model = model.with_fracture(spec).map_err(dem(&path))?;
                 breaks = Some(model.break_log());
             }
         }
         let mut made: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
-        let mut touching = false;
         for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
             if let EffectKind::Contact(c) = &e.kind {
                 let path = format!("effect[{k}].contact");
-                if std::mem::replace(&mut touching, true) {
-                    let rule = format!("model '{}' has two; keep one", name(&model));
-                    return Err(key(path, rule));
-                }
                 let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
                 made.insert(*k, Box::new(contact));
             }
@@ -94,10 +86,6 @@ impl Grains {
             },
         ))
     }
-}
-
-fn name(model: &DemModel) -> &str {
-    arlequin::core::Model::name(model)
 }
 
 pub(super) fn fracture(path: &str, f: &spec::Fracture) -> Result<Fracture> {
@@ -234,6 +222,20 @@ pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Ef
     let rule = "loose grains need contact, or they pass through everything; add an effect contact to the model, or take \
                 \"drop\"";
     Err(value(format!("{path}.dem.loose"), "keep", rule))
+}
+
+/// Refuses two effects of a kind of which a model can have one.
+pub(super) fn check_single(model: &str, effects: &[(usize, &Effect)]) -> Result<()> {
+    for single in ["fracture", "contact"] {
+        let mut all = effects
+            .iter()
+            .filter(|(_, e)| e.enabled && e.kind.key() == single);
+        if let Some((k, _)) = all.nth(1) {
+            let rule = format!("model '{model}' has two; keep one");
+            return Err(key(format!("effect[{k}].{single}"), rule));
+        }
+    }
+    Ok(())
 }
 
 /// Refuses boxes turned inside out.

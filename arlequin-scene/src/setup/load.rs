@@ -3,8 +3,8 @@
 use super::drive::time_function;
 use super::kinds::Body;
 use super::select;
-use crate::error::{Result, core, key};
-use crate::spec::Load;
+use crate::error::{Error, Result, core, key};
+use crate::spec::{Load, ModelKind, ModelTable};
 use arlequin::core::TimeFunction;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
@@ -32,6 +32,23 @@ pub(super) fn check(path: &str, l: &Load) -> Result<()> {
         ));
     }
     Ok(())
+}
+
+/// Refuses tractions on a model that has no surface, and moments on one that cannot turn.
+pub(super) fn check_surface(path: &str, l: &Load, table: &ModelTable) -> Result<()> {
+    let missing = match table.kind {
+        ModelKind::Dem => l.force.is_none() && l.torque.is_none(),
+        ModelKind::Chain => l.force.is_none(),
+        _ => false,
+    };
+    if missing {
+        return Err(no_surface(path, &l.model));
+    }
+    Ok(())
+}
+
+fn no_surface(path: &str, model: &str) -> Error {
+    key(path, format!("model '{model}' has no surface; give a force [N]"))
 }
 
 /// A load on one model.
@@ -130,10 +147,7 @@ fn load_on_nodes(
             let (centre, turn) = turning(path, Vector3::from(m), places)?;
             Box::new(move |n| turn.cross(&(points[n] - centre)))
         }
-        _ => {
-            let rule = format!("model '{}' has no surface; give a force [N]", body.model.name());
-            return Err(key(path, rule));
-        }
+        _ => return Err(no_surface(path, body.model.name())),
     };
     let forces = nodes.iter().flat_map(|&n| {
         let f = field(n) * share(n);

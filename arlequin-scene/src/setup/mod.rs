@@ -1,6 +1,7 @@
 //! From the scene to a run that is ready to step.
 
 mod between;
+mod blame;
 mod clock;
 mod cloud;
 mod crack;
@@ -18,6 +19,7 @@ mod mediator;
 mod mesh;
 mod natural;
 mod particles;
+mod places;
 mod plausible;
 mod precheck;
 mod probe;
@@ -46,7 +48,7 @@ pub use probe::ProbeReader;
 pub use rigid::RigidPicture;
 pub use statics::LoadSteps;
 
-use crate::error::{Error, Result, key, value};
+use crate::error::{Result, key, value};
 use crate::output::packing::PackingLine;
 use crate::ranks::{RankLine, Ranks};
 use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec, Support};
@@ -55,6 +57,7 @@ use arlequin::core::{
     Coupled, Elastic, Guard, Interpolation, Materials, Partition, Parts, Subdomain, Weighting,
 };
 use arlequin::dem_beam::fracture::SharedLog;
+use blame::located;
 use clock::SetupClock;
 use drive::Attachments;
 use interface::BuiltInterface;
@@ -204,8 +207,13 @@ pub(crate) fn build_from(
             |(s, line): (Subdomain<f64>, &RankLine)| if line.parts { s.shared(c.clone()) } else { s };
         subdomains = subdomains.into_iter().zip(&holdings).map(shared).collect();
     }
+    let end = match &load_steps {
+        Some(s) => s.times.last().copied(),
+        None => scene.time.end,
+    };
     let parts = Parts {
         start: begin,
+        end,
         subdomains,
         interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
@@ -216,7 +224,10 @@ pub(crate) fn build_from(
     ];
     let mut announce = |phase| clock.begin(clock::name(phase, &names));
     let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce);
-    let run = run.map_err(located)?;
+    let mut run = run.map_err(|e| located(scene, e))?;
+    if load_steps.is_some() {
+        run.check_rest().map_err(crate::error::core("static"))?;
+    }
     for (line, s) in holdings.iter_mut().zip(run.subdomains()) {
         line.told(s);
     }
@@ -270,17 +281,25 @@ fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) 
 
 fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Result<Vec<Body>> {
     let effects = effects_by_model(scene)?;
-    let tables = scene.model.iter().zip(&effects);
-    tables
-        .map(|((name, table), e)| {
+    let mut out: Vec<Option<Body>> = scene.model.iter().map(|_| None).collect();
+    // A packing may take minutes: what is wrong with other models is said before.
+    for packed in [false, true] {
+        for (m, (name, table)) in scene.model.iter().enumerate() {
+            if (table.kind == ModelKind::Dem) != packed {
+                continue;
+            }
             // Supports of a body are on its zones as well.
             let mine =
                 |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == zone::BODY;
             let all = scene.support.iter().enumerate();
             let supports: Vec<_> = all.filter(|(_, s)| mine(s)).collect();
-            kinds::body(name, table, folder, (e, &supports), clock)
-        })
-        .collect()
+            out[m] = Some(kinds::body(name, table, folder, (&effects[m], &supports), clock)?);
+        }
+        if !packed {
+            places::check_meshes(scene, &out, folder)?;
+        }
+    }
+    Ok(out.into_iter().flatten().collect())
 }
 
 /// Displacements and velocities of a model at the start, and what it remembers.
@@ -310,7 +329,7 @@ fn subdomains_of(
     }
     let of = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
         let own = time::own_step(scene, m);
-        let made = subdomain(m, body, state, interfaces, &mut attachments)?.with_step(own);
+        let made = subdomain(scene, m, (body, state), interfaces, &mut attachments)?.with_step(own);
         Ok(match memory {
             Some(of) => made.with_memory(of),
             None => made,
@@ -448,9 +467,9 @@ fn is_between(model: &str, scene: &SceneSpec) -> bool {
 }
 
 fn subdomain(
+    scene: &SceneSpec,
     m: usize,
-    body: Body,
-    [q, v]: [Vec<f64>; 2],
+    (body, [q, v]): (Body, [Vec<f64>; 2]),
     joints: &[BuiltInterface],
     attachments: &mut Attachments,
 ) -> Result<Subdomain<f64>> {
@@ -463,46 +482,14 @@ fn subdomain(
         .find(free)
         .map_or(Partition::Checked, |j| j.partition);
     let subdomain = match body.solver {
-        Some(solver) => Subdomain::participant(solver, body.field, weights).map_err(located)?,
+        Some(solver) => {
+            let made = Subdomain::participant(solver, body.field, weights);
+            made.map_err(|e| located(scene, e))?
+        }
         None => Subdomain::new(body.model, body.field, weights),
     };
     let subdomain = subdomain.with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
-    subdomain
-        .with_initial(q, v)
-        .map_err(crate::error::core(format!("initial[{m}]")))
-}
-
-/// Finds the key an error of the core comes from.
-fn located(source: arlequin::core::Error) -> Error {
-    use arlequin::core::Error as Core;
-    let interface = |name: &str, key: &str| format!("interface.{name}.{key}");
-    let key = match &source {
-        Core::UnstableStep { steps: 1, .. } => "time.step.seconds".to_owned(),
-        Core::UnstableStep { model, .. } => format!("model.{model}.step"),
-        Core::EmptyOverlap { interface: i, .. } | Core::OverhangingMediator { interface: i, .. } => {
-            interface(i, "mediator")
-        }
-        Core::OpposedMotions { interface: i, .. } => interface(i, "overlap"),
-        Core::EigenvaluesBeyond { interface: i, .. } => interface(i, "solver"),
-        Core::UnequalShapes { interface: i, .. } => interface(i, "overlap"),
-        Core::UncoveredOverlap { interface: i, .. } | Core::CoveredTwice { interface: i, .. } => {
-            interface(i, "mediator")
-        }
-        Core::InitialJump { .. } => "initial".to_owned(),
-        Core::PartitionOfUnity { .. } | Core::PartitionMeasure { .. } | Core::PartitionMass { .. } => {
-            "interface".to_owned()
-        }
-        Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
-        Core::SingularInterface { interface: i, .. } => interface(i, "mediator"),
-        Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
-            format!("model.{model}")
-        }
-        Core::InvalidOption {
-            interface: i, name, ..
-        } => interface(i, name),
-        Core::InvalidParameter { .. } => "model".to_owned(),
-        _ => "interface".to_owned(),
-    };
-    Error::Core { key, source }
+    let made = subdomain.with_initial(q, v);
+    made.map_err(|e| located(scene, e))
 }

@@ -1,11 +1,11 @@
 //! `kind = "dem"`: a random packing of spheres joined by cohesive beams fills the shape.
 
 use super::clock::SetupClock;
-use super::filling::{Filling, Recipe, beam, dem, unlike_the_body};
+use super::filling::{Filling, Recipe, beam, dem, unlike_its_material, unlike_the_body};
 use super::grains::{self, Grains};
 use super::kinds::Body;
 use super::materials;
-use super::mesh::Grid;
+use super::mesh::{Grid, is};
 use super::zone::{Supports, Twin};
 use crate::error::{Error, Result, cnem};
 use crate::output::packing::PackingLine;
@@ -69,10 +69,44 @@ impl Interpolation<f64> for ParticlePoints {
 
 /// Refuses what can be seen to be wrong before anything is packed.
 pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> {
+    unread(key, table)?;
     let filling = Filling::of(key, table, folder)?;
     Recipe::check(key, table, folder, &filling)?;
     grains::check_boxes(key, &table.dem.notch)?;
     beam(key, table).map(|_| ())
+}
+
+/// Refuses keys that no packing reads.
+fn unread(key: &str, table: &ModelTable) -> Result<()> {
+    let filed = matches!(table.shape, Shape::File(_));
+    let of_vtu = table.dem.file.as_ref();
+    let of_vtu = of_vtu.is_some_and(|f| is(f, "vtu") || is(f, "pvtu"));
+    let all = [
+        (
+            "divisions",
+            table.divisions.is_some(),
+            "is of elements; give spacing, the mean diameter of the spheres",
+        ),
+        (
+            "scale",
+            !filed && (table.scale - 1.0).abs() > 0.0,
+            "is of a file; remove it",
+        ),
+        (
+            "volume",
+            !filed && table.volume.is_some(),
+            "is of a mesh file; remove it",
+        ),
+        (
+            "dem.radii",
+            !of_vtu && table.dem.radii.is_some(),
+            "names an array of a .vtu file in dem.file; remove it",
+        ),
+    ];
+    match all.iter().find(|k| k.1) {
+        None => Ok(()),
+        Some((name, _, rule)) => Err(crate::error::key(format!("{key}.{name}"), *rule)),
+    }
 }
 
 /// Spheres that do not fit into their body are blamed on what says how large they are.
@@ -125,6 +159,7 @@ pub(super) fn body(
     let line = PackingLine::of(&packing, table.material.density, likeness);
     let mut warnings = line.warnings();
     warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
+    warnings.extend(unlike_its_material(table, &beam));
     let model = make(&packing, beam)?;
     drop(packing);
     let model = if table.dem.finite_rotations {

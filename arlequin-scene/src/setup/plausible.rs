@@ -48,6 +48,13 @@ pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
         strengths(scene, &mut out);
         out.extend(millimetres(built));
     }
+    for (name, table) in &scene.model {
+        if let (Shape::Bar { .. }, Some(nu)) = (&table.shape, table.material.poisson) {
+            out.push(format!(
+                "model '{name}': material.poisson = {nu} does not enter: a line has no width; remove it"
+            ));
+        }
+    }
     loads(scene, built, &mut out);
     overlaps(scene, built, &mut out);
     untied(scene, built, &mut out);

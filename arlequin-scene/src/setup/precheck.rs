@@ -3,8 +3,8 @@
 use super::drive::{self, model_index};
 use super::kinds;
 use super::{
-    between, crack, effects_by_model, exerted, grains, interface, link, load, mediator, probe, select,
-    sides_of,
+    between, crack, effects_by_model, exerted, grains, interface, link, load, mediator, places, probe,
+    select, sides_of,
 };
 use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{
@@ -39,6 +39,7 @@ pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
     for ((name, table), effects) in scene.model.iter().zip(&effects) {
         if table.kind == ModelKind::Dem {
             grains::check_loose(&format!("model.{name}"), table, effects)?;
+            grains::check_single(name, effects)?;
         }
     }
     between::touching(scene)?;
@@ -46,7 +47,8 @@ pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
         effect(k, e)?;
     }
     acting(scene)?;
-    watched(scene)
+    watched(scene)?;
+    places::check_fillings(scene, folder)
 }
 
 /// Refuses nodes or particles farther apart than the body is long: it would silently be one element.
@@ -81,6 +83,7 @@ fn acting(scene: &SceneSpec) -> Result<()> {
         let table = model(&path, &l.model, scene)?;
         selection(&format!("{path}.where"), &l.at, table)?;
         load::check(&path, l)?;
+        load::check_surface(&path, l, table)?;
         drive::time_function(&format!("{path}.time"), &l.time)?;
     }
     for (k, i) in scene.initial.iter().enumerate() {

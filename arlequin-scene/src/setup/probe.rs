@@ -200,7 +200,7 @@ pub(super) fn chosen(
 }
 
 /// Nodes and shape functions of a point.
-fn placed(path: &str, called: &str, at: &[f64; 3], body: &Body) -> Result<(Vec<usize>, Vec<f64>)> {
+pub(super) fn placed(path: &str, called: &str, at: &[f64; 3], body: &Body) -> Result<(Vec<usize>, Vec<f64>)> {
     let mut row = ShapeRow::default();
     let x = Point3::from(*at);
     let found = body.field.shape_at(&x, false, &mut row);

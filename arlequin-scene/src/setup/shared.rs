@@ -190,11 +190,7 @@ impl<'a> Shared<'a> {
         folder: &'a Path,
     ) -> Result<Self> {
         let (path, l) = (format!("load[{k}]"), &scene.load[k]);
-        let group = match &l.at {
-            Selection::Group(name) => name.clone(),
-            Selection::Box(..) => path.clone(),
-        };
-        let (facets, skin) = surface_of(&path, &group, &l.at, &bodies[body], folder)?;
+        let (group, facets, skin) = surface(k, scene, &bodies[body], folder)?;
         let field = load::traction(&path, l, &facets)?;
         let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
         let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
@@ -357,23 +353,28 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// Facets of the whole body that a load selects, and their triangles.
-fn surface_of(
-    path: &str,
-    group: &str,
-    at: &Selection,
+/// The group of load `k`, which is on a body with zones: its facets of the whole body, and their triangles.
+pub(super) fn surface(
+    k: usize,
+    scene: &SceneSpec,
     body: &Body,
     folder: &Path,
-) -> Result<(Vec<SurfaceFacet<f64>>, Faces)> {
+) -> Result<(String, Vec<SurfaceFacet<f64>>, Faces)> {
+    let (path, at) = (format!("load[{k}]"), &scene.load[k].at);
+    let group = match at {
+        Selection::Group(name) => name.clone(),
+        Selection::Box(..) => path.clone(),
+    };
     let Shape::Piece(piece) = &body.shape else {
         return Err(key(path, "is on a body without zones"));
     };
     let whole = piece.whole(folder)?;
     let path = format!("{path}.where");
-    match (whole.groups().get(group), at) {
+    match (whole.groups().get(&group), at) {
         (Some(g), _) if !g.facets.is_empty() => {
             let skin = Faces::new(corners_of(whole, &g.facets));
-            Ok((whole.surface(group).map_err(fem(path))?, skin))
+            let facets = whole.surface(&group).map_err(fem(path))?;
+            Ok((group, facets, skin))
         }
         (Some(_), Selection::Group(_)) | (_, Selection::Box(..)) => {
             let rule = format!("{at} holds no surface facet of the body; choose a surface or a larger box");
@@ -382,7 +383,12 @@ fn surface_of(
         (None, _) => {
             let known = whole.groups().iter().filter(|(_, g)| !g.facets.is_empty());
             let known: BTreeMap<_, _> = known.map(|(n, _)| (n.clone(), ())).collect();
-            Err(unknown(path, group, "surface of the body", select::named(&known)))
+            Err(unknown(
+                path,
+                &group,
+                "surface of the body",
+                select::named(&known),
+            ))
         }
     }
 }

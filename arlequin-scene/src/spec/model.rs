@@ -252,7 +252,8 @@ pub struct Material {
     /// Young's modulus, positive \[Pa\].
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub young: f64,
-    /// Poisson's ratio, above −1 and below 0.5 \[–\]; solids need it.
+    /// Poisson's ratio, from −0.9999 to 0.49995 \[–\]; solids need it. That of a packing follows from its
+    /// beams: a value that differs is warned of.
     #[schemars(extend("exclusiveMinimum" = -1, "exclusiveMaximum" = 0.5))]
     pub poisson: Option<f64>,
     /// Density, positive \[kg/m³\].
@@ -325,9 +326,10 @@ pub struct DemTable {
     /// How the packing is compacted. Default: `onset`.
     pub protocol: Option<Protocol>,
     /// Spheres from a file in place of a packing of ours, in m, path relative to the scene: `.csv` (lines
-    /// `x,y,z,r`), `.vtu` (points and a point array of radii, such as a written frame) or `.pvtu` (the same in pieces). Bonded by `coordination`;
-    /// the shape gives the volume, and every sphere must lie in it. Excludes `spacing`, `count`, `seed`,
-    /// `protocol`.
+    /// `x,y,z,r`), `.vtu` (points and a point array of radii, such as the first frame of a run; later ones,
+    /// in which spheres have moved or bonds are broken, are refused) or `.pvtu` (the same in pieces). Bonded
+    /// by `coordination`; the shape gives the volume, and every sphere must lie in it. Excludes `spacing`,
+    /// `count`, `seed`, `protocol`.
     pub file: Option<PathBuf>,
     /// Name of the array of radii in a `.vtu`. Default: first of `radius [m]`, `radius`, `Radius`, `radii`,
     /// `Radii`, `r`.
@@ -342,7 +344,8 @@ pub struct DemTable {
     /// Poisson's ratio of the beams \[–\]; that of the packing follows from the beams (0.17 with the defaults),
     /// `material.poisson` does not enter but in a zone. Default: 0.3.
     pub poisson: Option<f64>,
-    /// Beam radius over mean particle radius \[–\]; needs `young`. Default: 0.71; in a zone as for `young`.
+    /// Beam radius over mean particle radius, from 0.2 to 1.5 \[–\]; needs `young`. Default: 0.71; in a zone
+    /// as for `young`.
     pub radius_ratio: Option<f64>,
     /// What interfaces see.
     pub field: ParticleFieldKind,

@@ -11,17 +11,23 @@ use roxmltree::{Document, Node};
 
 /// Names under which radii are looked for, in this order.
 const NAMES: [&str; 6] = ["radius [m]", "radius", "Radius", "radii", "Radii", "r"];
+/// Arrays by which a frame of a run tells how far its points have moved, and which of its bonds are broken.
+const STATE: [&str; 2] = ["displacement [m]", "broken [-]"];
 
-/// Reads the points of all pieces as centres \[m\] and a point array as radii \[m\]: the one named
-/// `radius`, or without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii`
-/// and `r`. Cells are not read, nor points that `vtkGhostType` calls those of another piece.
+/// Reads the points of all pieces as centres \[m\] and a point array as radii \[m\]: the one named `radius`,
+/// or without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii` and `r`. Cells are not
+/// read, nor points that `vtkGhostType` calls those of another piece. A frame of a run shows its spheres at
+/// rest beside how far they have moved; one in which any has, or a bond is broken, is refused: it would be
+/// read as a body that is whole and at rest.
 ///
 /// # Errors
 /// [`Error::BadFile`] if it is no such file, [`Error::MissingArray`],
-/// [`Error::LengthMismatch`], and those of bad spheres: [`Error::NotFinite`],
+/// [`Error::LengthMismatch`], [`Error::NotAtRest`], and those of bad spheres: [`Error::NotFinite`],
 /// [`Error::BadRadius`], [`Error::RadiusRatio`].
 pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
-    checked(&spheres(bytes, radius)?)
+    let (all, state) = spheres(bytes, radius)?;
+    state.check()?;
+    checked(&all)
 }
 
 /// Names of the files of a PVTU file (pieces, beside it), in its order.
@@ -53,10 +59,13 @@ pub fn read_pieces<P: AsRef<[u8]>>(
     pieces: &[P],
     radius: Option<&str>,
 ) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
-    let mut all = Vec::new();
+    let (mut all, mut state) = (Vec::new(), State::default());
     for piece in pieces {
-        all.extend(spheres(piece.as_ref(), radius)?);
+        let (spheres, found) = spheres(piece.as_ref(), radius)?;
+        all.extend(spheres);
+        state.add(found);
     }
+    state.check()?;
     if all.iter().all(|s| s.number.is_some()) {
         all.sort_by_key(|s| s.number);
     }
@@ -71,13 +80,38 @@ struct Sphere {
     radius: f64,
 }
 
+/// What a frame tells of the state of its spheres.
+#[derive(Debug, Clone, Copy, Default)]
+struct State {
+    /// Largest displacement \[m\].
+    farthest: f64,
+    broken: usize,
+}
+
+impl State {
+    fn add(&mut self, other: Self) {
+        self.farthest = self.farthest.max(other.farthest);
+        self.broken += other.broken;
+    }
+
+    fn check(self) -> Result<()> {
+        if self.farthest > 0.0 || self.broken > 0 {
+            return Err(Error::NotAtRest {
+                farthest: self.farthest,
+                broken: self.broken,
+            });
+        }
+        Ok(())
+    }
+}
+
 fn checked(all: &[Sphere]) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
     let (positions, radii): (Vec<_>, Vec<_>) = all.iter().map(|s| (s.centre, s.radius)).unzip();
     check_spheres(&positions, &radii)?;
     Ok((positions, radii))
 }
 
-fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<Vec<Sphere>> {
+fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Sphere>, State)> {
     // Appended data need not be XML: the head is closed by hand.
     let mark = b"<AppendedData";
     let cut = bytes.windows(mark.len()).position(|w| w == mark);
@@ -90,14 +124,14 @@ fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<Vec<Sphere>> {
     }
     let xml = Document::parse(&head).map_err(|e| bad(e.to_string()))?;
     let file = Source::new(xml.root_element(), tail)?;
-    let mut out = Vec::new();
+    let (mut out, mut state) = (Vec::new(), State::default());
     for piece in xml.descendants().filter(|n| n.has_tag_name("Piece")) {
         let array = child(piece, "Points").and_then(|p| child(p, "DataArray"));
         let points = file.numbers(array.ok_or_else(|| bad("a piece has no points"))?)?;
         let radii = file.numbers(radius_array(piece, radius)?)?;
         let count = points.len() / 3;
         let beside = |name: &str, what: &'static str| {
-            let found = file.numbers_of_points(piece, name)?;
+            let found = file.numbers_of(piece, "PointData", name)?;
             match found.as_ref().map(Vec::len) {
                 Some(found) if found != count => Err(Error::LengthMismatch {
                     what,
@@ -114,6 +148,12 @@ fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<Vec<Sphere>> {
                 expected: count,
             });
         }
+        let moved = file.numbers_of(piece, "PointData", STATE[0])?.unwrap_or_default();
+        let broken = file.numbers_of(piece, "CellData", STATE[1])?.unwrap_or_default();
+        state.add(State {
+            farthest: moved.iter().fold(0.0, |m, x| x.abs().max(m)),
+            broken: broken.iter().filter(|b| **b > 0.0).count(),
+        });
         let ghosts = beside("vtkGhostType", "ghost types")?;
         let ids = child(piece, "PointData").and_then(|d| d.attribute("GlobalIds"));
         let numbers = ids
@@ -132,7 +172,7 @@ fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<Vec<Sphere>> {
             });
         }
     }
-    Ok(out)
+    Ok((out, state))
 }
 
 fn bad(reason: impl Into<String>) -> Error {
@@ -239,9 +279,9 @@ impl<'a> Source<'a> {
         convert(array.attribute("type").unwrap_or_default(), &data)
     }
 
-    /// The numbers of an array of the points of a piece, if it has one of this name.
-    fn numbers_of_points(&self, piece: Node<'a, 'a>, name: &str) -> Result<Option<Vec<f64>>> {
-        let data = child(piece, "PointData");
+    /// The numbers of an array of the points or the cells of a piece, if it has one of this name.
+    fn numbers_of(&self, piece: Node<'a, 'a>, data: &str, name: &str) -> Result<Option<Vec<f64>>> {
+        let data = child(piece, data);
         let mut arrays = data.iter().flat_map(|d| d.children());
         let found = arrays.find(|n| n.has_tag_name("DataArray") && n.attribute("Name") == Some(name));
         found.map(|array| self.numbers(array)).transpose()

@@ -274,6 +274,23 @@ impl Piece {
         Ok(out)
     }
 
+    /// Name of the zone of whose own elements a point is, if it is of any.
+    pub(super) fn zone_at(&self, x: &Point3<f64>, folder: &Path) -> Result<Option<&str>> {
+        let division = self.cut.division(folder)?;
+        Ok(match division.field.element_at(x).map(|e| division.of[e]) {
+            Some(divide::Owner::Zone(z)) => Some(&self.cut.zones[z].0),
+            _ => None,
+        })
+    }
+
+    /// Whether a point is of the elements that this zone has, alone or with the body's model.
+    pub(super) fn holds(&self, x: &Point3<f64>, folder: &Path) -> Result<bool> {
+        let division = self.cut.division(folder)?;
+        let owner = division.field.element_at(x).map(|e| division.of[e]);
+        let mine = |z: usize| z == self.number();
+        Ok(owner.is_some_and(|o| matches!(o, divide::Owner::Zone(z) | divide::Owner::Both(z) if mine(z))))
+    }
+
     /// Where points lie with respect to the overlap.
     pub(super) fn overlap(&self, folder: &Path) -> Result<Arc<dyn Overlap<f64>>> {
         let division = self.cut.division(folder)?;
