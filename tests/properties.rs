@@ -163,7 +163,7 @@ proptest! {
         prop_assert!(conformance::mass(&model, 4.0).unwrap() < 1e-13);
         let w = solid::weights(profile, 0.05);
         model.set_internal_weight(&*w.internal).unwrap();
-        prop_assert!(conformance::rigid_forces(&mut model).unwrap() < 1e-12);
+        prop_assert!(conformance::rigid_forces(&mut model, 1.0).unwrap() < 1e-12);
         prop_assert!(conformance::forces_derive_from_energy(&mut model, 1e-2).unwrap() < 1e-6);
         prop_assert!(conformance::symmetric_forces(&mut model, 1.0).unwrap() < 1e-13);
         let mut next = noise(seed);

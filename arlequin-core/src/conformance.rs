@@ -5,11 +5,11 @@
 use crate::coupled::Coupled;
 use crate::effect::{Instant, PairEffect};
 use crate::field::{Interpolation, ShapeRow};
-use crate::model::{DofLayout, Model};
+use crate::model::{Arms, DofLayout, Model};
 use crate::participant::Participant;
 use crate::weight::{Uniform, Weight};
 use crate::{Real, Result};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Rotation3, Vector3};
 use std::sync::Arc;
 
 /// Defects of shape functions over a set of points.
@@ -119,29 +119,56 @@ pub fn rigid_motion<T: Real>(model: &dyn Model<T>, t: Vector3<T>, r: Vector3<T>)
     q
 }
 
-/// Largest force under a rigid motion, relative to that under a random displacement of the same size.
+/// Largest force under a rigid motion, relative to that under random displacements of the given amplitude \[m\]. The motion
+/// is a translation and a small turn of that amplitude; for a law that balances about present positions
+/// ([`Arms::Current`]) it is a translation and a turn by half a radian.
 ///
 /// # Errors
 /// Those of the model.
-pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>) -> Result<T> {
-    let n = model.layout().dofs();
-    let size = extent(model.nodes());
-    let t = Vector3::new(T::of(0.3), T::of(-0.2), T::of(0.5));
-    let r = if model.layout().components == 1 {
-        Vector3::zeros()
+pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
+    let layout = model.layout();
+    let shift = Vector3::new(T::of(0.3), T::of(-0.2), T::of(0.5)) * amplitude;
+    let mut turn = Vector3::new(T::of(0.1), T::of(0.4), T::of(-0.3));
+    match layout.components {
+        1 => turn.fill(T::zero()),
+        2 => (turn.x, turn.y) = (T::zero(), T::zero()),
+        _ => {}
+    }
+    let q = if model.arms() == Arms::Current {
+        finite_motion(model, shift, turn)
     } else {
-        Vector3::new(T::of(0.1), T::of(0.4), T::of(-0.3)) / size
+        let size = extent(model.nodes());
+        rigid_motion(model, shift, turn * (amplitude / size))
     };
-    let q = rigid_motion(model, t, r);
-    let force = |model: &mut dyn Model<T>, q: &[T]| -> Result<T> {
-        let mut f = vec![T::zero(); n];
-        model.add_internal_forces(q, &mut f)?;
-        Ok(f.iter().fold(T::zero(), |a, b| a.max(b.abs())))
-    };
-    let rigid = force(model, &q)?;
-    let random: Vec<T> = (0..n).map(|i| random(i)).collect();
-    let scale = force(model, &random)?;
-    Ok(rigid / scale)
+    let rigid = largest_force(model, &q)?;
+    let random: Vec<T> = (0..layout.dofs()).map(|i| random::<T>(i) * amplitude).collect();
+    Ok(rigid / largest_force(model, &random)?)
+}
+
+/// Translation by `shift` and rotation by the vector `turn` about the mean place of the nodes, as displacements of a model; its
+/// rotations are that vector.
+fn finite_motion<T: Real>(model: &dyn Model<T>, shift: Vector3<T>, turn: Vector3<T>) -> Vec<T> {
+    let (layout, nodes) = (model.layout(), model.nodes());
+    let sum: Vector3<T> = nodes.iter().map(|x| x.coords).fold(Vector3::zeros(), |a, b| a + b);
+    let centre = sum / T::of(nodes.len().max(1) as f64);
+    let rotation = Rotation3::new(turn);
+    let mut q = Vec::with_capacity(layout.dofs());
+    for x in nodes {
+        let arm = x.coords - centre;
+        let u = shift + rotation * arm - arm;
+        q.extend_from_slice(&u.as_slice()[..layout.components]);
+    }
+    (0..layout.nodes * layout.rotations).for_each(|i| q.push(turn[i % 3]));
+    q
+}
+
+/// Largest force at displacements that the model goes to and comes back from.
+fn largest_force<T: Real>(model: &mut dyn Model<T>, q: &[T]) -> Result<T> {
+    let mut f = vec![T::zero(); q.len()];
+    let memory = model.save();
+    model.advance(q, &mut f)?;
+    model.restore(&memory)?;
+    Ok(f.iter().fold(T::zero(), |a, b| a.max(b.abs())))
 }
 
 /// A fixed sequence in (−1, 1).
@@ -195,19 +222,47 @@ pub fn mass<T: Real>(model: &dyn Model<T>, expected: T) -> Result<T> {
     Ok((total / T::of(layout.components as f64) / expected - T::one()).abs())
 }
 
-/// Largest relative asymmetry `|aᵀK b − bᵀK a|` of the internal forces about the reference configuration.
+/// Whether work depends on the way, at displacements of the given amplitude \[m\]: the smaller of the relative asymmetries of the
+/// secant, `|f(a)·b − f(b)·a|`, which is round-off for a linear law, and of the tangent, `|aᵀK b − bᵀK a|` at random displacements,
+/// from central differences, which is small for any law that has an energy (1e-8 and below).
 ///
 /// # Errors
 /// Those of the model.
 pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
-    let n = model.layout().dofs();
-    let a: Vec<T> = (0..n).map(|i| random::<T>(i) * amplitude).collect();
-    let b: Vec<T> = (0..n).map(|i| random::<T>(i + 7919) * amplitude).collect();
-    let (mut fa, mut fb) = (vec![T::zero(); n], vec![T::zero(); n]);
-    model.add_internal_forces(&a, &mut fa)?;
-    model.add_internal_forces(&b, &mut fb)?;
-    let dot = crate::scalar::dot::<T>;
-    Ok((dot(&fa, &b) - dot(&fb, &a)).abs() / (dot(&fa, &a).abs() + dot(&fb, &b).abs()))
+    let layout = model.layout();
+    // Torques are slopes at the rotations reached, which is no symmetric matter where these are finite.
+    let turning = if model.arms() == Arms::Current {
+        T::zero()
+    } else {
+        amplitude
+    };
+    let direction = |from: usize| -> Vec<T> {
+        let size = |i: usize| if i < layout.translations() { amplitude } else { turning };
+        (0..layout.dofs()).map(|i| random::<T>(i + from) * size(i)).collect()
+    };
+    let (a, b) = (direction(0), direction(7919));
+    let asymmetry = |fa: &[T], fb: &[T]| {
+        let dot = crate::scalar::dot::<T>;
+        (dot(fa, &b) - dot(fb, &a)).abs() / (dot(fa, &a).abs() + dot(fb, &b).abs())
+    };
+    let force = |model: &mut dyn Model<T>, q: &[T]| -> Result<Vec<T>> {
+        let mut f = vec![T::zero(); q.len()];
+        model.add_internal_forces(q, &mut f)?;
+        Ok(f)
+    };
+    let secant = asymmetry(&force(model, &a)?, &force(model, &b)?);
+    let place = direction(104_729);
+    let step = T::epsilon().cbrt();
+    let mut slope = |along: &[T]| -> Result<Vec<T>> {
+        let mut side = |step: T| {
+            let q: Vec<T> = place.iter().zip(along).map(|(q, d)| *q + step * *d).collect();
+            force(model, &q)
+        };
+        let (up, down) = (side(step)?, side(-step)?);
+        Ok(up.iter().zip(&down).map(|(u, d)| *u - *d).collect())
+    };
+    let tangent = asymmetry(&slope(&a)?, &slope(&b)?);
+    Ok(if secant < tangent { secant } else { tangent })
 }
 
 /// Defects of a [`Participant`], all but [`Self::travelled`] and [`Self::gained`] zero up to round-off for one that keeps what

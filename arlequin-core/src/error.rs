@@ -1,5 +1,9 @@
 //! Errors of the core: each names the object, the value, the limit and a way out.
 
+mod model;
+
+pub use model::ModelError;
+
 use crate::ranks::RankError;
 use std::sync::Arc;
 
@@ -366,6 +370,75 @@ pub enum Error {
         /// The bound in per cent of the energy in play.
         percent: f64,
     },
+    /// Energy vanishes.
+    #[error(
+        "step {step} (t = {time:e} s): {missing:.3e} J are missing from the energy balance that no effect took, more than {bound:.3e} J \
+         ({percent:.1} % of the largest energy so far); {suspect}"
+    )]
+    EnergyLoss {
+        /// Step number.
+        step: usize,
+        /// Time \[s\].
+        time: f64,
+        /// Missing energy \[J\].
+        missing: f64,
+        /// Accepted bound \[J\].
+        bound: f64,
+        /// The bound in per cent of the largest energy so far.
+        percent: f64,
+        /// Who may be at fault, and the remedy, in words.
+        suspect: String,
+    },
+    /// A solver does not take the impulses that it is given.
+    #[error(
+        "step {step}: model '{model}' was given impulses, and its velocities then differ from what they should be by {:.1} % of them \
+         (limit {:.0} %); let kick change velocities by impulse over the inertia that it told", 100.0 * share, 100.0 * limit
+    )]
+    ImpulseMissed {
+        /// Name of the model.
+        model: String,
+        /// Step number.
+        step: usize,
+        /// Momentum that is missing or too much, relative to the impulses.
+        share: f64,
+        /// Accepted share.
+        limit: f64,
+    },
+    /// The iteration for the multipliers does not reach its tolerance, and the models are hardly coupled.
+    #[error(
+        "interface '{interface}', step {step}: after {iterations} iterations for the multipliers velocities of the two models still \
+         differ by {:.1} % of the largest velocity (limit {:.0} %): its multipliers are dependent or close to it; coarsen the \
+         mediator until it is no finer than the models", 100.0 * share, 100.0 * limit
+    )]
+    MultipliersUnsolved {
+        /// Name of the interface.
+        interface: String,
+        /// Step number; zero for the start.
+        step: usize,
+        /// Iterations.
+        iterations: usize,
+        /// Largest jump of velocity relative to the largest velocity so far.
+        share: f64,
+        /// Accepted share.
+        limit: f64,
+    },
+    /// A solver is not the one of the checkpoint, or does not go back to what it saved.
+    #[error(
+        "model '{model}': its {what} {place} is {found:e} and was {saved:e} when the checkpoint was written: it is another solver, or \
+         its restore does not bring back what its save returned; resume with the solver that was saved, or start the run anew"
+    )]
+    NotRestored {
+        /// Name of the model.
+        model: String,
+        /// Which quantity, in words that a number follows.
+        what: &'static str,
+        /// That number: of the unknown, or of the axis.
+        place: usize,
+        /// What the solver tells.
+        found: f64,
+        /// What it told when it was saved.
+        saved: f64,
+    },
     /// A model cannot do what is asked.
     #[error("model '{model}' cannot {what}")]
     Unsupported {
@@ -401,36 +474,6 @@ impl Error {
             model: name.to_owned(),
             source: ModelError(Arc::new(error)),
         }
-    }
-}
-
-/// An error of a model implemented outside the core, of a type that only that model knows.
-#[derive(Debug, Clone)]
-pub struct ModelError(Arc<dyn std::error::Error + Send + Sync>);
-
-impl ModelError {
-    /// The error itself, if it is of this type.
-    pub fn downcast_ref<E: std::error::Error + 'static>(&self) -> Option<&E> {
-        self.0.downcast_ref()
-    }
-}
-
-impl std::fmt::Display for ModelError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.0.fmt(f)
-    }
-}
-
-impl std::error::Error for ModelError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        self.0.source()
-    }
-}
-
-/// Equal where they say the same.
-impl PartialEq for ModelError {
-    fn eq(&self, other: &Self) -> bool {
-        self.to_string() == other.to_string()
     }
 }
 

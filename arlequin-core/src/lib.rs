@@ -89,7 +89,7 @@ mod weight;
 pub use coupled::snapshot;
 pub use coupled::statics::Equilibrium;
 pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, Relaxation, Settled, TimeStep};
-use coupled::{ledger, momentum, observer};
+use coupled::{ledger, momentum, observer, warning};
 pub use energy_release::{CrackFront, EnergyRelease, GradientPoint, Gradients};
 pub use error::{Error, ModelError, Result, Share, invalid, not_negative};
 pub use field::{Interpolation, ParticleField, ShapeRow, outside};
@@ -117,5 +117,6 @@ pub use recovery::{LinkForce, Links, Patches, Recovered, Recovery, SymmetricTens
 pub use scalar::{Real, check_finite};
 pub use subdomain::{OwnStep, PrescribedMotion, Resultant, Subdomain};
 pub use time::{Formula, TimeFunction};
+pub use warning::{Suspect, Warning};
 pub use weight::{Complement, Product, Ramp, Uniform, Weight, Weighting, Weights};
 pub use {nalgebra, sprs};

@@ -66,8 +66,9 @@ pub trait Participant<T: Real>: Send {
         None
     }
 
-    /// Energy \[J\] that its stepping keeps exactly but for impulses, and less what loads of its own did. `None` if it knows
-    /// none: the ledger then takes what impulses brought, and says nothing of what became of it.
+    /// Energy \[J\] that its stepping keeps but for impulses, and less what loads of its own did: exactly for a linear law, to
+    /// second order in the step for others. `None` if it knows none: the ledger then takes what impulses brought, the run warns that
+    /// the energy is not known ([`crate::Warning::EnergyUnknown`]), and velocities are held against the impulses.
     fn invariant(&self) -> Option<T> {
         None
     }
@@ -83,7 +84,8 @@ pub trait Participant<T: Real>: Send {
         })
     }
 
-    /// Goes back to what [`Self::save`] returned.
+    /// Goes back to what [`Self::save`] returned. What it tells afterwards is held against what it told then: inertia, centre of
+    /// mass, displacements, velocities ([`Error::NotRestored`]).
     ///
     /// # Errors
     /// A record of another solver; [`Error::Unsupported`] unless it can.

@@ -28,10 +28,12 @@ fn with(
     heard.raised().map_or(made, Err)
 }
 
-/// Largest force under a rigid motion, relative to that under a random one.
+/// Largest force under a rigid motion, relative to that under a random one of `amplitude` [m]: a small turn, or one of half a
+/// radian for a law that balances about present positions.
 #[pyfunction]
-pub(crate) fn rigid_forces(model: &Bound<'_, PyAny>) -> PyResult<f64> {
-    with(model, |m| Ok(conformance::rigid_forces(m)?))
+#[pyo3(signature = (model, amplitude = 1e-3))]
+pub(crate) fn rigid_forces(model: &Bound<'_, PyAny>, amplitude: f64) -> PyResult<f64> {
+    with(model, |m| Ok(conformance::rigid_forces(m, amplitude)?))
 }
 
 /// Largest relative difference between forces and minus the slope of the energy, at displacements of `amplitude` [m].
@@ -43,7 +45,7 @@ pub(crate) fn forces_derive_from_energy(model: &Bound<'_, PyAny>, amplitude: f64
     })
 }
 
-/// Largest relative asymmetry of the forces about rest, at displacements of `amplitude` [m].
+/// Largest relative asymmetry of the forces or of their slopes, at displacements of `amplitude` [m].
 #[pyfunction]
 #[pyo3(signature = (model, amplitude = 1e-3))]
 pub(crate) fn symmetric_forces(model: &Bound<'_, PyAny>, amplitude: f64) -> PyResult<f64> {

@@ -33,7 +33,8 @@ const COLUMNS: [&str; 9] = [
 ///
 /// The step of the run is the longest of which every own step is at most a `fraction` of the critical one of its model; or as
 /// `chosen` at such a fraction with as many own steps as models need; or `seconds` [s]. The balance of energy is drawn every
-/// `energy_every` steps, and a run whose energy grows by more than `growth` of what is in play ends.
+/// `energy_every` steps, and a run that gains or loses more than `growth`
+/// of the energy in play without an effect that did so ends.
 #[pyclass(frozen, subclass, module = "arlequin")]
 pub(crate) struct Coupled {
     run: Mutex<Inner>,
@@ -65,10 +66,15 @@ struct Watch<'a> {
     heard: &'a Heard,
     pulse: Pulse,
     stop: Option<PyErr>,
+    warned: Vec<String>,
 }
 
 impl Observer<f64> for Watch<'_> {
     fn phase(&mut self, _: Phase) {}
+
+    fn warning(&mut self, warning: &core::Warning) {
+        self.warned.push(warning.to_string());
+    }
 
     fn observe(&mut self, _: &Inner, report: &StepReport<f64>) -> core::Result<ControlFlow<()>> {
         if let Some(s) = &report.energy {
@@ -97,6 +103,17 @@ impl Observer<f64> for Watch<'_> {
             false => ControlFlow::Continue(()),
         })
     }
+}
+
+/// Tells warnings of a run as Python's.
+fn warn(py: Python<'_>, all: &[String]) -> PyResult<()> {
+    if all.is_empty() {
+        return Ok(());
+    }
+    let kind = py.import("arlequin.errors")?.getattr("Warning")?;
+    let warnings = py.import("warnings")?;
+    all.iter()
+        .try_for_each(|text| warnings.call_method1("warn", (text, &kind)).map(drop))
 }
 
 fn step_of(fraction: Option<f64>, seconds: Option<f64>, chosen: Option<f64>) -> Result<TimeStep<f64>, Fault> {
@@ -235,7 +252,7 @@ impl Coupled {
                 Some(_) => every.max(1).min(steps - made),
                 None => steps - made,
             };
-            let (done, stop) = this.compute(py, |run| {
+            let (done, stop, warned) = this.compute(py, |run| {
                 this.whole()?;
                 this.torn.store(true, Ordering::Relaxed);
                 let mut watch = Watch {
@@ -243,12 +260,14 @@ impl Coupled {
                     heard: &this.heard,
                     pulse: Pulse::new(),
                     stop: None,
+                    warned: Vec::new(),
                 };
                 let done = run.run(ahead, &mut watch)?;
                 this.torn.store(this.heard.waits(), Ordering::Relaxed);
-                Ok((done, watch.stop))
+                Ok((done, watch.stop, watch.warned))
             })?;
             made += done;
+            warn(py, &warned)?;
             stop.map_or(Ok(()), Err)?;
             if let Some(observer) = observer
                 && observer.call1((slf,))?.extract::<bool>().is_ok_and(|go| !go)
@@ -299,6 +318,18 @@ impl Coupled {
     #[getter]
     fn drift(&self) -> Result<f64, Fault> {
         Ok(self.lock()?.drift())
+    }
+
+    /// What a user should know so far, each fault of each object once, with its largest figure.
+    #[getter]
+    fn warnings(&self) -> Result<Vec<String>, Fault> {
+        Ok(self.lock()?.warnings().iter().map(ToString::to_string).collect())
+    }
+
+    /// Drift of the energy balance that the laws of the models and round-off explain so far.
+    #[getter]
+    fn explained_drift(&self) -> Result<f64, Fault> {
+        Ok(self.lock()?.explained_drift())
     }
 
     /// Largest relative jump of velocities across interfaces so far.

@@ -8,7 +8,7 @@ use crate::shapes::{Connectivity, Mesh, field_of, node_numbers};
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::snapshot::Record;
-use arlequin::core::{DofLayout, Error, Interpolation, Model, Result, Weight};
+use arlequin::core::{Arms, DofLayout, Error, Interpolation, Model, Result, Weight};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -31,6 +31,7 @@ pub(crate) struct Described {
     pub(crate) layout: DofLayout,
     pub(crate) nodes: Vec<Point3<f64>>,
     pub(crate) field: Arc<dyn Interpolation<f64>>,
+    arms: Arms,
     places: Places,
     pub(crate) object: Shared,
     pub(crate) pending: Pending,
@@ -80,6 +81,14 @@ impl Described {
             components: number("components", plain, &[1, 2, 3])?,
             rotations: number("rotations", 0, &[0, 3])?,
         };
+        let arms = match text("arms")?.as_deref() {
+            None | Some("rest") => Arms::Reference,
+            Some("present") => Arms::Current,
+            Some(other) => {
+                let rule = format!("arms of '{name}' = \"{other}\": moments vanish about positions at \"rest\" or \"present\" ones");
+                return Err(Fault::of("InvalidParameter", rule).into());
+            }
+        };
         let places = match (optional(object, "bonds")?, mesh) {
             (Some(bonds), _) => Places::Bonds(bonds_of(&name, &bonds, &nodes)?),
             (None, Some(mesh)) => {
@@ -98,6 +107,7 @@ impl Described {
             layout,
             nodes,
             field,
+            arms,
             places,
             object: Arc::new(object.clone().unbind()),
             pending: Pending::default(),
@@ -295,6 +305,10 @@ pub(crate) fn inertia(about: &Described, weight: &dyn Weight<f64>, out: &mut [f6
 
 impl Model<f64> for PythonModel {
     as_described!();
+
+    fn arms(&self) -> Arms {
+        self.about.arms
+    }
 
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
         inertia(&self.about, weight, out)

@@ -250,6 +250,7 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use arlequin::core::Warning;
     use arlequin::core::snapshot::{PairSnapshot, Record, SubdomainSnapshot};
     use proptest::prelude::*;
 
@@ -281,7 +282,7 @@ mod tests {
                 step: 12,
                 dt: 1e-9,
                 start_loss: 0.0,
-                ledger: vec![0.0; 9],
+                ledger: vec![0.0; 10],
                 subdomains: vec![body],
                 own_steps: vec![1],
                 impulses: vec![vec![1.0, 2.0]],
@@ -289,6 +290,7 @@ mod tests {
                     work: -0.5,
                     effect: Record::default(),
                 }],
+                warnings: vec![Warning::EnergyUnknown { model: "fine".into() }],
             },
             records: Records::default(),
             wake: Some(Stage::Asleep {

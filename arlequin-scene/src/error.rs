@@ -237,7 +237,11 @@ impl Error {
         match self {
             Self::Core { source, .. } => matches!(
                 source,
-                Core::Diverged { .. } | Core::EnergyGrowth { .. } | Core::Rank(RankError::Differ { .. })
+                Core::Diverged { .. }
+                    | Core::EnergyGrowth { .. }
+                    | Core::EnergyLoss { .. }
+                    | Core::MultipliersUnsolved { .. }
+                    | Core::Rank(RankError::Differ { .. })
             ),
             Self::Kept { source, .. } => source.is_everywhere(),
             // Probes and frames are looked at on all ranks.
@@ -271,6 +275,9 @@ impl Error {
                 | Self::Core {
                     source: Core::Diverged { .. }
                         | Core::EnergyGrowth { .. }
+                        | Core::EnergyLoss { .. }
+                        | Core::MultipliersUnsolved { .. }
+                        | Core::ImpulseMissed { .. }
                         | Core::NotSettled { .. }
                         | Core::Rank(_),
                     ..

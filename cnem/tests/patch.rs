@@ -159,7 +159,7 @@ fn conforms_to_the_core() {
             let mut model = CnemModel::new("body", domain.clone(), silica(), options).unwrap();
             assert!(conformance::mass(&model, 2200.0 * volume).unwrap() < 1e-12);
             model.set_internal_weight(&Wave).unwrap();
-            let rigid = conformance::rigid_forces(&mut model).unwrap();
+            let rigid = conformance::rigid_forces(&mut model, 1e-3).unwrap();
             assert!(rigid < 1e-11, "{name} {options:?}: {rigid:e}");
             assert!(
                 conformance::forces_derive_from_energy(&mut model, 1e-3).unwrap() < 1e-8,

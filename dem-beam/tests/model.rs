@@ -63,14 +63,14 @@ fn forces(model: &mut dyn Model<f64>, q: &[f64]) -> Vec<f64> {
 #[test]
 fn conformance_of_the_linear_law() {
     let mut m = model();
-    assert!(conformance::rigid_forces(&mut m).unwrap() < 1e-12);
+    assert!(conformance::rigid_forces(&mut m, 1e-6).unwrap() < 1e-12);
     let a = conformance::forces_derive_from_energy(&mut m, 1e-7).unwrap();
     assert!(a < 1e-8, "{a}");
     let volume = packing().volume;
     assert!(conformance::mass(&m, 2200.0 * volume).unwrap() < 1e-12);
     assert!(conformance::symmetric_forces(&mut m, 1e-6).unwrap() < 1e-12);
     m.set_internal_weight(&Steep { low: 0.01 }).unwrap();
-    assert!(conformance::rigid_forces(&mut m).unwrap() < 1e-12);
+    assert!(conformance::rigid_forces(&mut m, 1e-6).unwrap() < 1e-12);
     assert!(conformance::forces_derive_from_energy(&mut m, 1e-7).unwrap() < 1e-8);
     assert!(conformance::symmetric_forces(&mut m, 1e-6).unwrap() < 1e-12);
 }

@@ -28,7 +28,7 @@ fn the_chain_keeps_what_the_coupling_relies_on_with_and_without_weights() {
     let weights: [&dyn Weight<f64>; 2] = [&Uniform(1.0), &ramp];
     for weight in weights {
         chain.set_internal_weight(weight).unwrap();
-        assert!(conformance::rigid_forces(&mut chain).unwrap() < 1e-15);
+        assert!(conformance::rigid_forces(&mut chain, 1.0).unwrap() < 1e-15);
         assert!(conformance::forces_derive_from_energy(&mut chain, 1e-2).unwrap() < 1e-9);
         assert!(conformance::symmetric_forces(&mut chain, 1.0).unwrap() < 1e-14);
         let k = chain.stiffness();

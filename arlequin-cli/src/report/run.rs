@@ -69,6 +69,9 @@ fn motion(s: &Summary, planned: usize) {
         "energy     {:.6e} J at the start, {:.6e} J at the end, unexplained drift of H at most {:.2e} of the energy in play",
         s.energy.initial, s.energy.last, s.energy.h_drift_max
     );
+    for name in &s.energy.unknown {
+        println!("           energy of '{name}' is not known: the drift has what impulses brought to it, no more");
+    }
     for (name, work) in &s.energy.ledger {
         println!("work       {name:<24} {work:>14.6e} J");
     }
@@ -361,7 +364,7 @@ fn interfaces(all: &[InterfaceLine]) {
     for i in all {
         println!(
             "interface  {:<16} {}, overlap {:.4e} m³ with {} coarse and {} fine nodes, {} multipliers of rank {}, \
-             condition {:.2e}, solved by {}{}",
+             condition {}{:.2e}, solved by {}{}",
             i.name,
             i.junction,
             i.measure,
@@ -369,6 +372,7 @@ fn interfaces(all: &[InterfaceLine]) {
             i.coupled_nodes[1],
             i.multipliers,
             i.rank,
+            if i.condition_at_least { "at least " } else { "" },
             i.condition,
             i.solver,
             match i.together.as_slice() {

@@ -23,6 +23,9 @@ use std::sync::Arc;
 /// Last digits by which displacements differ that are the same but for round-off, per own step.
 const DIGITS: f64 = 16.0;
 
+/// Looks without a doubled amplitude after which a jump is judged.
+const LOOKS: usize = 10;
+
 /// Sweeps after which the search for a rotation is given up; it takes three or four.
 const SWEEPS: usize = 100;
 
@@ -43,6 +46,8 @@ pub(super) struct Overlap<T: Real> {
     portions: [Option<Arc<Portion>>; 2],
     /// Whether there is a first node of the coarse side, from which displacements are counted, and whether it is here.
     first: Option<bool>,
+    /// An amplitude that has not doubled since, and looks since then.
+    steady: (T, usize),
 }
 
 #[derive(Debug)]
@@ -98,6 +103,7 @@ impl<T: Real> Overlap<T> {
             spread,
             portions: [None, None],
             first,
+            steady: (T::zero(), 0),
         }
     }
 
@@ -119,7 +125,7 @@ impl<T: Real> Overlap<T> {
     /// Jump, amplitude and digits of the present state join those so far; `steps`: own steps so far of the side that makes
     /// most.
     pub(super) fn look(
-        &self,
+        &mut self,
         sides: [&Subdomain<T>; 2],
         jump: T,
         steps: usize,
@@ -135,6 +141,18 @@ impl<T: Real> Overlap<T> {
         so_far.largest = so_far.largest.max(jump);
         so_far.amplitude = so_far.amplitude.max(self.amplitude(&of));
         so_far.digits = so_far.digits.max(digits);
+        let (amplitude, looks) = self.steady;
+        self.steady = if so_far.amplitude > amplitude * T::of(2.0) {
+            (so_far.amplitude, 0)
+        } else {
+            (amplitude, looks + 1)
+        };
+    }
+
+    /// Whether the amplitude has not doubled for some looks: of the first beginnings of a wave, which are short, the jump is a
+    /// large share that says nothing of the wave.
+    pub(super) fn has_settled(&self) -> bool {
+        self.steady.1 >= LOOKS
     }
 
     fn displacement(&self, q: &[T], n: &Node<T>) -> Vector3<T> {

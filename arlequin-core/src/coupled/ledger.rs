@@ -48,6 +48,9 @@ impl<T: Real> EnergySample<T> {
     }
 }
 
+/// Sums and extremes in the record of the ledger.
+const SUMS: usize = 10;
+
 /// Running sums behind the samples.
 #[derive(Debug, Clone)]
 pub(crate) struct Ledger<T: Real> {
@@ -61,6 +64,8 @@ pub(crate) struct Ledger<T: Real> {
     pub(crate) top_velocity: T,
     /// Largest share of the energy in play that effects created.
     pub(crate) top_created: T,
+    /// `Σ |ΔU + ½ Δq·(f_n + f_{n+1})|` \[J\]: what laws that are not linear may change the invariant by.
+    pub(crate) curvature: T,
     pub(crate) last: Option<EnergySample<T>>,
     pub(crate) bodies: Vec<Body<T>>,
     /// Of every interface.
@@ -109,6 +114,7 @@ impl<T: Real> Ledger<T> {
             top_residual: z,
             top_velocity: z,
             top_created: z,
+            curvature: z,
             last: None,
             bodies: Vec::new(),
             jumps: Vec::new(),
@@ -124,6 +130,7 @@ impl<T: Real> Ledger<T> {
             self.top_residual,
             self.top_velocity,
             self.top_created,
+            self.curvature,
         ];
         [self.supports, self.constraint, started, start, self.scale]
             .into_iter()
@@ -138,10 +145,10 @@ impl<T: Real> Ledger<T> {
         crate::scalar::check_finite("ledger of the snapshot", from)?;
         let wrong = || crate::Error::SizeMismatch {
             what: "ledger of the snapshot".into(),
-            expected: 9 + 3 * self.jumps.len() + RECORDED * self.bodies.len(),
+            expected: SUMS + 3 * self.jumps.len() + RECORDED * self.bodies.len(),
             found: from.len(),
         };
-        let (sums, bodies) = from.split_at_checked(9).ok_or_else(wrong)?;
+        let (sums, bodies) = from.split_at_checked(SUMS).ok_or_else(wrong)?;
         let (jumps, bodies) = bodies.split_at_checked(3 * self.jumps.len()).ok_or_else(wrong)?;
         let (bodies, rest) = bodies.as_chunks::<RECORDED>();
         let &[
@@ -154,6 +161,7 @@ impl<T: Real> Ledger<T> {
             residual,
             velocity,
             created,
+            curvature,
         ] = sums
         else {
             return Err(wrong());
@@ -174,6 +182,7 @@ impl<T: Real> Ledger<T> {
             top_residual: residual,
             top_velocity: velocity,
             top_created: created,
+            curvature,
             last: None,
             bodies: std::mem::take(&mut self.bodies),
             jumps: std::mem::take(&mut self.jumps),

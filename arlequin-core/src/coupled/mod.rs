@@ -10,6 +10,7 @@
 //! constraints. It filters nothing.
 
 mod apart;
+mod balance;
 mod free;
 pub(crate) mod ledger;
 pub(crate) mod momentum;
@@ -28,6 +29,7 @@ pub mod snapshot;
 mod start;
 pub(crate) mod statics;
 mod tie;
+pub(crate) mod warning;
 
 pub use crate::subdomain::Partition;
 pub use partition::PartitionReport;
@@ -38,17 +40,16 @@ use crate::interface::Interface;
 use crate::interface::joint::Joint;
 use crate::phase::Phase;
 use crate::subdomain::Subdomain;
-use crate::{Error, Real, Result, parallel, ranks};
+#[cfg(doc)]
+use crate::Error;
+use crate::{Real, Result};
 use ledger::{DisplacementJump, EnergySample, Ledger, WorkLine};
 use observer::{Observer, StepReport};
 use own_steps::{Held, Lockstep};
 use pairs::Pair;
 use sprs::CsMat;
 use std::ops::ControlFlow;
-
-/// Share of the energy in play that effects may create. Sound laws create none but for round-off and for what forces
-/// unknown to them do within a step (multipliers): decision 0011 has the figures.
-const CREATED: f64 = 1e-3;
+use warning::Warning;
 
 /// Last digits of energies that are none, and of the motion they set off.
 const ROUND_OFF: f64 = 16.0;
@@ -80,6 +81,9 @@ pub struct Coupled<T: Real> {
     pub(crate) rounded: T,
     pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
+    /// What a user should know, and how much of it an observer has heard.
+    warnings: Vec<Warning>,
+    told: usize,
     /// The static system that was solved last, and its factor.
     factored: Option<statics::Factored<T>>,
 }
@@ -208,26 +212,31 @@ impl<T: Real> Coupled<T> {
     /// Makes one step: the second half of the last reflection, the own steps of every subdomain, the first half of the next.
     ///
     /// # Errors
-    /// Errors of models and effects, [`Error::Diverged`], [`Error::EnergyGrowth`].
+    /// Errors of models and effects, [`Error::Diverged`], [`Error::EnergyGrowth`], [`Error::EnergyLoss`],
+    /// [`Error::MultipliersUnsolved`], [`Error::ImpulseMissed`].
     pub fn advance(&mut self, observer: &mut dyn Observer<T>) -> Result<StepReport<T>> {
         // Works are drawn up every step; the invariant costs two energy evaluations and is drawn every few.
         let draw = self.ledger.start.is_none() || (self.step + 1).is_multiple_of(self.guard.interval);
+        self.tell_warnings(observer);
         observer.phase(Phase::Interface);
         self.kick_again();
         self.own_steps_of_all(draw, &mut |phase| observer.phase(phase))?;
-        let invariant: Option<T> = draw.then(|| self.subdomains.iter_mut().map(Subdomain::invariant).sum());
+        let drawn = draw.then(|| self.draw_invariants());
         observer.phase(Phase::Interface);
         self.reflect()?;
         self.step += 1;
         self.time = self.instant(0);
         portions::heard(&self.subdomains)?;
         observer.phase(Phase::Ledger);
+        self.check_multipliers()?;
         // The invariant of this step is the one before the forces of the new instant did any work.
-        let energy = invariant.map(|h| self.balance(h)).transpose()?;
+        let energy = drawn.map(|d| self.balance(d)).transpose()?;
         self.account();
         if draw {
             self.check_created()?;
+            self.check_impulses()?;
         }
+        self.tell_warnings(observer);
         Ok(StepReport {
             step: self.step,
             time: self.time,
@@ -269,149 +278,6 @@ impl<T: Real> Coupled<T> {
         for j in &self.joints {
             self.ledger.constraint -= self.dt * j.power();
         }
-    }
-
-    /// Refuses effects that made energy from nothing.
-    fn check_created(&mut self) -> Result<()> {
-        let created = self.created();
-        let (_, volume) = self.total_work();
-        let reference = self.ledger.start.unwrap_or_default().abs().max(volume);
-        if reference > T::zero() {
-            let relative = created / reference;
-            self.ledger.top_created = self.ledger.top_created.max(relative);
-        }
-        let share = self.guard.growth.min(T::of(CREATED));
-        let bound = share * reference + self.rounded;
-        if created <= bound || reference <= T::zero() {
-            return Ok(());
-        }
-        Err(Error::EnergyGrowth {
-            step: self.step,
-            time: self.time.as_f64(),
-            excess: created.as_f64(),
-            bound: bound.as_f64(),
-            percent: 100.0 * share.as_f64(),
-        })
-    }
-
-    fn total_work(&self) -> (T, T) {
-        let works = self
-            .subdomains
-            .iter()
-            .flat_map(Subdomain::works)
-            .chain(self.pairs.iter().map(|p| p.line.work()));
-        let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
-        all.by_ref()
-            .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
-    }
-
-    /// The error for a quantity that is no longer finite: of the first model with such a state, or with such an energy.
-    fn diverged(&self, what: &'static str) -> Error {
-        if let Err(e) = portions::heard(&self.subdomains) {
-            return e;
-        }
-        let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy();
-        let all = || self.subdomains.iter();
-        let found = all().find(|s| !s.is_finite());
-        let found = found.or_else(|| all().find(|s| !energy(s).is_finite()));
-        Error::Diverged {
-            step: self.step,
-            time: self.time.as_f64(),
-            what,
-            model: found.map_or_else(String::new, |s| s.model().name().to_owned()),
-        }
-    }
-
-    fn balance(&mut self, invariant: T) -> Result<EnergySample<T>> {
-        // Of a velocity that is not finite the energy is not either.
-        let kinetic: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
-        if !kinetic.is_finite() {
-            return Err(self.diverged("velocity"));
-        }
-        portions::agree(&self.subdomains, invariant, self.step)?;
-        let residual = self.gaps();
-        let (work, volume) = self.total_work();
-        // Only a model that changed itself in the first step has done work before the first drawing.
-        let start = *self.ledger.start.get_or_insert(invariant - work);
-        let drift = invariant - start - work;
-        let scale = self.ledger.scale.max(start.abs());
-        let scale = scale.max(invariant.abs()).max(volume);
-        self.ledger.scale = scale;
-        let relative = if scale > T::zero() {
-            drift / scale
-        } else {
-            T::zero()
-        };
-        self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
-        self.ledger.top_residual = self.ledger.top_residual.max(residual);
-        let sample = EnergySample {
-            step: self.step,
-            time: self.time,
-            kinetic,
-            internal: self.subdomains.iter().map(|s| s.drawn_energy()).sum(),
-            invariant,
-            work,
-            drift,
-            relative_drift: relative,
-            momentum_drift: self.momentum_drift(),
-            constraint_residual: residual,
-        };
-        if !drift.is_finite() {
-            return Err(self.diverged("energy"));
-        }
-        // Growth is measured against what was put in, not against the (growing) energy itself.
-        self.bounded(drift, start.abs().max(volume))?;
-        self.ledger.last = Some(sample.clone());
-        Ok(sample)
-    }
-
-    /// Looks at the jumps of all interfaces; that of velocities over the largest speed so far.
-    fn gaps(&mut self) -> T {
-        let speed = |s: &Subdomain<T>| {
-            let own = parallel::largest(&s.state().v[..s.model().layout().translations()]);
-            ranks::largest(s.portion(), own)
-        };
-        let speeds = self.subdomains.iter().map(speed);
-        let top = speeds.fold(self.ledger.top_velocity, |a, b| a.max(b));
-        self.ledger.top_velocity = top;
-        let mut residual = T::zero();
-        for k in 0..self.interfaces.len() {
-            let [velocity, displacement] = self.jumps(k);
-            residual = residual.max(velocity);
-            let sides = self.interfaces[k].sides().map(|s| &self.subdomains[s]);
-            let own = sides.map(Subdomain::own_steps);
-            let steps = self.step * own[0].max(own[1]);
-            self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
-        }
-        if top > T::zero() { residual / top } else { residual }
-    }
-
-    /// Largest of all bodies, of linear and of angular momentum.
-    fn momentum_drift(&mut self) -> [T; 2] {
-        let finest = self.subdomains.iter().map(Subdomain::own_steps).max();
-        let finest = T::of(finest.unwrap_or(1) as f64);
-        let rate = T::of(self.step as f64) * finest * finest / self.dt;
-        let mut drift = [T::zero(); 2];
-        for b in &mut self.ledger.bodies {
-            let one = b.balance(&self.subdomains, rate);
-            (0..2).for_each(|k| drift[k] = drift[k].max(one[k]));
-        }
-        drift
-    }
-
-    /// Whether the energy has grown no more than the guard allows.
-    fn bounded(&self, drift: T, reference: T) -> Result<()> {
-        let bound = self.guard.growth * reference + self.rounded;
-        if reference > T::zero() && drift > bound {
-            return Err(Error::EnergyGrowth {
-                step: self.step,
-                time: self.time.as_f64(),
-                excess: drift.as_f64(),
-                bound: bound.as_f64(),
-                percent: 100.0 * self.guard.growth.as_f64(),
-            });
-        }
-        Ok(())
     }
 }
 

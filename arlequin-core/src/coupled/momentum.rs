@@ -10,11 +10,14 @@
 //! to round-off, if the moments of all forces vanish about the same positions `y`. A linear law balances about the
 //! positions at rest ([`Arms::Reference`]); finite rotations and contact about those where particles are
 //! ([`Arms::Current`]). Multipliers balance about the positions at rest, and about the present ones too where they have no
-//! displacement jump and act by components (`L2`, full gradients): `Σ u × Bᵀλ = Σ (B_C u − B_D d) × λ = 0`. Where laws of
+//! displacement jump and act by components (`L2`, full gradients): `Σ u × Bᵀλ = Σ (B_C u − B_D d) × λ = 0`. With more than one
+//! own step between two reflections, or an implicit one, there is such a jump, and no claim is made. Where laws of
 //! both kinds meet, each leaves the `L` of the other a moment of the order of its forces times the displacements: then
 //! that about present positions is drawn up, and no claim is made.
 
 use super::Coupled;
+use super::warning::Warning;
+use crate::subdomain::OwnStep;
 use crate::weight::Weighting;
 use crate::{Real, Subdomain, ranks};
 use nalgebra::{Vector2, Vector3};
@@ -271,34 +274,30 @@ impl<T: Real> Coupled<T> {
         b.members.iter().map(name).collect()
     }
 
-    /// Momenta that changed by more than round-off though they should stay, and angular ones of bodies about which no claim
-    /// is made that changed by more than small displacements explain: a line each.
-    pub fn lost_momentum(&self) -> Vec<String> {
-        let mut out = Vec::new();
-        for b in &self.ledger.bodies {
-            let limits = b.limits();
-            for (k, what) in ["linear", "angular"].into_iter().enumerate() {
-                let Some(limit) = limits[k].filter(|_| b.told[k]) else {
+    /// Warns of momenta that changed by more than round-off though they should stay, and of angular ones of bodies about which no
+    /// claim is made that changed by more than small displacements explain.
+    pub(super) fn warn_of_momentum(&mut self) {
+        for k in 0..self.ledger.bodies.len() {
+            for angular in [false, true] {
+                let b = &self.ledger.bodies[k];
+                let which = usize::from(angular);
+                let Some(limit) = b.limits()[which].filter(|_| b.told[which]) else {
                     continue;
                 };
-                let why = match &b.claim {
-                    Claim::Linear(why) if k == 1 => {
-                        format!("it is kept for small displacements only, since {why}")
-                    }
-                    _ => {
-                        "nothing acts from outside: a law without reaction, or numbers that ran out of digits"
-                            .to_owned()
-                    }
+                let because = match &b.claim {
+                    Claim::Linear(why) if angular => Some(why.clone()),
+                    _ => None,
                 };
-                out.push(format!(
-                    "body '{}': its {what} momentum has changed by up to {:.2e} of what is in play (limit {:.0e}); {why}",
-                    self.names(b).join(" + "),
-                    b.top[k].as_f64(),
-                    limit.as_f64()
-                ));
+                let warning = Warning::MomentumChanged {
+                    models: self.names(b),
+                    angular,
+                    share: b.top[which].as_f64(),
+                    limit: limit.as_f64(),
+                    because,
+                };
+                self.warn(warning);
             }
         }
-        out
     }
 
     /// Finds the bodies and weighs them at the start.
@@ -417,11 +416,37 @@ impl<T: Real> Coupled<T> {
                 i.report().name
             ));
         }
+        if arms == Arms::Current
+            && let Some(why) = self.parting(members)
+        {
+            doubt.get_or_insert(why);
+        }
         let claim = match (outside, doubt) {
             (Some(outside), _) => Claim::Neither(outside),
             (None, Some(doubt)) => Claim::Linear(doubt),
             (None, None) => Claim::Both,
         };
         (arms, claim)
+    }
+
+    /// Why multipliers between these subdomains do not balance about present positions: what own steps leave of the displacement
+    /// constraint.
+    fn parting(&self, members: &[usize]) -> Option<String> {
+        let parts = |s: &&Subdomain<T>| s.own_steps() > 1 || matches!(s.step_choice(), OwnStep::Implicit);
+        let mut tied = self.interfaces.iter().filter(|i| members.contains(&i.sides[0]));
+        tied.find_map(|i| {
+            let sides = i.sides.map(|s| &self.subdomains[s]);
+            let s = sides.into_iter().find(parts)?;
+            let how = match s.own_steps() {
+                1 => "steps implicitly".to_owned(),
+                m => format!("makes {m} own steps between two reflections"),
+            };
+            Some(format!(
+                "'{}' {how}, so that displacements part across interface '{}', whose multipliers then have a moment about the \
+                 present positions; one explicit step each keeps it",
+                s.model().name(),
+                i.report().name
+            ))
+        })
     }
 }

@@ -2,6 +2,7 @@
 
 use super::Coupled;
 use super::ledger::EnergySample;
+use super::warning::Warning;
 use crate::Real;
 use std::ops::ControlFlow;
 
@@ -22,6 +23,10 @@ pub struct StepReport<T> {
 pub trait Observer<T: Real>: Send {
     /// Called before each phase of a step.
     fn phase(&mut self, _: Phase) {}
+
+    /// Called once for each warning, at the end of the step in which it became known; for those of the set-up before the
+    /// first step. [`Coupled::warnings`] keeps them.
+    fn warning(&mut self, _: &Warning) {}
 
     /// Called after each step; `Break` ends the run.
     ///

@@ -50,13 +50,14 @@ pub struct Parts<T: Real> {
 pub struct Guard<T> {
     /// Steps between two drawings of the energy ledger.
     pub interval: usize,
-    /// Unexplained energy growth that ends the run, relative to initial energy and work put in.
+    /// Unexplained energy that ends the run: too much, relative to initial energy and work put in, or missing, relative to the
+    /// largest energy so far.
     pub growth: T,
 }
 
 impl<T: Real> Guard<T> {
-    /// 5 % for energy-consistent weighting, whose drift is round-off: anything above is an instability. The nodal law
-    /// changes the energy by up to its own size by construction, so tenfold growth is its bound.
+    /// 5 % for energy-consistent weighting, whose drift is round-off for linear laws and of second order for others
+    /// ([`Coupled::explained_drift`]): anything above is a fault or an instability. The nodal law changes the energy by up to its own size by construction, so tenfold growth is its bound.
     pub fn for_weighting(weighting: Weighting) -> Self {
         let growth = if weighting == Weighting::Energy {
             0.05
@@ -205,11 +206,14 @@ impl<T: Real> Coupled<T> {
             rounded: T::zero(),
             partition,
             work: Vec::new(),
+            warnings: Vec::new(),
+            told: 0,
             factored: None,
         };
         announce(SetupPhase::Start);
         run.start()?;
         portions::heard(&run.subdomains)?;
+        run.warn_of_unknown_energy();
         Ok(run)
     }
 

@@ -4,6 +4,7 @@
 //! still to come; it is found again from the impulses, with the same bits.
 
 use super::Coupled;
+use super::warning::Warning;
 use crate::record::same;
 use crate::scalar::check_finite;
 use crate::{Real, Result, Subdomain};
@@ -41,6 +42,8 @@ pub struct Snapshot<T> {
     pub impulses: Vec<Vec<T>>,
     /// Effects between two subdomains.
     pub pairs: Vec<PairSnapshot<T>>,
+    /// Warnings so far.
+    pub warnings: Vec<Warning>,
 }
 
 impl<T: Real> Coupled<T> {
@@ -70,6 +73,7 @@ impl<T: Real> Coupled<T> {
                     effect: p.line.effect.save(),
                 })
                 .collect(),
+            warnings: self.warnings.clone(),
         })
     }
 
@@ -121,6 +125,8 @@ impl<T: Real> Coupled<T> {
         self.step = from.step;
         self.time = self.start_time + T::of(from.step as f64) * self.dt;
         self.start_loss = from.start_loss;
+        self.warnings.clone_from(&from.warnings);
+        self.told = self.warnings.len();
         Ok(())
     }
 }

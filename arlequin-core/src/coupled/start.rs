@@ -36,12 +36,12 @@ impl<T: Real> Coupled<T> {
         self.find_bodies();
         self.ledger.jumps = vec![DisplacementJump::default(); self.interfaces.len()];
         self.rounded = self.round_off() * T::of(ROUND_OFF);
-        Ok(())
+        self.check_start()
     }
 
     /// Energy that last digits are worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency: the energy of displacements `q`
     /// that cancels, as in a rigid motion, and that of lengths which are differences of places `x` in the model.
-    fn round_off(&self) -> T {
+    pub(super) fn round_off(&self) -> T {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {
             let sizes = s.displaced() + s.spread() * T::epsilon();

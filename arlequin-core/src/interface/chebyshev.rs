@@ -132,6 +132,7 @@ impl<T: Real> Iterated<T> {
             // Round-off goes on for ever.
             let goes_on = share <= before * T::of(WORTH);
             if met || !goes_on || self.made >= self.most {
+                self.unsolved = !met;
                 return scale::<T, N>(x, &work, &missed);
             }
             before = share;

@@ -37,3 +37,32 @@ impl<T: Real> Coupling<T> {
         all.to_csr()
     }
 }
+
+/// Whether two sets of inverse inertias are the same where the matrices act.
+pub(super) fn same_on_coupled<T: Real>(coupling: &[Coupling<T>], a: &[Vec<T>], b: &[Vec<T>]) -> bool {
+    let mut sides = coupling.iter().zip(a.iter().zip(b));
+    sides.all(|(side, (a, b))| side.matrix.iter().all(|(_, (_, j))| a[j] == b[j]))
+}
+
+/// `Σ_m B_m diag(weights_m) B_mᵀ`, symmetric to the bit.
+pub(super) fn operator<T: Real>(coupling: &[Coupling<T>], weights: &[Vec<T>]) -> CsMat<T> {
+    let n = coupling[0].matrix.rows();
+    let mut sum = TriMat::new((n, n));
+    for (m, weights) in weights.iter().enumerate() {
+        let b = &coupling[m].matrix;
+        let mut scaled = b.clone();
+        let columns: Vec<usize> = scaled.indices().to_vec();
+        scaled
+            .data_mut()
+            .iter_mut()
+            .zip(columns)
+            .for_each(|(v, j)| *v *= weights[j]);
+        let product: CsMat<T> = &scaled * &b.transpose_view().to_csr();
+        // Half to each triangle: symmetric whatever the order of summation was.
+        for (v, (i, j)) in product.iter() {
+            sum.add_triplet(i, j, *v * T::of(0.5));
+            sum.add_triplet(j, i, *v * T::of(0.5));
+        }
+    }
+    sum.to_csc()
+}

@@ -46,5 +46,6 @@ impl<T: Real> Iterated<T> {
             }
             rest = next;
         }
+        self.unsolved = (0..3).any(|c| rest[c] > first[c] * self.tolerance * self.tolerance);
     }
 }

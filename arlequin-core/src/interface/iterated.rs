@@ -60,6 +60,8 @@ pub(super) struct Iterated<T> {
     pub(super) made: usize,
     /// The last solve that went wrong.
     pub(super) broken: Option<Broken>,
+    /// Whether the last solve ended before its tolerance.
+    pub(super) unsolved: bool,
     /// `b`, for the Chebyshev iteration alone.
     pub(super) given: Vec<T>,
     /// `r`, `z`, `p`, `S p`.
@@ -86,6 +88,7 @@ impl<T: Real> Iterated<T> {
             others: None,
             made: 0,
             broken: None,
+            unsolved: false,
             given: match method {
                 Method::Gradients => Vec::new(),
                 Method::Chebyshev(_) => zeros(),
@@ -175,6 +178,7 @@ impl<T: Real> Iterated<T> {
     ) {
         self.made = 0;
         self.broken = None;
+        self.unsolved = false;
         self.residual.copy_from_slice(b);
         match self.method {
             Method::Gradients => self.gradients::<N>(b, sides, by),

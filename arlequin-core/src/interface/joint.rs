@@ -127,6 +127,11 @@ impl<T: Real> Joint<T> {
         self.system.operator.check(&self.name)
     }
 
+    /// Whether the last solve was an iteration that ended before its tolerance.
+    pub(crate) fn is_unsolved(&self) -> bool {
+        self.system.operator.is_unsolved()
+    }
+
     /// From now on models are in parts, by their numbers.
     pub(crate) fn share_out(&mut self, portions: &[Option<Arc<Portion>>]) {
         let of: Vec<_> = self.models.iter().map(|m| portions[*m].as_ref()).collect();

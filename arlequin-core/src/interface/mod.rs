@@ -55,7 +55,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use system::System;
 pub(crate) use transfer::Transfer;
-pub(crate) use transfer::{Rows, add_at};
+pub(crate) use transfer::{Rows, add_at, coupled_nodes};
 
 /// What ties a coarse to a fine subdomain.
 pub struct InterfaceSpec<T: Real> {
@@ -184,6 +184,8 @@ pub struct Interface<T: Real> {
     measures: Vec<T>,
     pub(crate) report: InterfaceReport,
     pub(crate) start_jump: T,
+    /// Whether its iterations were given limits of their own.
+    cut_short: bool,
     components: usize,
     nodes: Vec<Point3<T>>,
     /// What solvers have to do; of interfaces that are solved for together the first has it.
@@ -235,6 +237,7 @@ impl<T: Real> Draft<T> {
             solver: "",
             damped: None,
             condition: 1.0,
+            condition_at_least: false,
             measure: built.measure.as_f64(),
             coupled_nodes: [0, 1].map(|m| coupled_nodes(&coupling[m], components).len()),
             momentum_defect: built.momentum_defect.as_f64(),
@@ -263,6 +266,7 @@ impl<T: Real> Draft<T> {
                 .collect(),
             report,
             start_jump: spec.options.start_jump,
+            cut_short: spec.options.solver.is_cut_short(),
             components,
             nodes: spec.mediator.nodes().to_vec(),
             work: None,
@@ -333,6 +337,7 @@ impl<T: Real> Interface<T> {
             iterations: of.iterations,
         });
         report.condition = operator.condition.as_f64();
+        report.condition_at_least = operator.at_least;
         if own.start == 0 {
             report.nonzeros += operator.nonzeros();
             self.work = (operator.solver != "lumped").then_some(operator.work);
@@ -373,7 +378,7 @@ impl<T: Real> Interface<T> {
             matrix: self.coupling[m].matrix().expanded(),
             shared: 1,
         });
-        operator::operator(&coupling, &inverse.map(<[T]>::to_vec))
+        coupling::operator(&coupling, &inverse.map(<[T]>::to_vec))
     }
 
     /// Iterations that the last solve took; zero with a factor.
@@ -414,6 +419,16 @@ impl<T: Real> Interface<T> {
     pub(crate) fn check(&self) -> Result<()> {
         let system = self.system.as_ref();
         system.map_or(Ok(()), |s| s.operator.check(&self.report.name))
+    }
+
+    /// Whether the last solve was an iteration that ended before its tolerance; of those solved for together their joint knows.
+    pub(crate) fn is_unsolved(&self) -> bool {
+        self.system.as_ref().is_some_and(|s| s.operator.is_unsolved())
+    }
+
+    /// Whether a user gave its iterations limits that are not the usual ones: jumps of velocities are then what was asked for.
+    pub(crate) fn is_cut_short(&self) -> bool {
+        self.cut_short
     }
 
     /// Takes the impulses that were found together with others.
@@ -481,12 +496,4 @@ impl<T: Real> Interface<T> {
         let size = |r: &[T]| r.iter().fold(T::zero(), |sum, r| sum + *r * *r).sqrt();
         measured.fold(T::zero(), |m, (r, s)| m.max(size(r) / *s))
     }
-}
-
-/// Nodes a coupling matrix touches, ascending.
-pub(crate) fn coupled_nodes<T: Real>(coupling: &Transfer<T>, components: usize) -> Vec<usize> {
-    let per_column = components / coupling.shared();
-    let mut nodes: Vec<usize> = (coupling.coupled().iter().map(|j| *j as usize / per_column)).collect();
-    nodes.dedup();
-    nodes
 }

@@ -2,6 +2,7 @@
 
 use super::chebyshev::{self, Chebyshev};
 use super::cost::Work;
+use super::coupling::{operator, same_on_coupled};
 use super::iterated::{Apply, Broken, Iterated, Method, Precondition};
 use super::parts::Parts;
 use super::rank::{self, NullMode};
@@ -54,6 +55,8 @@ pub(super) struct Operator<T: Real> {
     /// Name of the way it is solved.
     pub(super) solver: &'static str,
     pub(super) condition: T,
+    /// Whether the condition is at least that, since the smallest eigenvalue is known from above only.
+    pub(super) at_least: bool,
     pub(super) null_modes: Vec<NullMode>,
     /// Whether it is known which multipliers are dependent.
     pub(super) ranked: bool,
@@ -72,6 +75,7 @@ struct Outcome<T: Real> {
     block: Block<T>,
     exact: bool,
     condition: T,
+    at_least: bool,
     /// Smallest eigenvalue but zero of the scaled operator, an estimate from above, and a bound of the largest.
     bounds: [f64; 2],
     /// Entries of the factor, where there can be one.
@@ -96,6 +100,7 @@ impl<T: Real> Operator<T> {
             exact,
             ranked,
             condition,
+            at_least,
             bounds,
             null_modes,
             mut work,
@@ -143,6 +148,7 @@ impl<T: Real> Operator<T> {
                 shared,
             },
             condition,
+            at_least,
             null_modes,
             ranked,
             work,
@@ -184,6 +190,11 @@ impl<T: Real> Operator<T> {
     /// Iterations of the last solve; none where it took none.
     pub(super) fn iterations(&self) -> usize {
         self.iterated.as_ref().map_or(0, |i| i.made)
+    }
+
+    /// Whether the last solve was an iteration that ended before its tolerance.
+    pub(super) fn is_unsolved(&self) -> bool {
+        self.iterated.as_ref().is_some_and(|i| i.unsolved)
     }
 
     /// What a Chebyshev iteration damps.
@@ -278,6 +289,7 @@ struct Found<T: Real> {
     exact: bool,
     ranked: bool,
     condition: T,
+    at_least: bool,
     bounds: [f64; 2],
     null_modes: Vec<NullMode>,
     work: Work,
@@ -297,6 +309,7 @@ fn find_blocks<T: Real>(
         exact: true,
         ranked: true,
         condition: T::one(),
+        at_least: false,
         bounds: [f64::INFINITY, 0.0],
         null_modes: Vec::new(),
         work: Work {
@@ -325,6 +338,7 @@ fn find_blocks<T: Real>(
             block(wanted.options, &s, components / shared, passes)?
         };
         found.condition = found.condition.max(outcome.condition);
+        found.at_least |= outcome.at_least;
         let ([low, high], [l, h]) = (found.bounds, outcome.bounds);
         found.bounds = [low.min(l), high.max(h)];
         let all = found.work.factor.zip(outcome.entries);
@@ -376,6 +390,7 @@ fn block<T: Real>(
                 block: if by_factor { block } else { diagonal },
                 exact: by_factor,
                 condition: high / low,
+                at_least: false,
                 bounds,
                 entries: Some(entries),
                 null_modes: Some(Vec::new()),
@@ -388,6 +403,7 @@ fn block<T: Real>(
             block: diagonal,
             exact: false,
             condition: high / low,
+            at_least: true,
             bounds: bounds(low),
             entries: None,
             null_modes: (entries <= LARGEST_FACTOR)
@@ -406,37 +422,11 @@ fn block<T: Real>(
         block: if chosen { diagonal } else { modes },
         exact: !chosen,
         condition: if low > T::zero() { high / low } else { T::one() },
+        at_least: false,
         bounds: bounds(low),
         entries: None,
         null_modes: Some(found.null_modes),
     })
-}
-
-fn same_on_coupled<T: Real>(coupling: &[Coupling<T>], a: &[Vec<T>], b: &[Vec<T>]) -> bool {
-    let mut sides = coupling.iter().zip(a.iter().zip(b));
-    sides.all(|(side, (a, b))| side.matrix.iter().all(|(_, (_, j))| a[j] == b[j]))
-}
-
-pub(super) fn operator<T: Real>(coupling: &[Coupling<T>], weights: &[Vec<T>]) -> CsMat<T> {
-    let n = coupling[0].matrix.rows();
-    let mut sum = TriMat::new((n, n));
-    for (m, weights) in weights.iter().enumerate() {
-        let b = &coupling[m].matrix;
-        let mut scaled = b.clone();
-        let columns: Vec<usize> = scaled.indices().to_vec();
-        scaled
-            .data_mut()
-            .iter_mut()
-            .zip(columns)
-            .for_each(|(v, j)| *v *= weights[j]);
-        let product: CsMat<T> = &scaled * &b.transpose_view().to_csr();
-        // Half to each triangle: symmetric whatever the order of summation was.
-        for (v, (i, j)) in product.iter() {
-            sum.add_triplet(i, j, *v * T::of(0.5));
-            sum.add_triplet(j, i, *v * T::of(0.5));
-        }
-    }
-    sum.to_csc()
 }
 
 /// Scaled copy with unit diagonal, and the scaling; rows that act on nothing keep a zero scale.
@@ -482,6 +472,7 @@ fn lumped<T: Real>(interface: &str, s: &CsMat<T>) -> Result<Outcome<T>> {
         block: Block::Diagonal { inverse },
         exact: true,
         condition: high / low,
+        at_least: false,
         bounds: [1.0; 2],
         entries: None,
         null_modes: Some(Vec::new()),

@@ -30,6 +30,9 @@ pub struct InterfaceReport {
     pub damped: Option<Damped>,
     /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
     pub condition: f64,
+    /// Whether the condition is at least that: of more than 2 000 dependent multipliers per component the smallest eigenvalue is
+    /// found from above only.
+    pub condition_at_least: bool,
     /// Measure of the overlap \[m³\].
     pub measure: f64,
     /// Nodes of the coarse and the fine model that the multipliers act on.

@@ -71,6 +71,11 @@ impl<T: Real> Solver<T> {
         matches!(self, Self::ConjugateGradients { .. } | Self::Chebyshev { .. })
     }
 
+    /// Whether it is an iteration with other limits than the usual ones.
+    pub(super) fn is_cut_short(self) -> bool {
+        self.iterates() && self != Self::conjugate_gradients() && self != Self::chebyshev()
+    }
+
     /// What does for both: iterations where either asks for them, to the tighter tolerance.
     pub(super) fn with(self, other: Self) -> Self {
         let (tolerance, max_iterations) = match (self.iterates(), other.iterates()) {

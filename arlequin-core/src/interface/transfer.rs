@@ -425,3 +425,11 @@ pub(crate) fn add_at<T: Real, const N: usize>(at: &[u32], change: &[[T; N]], fir
         || add_at(&at[half..], &change[half..], middle, high),
     );
 }
+
+/// Nodes a coupling matrix touches, ascending.
+pub(crate) fn coupled_nodes<T: Real>(coupling: &Transfer<T>, components: usize) -> Vec<usize> {
+    let per_column = components / coupling.shared();
+    let mut nodes: Vec<usize> = (coupling.coupled().iter().map(|j| *j as usize / per_column)).collect();
+    nodes.dedup();
+    nodes
+}

@@ -51,49 +51,75 @@ impl<T> Energies<T> {
 
 impl<T: Real> Subdomain<T> {
     /// Invariant of the own step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
-    /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Needs what [`Self::predict`] keeps for it.
-    pub(crate) fn invariant(&mut self) -> T {
+    /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Beside it `U_{n+1} − U_n + ½ Δqᵀ(f_n + f_{n+1})`, by which the step changes
+    /// the invariant of a law that is not linear; zero of what is linear by construction and of solvers with steps of their own.
+    /// Needs what [`Self::predict`] keeps for it.
+    pub(crate) fn invariant(&mut self) -> [T; 2] {
         match self.stepper {
             Stepper::Verlet => {}
-            Stepper::Average(_) => return self.average_invariant(),
-            Stepper::Guest(_) => return self.guest_invariant(),
+            Stepper::Average(_) => return [self.average_invariant(), T::zero()],
+            Stepper::Guest(_) => return [self.guest_invariant(), T::zero()],
         }
         let [q_before, force_before] = self.forces.before();
         let energy = |q: &[T]| self.model.internal_energy(q);
         let before = self.energies.before.unwrap_or_else(|| energy(q_before));
         let now = self.energies.now.unwrap_or_else(|| energy(&self.state.q));
         let potential = T::of(0.5) * (before + now);
-        let moving = self.energies.moving.take();
-        let moving = moving.unwrap_or_else(|| self.moving_energy(q_before, force_before));
+        let [moving, pushed] = match self.energies.moving.take() {
+            Some(moving) => [moving, self.pushed_by_model(moving)],
+            None => self.moving_energy(q_before, force_before),
+        };
         self.energies.now = Some(now);
-        potential + moving
+        [potential + moving, now - before + pushed]
     }
 
-    /// `½ v₊ᵀMv₊ + ¼ Δqᵀ(f_{n+1} − f_n)`.
-    fn moving_energy(&self, q_before: &[T], force_before: &[T]) -> T {
+    /// `½ v₊ᵀMv₊ + ¼ Δqᵀ(f_{n+1} − f_n)` and `½ Δqᵀ(f_n + f_{n+1})`.
+    fn moving_energy(&self, q_before: &[T], force_before: &[T]) -> [T; 2] {
         let (dt, half, quarter) = (self.pace.dt, T::of(0.5), T::of(0.25));
         let (q, force, inertia) = (&self.state.q, self.forces.internal(), &self.inertia);
         let part = |range: Range<usize>| {
-            range.fold(T::zero(), |sum, i| {
+            range.fold([T::zero(); 2], |[sum, pushed], i| {
                 let dq = q[i] - q_before[i];
                 let v = dq / dt;
-                sum + (half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]))
+                let one = half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]);
+                [sum + one, pushed + half * dq * (force[i] + force_before[i])]
             })
         };
-        self.sum(&part)
+        self.sums(&part)
+    }
+
+    /// `½ Δqᵀ(f_n + f_{n+1})` of a step that the model made itself, whose forces are in the accelerations and in `moving`.
+    fn pushed_by_model(&self, moving: T) -> T {
+        let (dt, half) = (self.pace.dt, T::of(0.5));
+        let (v, a, inertia) = (&self.state.v, &self.state.a, &self.inertia);
+        let part = |range: Range<usize>| {
+            range.fold([T::zero(); 2], |[kinetic, power], i| {
+                let middle = v[i] - half * dt * a[i];
+                let momentum = inertia[i] * middle;
+                [kinetic + half * momentum * middle, power + momentum * a[i]]
+            })
+        };
+        let [kinetic, power] = self.sums(&part);
+        dt * power - T::of(2.0) * (moving - kinetic)
     }
 
     /// Sums over all unknowns, on all ranks; `part` sums over a range of those here. The same bits for any number of
     /// threads and ranks.
     fn sum(&self, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
+        let [sum] = self.sums(&|range| [part(range)]);
+        sum
+    }
+
+    /// [`Self::sum`] of several numbers at once.
+    fn sums<const N: usize>(&self, part: &(dyn Fn(Range<usize>) -> [T; N] + Sync)) -> [T; N] {
         let layout = self.model.layout();
         let (d, r, first) = (layout.components, layout.rotations, layout.translations());
         let of_nodes = |n: Range<usize>| {
-            let turning = first + r * n.start..first + r * n.end;
-            [part(d * n.start..d * n.end) + part(turning)]
+            let turning = part(first + r * n.start..first + r * n.end);
+            let moving = part(d * n.start..d * n.end);
+            std::array::from_fn(|k| moving[k] + turning[k])
         };
-        let [sum] = ranks::sum(layout.nodes, self.portion(), &of_nodes);
-        sum
+        ranks::sum(layout.nodes, self.portion(), &of_nodes)
     }
 
     /// `Σ m x²` of the displacements alone.

@@ -16,7 +16,14 @@ pub(super) struct Guest<T: Real> {
     change: Vec<T>,
     /// Energy \[J\] at the start and what impulses have brought since.
     received: T,
+    /// Velocities that the solver should tell after all impulses of this instant, and `Σ |p|` of these.
+    due: Vec<T>,
+    given: T,
 }
+
+/// Relative error of a solver in single precision: four roundings, of impulse, mass, quotient and sum, and as much again for
+/// one that converts units.
+const ROUNDED: f64 = 8.0 * f32::EPSILON as f64;
 
 impl<T: Real> std::fmt::Debug for Guest<T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -54,6 +61,8 @@ impl<T: Real> Subdomain<T> {
             solver,
             change: vec![T::zero(); layout.dofs()],
             received: T::zero(),
+            due: vec![T::zero(); layout.dofs()],
+            given: T::zero(),
         };
         out.stepper = Stepper::Guest(Box::new(guest));
         Ok(out)
@@ -100,6 +109,8 @@ impl<T: Real> Subdomain<T> {
             .advance(reached.time - reached.since, reached.since)?;
         guest.solver.displacements(&mut self.state.q);
         guest.solver.velocities(&mut self.state.v);
+        guest.due.copy_from_slice(&self.state.v);
+        guest.given = T::zero();
         Ok(())
     }
 
@@ -117,10 +128,13 @@ impl<T: Real> Subdomain<T> {
         if let Stepper::Guest(guest) = &mut self.stepper {
             guest.change.fill(T::zero());
             half.kick(&mut guest.change);
+            let moving = self.model.layout().translations();
+            guest.due.iter_mut().zip(&guest.change).for_each(|(v, half)| *v += *half + *half);
             for ((p, m), v) in guest.change.iter_mut().zip(&self.inertia).zip(&self.state.v) {
                 *p *= *m * T::of(2.0);
                 guest.received += *p * *v;
             }
+            guest.given += guest.change[..moving].iter().map(|p| p.abs()).sum::<T>();
             guest.solver.kick(&guest.change)?;
         }
         Ok(())
@@ -154,23 +168,108 @@ impl<T: Real> Subdomain<T> {
         all
     }
 
-    /// What the model remembers, or the solver and what it received.
+    /// Whether its energy is known: that of a solver is if it tells an invariant.
+    pub(crate) fn tells_energy(&self) -> bool {
+        match &self.stepper {
+            Stepper::Guest(guest) => guest.solver.invariant().is_some(),
+            _ => true,
+        }
+    }
+
+    /// Of a solver that tells no energy and was given impulses in this step: momentum that its velocities are off by after them,
+    /// and what round-off explains of it, both relative to `Σ |p|`.
+    pub(crate) fn missed_impulse(&mut self) -> Option<[T; 2]> {
+        if self.tells_energy() {
+            return None;
+        }
+        let moving = self.model.layout().translations();
+        let Stepper::Guest(guest) = &mut self.stepper else {
+            return None;
+        };
+        if guest.given <= T::zero() {
+            return None;
+        }
+        guest.solver.velocities(&mut guest.change);
+        let told = guest.change[..moving].iter().zip(&guest.due).zip(&self.inertia);
+        let (off, all) = told.fold((T::zero(), T::zero()), |(off, all), ((v, due), m)| {
+            (off + *m * (*v - *due).abs(), all + *m * due.abs())
+        });
+        let rounded = T::of(ROUNDED) * (T::one() + all / guest.given);
+        Some([off / guest.given, rounded])
+    }
+
+    /// What the model remembers; of a solver also what it received, and its inertia, velocities and centre of mass, to know it by.
     pub(super) fn save_model(&self) -> Result<Record<T>> {
         let Stepper::Guest(guest) = &self.stepper else {
             return Ok(self.model.save());
         };
         let mut record = guest.solver.save()?;
+        let mut velocities = vec![T::zero(); self.inertia.len()];
+        guest.solver.velocities(&mut velocities);
+        record.numbers.extend_from_slice(&self.inertia);
+        record.numbers.extend(velocities);
+        record.numbers.extend(self.centre());
         record.numbers.push(guest.received);
         Ok(record)
     }
 
-    /// Undoes [`Self::save_model`].
+    /// Undoes [`Self::save_model`]; displacements are those of the snapshot already.
     pub(super) fn restore_model(&mut self, from: &Record<T>) -> Result<()> {
+        let (n, centre) = (self.inertia.len(), self.centre());
         let Stepper::Guest(guest) = &mut self.stepper else {
             return self.model.restore(from);
         };
         let mut record = from.clone();
-        guest.received = record.numbers.pop().unwrap_or_default();
-        guest.solver.restore(&record)
+        let own = record.numbers.len().checked_sub(2 * n + centre.len() + 1);
+        let saved = own.map(|own| record.numbers.split_off(own)).unwrap_or_default();
+        let name = guest.solver.name().to_owned();
+        let (Some((inertia, rest)), true) = (saved.split_at_checked(n), !saved.is_empty()) else {
+            return Err(Error::SizeMismatch {
+                what: format!("what the checkpoint knows of the solver '{name}'"),
+                expected: 2 * n + centre.len() + 1,
+                found: from.numbers.len(),
+            });
+        };
+        let (velocities, rest) = rest.split_at(n);
+        let (place, received) = rest.split_at(centre.len());
+        same_as_saved(&name, "inertia of unknown", &self.inertia, inertia)?;
+        same_as_saved(&name, "centre of mass along axis", &centre, place)?;
+        guest.solver.restore(&record)?;
+        guest.received = received[0];
+        let mut told = vec![T::zero(); n];
+        guest.solver.displacements(&mut told);
+        same_as_saved(&name, "displacement of unknown", &told, &self.state.q)?;
+        guest.solver.velocities(&mut told);
+        same_as_saved(&name, "velocity of unknown", &told, velocities)
+    }
+
+    /// Centre of mass at rest \[m\].
+    fn centre(&self) -> [T; 3] {
+        let (nodes, d) = (self.model.nodes(), self.model.layout().components);
+        let mut sum = [T::zero(); 4];
+        for (x, m) in nodes.iter().zip(self.inertia.chunks(d)) {
+            (0..3).for_each(|c| sum[c] += m[0] * x[c]);
+            sum[3] += m[0];
+        }
+        let [x, y, z, mass] = sum;
+        [x, y, z].map(|s| if mass > T::zero() { s / mass } else { s })
+    }
+}
+
+/// Refuses numbers that are not those of a checkpoint, up to the round-off of a solver in single precision.
+fn same_as_saved<T: Real>(model: &str, what: &'static str, found: &[T], saved: &[T]) -> Result<()> {
+    let top = saved.iter().fold(T::zero(), |m, x| m.max(x.abs()));
+    let allowed = top * T::of(ROUNDED);
+    // Nothing that is no number agrees with anything.
+    let agrees = |(a, b): (&T, &T)| (*a - *b).abs() <= allowed;
+    match found.iter().zip(saved).position(|pair| !agrees(pair)) {
+        None => Ok(()),
+        Some(place) => Err(Error::NotRestored {
+            model: model.to_owned(),
+            what,
+            place,
+            found: found[place].as_f64(),
+            saved: saved[place].as_f64(),
+        }),
     }
 }

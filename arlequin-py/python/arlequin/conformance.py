@@ -46,7 +46,8 @@ def check(
 ) -> Record:
     """All defects of a model at displacements of ``amplitude`` [m], or of a solver in so many steps of ``step`` [s].
 
-    ``travelled`` and ``gained`` of a solver depend on its scheme and its step, and may be 0.05 and 0.4 where ``tolerance`` is
+    A law of any sort passes; one that is not linear and turns with the body says so by ``arms = "present"`` and is turned by half a
+    radian, others by a small angle. ``travelled`` and ``gained`` of a solver depend on its scheme and its step, and may be 0.05 and 0.4 where ``tolerance`` is
     less. What nobody sees from outside is whether forces are those of the material, and whether the stiffness of a solver
     has the weights that its inertia has.
 
@@ -58,14 +59,14 @@ def check(
         found = participant(object, step, steps)
     else:
         found = Record(
-            rigid_forces=rigid_forces(object),
+            rigid_forces=rigid_forces(object, amplitude),
             forces_derive_from_energy=forces_derive_from_energy(object, amplitude),
             symmetric_forces=symmetric_forces(object, amplitude),
         )
     means = {
-        "rigid_forces": "a rigid motion strains it",
+        "rigid_forces": "a rigid motion strains it (a law of finite strain says arms = \"present\")",
         "forces_derive_from_energy": "forces are not minus the slope of the energy",
-        "symmetric_forces": "work depends on the way (or the law is not linear: then this one may be ignored)",
+        "symmetric_forces": "work depends on the way",
         "travelled": "nodes do not move by velocity times step: it makes no step, half of one, or two",
         "gained": "velocities do not change by acceleration times step: accelerations() tells something else, or nothing acts",
         "kick": "an impulse does not change velocities by impulse over inertia",

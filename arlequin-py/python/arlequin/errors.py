@@ -165,6 +165,18 @@ class Diverged(RunError):
 class EnergyGrowth(RunError):
     """Energy appears from nowhere."""
 
+class EnergyLoss(RunError):
+    """Energy vanishes."""
+
+class ImpulseMissed(RunError):
+    """A solver does not take the impulses that it is given."""
+
+class MultipliersUnsolved(RunError):
+    """The iteration for the multipliers does not reach its tolerance, and the models are hardly coupled."""
+
+class NotRestored(InputError):
+    """A solver is not the one of the checkpoint, or does not go back to what it saved."""
+
 class Unsupported(InputError):
     """A model cannot do what is asked."""
 

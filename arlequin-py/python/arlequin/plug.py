@@ -42,7 +42,8 @@ class Model(_Described):
 
     Optional methods: ``advance(q)``, the forces at displacements that the run has reached (once per step, in place of
     ``internal_forces``); ``critical_step(inverse_inertia)`` [s], needed by laws that are not linear about rest;
-    ``save()`` and ``restore(numbers)`` for what it remembers.
+    ``save()`` and ``restore(numbers)`` for what it remembers. ``arms = "present"`` says that the moments of its forces vanish about
+    present positions, as those of finite strain do, and not about those at rest.
 
     >>> import numpy as np
     >>> class Cubic(Model):

@@ -178,6 +178,10 @@ pub struct Energy {
     pub last: f64,
     /// Largest drift of the discrete invariant, relative to the energy in play \[–\].
     pub h_drift_max: f64,
+    /// Drift that the laws of the models and round-off explain \[–\].
+    pub h_drift_explained: f64,
+    /// Models whose energy is not known: the drift has what impulses brought to them, and not what became of that.
+    pub unknown: Vec<String>,
     /// Largest share of the energy in play that effects created which must not \[–\].
     pub created_max: f64,
     /// Kinetic energy removed from initial velocities that broke the constraint.
@@ -237,6 +241,8 @@ pub struct InterfaceLine {
     pub solution_times: Vec<(&'static str, f64)>,
     /// Condition number of the operator.
     pub condition: f64,
+    /// Whether it is at least that: its smallest eigenvalue is known from above only.
+    pub condition_at_least: bool,
     /// Volume of the overlap \[m³\].
     pub measure: f64,
     /// Nodes of the coarse and the fine model under the constraint.
@@ -317,44 +323,13 @@ pub fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
     run.effects().into_iter().map(line).collect()
 }
 
-/// What the last state would need effects for that are not on.
+/// What the last state would need effects for that are not on, and what the run warns of.
 pub fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutContact) -> Vec<String> {
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
     let all = run.watch().into_iter().chain(without_contact.watch(run));
-    let momentum = run.lost_momentum();
-    all.map(text).chain(momentum).chain(jumped(run)).collect()
-}
-
-/// Jump of displacements over the deformation of the overlap above which a user should know.
-const JUMP: f64 = 0.05;
-
-/// Interfaces of which the displacements of the two sides have drifted apart, a line each.
-fn jumped(run: &Coupled<f64>) -> impl Iterator<Item = String> {
-    let all = run.interfaces().iter().zip(run.displacement_jumps());
-    let far = all.filter(|(_, j)| j.share() > JUMP);
-    far.map(|(i, j)| {
-        let [c, f] = i.sides().map(|s| &run.subdomains()[s]);
-        let most = if c.own_steps() > f.own_steps() { c } else { f };
-        // With one own step each it is implicit ones that part them.
-        let fewer = match most.own_steps() {
-            1 => String::new(),
-            _ => format!("give '{}' fewer, or ", most.model().name()),
-        };
-        format!(
-            "interface '{}': displacements of '{}' and '{}' have differed by up to {:.2e} m, {:.1} % of the deformation of \
-             the overlap (limit {:.0} %), with {} and {} own steps in a step of the run: {fewer}take \
-             shorter steps of the run (time.step.seconds)",
-            i.report().name,
-            c.model().name(),
-            f.model().name(),
-            j.largest,
-            100.0 * j.share(),
-            100.0 * JUMP,
-            c.own_steps(),
-            f.own_steps()
-        )
-    })
+    let warnings = run.warnings().iter().map(ToString::to_string);
+    all.map(text).chain(warnings).collect()
 }
 
 /// Momentum of the bodies of a run.
@@ -436,6 +411,7 @@ pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
             planned_iterations: r.damped.map(|d| d.iterations),
             solution_times: Vec::new(),
             condition: r.condition,
+            condition_at_least: r.condition_at_least,
             measure: r.measure,
             coupled_nodes: r.coupled_nodes,
             tied: r.tied,

@@ -42,6 +42,8 @@ pub(crate) struct Session<'a> {
     bounds: Bounds,
     pub(super) phases: Vec<PhaseTime>,
     pub(super) holdings: Vec<RankLine>,
+    /// Warnings of the coupled run that were said.
+    said: usize,
 }
 
 impl<'a> Session<'a> {
@@ -122,9 +124,11 @@ impl<'a> Session<'a> {
             bounds: built.bounds,
             phases: built.phases,
             holdings: built.holdings,
+            said: 0,
         };
         if let Some(saved) = saved {
             out.restore(saved)?;
+            out.said = out.run.warnings().len();
         }
         Ok(out)
     }
@@ -144,6 +148,15 @@ impl<'a> Session<'a> {
         if self.recorder.warn(text.clone()) && self.scene.ranks().leads() {
             observer.warning(&text);
         }
+    }
+
+    /// Says what the coupled run warns of, each once. The summary has it with its largest figure (`summary::findings`).
+    fn say_warnings(&mut self, observer: &mut dyn Observer) {
+        let new = &self.run.warnings()[self.said..];
+        if self.scene.ranks().leads() {
+            new.iter().for_each(|w| observer.warning(&w.to_string()));
+        }
+        self.said += new.len();
     }
 
     /// Adds what was recorded to the files of the run, so that they can be read while it goes on.
@@ -172,6 +185,7 @@ impl<'a> Session<'a> {
         if self.scene.ranks().leads() {
             self.recorder.warnings.iter().for_each(|w| observer.warning(w));
         }
+        self.say_warnings(observer);
         let every = self.scene.spec().output.checkpoint_every;
         let mut end = End::Complete;
         // Once is enough: the state that follows is as odd.
@@ -181,6 +195,7 @@ impl<'a> Session<'a> {
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             let sampled = energy.is_some();
+            self.say_warnings(observer);
             self.recorder.observe(&mut self.run, energy)?;
             self.flush()?;
             if sampled && !strange {

@@ -65,6 +65,8 @@ impl Session<'_> {
                 initial: r.initial_energy,
                 last: run.energy(),
                 h_drift_max: run.drift(),
+                h_drift_explained: run.explained_drift(),
+                unknown: run.unknown_energies(),
                 created_max: run.top_created(),
                 start_loss: run.start_loss(),
                 ledger: run.works().into_iter().map(|w| (w.name, w.work)).collect(),

@@ -118,7 +118,7 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
         let name = format!("drift of H at 0.999 of it, epsilon = {epsilon}");
         out.push(Check::new(name, below, Accept::AtMost(1e-6)));
         let blown = match at_factor(1.001) {
-            Err(Core::EnergyGrowth { .. } | Core::Diverged { .. }) => 1.0,
+            Err(Core::EnergyGrowth { .. } | Core::EnergyLoss { .. } | Core::Diverged { .. }) => 1.0,
             Err(e) => return Err(at("critical step")(e)),
             Ok(_) => 0.0,
         };

@@ -83,8 +83,8 @@ fn tumbling() -> Result<Outcome> {
     out.add("change of the angular momentum", body.drift[1], 0.0..=1e-10);
     out.add("drift", ours.drift(), 0.0..=1e-6);
     out.add(
-        "momenta that changed",
-        ours.lost_momentum().len() as f64,
+        "warnings, such as of momenta that changed",
+        ours.warnings().len() as f64,
         0.0..=0.0,
     );
     let mut naive = spinning(|m| Box::new(Forgetful(m)))?;

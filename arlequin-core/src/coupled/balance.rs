@@ -1,0 +1,382 @@
+//! The balance that is drawn up every few steps, and what it is held to.
+//!
+//! What is left of `H − H_0 − work` may be
+//!
+//! ```text
+//! |drift| ≤ 1e-9 E + digits + 10 Σ |ΔU + ½ Δq·(f_n + f_{n+1})|
+//! ```
+//!
+//! with the largest energy `E` so far (single precision: 4096 of its last digits in place of 1e-9). The last sum is over all own steps, from
+//! those at which the balance was drawn. Each term is the error of the trapezium rule, by which the scheme takes the work of the
+//! internal forces `f`: a step changes `H` by the mean of its term and that of the step before. For a linear law it is
+//! round-off; for others it is of the third order in the step, and of either sign. Above that there is a warning, and above
+//! [`Guard::growth`](super::Guard::growth) the run ends.
+
+use super::ledger::EnergySample;
+use super::warning::{Suspect, Warning};
+use super::{Coupled, ROUND_OFF, portions};
+use crate::interface::joint::Joint;
+use crate::subdomain::Subdomain;
+use crate::weight::Weighting;
+use crate::{Error, Real, Result, parallel, ranks};
+
+/// Share of the energy in play that effects may create. Sound laws create none but for round-off and for what forces
+/// unknown to them do within a step (multipliers): decision 0011 has the figures.
+const CREATED: f64 = 1e-3;
+
+/// Drift of linear laws, relative to the largest energy so far; measured: below 1e-11 after a million steps.
+const LINEAR: f64 = 1e-9;
+
+/// The same, and jumps of velocity, in last digits: what counts in single precision.
+const DIGITS: f64 = 4096.0;
+
+/// Factor for a sum that is taken from every tenth step.
+const SAMPLED: f64 = 10.0;
+
+/// Drift that is worth a warning whatever the laws.
+const ANY_LAW: f64 = 1e-2;
+
+/// Jump of velocities, relative to the largest velocity, above which there is a warning, and above which the run ends.
+const VELOCITY_JUMP: [f64; 2] = [1e-6, 0.05];
+
+/// Jump of displacements over the deformation of the overlap above which there is a warning.
+const DISPLACEMENT_JUMP: f64 = 0.05;
+
+/// Share of an impulse that may be missing before the run ends.
+const MISSED: f64 = 0.05;
+
+impl<T: Real> Coupled<T> {
+    /// Refuses effects that made energy from nothing.
+    pub(super) fn check_created(&mut self) -> Result<()> {
+        let created = self.created();
+        let (_, volume) = self.total_work();
+        let reference = self.ledger.start.unwrap_or_default().abs().max(volume);
+        if reference > T::zero() {
+            let relative = created / reference;
+            self.ledger.top_created = self.ledger.top_created.max(relative);
+        }
+        let share = self.guard.growth.min(T::of(CREATED));
+        let bound = share * reference + self.rounded;
+        if created <= bound || reference <= T::zero() {
+            return Ok(());
+        }
+        Err(Error::EnergyGrowth {
+            step: self.step,
+            time: self.time.as_f64(),
+            excess: created.as_f64(),
+            bound: bound.as_f64(),
+            percent: 100.0 * share.as_f64(),
+        })
+    }
+
+    fn total_work(&self) -> (T, T) {
+        let works = self
+            .subdomains
+            .iter()
+            .flat_map(Subdomain::works)
+            .chain(self.pairs.iter().map(|p| p.line.work()));
+        let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
+        all.by_ref()
+            .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
+    }
+
+    /// The error for a quantity that is no longer finite: of the first model with such a state, or with such an energy.
+    pub(super) fn diverged(&self, what: &'static str) -> Error {
+        if let Err(e) = portions::heard(&self.subdomains) {
+            return e;
+        }
+        let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy();
+        let all = || self.subdomains.iter();
+        let found = all().find(|s| !s.is_finite());
+        let found = found.or_else(|| all().find(|s| !energy(s).is_finite()));
+        Error::Diverged {
+            step: self.step,
+            time: self.time.as_f64(),
+            what,
+            model: found.map_or_else(String::new, |s| s.model().name().to_owned()),
+        }
+    }
+
+    /// Draws the balance up; `curvature`: the terms of the module's sum in one step of the run.
+    pub(super) fn balance(&mut self, [invariant, curvature]: [T; 2]) -> Result<EnergySample<T>> {
+        // Of a velocity that is not finite the energy is not either.
+        let kinetic: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        if !kinetic.is_finite() {
+            return Err(self.diverged("velocity"));
+        }
+        portions::agree(&self.subdomains, invariant, self.step)?;
+        let residual = self.gaps()?;
+        let (work, volume) = self.total_work();
+        // Only a model that changed itself in the first step has done work before the first drawing.
+        let start = *self.ledger.start.get_or_insert(invariant - work);
+        let drift = invariant - start - work;
+        let scale = self.ledger.scale.max(start.abs());
+        let scale = scale.max(invariant.abs()).max(volume);
+        self.ledger.scale = scale;
+        let relative = if scale > T::zero() {
+            drift / scale
+        } else {
+            T::zero()
+        };
+        let steps = self.guard.interval.min(self.step);
+        self.ledger.curvature += curvature * T::of(steps as f64);
+        let grown = relative.abs() > self.ledger.top_drift;
+        self.ledger.top_drift = self.ledger.top_drift.max(relative.abs());
+        self.ledger.top_residual = self.ledger.top_residual.max(residual);
+        let sample = EnergySample {
+            step: self.step,
+            time: self.time,
+            kinetic,
+            internal: self.subdomains.iter().map(|s| s.drawn_energy()).sum(),
+            invariant,
+            work,
+            drift,
+            relative_drift: relative,
+            momentum_drift: self.momentum_drift(),
+            constraint_residual: residual,
+        };
+        if !drift.is_finite() {
+            return Err(self.diverged("energy"));
+        }
+        self.warn_of_momentum();
+        if grown {
+            self.check_drift(drift)?;
+        }
+        // Growth is measured against what was put in, not against the (growing) energy itself.
+        self.bounded(drift, start.abs().max(volume))?;
+        self.ledger.last = Some(sample.clone());
+        Ok(sample)
+    }
+
+    /// Looks at the jumps of all interfaces; that of velocities over the largest speed so far.
+    fn gaps(&mut self) -> Result<T> {
+        let top = self.top_speed();
+        self.ledger.top_velocity = top;
+        let mut residual = T::zero();
+        for k in 0..self.interfaces.len() {
+            let [velocity, displacement] = self.jumps(k);
+            residual = residual.max(velocity);
+            self.check_velocity_jump(k, velocity, top)?;
+            let sides = self.interfaces[k].sides().map(|s| &self.subdomains[s]);
+            let own = sides.map(Subdomain::own_steps);
+            let steps = self.step * own[0].max(own[1]);
+            self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
+            self.warn_of_displacement_jump(k);
+        }
+        Ok(if top > T::zero() { residual / top } else { residual })
+    }
+
+    /// Largest speed so far, of all models.
+    fn top_speed(&self) -> T {
+        let speed = |s: &Subdomain<T>| {
+            let own = parallel::largest(&s.state().v[..s.model().layout().translations()]);
+            ranks::largest(s.portion(), own)
+        };
+        let speeds = self.subdomains.iter().map(speed);
+        speeds.fold(self.ledger.top_velocity, |a, b| a.max(b))
+    }
+
+    /// Looks at the velocities of interfaces whose multipliers did not reach their tolerance in this step.
+    pub(super) fn check_multipliers(&mut self) -> Result<()> {
+        for k in 0..self.interfaces.len() {
+            let together = |j: &Joint<T>| j.is_unsolved() && j.members.contains(&k);
+            let i = &self.interfaces[k];
+            if !i.is_cut_short() && (i.is_unsolved() || self.joints.iter().any(together)) {
+                let (top, [velocity, _]) = (self.top_speed(), self.jumps(k));
+                self.check_velocity_jump(k, velocity, top)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The same of all interfaces at the start.
+    pub(super) fn check_start(&mut self) -> Result<()> {
+        let top = self.top_speed();
+        for k in 0..self.interfaces.len() {
+            let [velocity, _] = self.jumps(k);
+            self.check_velocity_jump(k, velocity, top)?;
+        }
+        Ok(())
+    }
+
+    /// Warns of a jump of velocities \[m/s\] across an interface beside the `top` speed, and refuses one that nobody asked for.
+    fn check_velocity_jump(&mut self, k: usize, jump: T, top: T) -> Result<()> {
+        let i = &self.interfaces[k];
+        let [noted, accepted] = VELOCITY_JUMP;
+        let noted = T::of(noted).max(T::epsilon() * T::of(DIGITS));
+        // Row sums in place of the operator meet the constraint in the mean only.
+        if i.report().solver == "lumped" || jump <= top * noted {
+            return Ok(());
+        }
+        let (interface, share) = (i.report().name.clone(), (jump / top).as_f64());
+        let iterations = i.iterations();
+        if share > accepted && iterations > 0 && !i.is_cut_short() {
+            return Err(Error::MultipliersUnsolved {
+                interface,
+                step: self.step,
+                iterations,
+                share,
+                limit: accepted,
+            });
+        }
+        self.warn(Warning::VelocityJump {
+            interface,
+            step: self.step,
+            iterations,
+            share,
+            limit: noted.as_f64(),
+        });
+        Ok(())
+    }
+
+    fn warn_of_displacement_jump(&mut self, k: usize) {
+        let jump = self.ledger.jumps[k];
+        if jump.share() <= T::of(DISPLACEMENT_JUMP) || !self.overlaps[k].has_settled() {
+            return;
+        }
+        let i = &self.interfaces[k];
+        let sides = i.sides().map(|s| &self.subdomains[s]);
+        let warning = Warning::DisplacementJump {
+            interface: i.report().name.clone(),
+            models: sides.map(|s| s.model().name().to_owned()),
+            own_steps: sides.map(Subdomain::own_steps),
+            jump: jump.largest.as_f64(),
+            share: jump.share().as_f64(),
+            limit: DISPLACEMENT_JUMP,
+        };
+        self.warn(warning);
+    }
+
+    /// Invariants of all models, and the terms of the module's sum in one step of the run.
+    pub(super) fn draw_invariants(&mut self) -> [T; 2] {
+        let mut curvature = T::zero();
+        let invariants = self.subdomains.iter_mut().map(|s| {
+            let [invariant, one] = s.invariant();
+            curvature += one.abs() * T::of(s.own_steps() as f64);
+            invariant
+        });
+        [invariants.sum(), curvature]
+    }
+
+    /// Drift of the balance that the laws of the models and round-off explain so far, relative to the largest energy.
+    pub fn explained_drift(&self) -> T {
+        let linear = T::of(LINEAR).max(T::epsilon() * T::of(DIGITS));
+        let scale = self.ledger.scale;
+        if scale <= T::zero() {
+            return linear;
+        }
+        let laws = linear + T::of(SAMPLED) * self.ledger.curvature / scale;
+        laws.min(T::of(ANY_LAW)) + self.rounded / scale
+    }
+
+    /// Warns of a drift that is larger than all before and than what is explained, and refuses a loss.
+    fn check_drift(&mut self, drift: T) -> Result<()> {
+        let (limit, scale) = (self.explained_drift(), self.ledger.scale);
+        if drift.abs() <= limit * scale {
+            return Ok(());
+        }
+        // Rarely: what the last digits of the present displacements are worth.
+        let digits = self.round_off() * T::of(ROUND_OFF);
+        if drift.abs() <= limit * scale + digits {
+            return Ok(());
+        }
+        let bound = self.guard.growth * scale + digits;
+        if -drift > bound {
+            return Err(Error::EnergyLoss {
+                step: self.step,
+                time: self.time.as_f64(),
+                missing: -drift.as_f64(),
+                bound: bound.as_f64(),
+                percent: 100.0 * self.guard.growth.as_f64(),
+                suspect: self.suspect().to_string(),
+            });
+        }
+        let suspect = self.suspect();
+        self.warn(Warning::EnergyDrift {
+            step: self.step,
+            time: self.time.as_f64(),
+            drift: drift.as_f64(),
+            share: (drift.abs() / scale).as_f64(),
+            limit: limit.as_f64(),
+            suspect,
+        });
+        Ok(())
+    }
+
+    /// Who may be at fault where energy is not kept.
+    fn suspect(&self) -> Suspect {
+        let name = |s: &Subdomain<T>| s.model().name().to_owned();
+        let mut all = self.subdomains.iter();
+        if let Some(s) = all.find(|s| s.weights().weighting == Weighting::Nodal) {
+            return Suspect::Nodal(name(s));
+        }
+        let mut all = self.subdomains.iter();
+        all.find(|s| s.is_guest())
+            .map_or(Suspect::Anybody, |s| Suspect::Solver(name(s)))
+    }
+
+    /// Warns of solvers that tell no energy.
+    pub(super) fn warn_of_unknown_energy(&mut self) {
+        for model in self.unknown_energies() {
+            self.warn(Warning::EnergyUnknown { model });
+        }
+    }
+
+    /// Names of the models whose energy is not known: solvers with steps of their own that tell no invariant.
+    pub fn unknown_energies(&self) -> Vec<String> {
+        let unknown = self.subdomains.iter().filter(|s| !s.tells_energy());
+        unknown.map(|s| s.model().name().to_owned()).collect()
+    }
+
+    /// Holds the velocities of solvers that tell no energy against the impulses that they were given in this step.
+    pub(super) fn check_impulses(&mut self) -> Result<()> {
+        for k in 0..self.subdomains.len() {
+            let Some([missed, limit]) = self.subdomains[k].missed_impulse() else {
+                continue;
+            };
+            if missed <= limit {
+                continue;
+            }
+            let model = self.subdomains[k].model().name().to_owned();
+            let (share, limit) = (missed.as_f64(), limit.as_f64());
+            if share > MISSED.max(limit) {
+                return Err(Error::ImpulseMissed {
+                    model,
+                    step: self.step,
+                    share,
+                    limit: MISSED,
+                });
+            }
+            self.warn(Warning::ImpulseMissed { model, share, limit });
+        }
+        Ok(())
+    }
+
+    /// Largest of all bodies, of linear and of angular momentum.
+    fn momentum_drift(&mut self) -> [T; 2] {
+        let finest = self.subdomains.iter().map(Subdomain::own_steps).max();
+        let finest = T::of(finest.unwrap_or(1) as f64);
+        let rate = T::of(self.step as f64) * finest * finest / self.dt;
+        let mut drift = [T::zero(); 2];
+        for b in &mut self.ledger.bodies {
+            let one = b.balance(&self.subdomains, rate);
+            (0..2).for_each(|k| drift[k] = drift[k].max(one[k]));
+        }
+        drift
+    }
+
+    /// Whether the energy has grown no more than the guard allows.
+    fn bounded(&self, drift: T, reference: T) -> Result<()> {
+        let bound = self.guard.growth * reference + self.rounded;
+        if reference > T::zero() && drift > bound {
+            return Err(Error::EnergyGrowth {
+                step: self.step,
+                time: self.time.as_f64(),
+                excess: drift.as_f64(),
+                bound: bound.as_f64(),
+                percent: 100.0 * self.guard.growth.as_f64(),
+            });
+        }
+        Ok(())
+    }
+}
