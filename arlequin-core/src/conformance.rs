@@ -149,7 +149,10 @@ pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T
 /// rotations are that vector.
 fn finite_motion<T: Real>(model: &dyn Model<T>, shift: Vector3<T>, turn: Vector3<T>) -> Vec<T> {
     let (layout, nodes) = (model.layout(), model.nodes());
-    let sum: Vector3<T> = nodes.iter().map(|x| x.coords).fold(Vector3::zeros(), |a, b| a + b);
+    let sum: Vector3<T> = nodes
+        .iter()
+        .map(|x| x.coords)
+        .fold(Vector3::zeros(), |a, b| a + b);
     let centre = sum / T::of(nodes.len().max(1) as f64);
     let rotation = Rotation3::new(turn);
     let mut q = Vec::with_capacity(layout.dofs());
@@ -237,8 +240,16 @@ pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Resu
         amplitude
     };
     let direction = |from: usize| -> Vec<T> {
-        let size = |i: usize| if i < layout.translations() { amplitude } else { turning };
-        (0..layout.dofs()).map(|i| random::<T>(i + from) * size(i)).collect()
+        let size = |i: usize| {
+            if i < layout.translations() {
+                amplitude
+            } else {
+                turning
+            }
+        };
+        (0..layout.dofs())
+            .map(|i| random::<T>(i + from) * size(i))
+            .collect()
     };
     let (a, b) = (direction(0), direction(7919));
     let asymmetry = |fa: &[T], fb: &[T]| {

@@ -5,7 +5,6 @@ mod model;
 pub use model::ModelError;
 
 use crate::ranks::RankError;
-use std::sync::Arc;
 
 /// What a weight is a share of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -465,16 +464,6 @@ pub enum Error {
         /// The model's own error.
         source: ModelError,
     },
-}
-
-impl Error {
-    /// Shorthand for [`Self::Model`].
-    pub fn of_model(name: &str, error: impl std::error::Error + Send + Sync + 'static) -> Self {
-        Self::Model {
-            model: name.to_owned(),
-            source: ModelError(Arc::new(error)),
-        }
-    }
 }
 
 /// Result of the core's operations.

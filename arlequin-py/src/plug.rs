@@ -85,7 +85,9 @@ impl Described {
             None | Some("rest") => Arms::Reference,
             Some("present") => Arms::Current,
             Some(other) => {
-                let rule = format!("arms of '{name}' = \"{other}\": moments vanish about positions at \"rest\" or \"present\" ones");
+                let rule = format!(
+                    "arms of '{name}' = \"{other}\": moments vanish about positions at \"rest\" or \"present\" ones"
+                );
                 return Err(Fault::of("InvalidParameter", rule).into());
             }
         };

@@ -70,7 +70,9 @@ fn motion(s: &Summary, planned: usize) {
         s.energy.initial, s.energy.last, s.energy.h_drift_max
     );
     for name in &s.energy.unknown {
-        println!("           energy of '{name}' is not known: the drift has what impulses brought to it, no more");
+        println!(
+            "           energy of '{name}' is not known: the drift has what impulses brought to it, no more"
+        );
     }
     for (name, work) in &s.energy.ledger {
         println!("work       {name:<24} {work:>14.6e} J");

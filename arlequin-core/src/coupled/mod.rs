@@ -36,12 +36,12 @@ pub use partition::PartitionReport;
 pub use settle::{Relaxation, Settled};
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
+#[cfg(doc)]
+use crate::Error;
 use crate::interface::Interface;
 use crate::interface::joint::Joint;
 use crate::phase::Phase;
 use crate::subdomain::Subdomain;
-#[cfg(doc)]
-use crate::Error;
 use crate::{Real, Result};
 use ledger::{DisplacementJump, EnergySample, Ledger, WorkLine};
 use observer::{Observer, StepReport};

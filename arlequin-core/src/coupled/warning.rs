@@ -223,7 +223,10 @@ impl fmt::Display for Warning {
                      velocity (limit {limit:.0e})"
                 )?;
                 match iterations {
-                    0 => write!(f, ": the multipliers are close to dependent; coarsen the mediator"),
+                    0 => write!(
+                        f,
+                        ": the multipliers are close to dependent; coarsen the mediator"
+                    ),
                     n => write!(
                         f,
                         " after {n} iterations for the multipliers, which did not reach their tolerance: coarsen the mediator, \

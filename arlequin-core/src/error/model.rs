@@ -1,10 +1,21 @@
 //! Errors of models implemented outside the core.
 
+use super::Error;
 use std::sync::Arc;
+
+impl Error {
+    /// Shorthand for [`Self::Model`].
+    pub fn of_model(name: &str, error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Model {
+            model: name.to_owned(),
+            source: ModelError(Arc::new(error)),
+        }
+    }
+}
 
 /// An error of a model implemented outside the core, of a type that only that model knows.
 #[derive(Debug, Clone)]
-pub struct ModelError(pub(super) Arc<dyn std::error::Error + Send + Sync>);
+pub struct ModelError(Arc<dyn std::error::Error + Send + Sync>);
 
 impl ModelError {
     /// The error itself, if it is of this type.

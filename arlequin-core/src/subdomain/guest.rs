@@ -129,7 +129,11 @@ impl<T: Real> Subdomain<T> {
             guest.change.fill(T::zero());
             half.kick(&mut guest.change);
             let moving = self.model.layout().translations();
-            guest.due.iter_mut().zip(&guest.change).for_each(|(v, half)| *v += *half + *half);
+            guest
+                .due
+                .iter_mut()
+                .zip(&guest.change)
+                .for_each(|(v, half)| *v += *half + *half);
             for ((p, m), v) in guest.change.iter_mut().zip(&self.inertia).zip(&self.state.v) {
                 *p *= *m * T::of(2.0);
                 guest.received += *p * *v;

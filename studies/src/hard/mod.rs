@@ -101,9 +101,9 @@ pub fn cases() -> Vec<HardCase> {
 fn step_of_blow_up(run: &mut Coupled<f64>, steps: usize) -> Result<f64> {
     match run.run(steps, &mut arlequin::core::Silent) {
         Ok(_) => Ok(f64::INFINITY),
-        Err(Error::EnergyGrowth { step, .. }
-        | Error::EnergyLoss { step, .. }
-        | Error::Diverged { step, .. }) => Ok(step as f64),
+        Err(
+            Error::EnergyGrowth { step, .. } | Error::EnergyLoss { step, .. } | Error::Diverged { step, .. },
+        ) => Ok(step as f64),
         Err(e) => Err(e),
     }
 }
