@@ -186,7 +186,7 @@ fn particles_around_the_hole_of_the_first_tutorial() {
     let scene = exchanged(&scene, "[model.plate]", body).replace("model = \"plate\"", "model = \"body\"");
     std::fs::write(&path, &scene).expect("writes");
     // Larger spheres take seconds.
-    let larger = ["--set", "zone.hole.spacing=0.35e-3"];
+    let larger = ["--set", "zone.hole.spacing=0.3e-3"];
     succeed(&[&["check", text(&path)], &larger[..]].concat());
     // The probe as it was, on the body at the hole, is told to name the zone before anything is packed.
     let old = exchanged(
