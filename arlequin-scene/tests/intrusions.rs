@@ -1,6 +1,8 @@
 //! Obstacles and bodies that enter what they cannot touch: said the moment it happens, once per pair, on any number of ranks.
 
+use arlequin::dem_beam::fracture::locked;
 use arlequin_scene::{Observer, Results, Scene};
+use std::path::Path;
 use std::time::Duration;
 
 const SOLID: &str = "material = { young = 70e9, poisson = 0.2, density = 2200.0 }";
@@ -307,4 +309,39 @@ fn ranks_tell_what_one_rank_tells() {
         .collect();
     assert_eq!(lines[0], alone.lines);
     assert!(lines[1].is_empty(), "the first rank speaks");
+}
+
+/// Obstacles of shipped scenes stay where they act; cracks that run into overlaps are printed.
+#[test]
+#[ignore = "shipped scenes in full: half a minute"]
+#[allow(clippy::print_stdout, reason = "it prints what cracks did")]
+fn shipped_scenes_enter_nothing_that_they_cannot_touch() {
+    for name in [
+        "ball-impact",
+        "ball-on-block",
+        "brazilian-disc",
+        "struck-block",
+        "two-bodies",
+        "notched-bend",
+    ] {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/scenes");
+        let path = folder.join(format!("{name}.toml"));
+        let scene = Scene::read(&path).expect("a shipped scene");
+        let mut said = Said::default();
+        let results = scene.prepare().expect("built").run(&mut said).expect("runs");
+        for crack in &results.summary().into_overlap {
+            println!("{name}: {} bonds; {crack}", crack.bonds);
+        }
+        for log in results.breaks.iter().flatten() {
+            let log = locked(log);
+            let first = log.events().iter().find(|e| e.overlap);
+            let count = log.events().iter().filter(|e| e.overlap).count();
+            println!(
+                "{name}: {} broke, {count} in overlaps, the first {:?}",
+                log.events().len(),
+                first.map(|e| e.time)
+            );
+        }
+        assert!(said.lines.is_empty(), "{name}: {:?}", said.lines);
+    }
 }
