@@ -204,7 +204,10 @@ fn a_crack_into_the_overlap_is_said_at_once_and_can_end_the_run_there() {
     assert!((3.6e-3..6.4e-3).contains(&x), "{x}");
     let said = |s: &serde_json::Value| {
         let warnings = s["warnings"].as_array().expect("warnings").clone();
-        let of = |w: &&serde_json::Value| w.as_str().is_some_and(|w| w.contains("broke in an overlap at t"));
+        let of = |w: &&serde_json::Value| {
+            w.as_str()
+                .is_some_and(|w| w.contains("a crack ran into an overlap at t"))
+        };
         warnings.iter().filter(of).count()
     };
     assert_eq!(said(&whole), 1);

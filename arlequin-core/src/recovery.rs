@@ -99,6 +99,14 @@ pub trait Links<T: Real> {
     /// # Errors
     /// Displacements of another length.
     fn forces(&self, q: &[T], out: &mut Vec<LinkForce<T>>) -> Result<()>;
+
+    /// Strain energy density of every node \[J/m³\] at displacements `q`, without weights, appended to `out`: the energy of its
+    /// bonds, each shared between its two nodes, over the volume that the node stands for. Broken bonds hold none. Where no weight
+    /// is below one, the sum over all nodes with their volumes is the strain energy of the model.
+    ///
+    /// # Errors
+    /// Displacements of another length.
+    fn energy_densities(&self, q: &[T], out: &mut Vec<T>) -> Result<()>;
 }
 
 /// How far outside of its samples a node may lie along one of their principal directions, over their root of squared

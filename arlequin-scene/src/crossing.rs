@@ -3,7 +3,7 @@
 use crate::setup;
 use crate::spec::{Effect, EffectKind, SceneSpec};
 use arlequin::core::Coupled;
-use arlequin::dem_beam::fracture::{SharedLog, locked};
+use arlequin::dem_beam::fracture::{CRACK, SharedLog, locked};
 use serde::Serialize;
 
 /// A crack that ran into an overlap.
@@ -11,9 +11,9 @@ use serde::Serialize;
 pub struct OverlapBreak {
     /// The model.
     pub model: String,
-    /// Time of the first break there \[s\].
+    /// Time of the break with which it was one \[s\], see [`CRACK`].
     pub time: f64,
-    /// Its place \[m\].
+    /// Place of that bond \[m\].
     pub place: [f64; 3],
     /// Bonds of overlaps that are broken by now.
     pub bonds: usize,
@@ -24,9 +24,10 @@ impl std::fmt::Display for OverlapBreak {
         let [x, y, z] = self.place;
         write!(
             f,
-            "model '{}': a bond broke in an overlap at t = {:.4e} s, at ({x:.3e}, {y:.3e}, {z:.3e}) m: breakage has left the \
-             particles' own region, where results are those of particles alone; enlarge it, or end the run there \
-             (fracture.stop_at_overlap = true)",
+            "model '{}': a crack ran into an overlap at t = {:.4e} s, where {CRACK} of its bonds are broken by now, the last at \
+             ({x:.3e}, {y:.3e}, {z:.3e}) m: breakage has left the particles' own region, where results are those of particles \
+             alone; from here on the other model carries load past the crack. Enlarge the region of particles, or end the run \
+             there (fracture.stop_at_overlap = true)",
             self.model, self.time
         )
     }
@@ -62,20 +63,20 @@ impl Crossing {
     }
 }
 
-/// First breaks in overlaps, one per model.
+/// First cracks that ran into overlaps, one per model.
 pub(crate) fn found(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
     let all = breaks.iter().enumerate();
     all.filter_map(|(m, b)| of_model(run, m, b.as_ref())).collect()
 }
 
-/// Whether a bond of an overlap has broken.
+/// Whether a crack has run into an overlap.
 fn has_left(breaks: Option<&SharedLog>) -> bool {
-    breaks.is_some_and(|b| locked(b).first_in_overlap().is_some())
+    breaks.is_some_and(|b| locked(b).crack_in_overlap().is_some())
 }
 
 fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<OverlapBreak> {
     let log = locked(breaks?);
-    let first = log.first_in_overlap()?;
+    let first = log.crack_in_overlap()?;
     Some(OverlapBreak {
         model: run.subdomains().get(m)?.model().name().to_owned(),
         time: first.time,
@@ -84,7 +85,7 @@ fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<
     })
 }
 
-/// Whether an effect of the scene ends the run at the first break of model `m` in an overlap.
+/// Whether an effect of the scene ends the run when a crack of model `m` runs into an overlap.
 fn stops(scene: &SceneSpec, m: usize) -> bool {
     let of = |(k, e): (usize, &Effect)| {
         let stops = e.enabled && matches!(&e.kind, EffectKind::Fracture(f) if f.stop_at_overlap);

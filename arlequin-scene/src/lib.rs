@@ -43,6 +43,7 @@ mod checkpoint;
 mod crossing;
 pub mod effects;
 pub mod error;
+mod intrusion;
 pub mod output;
 mod preview;
 mod ranks;

@@ -1,6 +1,8 @@
 //! What broke and what is left: modes, energies, pieces with their masses and velocities.
 #![allow(clippy::float_cmp, reason = "instants in a table are the same bits")]
 
+use arlequin_scene::output::{Frames, Pictures};
+use arlequin_scene::spec::OutputField;
 use arlequin_scene::{RunFolder, Scene, Silent};
 use std::path::PathBuf;
 
@@ -160,4 +162,44 @@ fn modes_and_pieces_survive_a_checkpoint() {
         tables(&folder.join("whole")) == tables(&folder.join("halves")),
         "the same tables"
     );
+}
+
+/// What the frames show of the energy of particles is what the ledger counts, under both laws, after bonds broke.
+#[test]
+fn energy_densities_in_frames_sum_to_the_internal_energy_of_the_ledger() {
+    for law in ["false", "true"] {
+        let scene = Scene::from_text(BAR).expect("a scene");
+        let scene = scene.set("model.bar.dem.finite_rotations", law).expect("a key");
+        let scene = scene.set("output.energy_every", "1").expect("a key");
+        let built = arlequin_scene::setup::build(scene.spec(), scene.folder()).expect("built");
+        let pictures = Pictures {
+            models: built.models,
+            mediators: built.mediators,
+            rigid: built.rigid,
+        };
+        let results = scene.prepare().expect("built").run(&mut Silent).expect("runs");
+        let frames = Frames::new(None, &[OutputField::EnergyDensity], &results.run, pictures);
+        let picture = frames
+            .picture(&results.run, 0)
+            .expect("a picture")
+            .expect("a model");
+        assert!(
+            picture.cells.iter().all(|a| !a.name.starts_with("energy")),
+            "no gradients"
+        );
+        let array = picture.points.iter().find(|a| a.name == "energy density [J/m3]");
+        let volumes = results.run.subdomains()[0]
+            .model()
+            .particles()
+            .expect("particles");
+        let densities = &array.expect("an array").values;
+        let sum: f64 = densities.iter().zip(volumes).map(|(w, v)| w * v.measure).sum();
+        let ledger = results.recorded.energy.column("internal [J]").expect("a column");
+        let internal = *ledger.last().expect("a sample");
+        assert!(
+            (sum / internal - 1.0).abs() < 1e-12,
+            "{law}: {sum:e} for {internal:e} J"
+        );
+        assert!(results.summary().effect_ledger[0].facts["broken bonds"] >= 5.0);
+    }
 }

@@ -87,6 +87,25 @@ pub enum Error {
         /// The length needed.
         expected: usize,
     },
+    /// Particles that start inside an obstacle or inside those of another body: contact would hold them there, or throw them out.
+    #[error(
+        "{count} particles start inside {object}: the deepest is {depth:.3e} m behind its surface at ({:.3e}, {:.3e}, {:.3e}) m, \
+         above the limit of {limit:.3e} m, one radius, beyond which a centre lies inside; move one of the two, and turn the \
+         normal of a plane towards the particles",
+        place[0], place[1], place[2]
+    )]
+    StartsInside {
+        /// What they are inside of.
+        object: String,
+        /// How many.
+        count: usize,
+        /// Centre of the deepest \[m\].
+        place: [f64; 3],
+        /// How far it reaches behind the surface \[m\].
+        depth: f64,
+        /// Largest depth that is no more than touching \[m\]: its radius, the smaller one of two particles.
+        limit: f64,
+    },
     /// A parameter outside its range.
     #[error("{name} = {value} is outside {range}")]
     OutOfRange {

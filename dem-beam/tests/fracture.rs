@@ -3,8 +3,8 @@
 
 use approx::assert_abs_diff_eq;
 use arlequin_core::{
-    Coupled, Model, Observer, Phase, PrescribedMotion, Silent, StepReport, Subdomain, TimeFunction, TimeStep,
-    Watching, Weights,
+    Coupled, Evolution, Model, Observer, Phase, PrescribedMotion, Silent, StepReport, Subdomain,
+    TimeFunction, TimeStep, Uniform, Watching, Weights,
 };
 use dem_beam::finite::{Pose, energy, wrenches};
 use dem_beam::fracture::locked;
@@ -313,4 +313,66 @@ fn rotations_beyond_the_small_range_are_reported() {
         found[0].message
     );
     assert!(bar(4).with_finite_rotations().watch(&state).is_empty());
+}
+
+/// A block of 8 × 4 × 4 spheres whose eight corners are pulled off, then torn in two: bonds that broke, and whether they are a crack
+/// in an overlap. All bonds have the `weight`.
+fn torn(weight: f64) -> [(usize, bool); 2] {
+    let packing = lattice(Lattice::Cubic, [8, 4, 4], R).unwrap();
+    let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+    let strength = BeamMaterial::SILICA.young * 1e-3;
+    let mut model = model
+        .with_fracture(Fracture::new(Criterion::Axial, strength))
+        .unwrap();
+    model.set_internal_weight(&Uniform(weight)).unwrap();
+    let nodes = model.nodes().to_vec();
+    let ends = |c: usize| {
+        let all = || nodes.iter().map(move |x| x[c]);
+        [
+            all().fold(f64::INFINITY, f64::min),
+            all().fold(f64::NEG_INFINITY, f64::max),
+        ]
+    };
+    let ends = [0, 1, 2].map(ends);
+    let at_end = |x: f64, c: usize| ends[c].iter().any(|e| (x - e).abs() < 1e-9);
+    let middle = 0.5 * (ends[0][0] + ends[0][1]);
+    let unknowns = model.layout().dofs();
+    let move_along_x = |along: &dyn Fn(&nalgebra::Point3<f64>) -> f64| {
+        let mut q = vec![0.0; unknowns];
+        nodes.iter().enumerate().for_each(|(i, x)| q[3 * i] = along(x));
+        q
+    };
+    let apart = 4e-3 * R;
+    let corners = |x: &nalgebra::Point3<f64>| {
+        let is_corner = (0..3).all(|c| at_end(x[c], c));
+        if is_corner {
+            apart.copysign(x.x - middle)
+        } else {
+            0.0
+        }
+    };
+    let halves = |x: &nalgebra::Point3<f64>| corners(x) + if x.x > middle { apart } else { 0.0 };
+    let log = model.break_log();
+    let mut before = move_along_x(&|_| 0.0);
+    [move_along_x(&corners), move_along_x(&halves)].map(|q| {
+        let (mut f, mut f_before) = (vec![0.0; unknowns], vec![0.0; unknowns]);
+        model.advance(&q, &mut f).unwrap();
+        let step = Evolution {
+            time: 0.0,
+            q_before: &before,
+            q: &q,
+            f_before: &mut f_before,
+            f: &mut f,
+        };
+        model.evolving().unwrap().evolve(step).unwrap();
+        before = q;
+        let log = locked(&log);
+        (log.events().len(), log.crack_in_overlap().is_some())
+    })
+}
+
+#[test]
+fn stray_bonds_in_an_overlap_are_no_crack_and_a_crack_outside_of_it_has_not_run_into_it() {
+    assert_eq!(torn(0.5), [(8, false), (24, true)]);
+    assert_eq!(torn(1.0), [(8, false), (24, false)]);
 }

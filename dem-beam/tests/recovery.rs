@@ -164,3 +164,89 @@ fn of_a_bond_between_unequal_spheres_the_larger_has_the_larger_share() {
     let wanted = 2.0 * other / (other + small);
     assert!((ratio / wanted - 1.0).abs() < 1e-6, "{ratio} for {wanted}");
 }
+
+fn densities(model: &DemModel, q: &[f64]) -> Vec<f64> {
+    let mut out = Vec::new();
+    model.links().unwrap().energy_densities(q, &mut out).unwrap();
+    out
+}
+
+/// Sum of the densities over the volumes of the particles, each times a factor of its place \[J\].
+fn total(model: &DemModel, densities: &[f64], factor: impl Fn(&Point3<f64>) -> f64) -> f64 {
+    let volumes = model.particles().unwrap().iter();
+    let all = densities.iter().zip(volumes);
+    all.map(|(w, v)| w * v.measure * factor(&v.point)).sum()
+}
+
+/// Random states under both laws. Weights change the energy that the ledger counts, but not the density of the material.
+#[test]
+fn energy_density_of_particles_sums_to_the_strain_energy_and_knows_no_weights() {
+    for finite in [false, true] {
+        let mut model = model();
+        if finite {
+            model = model.with_finite_rotations();
+        }
+        let n = model.nodes().len();
+        let q: Vec<f64> = (0..6 * n)
+            .map(|i| noise(i) * if i < 3 * n { 1e-7 } else { 1e-3 })
+            .collect();
+        model.advance(&q, &mut vec![0.0; 6 * n]).unwrap();
+        let plain = densities(&model, &q);
+        let defect = total(&model, &plain, |_| 1.0) / model.internal_energy(&q) - 1.0;
+        assert!(defect.abs() < 1e-12, "{finite}: {defect:e}");
+        assert!(plain.iter().all(|w| *w > 0.0));
+        if !finite {
+            model.set_internal_weight(&Falling).unwrap();
+            let weighted = densities(&model, &q);
+            // Stiffness times weight is rounded to 24 bits.
+            assert!(
+                plain
+                    .iter()
+                    .zip(&weighted)
+                    .all(|(a, b)| (a / b - 1.0).abs() < 2e-7)
+            );
+            // The ledger weighs each bond with its mean, a frame offers the weights of the particles.
+            let energy = model.internal_energy(&q);
+            let near = total(&model, &weighted, |x| Falling.at(x)) / energy - 1.0;
+            let without = total(&model, &weighted, |_| 1.0) / energy - 1.0;
+            assert!(near.abs() < 0.02 && without > 0.5, "{near:e} {without:e}");
+        }
+    }
+}
+
+/// A stretched cubic lattice: `E A ε² l/2` in each bond along x, one bond per cell.
+#[test]
+fn energy_density_of_a_stretched_lattice_is_that_of_its_bonds_and_broken_ones_hold_none() {
+    let cube = lattice(Lattice::Cubic, [4, 4, 4], 0.5e-3).unwrap();
+    let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+    let mut model = model
+        .with_fracture(Fracture::new(Criterion::Axial, 265e9 * 2e-4))
+        .unwrap();
+    let n = model.nodes().len();
+    let stretch = |e: f64| -> Vec<f64> {
+        let along = |i: usize| e * model.nodes()[i / 3].x * f64::from(u8::from(i.is_multiple_of(3)));
+        (0..6 * n)
+            .map(|i| if i < 3 * n { along(i) } else { 0.0 })
+            .collect()
+    };
+    let (half, twice) = (stretch(1e-4), stretch(4e-4));
+    let section = std::f64::consts::PI * (0.71 * 0.5e-3_f64).powi(2);
+    let bond = 0.5 * 265e9 * section * 1e-4 * 1e-4 * 1e-3;
+    let inner = (0..n)
+        .find(|i| model.nodes()[*i].coords.iter().all(|c| (1e-3..3e-3).contains(c)))
+        .unwrap();
+    let volume = model.particles().unwrap()[inner].measure;
+    let density = densities(&model, &half)[inner];
+    assert!((density / (bond / volume) - 1.0).abs() < 1e-9, "{density:e}");
+    let (mut f, mut before) = (vec![0.0; 6 * n], vec![0.0; 6 * n]);
+    model.advance(&twice, &mut f).unwrap();
+    let step = arlequin_core::Evolution {
+        time: 0.0,
+        q_before: &half,
+        q: &twice,
+        f_before: &mut before,
+        f: &mut f,
+    };
+    model.evolving().unwrap().evolve(step).unwrap();
+    assert!(densities(&model, &twice)[inner].abs() < 1e-12 * density);
+}

@@ -249,6 +249,9 @@ class NoSuchParticle(InputError):
 class LengthMismatch(InputError):
     """Two arrays that must run in parallel do not."""
 
+class StartsInside(InputError):
+    """Particles that start inside an obstacle or inside those of another body."""
+
 class OutOfRange(InputError):
     """A parameter outside its range."""
 

@@ -11,6 +11,9 @@ use arlequin::core::{Coupled, Recovered, Subdomain, SymmetricTensor};
 /// Components of a symmetric tensor as viewers of VTU files name them: xx, yy, zz, xy, yz, xz.
 const TENSOR: usize = 6;
 
+/// Name of the array of strain energy densities, at particles and in elements.
+pub(super) const ENERGY_DENSITY: &str = "energy density [J/m3]";
+
 /// Fields that need stresses or strains, with the numbers they have at a node.
 fn width(field: OutputField) -> usize {
     match field {
@@ -28,7 +31,12 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         s.model().nodes().len() * fields.iter().filter(told).map(|f| width(*f)).sum::<usize>()
     });
     let bonds = s.model().links().map_or(0, |l| l.pairs().len());
+    let densities = match energy_from_bonds(fields, s) {
+        true => s.model().nodes().len(),
+        false => 0,
+    };
     8 * (nodes
+        + densities
         + if fields.contains(&OutputField::BondForces) {
             3 * bonds
         } else {
@@ -97,6 +105,26 @@ pub(super) fn recovered(
         a.values = at_points(s, piece, a.components, std::mem::take(&mut a.values))?;
     }
     Ok(out)
+}
+
+/// Whether the energy density of a model is wanted and comes from its bonds; else from the gradients in its cells.
+pub(super) fn energy_from_bonds(fields: &[OutputField], s: &Subdomain<f64>) -> bool {
+    fields.contains(&OutputField::EnergyDensity) && s.model().links().is_some()
+}
+
+/// Strain energy density of the nodes of a model with bonds, without weights; see [`at_points`].
+pub(super) fn energy_densities(
+    fields: &[OutputField],
+    s: &Subdomain<f64>,
+    piece: Option<&Piece>,
+) -> Result<Option<Array>> {
+    let links = s.model().links().filter(|_| energy_from_bonds(fields, s));
+    let Some(links) = links else { return Ok(None) };
+    let mut densities = Vec::with_capacity(s.model().nodes().len());
+    let read = links.energy_densities(&s.state().q, &mut densities);
+    read.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
+    let values = at_points(s, piece, 1, densities)?;
+    Ok(Some(Array::scalar(ENERGY_DENSITY, values)))
 }
 
 /// Sum of the contact forces on every node of a model that has contact; see [`at_points`].

@@ -86,7 +86,10 @@ impl Frames {
     ) -> Result<Self> {
         let density = fields.contains(&OutputField::EnergyDensity);
         let all = pictures.models.iter_mut().zip(run.subdomains());
-        let pieces = all.map(|(info, s)| s.portion().map(|p| Piece::cut(info, p, density)).transpose());
+        let pieces = all.map(|(info, s)| {
+            let gradients = density && !fields::energy_from_bonds(fields, s);
+            s.portion().map(|p| Piece::cut(info, p, gradients)).transpose()
+        });
         let pieces = pieces.collect::<Result<Vec<_>>>()?;
         let mut out = Self::of(Some(folder), fields, run, pictures, pieces);
         out.ranks = Some(ranks.clone());
@@ -170,6 +173,7 @@ impl Frames {
         let Some(seen) = Seen::of(s, piece)? else {
             // What the first rank asks of models in parts, in its order.
             fields::recovered(&self.fields, s, None)?;
+            fields::energy_densities(&self.fields, s, None)?;
             fields::bonds(&self.fields, s, 0, None)?;
             fields::contacts(&self.fields, run, part, None)?;
             return Ok(None);

@@ -20,7 +20,7 @@ pub(super) struct Painter {
     pub(super) grid: Arc<Grid>,
     /// What this rank shows of a model in parts, if each of them shows its own.
     pub(super) piece: Option<Piece>,
-    /// None if the energy density is not wanted, the field has no gradient or the material is not known.
+    /// None if the energy density is not wanted or comes from bonds, the field has no gradient or the material is not known.
     centres: Option<Vec<Cell>>,
     weights: Vec<Array>,
     /// What broke, where bonds can.
@@ -68,7 +68,8 @@ impl Painter {
         mut piece: Option<Piece>,
     ) -> Self {
         let all = || {
-            let wanted = fields.contains(&OutputField::EnergyDensity);
+            let wanted =
+                fields.contains(&OutputField::EnergyDensity) && !fields::energy_from_bonds(fields, s);
             let all = wanted.then(|| cells::cells("output.fields", &info).ok());
             all.flatten().filter(|c| !c.is_empty())
         };
@@ -124,13 +125,14 @@ impl Painter {
                 (OutputField::Weights, _) => points.extend(self.weights.iter().cloned()),
                 (OutputField::EnergyDensity, Some(centres)) => {
                     let of = centres.iter().map(|cell| density(cell, &seen.q, count));
-                    cells.push(Array::scalar("energy density [J/m3]", of.collect()));
+                    cells.push(Array::scalar(fields::ENERGY_DENSITY, of.collect()));
                 }
                 _ => {}
             }
         }
         let piece = self.piece.as_ref();
         points.extend(fields::recovered(fields, s, piece)?);
+        points.extend(fields::energy_densities(fields, s, piece)?);
         cells.extend(fields::bonds(fields, s, self.grid.cells(), piece)?);
         if let Some(log) = &self.breaks {
             let [shares, broken] = self.damage(&locked(log));

@@ -34,7 +34,7 @@ pub struct Summary {
     /// The sleeping model and what woke it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wake: Option<WakeReport>,
-    /// First bonds that broke in an overlap, one per model.
+    /// First cracks that ran into an overlap, one per model.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub into_overlap: Vec<crate::crossing::OverlapBreak>,
     /// Assignments of `--set`.

@@ -68,7 +68,7 @@ pub enum End {
     Interrupted,
     /// A sleeping model wakes.
     Woken,
-    /// A bond broke in an overlap, and the scene ends there.
+    /// A crack ran into an overlap, and the scene ends there.
     IntoOverlap,
 }
 
@@ -118,7 +118,7 @@ pub struct Results {
 }
 
 impl Results {
-    /// The run as it can go on after its observer, or a bond that broke in an overlap, ended it: with the same bits as one
+    /// The run as it can go on after its observer, or a crack that ran into an overlap, ended it: with the same bits as one
     /// that was not stopped, and with what was recorded so far. The scene is built anew.
     ///
     /// # Errors

@@ -5,6 +5,7 @@ use super::{End, Observer};
 use crate::checkpoint::Checkpoint;
 use crate::crossing::Crossing;
 use crate::error::Result;
+use crate::intrusion;
 use crate::output::fragments::Fragments;
 use crate::output::live::Live;
 use crate::output::packing::PackingLine;
@@ -38,6 +39,8 @@ pub(crate) struct Session<'a> {
     pub(crate) stage: Option<Stage>,
     pub(super) breaks: Vec<Option<SharedLog>>,
     pub(super) without_contact: ParticlesWithoutContact,
+    /// What is inside of something that it cannot touch.
+    pub(super) intrusions: intrusion::Watch,
     pub(super) packings: Vec<Option<PackingLine>>,
     bounds: Bounds,
     pub(super) phases: Vec<PhaseTime>,
@@ -67,6 +70,7 @@ impl<'a> Session<'a> {
             mediators: built.mediators,
             rigid: built.rigid,
         };
+        let intrusions = intrusion::Watch::new(scene.spec(), &built.models, &built.run, ranks)?;
         // What the first rank alone looks at as a whole.
         if !ranks.leads() {
             let all = built.models.iter_mut().zip(built.run.subdomains());
@@ -120,6 +124,7 @@ impl<'a> Session<'a> {
             stage: None,
             breaks,
             without_contact: built.without_contact,
+            intrusions,
             packings,
             bounds: built.bounds,
             phases: built.phases,
@@ -159,6 +164,17 @@ impl<'a> Session<'a> {
         self.said += new.len();
     }
 
+    /// Warns of what has come to be inside of something that it cannot touch; `at_once` whenever the last look was.
+    pub(super) fn warn_of_intrusions(&mut self, at_once: bool, observer: &mut dyn Observer) -> Result<()> {
+        let ranks = self.scene.ranks();
+        let lines = match at_once {
+            true => self.intrusions.look_now(&self.run, ranks)?,
+            false => self.intrusions.look(&self.run, ranks)?,
+        };
+        lines.into_iter().for_each(|w| self.warn(w, observer));
+        Ok(())
+    }
+
     /// Adds what was recorded to the files of the run, so that they can be read while it goes on.
     pub(super) fn flush(&mut self) -> Result<()> {
         let Some(folder) = self.keep.as_ref().and_then(|k| k.folder.as_ref()) else {
@@ -192,6 +208,8 @@ impl<'a> Session<'a> {
         let mut strange = !self.bounds.watch(&self.run).is_empty();
         let ranks = self.scene.ranks();
         let mut crossing = Crossing::since(&self.breaks);
+        self.intrusions.skip(&self.recorder.warnings);
+        self.warn_of_intrusions(true, observer)?;
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             let sampled = energy.is_some();
@@ -213,6 +231,7 @@ impl<'a> Session<'a> {
                     ControlFlow::Continue(())
                 };
             }
+            self.warn_of_intrusions(false, observer)?;
             let (said, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
             said.into_iter().for_each(|w| self.warn(w, observer));
             if made == self.steps {

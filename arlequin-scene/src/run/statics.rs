@@ -55,6 +55,7 @@ impl Session<'_> {
         self.recorder.warnings.iter().for_each(|w| observer.warning(w));
         let every = self.scene.spec().output.checkpoint_every;
         let mut end = End::Complete;
+        self.intrusions.skip(&self.recorder.warnings);
         for made in self.run.steps()..steps.times.len() {
             let from = made.checked_sub(1).map_or(0.0, |k| steps.times[k]);
             let time = steps.times[made];
@@ -63,6 +64,7 @@ impl Session<'_> {
             self.recorder.load_steps.push(LoadStep::of(time, &settled));
             self.recorder.observe(&mut self.run, None)?;
             self.flush()?;
+            self.warn_of_intrusions(true, observer)?;
             let asked = observer.step(&self.run, self.steps);
             if made + 1 == steps.times.len() {
                 break;

@@ -27,7 +27,7 @@ pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
 }
 
 /// Name of the rigid body of effect `k` in the ledger.
-pub(super) fn obstacle_name(k: usize, o: &Obstacle) -> String {
+pub(crate) fn obstacle_name(k: usize, o: &Obstacle) -> String {
     o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1))
 }
 

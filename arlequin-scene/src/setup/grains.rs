@@ -127,7 +127,10 @@ pub(super) fn law(young: f64, c: &spec::Contact) -> ContactLaw {
 }
 
 /// Shape and motion of an obstacle.
-pub(super) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape, Motion)> {
+///
+/// # Errors
+/// Keys that exclude each other, shapes that make no sense.
+pub(crate) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape, Motion)> {
     let path = format!("effect[{k}].obstacle");
     let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
     let shape = match o.shape {

@@ -36,10 +36,12 @@ pub mod zone;
 
 pub use between::ParticlesWithoutContact;
 pub use clock::PhaseTime;
+pub(crate) use drive::obstacle_name;
 pub use drive::{effect_models, model_index};
 pub use exerted::Readings;
 pub(crate) use exerted::acts;
 pub use grains::cut;
+pub(crate) use grains::obstacle_parts;
 pub use kinds::Body;
 pub use link::link_of;
 pub use mesh::Grid;

@@ -279,7 +279,7 @@ pub enum OutputField {
     Velocity,
     /// `alpha`, `beta`, `gamma` at the nodes \[–\].
     Weights,
-    /// Unweighted strain energy density at the element centres \[J/m³\].
+    /// Unweighted strain energy density \[J/m³\] at the centres of elements, and at particles: the energy of their bonds.
     EnergyDensity,
     /// Multipliers on the mediators.
     Multipliers,

@@ -194,11 +194,12 @@ pub struct Fracture {
     pub seed: u64,
     /// Steps between two checks. Default: 1.
     pub every: Option<usize>,
-    /// Whether bonds that lie in an overlap, wholly or in part, never break.
+    /// Whether bonds that lie in an overlap, wholly or in part, never break. No cure for a crack that reaches the overlap: what
+    /// cannot break carries more load than the body has strength.
     #[serde(default)]
     pub spare_overlap: bool,
-    /// Whether the first bond that breaks in an overlap ends the run there, with `status` `"stopped-at-overlap"`
-    /// and all results; `arlequin resume` goes on.
+    /// Whether the run ends when a crack runs into an overlap, six broken bonds there that are near each
+    /// other or joined by others, with `status` `"stopped-at-overlap"` and all results; `arlequin resume` goes on.
     #[serde(default)]
     pub stop_at_overlap: bool,
 }

@@ -4,18 +4,20 @@
 //!
 //! - Particles that an interface between the two models ties to each other never touch: where two particle models overlap
 //!   they are the same material, and their motion is the multipliers' business.
-//! - Others that overlap at rest push only from their distance at rest on, as within one model.
+//! - Others that overlap at rest push only from their distance at rest on, as within one model. Where the centre of one lies in
+//!   the other before the first step, one body is inside the other: refused.
 //! - In an overlap with a third model a contact carries the smaller mass share of its two ends, as within one model.
 
 use super::body::ContactBody;
 use super::grains::Grains;
 use super::law::ContactLaw;
-use super::neighbours::CrossList;
+use super::neighbours::{CrossList, distance};
 use super::touching::Touching;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use arlequin_core::Arms;
 use arlequin_core::effect::{AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, StepDemand};
 use arlequin_core::snapshot::Record;
+use std::collections::BTreeSet;
 
 /// Contact between two cohesive-beam bodies, an effect between their subdomains, in the order of the models.
 #[derive(Debug)]
@@ -49,6 +51,41 @@ impl ContactBetween {
 }
 
 impl Contacts {
+    /// Refuses listed pairs of which one holds the centre of the other, where they are now: contact begins at their distance at
+    /// rest, and one body would start inside the other. Bodies that an interface ties to each other overlap by intention.
+    fn check_start(&self, list: &CrossList) -> Result<()> {
+        if list.tied.iter().flatten().any(|tied| *tied) {
+            return Ok(());
+        }
+        let [first, second] = &self.grains;
+        let mut inside = BTreeSet::new();
+        let mut deepest = (0.0, [0.0; 3], 0.0);
+        for pair in &list.listed.pairs {
+            let (a, b) = (
+                &first.now[pair.ends[0] as usize],
+                &second.now[pair.ends[1] as usize],
+            );
+            let (depth, limit) = (a[3] + b[3] - distance(a, b), a[3].min(b[3]));
+            if depth > limit {
+                inside.insert(pair.ends[1]);
+                if depth > deepest.0 {
+                    deepest = (depth, [b[0], b[1], b[2]], limit);
+                }
+            }
+        }
+        let (depth, place, limit) = deepest;
+        match inside.len() {
+            0 => Ok(()),
+            count => Err(Error::StartsInside {
+                object: format!("particles of the other body of '{}'", self.name),
+                count,
+                place,
+                depth,
+                limit,
+            }),
+        }
+    }
+
     fn counts(&self) -> [usize; 2] {
         [self.grains[0].len(), self.grains[1].len()]
     }
@@ -71,6 +108,13 @@ impl PairEffectSpec<f64> for ContactBetween {
             list.tied[m].clone_from(&to.tied[m]);
             list.tied[m].resize(grains.len(), false);
         }
+        // A list of its own: that of the run begins with the first instant.
+        let mut near = CrossList::new(0.0);
+        near.tied.clone_from(&list.tied);
+        let [a, b] = [&grains[0].rest, &grains[1].rest].map(Vec::as_slice);
+        near.refresh([a, b], [a, b]);
+        let named = |e| arlequin_core::Error::of_model(to.sides[0].model.name(), e);
+        self.0.check_start(&near).map_err(named)?;
         Ok(Box::new(self.0))
     }
 }
@@ -129,11 +173,15 @@ impl PairEffect<f64> for Contacts {
         mut f: [&mut [f64]; 2],
     ) -> arlequin_core::Result<()> {
         let at = at.map(|a| *a);
+        let first = !self.touching.has_been_called();
         self.touching.settle(&mut self.list.listed, &at);
         let [a, b] = &mut self.grains;
         a.place(at[0].q);
         b.place(at[1].q);
         self.list.refresh([&a.now, &b.now], [&a.rest, &b.rest]);
+        if first {
+            self.check_start(&self.list)?;
+        }
         self.touching
             .respond(&mut self.list.listed, &mut self.grains, &at, &mut f);
         Ok(())

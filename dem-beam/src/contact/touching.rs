@@ -74,6 +74,11 @@ impl Touching {
         }
     }
 
+    /// Whether there was an instant before.
+    pub(crate) fn has_been_called(&self) -> bool {
+        self.calls > 0
+    }
+
     /// Overlaps \[m\] of all listed pairs.
     fn measure(&mut self, pairs: &[Candidate], grains: &[Grains]) {
         self.gaps.resize(pairs.len(), 0.0);

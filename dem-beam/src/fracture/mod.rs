@@ -2,8 +2,11 @@
 //!
 //! A bond breaks at the first instant at which its criterion reaches its strength; it then carries nothing, for ever.
 //! Masses stay: a particle that has lost all bonds moves freely, and one in an overlap stays tied by the multipliers,
-//! with the weight it had in the reference configuration. The model warns of it ([`arlequin_core::Watching::watch`]);
-//! [`Fracture::spare_overlap`] prevents it.
+//! with the weight it had in the reference configuration. The model warns of it ([`arlequin_core::Watching::watch`]).
+//!
+//! A crack is a set of broken bonds each of which is near another: their middles are at most 1.1 lengths of a bond apart. It has run
+//! into an overlap once [`CRACK`] of its bonds lie there; fewer are stray bonds, which break by the scatter of strengths
+//! ([`BreakLog::crack_in_overlap`]).
 //!
 //! The force kernel compares a bound of every bond's load with its strength on the way and marks blocks of particles;
 //! the criterion itself decides, bond by bond, in marked blocks only.
@@ -23,11 +26,14 @@
 //! so the strength of the beams is several times that of the body: 4 times in tension for `axial`, 12 times for `rankine` and
 //! `mises`. [`crate::strength`] measures it, docs/calibration.md has a table.
 
+mod cracks;
 pub(crate) mod criterion;
 pub(crate) mod parts;
 mod scatter;
 pub(crate) mod state;
 
+pub use cracks::CRACK;
+use cracks::Cracks;
 pub use criterion::{BreakMode, Criterion};
 pub use scatter::Scatter;
 
@@ -51,8 +57,8 @@ pub struct Fracture {
     /// Steps between two checks. A check rides in the force kernel and is cheap (decision 0011): more than one pays only
     /// where strengths may be passed for some steps.
     pub every: usize,
-    /// Whether bonds that lie in an overlap, wholly or in part, never break: a crack then ends at its border, and no
-    /// fragment can leave while the multipliers still hold it.
+    /// Whether bonds that lie in an overlap, wholly or in part, never break. No cure for a crack that reaches the overlap: bonds
+    /// that cannot break and the other model carry its load past the strength of the body.
     pub spare_overlap: bool,
 }
 
@@ -118,6 +124,7 @@ pub struct BreakLog {
     events: Vec<Break>,
     released: f64,
     checks: usize,
+    cracks: Cracks,
     into_overlap: Option<usize>,
 }
 
@@ -140,9 +147,9 @@ impl BreakLog {
         &self.events
     }
 
-    /// The first break in an overlap: the crack has left the particles' own region.
+    /// The break with which a crack first had [`CRACK`] bonds in an overlap: it has left the particles' own region.
     #[must_use]
-    pub fn first_in_overlap(&self) -> Option<&Break> {
+    pub fn crack_in_overlap(&self) -> Option<&Break> {
         self.events.get(self.into_overlap?)
     }
 
@@ -191,6 +198,7 @@ impl BreakLog {
         let (broken, _) = integers.as_chunks::<4>();
         self.broken = vec![false; self.broken.len()];
         self.events.clear();
+        self.cracks = Cracks::default();
         self.into_overlap = None;
         self.released = 0.0;
         self.checks = *checks as usize;
@@ -225,7 +233,9 @@ impl BreakLog {
             *b = true;
         }
         self.released += event.released;
-        if event.overlap && self.into_overlap.is_none() {
+        // All breaks join cracks, those in overlaps count.
+        let bonds = self.cracks.add(event.place, event.distance, event.overlap);
+        if bonds >= CRACK && self.into_overlap.is_none() {
             self.into_overlap = Some(self.events.len());
         }
         self.events.push(event);

@@ -9,6 +9,15 @@
 //! with the forces `f_b` of its bonds on it and the volume `V_i` it stands for. Summed over all particles with their volumes this
 //! is the mean stress of the body, `Σ_b l_b ⊗ f_b / V`, which in equilibrium is that of its boundary forces. Contacts are no bonds
 //! and not in it.
+//!
+//! The strain energy density of particle `i` shares the energies `e_b` of the bonds likewise:
+//!
+//! ```text
+//! w_i = 1/V_i Σ_b r_i/(r_i + r_j) e_b,     Σ_i V_i w_i = Σ_b e_b
+//! ```
+//!
+//! It is that of the material, without weights. The ledger counts `Σ_b α_b e_b`, with the mean `α_b` of the weight over the bond:
+//! the same where no weight is below one.
 
 use super::DemModel;
 use super::poses::Reader;
@@ -39,6 +48,15 @@ impl DemModel {
                 let ends = [reader.twist(i), reader.twist(j)];
                 [span, bond.wrenches(&reader.rigidity, &ends[0], &ends[1]).0.linear]
             }
+        }
+    }
+
+    /// Energy of bond `b` without its weight \[J\].
+    fn unweighted_energy(&self, b: usize, reader: &Reader<'_>) -> f64 {
+        match self.body.weights()[b] {
+            // Over the weight that the ledger counts, so that both are the same numbers where it is one.
+            weight if weight > 0.0 => reader.energy(&self.body, b) / weight,
+            _ => 0.0,
         }
     }
 
@@ -127,6 +145,28 @@ impl Links<f64> for DemModel {
             }
         };
         out.par_extend((0..self.body.pairs().len()).into_par_iter().map(of));
+        Ok(())
+    }
+
+    /// Of a part of a body all ranks must ask: of the particles here.
+    fn energy_densities(&self, q: &[f64], out: &mut Vec<f64>) -> Result<()> {
+        check_size(self, "displacements", q.len())?;
+        let (around, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
+        let volumes = self.field.samples().unwrap_or_default();
+        let ghosts = self.heard(q);
+        let reader = Reader {
+            ghosts: &ghosts,
+            ..self.reader(q)
+        };
+        let broken: &BreakLog = &log;
+        let density = |i: usize| {
+            let bonds = around.row(i).iter().map(|e| e.map(|k| k as usize));
+            let whole = bonds.filter(|[_, b]| !broken.is_broken_here(*b));
+            let share =
+                whole.map(|[j, b]| self.unweighted_energy(b, &reader) * radii[i] / (radii[i] + radii[j]));
+            share.sum::<f64>() / volumes[i].measure
+        };
+        out.par_extend((0..self.nodes.len()).into_par_iter().map(density));
         Ok(())
     }
 }

@@ -66,8 +66,8 @@ impl DemModel {
             effect: "overlap",
             message: format!(
                 "{broken} bonds broke inside an overlap; {lost}, pieces moved apart by up to {opening:.2} radii. The \
-                 multipliers go on tying all of them to the place they came from: move the overlap to where nothing \
-                 breaks, or keep its bonds whole (spare_overlap)"
+                 multipliers go on tying all of them to the place they came from: enlarge the region of particles, so \
+                 that nothing breaks in the overlap"
             ),
         })
     }

@@ -1,7 +1,8 @@
 //! Rigid bodies that particles run into: planes, spheres, cylinders; at rest, driven, or free with a mass of their own.
 //!
 //! The contact law is that of [`crate::contact`] with the obstacle as a sphere of infinite radius, so a particle of
-//! radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes only from there on.
+//! radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes only from there on; one whose centre
+//! lies inside is refused (`start.rs`).
 //!
 //! A free body is moved by the same velocity Verlet as everything else. A free ball turns as well: friction acts at its
 //! surface, so that the angular momentum of particles and ball is kept. Planes and cylinders have no centre that could be
@@ -13,6 +14,7 @@ mod near;
 mod parts;
 mod record;
 mod shape;
+mod start;
 
 pub use shape::{Motion, RigidShape};
 
@@ -25,7 +27,7 @@ use crate::packing::cells::Sphere;
 use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
 use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
-use arlequin_core::{DofLayout, TimeFunction};
+use arlequin_core::{DofLayout, Model, TimeFunction};
 use nalgebra::{Point3, Vector3};
 use near::Near;
 use parts::Crowd;
@@ -53,6 +55,8 @@ pub struct Obstacle(Body);
 #[derive(Debug)]
 struct Body {
     name: String,
+    /// Name of the model it acts on.
+    host: String,
     shape: RigidShape,
     motion: Motion,
     law: BudgetedLaw,
@@ -77,6 +81,8 @@ struct Body {
     velocity: Vector3<f64>,
     reaction: Vector3<f64>,
     supplied: f64,
+    /// Whether the state before the first step was looked at.
+    checked: bool,
     /// Whether the next step takes the particles backwards: see [`crate::contact`].
     backwards: bool,
     /// Half of what the last instant supplied: the half step still to come.
@@ -94,7 +100,8 @@ impl Obstacle {
     /// An obstacle for the particles of a model, with a name for reports.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for parameters that make no sense.
+    /// [`crate::Error::OutOfRange`] for parameters that make no sense; [`crate::Error::StartsInside`] where centres of particles lie
+    /// inside the shape.
     pub fn new(
         name: &str,
         model: &DemModel,
@@ -109,9 +116,11 @@ impl Obstacle {
         }
         let turning = shape.turning(&motion)?;
         let grains = Grains::new(ContactBody::of(model));
+        start::check(name, &shape, &motion.displacement(0.0), &grains.rest)?;
         let allowed = allowed(&shape, &grains.rest);
         Ok(Self(Body {
             name: name.to_owned(),
+            host: model.name().to_owned(),
             allowed,
             crowd: None,
             springs: vec![Spring::default(); grains.len()],
@@ -128,6 +137,7 @@ impl Obstacle {
             velocity: motion.first_velocity(),
             reaction: Vector3::zeros(),
             supplied: 0.0,
+            checked: false,
             backwards: false,
             pending: 0.0,
             first_energy: 0.0,
@@ -469,6 +479,7 @@ impl AnyEffect<f64> for Body {
 impl Effect<f64> for Body {
     fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
         self.advance(at)?;
+        self.check_start(at.q)?;
         match self.crowd.take() {
             Some(mut crowd) => {
                 let done = self.respond_in_parts(&mut crowd, at, f);

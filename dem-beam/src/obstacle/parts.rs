@@ -19,6 +19,13 @@ pub(super) struct Crowd {
     pub(super) company: Company,
 }
 
+impl Crowd {
+    /// The part of the body that is on this rank.
+    pub(super) fn portion(&self) -> &Portion {
+        &self.portion
+    }
+}
+
 impl Body {
     /// Goes on with the particles of this rank; `of` names the effect in errors.
     pub(super) fn share_out(

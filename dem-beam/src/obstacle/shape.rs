@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result, positive};
 use arlequin_core::TimeFunction;
+use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::{Point3, Vector3};
 
 /// A rigid shape at rest.
@@ -87,9 +88,36 @@ impl RigidShape {
         }
     }
 
+    /// Distance of a triangle from the surface of the shape moved by `by` \[m\], negative for one that reaches inside, and the point
+    /// of the triangle that is nearest to the shape, or deepest in it.
+    #[must_use]
+    pub fn distance_of_triangle(&self, corners: &[Point3<f64>; 3], by: &Vector3<f64>) -> (f64, Point3<f64>) {
+        let nearest = match self {
+            Self::Plane { normal, .. } => {
+                let height = |x: &Point3<f64>| normal.dot(&x.coords);
+                let [a, b, c] = corners;
+                let lower = |a, b| if height(b) < height(a) { b } else { a };
+                *lower(lower(a, b), c)
+            }
+            Self::Sphere { centre, .. } => {
+                let all = corners.each_ref().map(|x| x.coords);
+                closest_on_triangle(&(centre.coords + by), &all).into()
+            }
+            Self::Cylinder { point, axis, .. } => {
+                // In the plane across the axis; along it the middle of the triangle will do as a place.
+                let [a, b, c] = corners.each_ref().map(|x| x - point - by);
+                let flat = [a, b, c].map(|d| d - axis * axis.dot(&d));
+                let along = axis * (axis.dot(&(a + b + c)) / 3.0);
+                point + by + closest_on_triangle(&Vector3::zeros(), &flat) + along
+            }
+        };
+        (self.distance(&nearest, by).0, nearest)
+    }
+
     /// Distance of a point from the surface of the shape moved by `by` (negative inside), and the outward normal there.
     #[inline]
-    pub(crate) fn distance(&self, x: &Point3<f64>, by: &Vector3<f64>) -> (f64, Vector3<f64>) {
+    #[must_use]
+    pub fn distance(&self, x: &Point3<f64>, by: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let round = |d: Vector3<f64>, radius: f64| {
             let size = d.norm();
             let n = if size > 0.0 { d / size } else { Vector3::x() };

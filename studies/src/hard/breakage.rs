@@ -26,7 +26,7 @@ pub(super) const CASES: &[HardCase] = &[
         name: "a fragment leaves the overlap",
         why: "weights and multipliers belong to the place the fragment came from",
         naive: "weights of the place where it is now: energy appears out of nothing",
-        promise: "the balance and the momenta are kept, a warning says what holds the fragment; spare_overlap prevents it",
+        promise: "the balance and the momenta are kept, a warning says what holds the fragment",
         fast: true,
         run: fragment,
     },
@@ -285,7 +285,7 @@ fn one_particle() -> Result<Outcome> {
     out.add("bonds broken", torn.broken(), 6.0..=6.0);
     let name = format!("1 particles have none left ({})", torn.places[lost]);
     out.add("warnings that name the particle", torn.warnings(&name), 1.0..=1.0);
-    let remedy = torn.warnings("spare_overlap");
+    let remedy = torn.warnings("enlarge the region of particles");
     out.add("warnings that name the remedy", remedy, 1.0..=1.0);
     let far = (torn.moved(lost) - shift).norm() / cloud.radii[lost];
     out.add("way of the particle in its radii", far, 0.0..=1.0);

@@ -1,0 +1,461 @@
+//! Watch over bodies and obstacles that are inside of what they cannot touch: said the moment it happens, once per pair.
+//!
+//! Obstacles act on the particles of the models that they name, contact acts between particles. Elements have no contact, so that
+//! obstacles and other bodies pass through them. The watch looks at pairs without an effect between the two: an obstacle and a
+//! body, or two bodies that no interface ties to each other. Something is inside once it is deeper by [`TOLERANCE`] of the
+//! spacing of the nodes or particles than it may have been at rest: bodies that touch start, and a flush face vibrates.
+//!
+//! A look costs a pass over the displacements and velocities of the bodies. Only where their boxes meet are surfaces compared.
+//! The next look comes before anything can have passed unseen: at the speeds of this look the two of a pair cover no more than
+//! the gap between their boxes and [`STRIDE`] of the smaller of their spacings or radii, and never more than [`LONGEST`] steps,
+//! for what is struck in between. A scene in which nothing can be entered is not looked at.
+
+mod surface;
+
+use crate::error::{Result, core};
+use crate::ranks::Ranks;
+use crate::setup::{self, Grid, ModelInfo};
+use crate::spec::{Effect, EffectKind, SceneSpec};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Coupled, Subdomain};
+use arlequin::dem_beam::RigidShape;
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use surface::{Depth, Shell};
+
+/// Depth over the spacing of nodes or particles from which on something is inside.
+const TOLERANCE: f64 = 0.05;
+/// Distance over the smaller of two spacings or radii that may be covered between two looks.
+const STRIDE: f64 = 0.25;
+/// Most steps between two looks.
+const LONGEST: f64 = 32.0;
+
+/// A model that can be entered.
+#[derive(Debug)]
+struct Member {
+    name: String,
+    particles: bool,
+    /// Distance of nodes or particles, largest radius \[m\].
+    spacing: f64,
+    radius: f64,
+    /// Its picture and, once something comes near, its surface; on the first rank alone.
+    grid: Option<Arc<Grid>>,
+    shell: Option<Shell>,
+    /// Box \[m\] and largest speed \[m/s\] at the last look.
+    bounds: [Point3<f64>; 2],
+    speed: f64,
+}
+
+/// An obstacle.
+#[derive(Debug)]
+struct Rigid {
+    name: String,
+    /// Number of the effect, and the models that it acts on.
+    effect: usize,
+    models: Vec<usize>,
+    shape: RigidShape,
+    moved: Vector3<f64>,
+    speed: f64,
+}
+
+/// One of the two that may enter each other.
+#[derive(Debug, Clone, Copy)]
+enum Intruder {
+    Obstacle(usize),
+    Model(usize),
+}
+
+/// Two between which no effect acts.
+#[derive(Debug)]
+struct Pair {
+    first: Intruder,
+    second: usize,
+    /// How deep the two are in each other at rest \[m\], once it is known.
+    at_rest: Option<f64>,
+    told: bool,
+}
+
+/// The watch.
+#[derive(Debug)]
+pub(crate) struct Watch {
+    members: Vec<Option<Member>>,
+    obstacles: Vec<Rigid>,
+    pairs: Vec<Pair>,
+    /// Step of the next look.
+    next: usize,
+}
+
+impl Watch {
+    /// Of the models and obstacles of a scene.
+    pub(crate) fn new(
+        scene: &SceneSpec,
+        models: &[ModelInfo],
+        run: &Coupled<f64>,
+        ranks: &Ranks,
+    ) -> Result<Self> {
+        let members = models.iter().zip(run.subdomains());
+        let members: Vec<_> = members
+            .map(|(info, s)| Member::of(info, s, ranks.leads()))
+            .collect();
+        let obstacles = obstacles(scene)?;
+        let mut pairs = Vec::new();
+        let mut add = |first, second| {
+            pairs.push(Pair {
+                first,
+                second,
+                at_rest: None,
+                told: false,
+            });
+        };
+        let bodies = bodies(run);
+        let touching = touching(scene);
+        for (b, second) in members.iter().enumerate() {
+            let Some(second) = second else { continue };
+            for (k, o) in obstacles.iter().enumerate() {
+                if !o.models.contains(&b) {
+                    add(Intruder::Obstacle(k), b);
+                }
+            }
+            for (a, first) in members[..b].iter().enumerate() {
+                let Some(first) = first else { continue };
+                let pair = [first.name.clone(), second.name.clone()];
+                if bodies[a] == bodies[b] || touching.contains(&pair) {
+                    continue;
+                }
+                // Particles enter elements.
+                match second.particles && !first.particles {
+                    true => add(Intruder::Model(b), a),
+                    false => add(Intruder::Model(a), b),
+                }
+            }
+        }
+        Ok(Self {
+            members,
+            obstacles,
+            pairs,
+            next: 0,
+        })
+    }
+
+    /// Takes pairs of which a warning speaks for told: those of a run that is taken up again.
+    pub(crate) fn skip(&mut self, warnings: &[String]) {
+        for k in 0..self.pairs.len() {
+            let opening = self.opening(&self.pairs[k]);
+            self.pairs[k].told |= warnings.iter().any(|w| w.starts_with(&opening));
+        }
+    }
+
+    /// Looks if it is time to; a line for each pair of which one is now inside the other. All ranks must ask.
+    ///
+    /// # Errors
+    /// What ranks say of each other.
+    pub(crate) fn look(&mut self, run: &Coupled<f64>, ranks: &Ranks) -> Result<Vec<String>> {
+        if run.steps() < self.next || self.pairs.iter().all(|p| p.told) {
+            return Ok(Vec::new());
+        }
+        self.measure(run);
+        let (mut lines, mut steps) = (Vec::new(), LONGEST);
+        for k in 0..self.pairs.len() {
+            if self.pairs[k].told {
+                continue;
+            }
+            let gap = self.gap(&self.pairs[k]);
+            let within = self.size(&self.pairs[k]) * STRIDE;
+            let made = (gap.max(0.0) + within) / (self.speed(&self.pairs[k]) * run.dt());
+            steps = made.min(steps);
+            if gap > 0.0 {
+                continue;
+            }
+            let line = self.examine(k, run)?;
+            self.pairs[k].told = ranks.any(line.is_some())?;
+            lines.extend(line);
+        }
+        self.next = run.steps() + (steps as usize).max(1);
+        Ok(lines)
+    }
+
+    /// Looks now, as between the load steps of a scene at rest.
+    ///
+    /// # Errors
+    /// As [`Self::look`].
+    pub(crate) fn look_now(&mut self, run: &Coupled<f64>, ranks: &Ranks) -> Result<Vec<String>> {
+        self.next = 0;
+        self.look(run, ranks)
+    }
+
+    /// Reads where everything is and how fast.
+    fn measure(&mut self, run: &Coupled<f64>) {
+        for (member, s) in self.members.iter_mut().zip(run.subdomains()) {
+            if let Some(member) = member {
+                member.measure(s);
+            }
+        }
+        for o in &mut self.obstacles {
+            let host = o.models.first().and_then(|m| run.subdomains().get(*m));
+            let mut effects = host.into_iter().flat_map(Subdomain::effects);
+            let motion = effects.find(|e| e.name() == o.name).and_then(|e| e.rigid());
+            if let Some(motion) = motion {
+                (o.moved, o.speed) = (motion.displacement, motion.velocity.norm());
+            }
+        }
+    }
+
+    fn member(&self, model: usize) -> Option<&Member> {
+        self.members[model].as_ref()
+    }
+
+    /// Distance that is certainly between the two \[m\]; not positive where they may meet.
+    fn gap(&self, pair: &Pair) -> f64 {
+        let Some(second) = self.member(pair.second) else {
+            return f64::INFINITY;
+        };
+        let [low, high] = &second.bounds;
+        match pair.first {
+            Intruder::Obstacle(k) => {
+                let o = &self.obstacles[k];
+                let half = (high - low) * 0.5;
+                o.shape.distance(&(low + half), &o.moved).0 - half.norm()
+            }
+            Intruder::Model(a) => self.member(a).map_or(f64::INFINITY, |first| {
+                let [from, to] = &first.bounds;
+                (from - high).sup(&(low - to)).sup(&Vector3::zeros()).norm()
+            }),
+        }
+    }
+
+    /// Smaller of the lengths of the two that nothing may jump \[m\].
+    fn size(&self, pair: &Pair) -> f64 {
+        let spacing = |m: usize| self.member(m).map_or(f64::INFINITY, |m| m.spacing);
+        let first = match pair.first {
+            Intruder::Obstacle(k) => match self.obstacles[k].shape {
+                RigidShape::Plane { .. } => f64::INFINITY,
+                RigidShape::Sphere { radius, .. } | RigidShape::Cylinder { radius, .. } => radius,
+            },
+            Intruder::Model(m) => spacing(m),
+        };
+        first.min(spacing(pair.second))
+    }
+
+    /// Largest speed at which the two may come closer \[m/s\].
+    fn speed(&self, pair: &Pair) -> f64 {
+        let of_model = |m: usize| self.member(m).map_or(0.0, |m| m.speed);
+        let first = match pair.first {
+            Intruder::Obstacle(k) => self.obstacles[k].speed,
+            Intruder::Model(m) => of_model(m),
+        };
+        first + of_model(pair.second)
+    }
+
+    /// Compares the surfaces of a pair; what there is to say of it, on the first rank. All ranks must ask.
+    fn examine(&mut self, k: usize, run: &Coupled<f64>) -> Result<Option<String>> {
+        let (first, second) = (self.pairs[k].first, self.pairs[k].second);
+        let mut models = vec![second];
+        models.extend(match first {
+            Intruder::Obstacle(_) => None,
+            Intruder::Model(m) => Some(m),
+        });
+        let mut displaced = Vec::new();
+        for m in &models {
+            let s = &run.subdomains()[*m];
+            let q = &s.state().q;
+            displaced.push(match s.portion() {
+                None => Some(Cow::from(q)),
+                Some(_) => s.in_all(q).map_err(core("time"))?.map(Cow::from),
+            });
+        }
+        for m in &models {
+            if !self.members[*m].as_mut().is_some_and(Member::begin) {
+                return Ok(None);
+            }
+        }
+        if self.pairs[k].at_rest.is_none() {
+            for m in &models {
+                let shell = self.members[*m].as_mut().and_then(|m| m.shell.as_mut());
+                shell.into_iter().for_each(Shell::put_back);
+            }
+            let depth = self.depth(first, second, &Vector3::zeros());
+            self.pairs[k].at_rest = Some(depth.map_or(0.0, |d| d.depth));
+        }
+        for (m, q) in models.iter().zip(displaced) {
+            let shell = self.members[*m].as_mut().and_then(|m| m.shell.as_mut());
+            shell.zip(q).into_iter().for_each(|(shell, q)| shell.displace(&q));
+        }
+        let moved = match first {
+            Intruder::Obstacle(k) => self.obstacles[k].moved,
+            Intruder::Model(_) => Vector3::zeros(),
+        };
+        let pair = &self.pairs[k];
+        let spacing = models.iter().filter_map(|m| Some(self.member(*m)?.spacing));
+        let limit = self.touching_depth(pair) + TOLERANCE * spacing.fold(f64::INFINITY, f64::min);
+        let found = self.depth(first, second, &moved).filter(|d| d.depth > limit);
+        Ok(found.map(|d| self.line(pair, &d, run.time())))
+    }
+
+    /// Depth at rest that is no more than touching \[m\]: elements have a surface, and particles of a body may overlap a little.
+    fn touching_depth(&self, pair: &Pair) -> f64 {
+        let at_rest = pair.at_rest.unwrap_or_default();
+        let particles = |m: usize| self.member(m).is_some_and(|m| m.particles);
+        let first = match pair.first {
+            Intruder::Obstacle(_) => false,
+            Intruder::Model(m) => particles(m),
+        };
+        if first || particles(pair.second) {
+            at_rest
+        } else {
+            0.0
+        }
+    }
+
+    fn depth(&self, first: Intruder, second: usize, moved: &Vector3<f64>) -> Option<Depth> {
+        let shell = |m: usize| self.member(m)?.shell.as_ref();
+        let entered = shell(second)?;
+        match first {
+            Intruder::Obstacle(k) => entered.depth_in_obstacle(&self.obstacles[k].shape, moved),
+            Intruder::Model(m) => shell(m)?.depth_in(entered),
+        }
+    }
+
+    /// Words that begin the warning of a pair, and no other.
+    fn opening(&self, pair: &Pair) -> String {
+        let first = match pair.first {
+            Intruder::Obstacle(k) => format!("obstacle '{}'", self.obstacles[k].name),
+            Intruder::Model(m) => format!("model '{}'", self.member(m).map_or("", |m| m.name.as_str())),
+        };
+        let second = self.member(pair.second);
+        let what = match second.is_some_and(|m| m.particles) {
+            true => "particles",
+            false => "elements",
+        };
+        format!(
+            "{first} is inside the {what} of model '{}'",
+            second.map_or("", |m| m.name.as_str())
+        )
+    }
+
+    fn line(&self, pair: &Pair, d: &Depth, time: f64) -> String {
+        let [x, y, z] = d.place.coords.into();
+        let remedy = self.remedy(pair).unwrap_or_default();
+        format!(
+            "{} at t = {time:.4e} s, {:.3e} m deep at ({x:.3e}, {y:.3e}, {z:.3e}) m, and no force acts between the two: {remedy}",
+            self.opening(pair),
+            d.depth
+        )
+    }
+
+    fn remedy(&self, pair: &Pair) -> Option<String> {
+        let second = self.member(pair.second)?;
+        Some(match pair.first {
+            Intruder::Obstacle(k) if second.particles => format!(
+                "name '{}' in the models of effect[{}], or keep them apart",
+                second.name, self.obstacles[k].effect
+            ),
+            Intruder::Obstacle(_) => {
+                "obstacles act on particles only; let the body be particles wherever the obstacle comes (a \
+                                      larger zone), or keep them apart"
+                    .to_owned()
+            }
+            Intruder::Model(m) => {
+                let first = self.member(m)?;
+                let names = format!("[\"{}\", \"{}\"]", first.name, second.name);
+                if first.particles && second.particles {
+                    format!("add an effect contact with between = {names}, or keep them apart")
+                } else {
+                    format!(
+                        "contact is between particles only; let both be particles where they meet, with an effect contact between \
+                         = {names}, or keep them apart"
+                    )
+                }
+            }
+        })
+    }
+}
+
+impl Member {
+    /// A model of particles or of elements in space; none for a line, which has no inside.
+    fn of(info: &ModelInfo, s: &Subdomain<f64>, leads: bool) -> Option<Self> {
+        let grid = &info.grid;
+        let particles = !grid.radii.is_empty();
+        if s.model().layout().components != 3 || !(particles || Shell::is_solid(grid)) {
+            return None;
+        }
+        Some(Self {
+            name: s.model().name().to_owned(),
+            particles,
+            spacing: info.spacing,
+            radius: grid.radii.iter().fold(0.0, |m: f64, r| m.max(*r)),
+            grid: leads.then(|| grid.clone()),
+            shell: None,
+            bounds: [Point3::origin(); 2],
+            speed: 0.0,
+        })
+    }
+
+    /// Makes the surface, if this rank is to; whether there is one.
+    fn begin(&mut self) -> bool {
+        if self.shell.is_none() {
+            self.shell = self.grid.take().and_then(|grid| Shell::of(&grid));
+        }
+        self.shell.is_some()
+    }
+
+    /// Reads its box and its largest speed.
+    fn measure(&mut self, s: &Subdomain<f64>) {
+        let (q, v) = (s.state().q.as_chunks::<3>().0, s.state().v.as_chunks::<3>().0);
+        let mut low = Vector3::repeat(f64::INFINITY);
+        let (mut high, mut square) = (-low, 0.0_f64);
+        for ((x, q), v) in s.model().nodes().iter().zip(q).zip(v) {
+            let x = x.coords + Vector3::from(*q);
+            (low, high) = (low.inf(&x), high.sup(&x));
+            square = square.max(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        }
+        self.speed = square.sqrt();
+        if let Some(p) = s.portion() {
+            (0..3).for_each(|c| (low[c], high[c]) = (-p.highest(-low[c]), p.highest(high[c])));
+            self.speed = p.largest(self.speed);
+        }
+        let reach = Vector3::repeat(self.radius);
+        self.bounds = [(low - reach).into(), (high + reach).into()];
+    }
+}
+
+/// Obstacles of a scene that are on.
+fn obstacles(scene: &SceneSpec) -> Result<Vec<Rigid>> {
+    let mut out = Vec::new();
+    for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
+        let EffectKind::Obstacle(o) = &e.kind else {
+            continue;
+        };
+        out.push(Rigid {
+            name: setup::obstacle_name(k, o),
+            effect: k,
+            models: setup::effect_models(k, e, scene)?,
+            shape: setup::obstacle_parts(k, o)?.0,
+            moved: Vector3::zeros(),
+            speed: 0.0,
+        });
+    }
+    Ok(out)
+}
+
+/// Number of the body that each model belongs to: those that interfaces tie to each other are one.
+fn bodies(run: &Coupled<f64>) -> Vec<usize> {
+    let mut out: Vec<usize> = (0..run.subdomains().len()).collect();
+    for i in run.interfaces() {
+        let [a, b] = i.sides().map(|s| out[s]);
+        out.iter_mut().filter(|k| **k == a).for_each(|k| *k = b);
+    }
+    out
+}
+
+/// Names of the models between which contact is on, either way round.
+fn touching(scene: &SceneSpec) -> BTreeSet<[String; 2]> {
+    let between = |e: &Effect| {
+        let names = e.between.as_deref().filter(|_| e.enabled)?;
+        <[String; 2]>::try_from(names.to_vec()).ok()
+    };
+    let pairs = scene.effect.iter().filter_map(between);
+    pairs
+        .flat_map(|[a, b]| [[a.clone(), b.clone()], [b, a]])
+        .collect()
+}

@@ -1,0 +1,272 @@
+//! Bodies as the watch over intrusions sees them: their points, and the triangles of the surface of those of elements.
+
+use crate::setup::Grid;
+use arlequin::core::geometry::{bounds_of, closest_on_triangle};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::RigidShape;
+use arlequin::fem_ref::ElementKind;
+
+/// How deep something is in something else, and where.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Depth {
+    /// Depth \[m\], positive inside.
+    pub(super) depth: f64,
+    /// Place \[m\].
+    pub(super) place: Point3<f64>,
+}
+
+impl Depth {
+    fn deeper(a: Option<Self>, b: Self) -> Option<Self> {
+        match a {
+            Some(a) if a.depth >= b.depth => Some(a),
+            _ => Some(b),
+        }
+    }
+}
+
+/// Points and surface of a body, displaced to where they are.
+#[derive(Debug, Clone)]
+pub(super) struct Shell {
+    /// Numbers of the points in the model, and their places at rest \[m\].
+    nodes: Vec<u32>,
+    rest: Vec<Point3<f64>>,
+    now: Vec<Point3<f64>>,
+    /// Radii of particles \[m\]; empty for nodes of elements.
+    radii: Vec<f64>,
+    /// Triangles of the surface of elements by their points, normal outwards; empty for particles.
+    triangles: Vec<[u32; 3]>,
+    /// Lower ends of the triangles along x with their numbers, ascending, and the largest extent of a triangle along x \[m\].
+    sorted: Vec<(f64, u32)>,
+    widest: f64,
+}
+
+impl Shell {
+    /// Whether a picture is that of elements with an inside.
+    pub(super) fn is_solid(grid: &Grid) -> bool {
+        kind(grid).is_some()
+    }
+
+    /// Particles, or the surface of elements; none for lines.
+    pub(super) fn of(grid: &Grid) -> Option<Self> {
+        if !grid.radii.is_empty() {
+            let nodes = (0..grid.points.len() as u32).collect();
+            return Some(Self::new(nodes, grid, grid.radii.clone(), Vec::new()));
+        }
+        let mut triangles = boundary(grid, kind(grid)?);
+        let volume = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|k| grid.points[k as usize].coords);
+            a.dot(&b.cross(&c))
+        };
+        if triangles.iter().map(volume).sum::<f64>() < 0.0 {
+            // Elements that are listed the other way round.
+            triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        let mut nodes: Vec<u32> = triangles.iter().flatten().copied().collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let local = |k: &mut u32| *k = nodes.partition_point(|n| n < k) as u32;
+        triangles.iter_mut().flatten().for_each(local);
+        Some(Self::new(nodes, grid, Vec::new(), triangles))
+    }
+
+    fn new(nodes: Vec<u32>, grid: &Grid, radii: Vec<f64>, triangles: Vec<[u32; 3]>) -> Self {
+        let rest: Vec<_> = nodes.iter().map(|k| grid.points[*k as usize]).collect();
+        let mut out = Self {
+            now: rest.clone(),
+            sorted: Vec::with_capacity(triangles.len()),
+            widest: 0.0,
+            nodes,
+            rest,
+            radii,
+            triangles,
+        };
+        out.sort();
+        out
+    }
+
+    /// Moves the points by the displacements `q` of the model, three per node \[m\].
+    pub(super) fn displace(&mut self, q: &[f64]) {
+        for ((now, rest), k) in self.now.iter_mut().zip(&self.rest).zip(&self.nodes) {
+            *now = rest + Vector3::from_column_slice(&q[3 * *k as usize..][..3]);
+        }
+        self.sort();
+    }
+
+    /// Moves the points to where they are at rest.
+    pub(super) fn put_back(&mut self) {
+        self.now.clone_from(&self.rest);
+        self.sort();
+    }
+
+    fn sort(&mut self) {
+        self.sorted.clear();
+        self.widest = 0.0;
+        for (k, triangle) in self.triangles.iter().enumerate() {
+            let [a, b, c] = triangle.map(|i| self.now[i as usize].x);
+            let low = a.min(b).min(c);
+            self.sorted.push((low, k as u32));
+            self.widest = self.widest.max(a.max(b).max(c) - low);
+        }
+        self.sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    }
+
+    fn corners(&self, triangle: usize) -> [Point3<f64>; 3] {
+        self.triangles[triangle].map(|i| self.now[i as usize])
+    }
+
+    fn radius(&self, point: usize) -> f64 {
+        self.radii.get(point).copied().unwrap_or(0.0)
+    }
+
+    /// How deep the body is in an obstacle moved by `by`; none if they are apart.
+    pub(super) fn depth_in_obstacle(&self, shape: &RigidShape, by: &Vector3<f64>) -> Option<Depth> {
+        let mut deepest = None;
+        let mut meet = |distance: f64, place: Point3<f64>| {
+            if distance < 0.0 {
+                let depth = -distance;
+                deepest = Depth::deeper(deepest, Depth { depth, place });
+            }
+        };
+        for (x, r) in self.now.iter().zip(&self.radii) {
+            meet(shape.distance(x, by).0 - r, *x);
+        }
+        for k in 0..self.triangles.len() {
+            let corners = self.corners(k);
+            let [first, second, third] = &corners;
+            let size = (second - first).norm().max((third - first).norm());
+            if shape.distance(first, by).0 < size {
+                let (distance, place) = shape.distance_of_triangle(&corners, by);
+                meet(distance, place);
+            }
+        }
+        deepest
+    }
+
+    /// How deep the body and another are in each other; none if they are apart.
+    pub(super) fn depth_in(&self, other: &Self) -> Option<Depth> {
+        let within = self.common(other);
+        match (self.triangles.is_empty(), other.triangles.is_empty()) {
+            (true, true) => self.overlap(other, &within),
+            (true, false) => self.depth_behind(other, &within),
+            (false, true) => other.depth_behind(self, &within),
+            (false, false) => {
+                let both = [
+                    self.depth_behind(other, &within),
+                    other.depth_behind(self, &within),
+                ];
+                both.into_iter()
+                    .flatten()
+                    .reduce(|a, b| if a.depth >= b.depth { a } else { b })
+            }
+        }
+    }
+
+    /// Box in which points of both may be, with their radii \[m\].
+    fn common(&self, other: &Self) -> [Point3<f64>; 2] {
+        let [a, b] = [self, other].map(|s| bounds_of(s.now.iter()));
+        let radius = |s: &Self| s.radii.iter().fold(0.0, |m: f64, r| m.max(*r));
+        let reach = Vector3::repeat(radius(self) + radius(other));
+        [a[0].sup(&b[0]) - reach, a[1].inf(&b[1]) + reach]
+    }
+
+    /// How deep its points in a box are behind the surface of the elements of `other`, as far as they are near it.
+    fn depth_behind(&self, other: &Self, within: &[Point3<f64>; 2]) -> Option<Depth> {
+        let reach = other.widest;
+        let mut deepest = None;
+        for (k, x) in self.now.iter().enumerate().filter(|(_, x)| contains(within, x)) {
+            let r = self.radius(k);
+            if let Some(height) = other.height(x, r + reach) {
+                let depth = r - height;
+                if depth > 0.0 {
+                    deepest = Depth::deeper(deepest, Depth { depth, place: *x });
+                }
+            }
+        }
+        deepest
+    }
+
+    /// Height of a point above the surface \[m\], negative behind it; none beyond `reach` of it.
+    fn height(&self, x: &Point3<f64>, reach: f64) -> Option<f64> {
+        let first = self.sorted.partition_point(|s| s.0 < x.x - reach - self.widest);
+        let near = self.sorted[first..].iter().take_while(|s| s.0 <= x.x + reach);
+        let mut best: Option<(f64, f64)> = None;
+        for (_, k) in near {
+            let corners = self.corners(*k as usize);
+            let d = x.coords - closest_on_triangle(&x.coords, &corners.map(|p| p.coords));
+            let distance = d.norm();
+            if distance > reach {
+                continue;
+            }
+            let [a, b, c] = corners;
+            let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+            let height = normal.dot(&d);
+            // Where triangles meet, the one that the point lies most straight above decides on the side.
+            let slack = 1e-9 * reach;
+            let nearer = best.is_none_or(|(least, before)| {
+                distance < least - slack || (distance < least + slack && height.abs() > before.abs())
+            });
+            if nearer {
+                best = Some((distance, height));
+            }
+        }
+        best.map(|(distance, height)| distance.copysign(height))
+    }
+
+    /// How deep its particles overlap those of `other`: the radii less the distance of the centres.
+    fn overlap(&self, other: &Self, within: &[Point3<f64>; 2]) -> Option<Depth> {
+        let largest = other.radii.iter().fold(0.0, |m: f64, r| m.max(*r));
+        let mut near: Vec<(f64, usize)> = Vec::new();
+        let inside = other.now.iter().enumerate().filter(|(_, x)| contains(within, x));
+        near.extend(inside.map(|(k, x)| (x.x, k)));
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut deepest = None;
+        for (k, x) in self.now.iter().enumerate().filter(|(_, x)| contains(within, x)) {
+            let reach = self.radii[k] + largest;
+            let first = near.partition_point(|n| n.0 < x.x - reach);
+            for (_, other_k) in near[first..].iter().take_while(|n| n.0 <= x.x + reach) {
+                let y = other.now[*other_k];
+                let depth = self.radii[k] + other.radii[*other_k] - (x - y).norm();
+                if depth > 0.0 {
+                    let place = x + (y - x) * 0.5;
+                    deepest = Depth::deeper(deepest, Depth { depth, place });
+                }
+            }
+        }
+        deepest
+    }
+}
+
+fn contains([low, high]: &[Point3<f64>; 2], x: &Point3<f64>) -> bool {
+    (0..3).all(|c| low[c] <= x[c] && x[c] <= high[c])
+}
+
+/// Kind of the elements that a picture shows; none for lines and particles.
+fn kind(grid: &Grid) -> Option<ElementKind> {
+    match grid.cell_type {
+        10 => Some(ElementKind::Tet4),
+        12 => Some(ElementKind::Hex8),
+        _ => None,
+    }
+}
+
+/// Triangles of the faces that one cell alone has, with normals outwards.
+fn boundary(grid: &Grid, kind: ElementKind) -> Vec<[u32; 3]> {
+    // Corners of a face, ascending, then in their order; the fourth of a triangle is none.
+    let mut faces: Vec<[[u32; 4]; 2]> = Vec::new();
+    for cell in grid.connectivity.chunks_exact(grid.corners) {
+        for face in kind.faces() {
+            let mut corners = [u32::MAX; 4];
+            corners.iter_mut().zip(*face).for_each(|(to, c)| *to = cell[*c]);
+            let mut ascending = corners;
+            ascending.sort_unstable();
+            faces.push([ascending, corners]);
+        }
+    }
+    faces.sort_unstable();
+    let alone = faces.chunk_by(|a, b| a[0] == b[0]).filter(|same| same.len() == 1);
+    let halves = alone.flat_map(|face| {
+        let [a, b, c, d] = face[0][1];
+        [[a, b, c], [a, c, d]]
+    });
+    halves.filter(|t| t[2] != u32::MAX).collect()
+}
