@@ -37,7 +37,14 @@ use std::sync::{Arc, OnceLock};
 const ENERGY_TOLERANCE: f64 = 1e-5;
 /// Locking: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff, error of its hoop stress at the
 /// inner face. Measured in `arlequin-scene/tests/locking.rs`.
-const LOCKING: [[f64; 3]; 6] = [[0.0; 3]; 6];
+const LOCKING: [[f64; 3]; 6] = [
+    [0.3, -0.007, 0.048],
+    [0.4, -0.004, 0.079],
+    [0.45, 0.002, 0.143],
+    [0.49, 0.033, 0.674],
+    [0.499, 0.272, 5.360],
+    [0.4999, 2.329, 17.924],
+];
 /// Components of the strain and the displacement gradients `∂u_a/∂x_b` that make them.
 const STRAINS: [(&str, [usize; 2]); 6] = [
     ("xx", [0, 0]),

@@ -24,8 +24,30 @@ use std::sync::{Arc, OnceLock};
 /// Locking of hexahedra and tetrahedra: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff,
 /// error of its hoop stress at the inner face. Measured in `arlequin-scene/tests/locking.rs`.
 const LOCKING: [(ElementKind, &str, [[f64; 3]; 6]); 2] = [
-    (ElementKind::Hex8, "hexahedra", [[0.0; 3]; 6]),
-    (ElementKind::Tet4, "tetrahedra", [[0.0; 3]; 6]),
+    (
+        ElementKind::Hex8,
+        "hexahedra",
+        [
+            [0.3, 0.014, -0.042],
+            [0.4, 0.023, -0.054],
+            [0.45, 0.041, -0.076],
+            [0.49, 0.184, -0.232],
+            [0.499, 1.788, -0.885],
+            [0.4999, 17.823, -1.296],
+        ],
+    ),
+    (
+        ElementKind::Tet4,
+        "tetrahedra",
+        [
+            [0.3, 0.055, 0.062],
+            [0.4, 0.080, 0.111],
+            [0.45, 0.119, 0.197],
+            [0.49, 0.271, 0.467],
+            [0.499, 0.474, 0.104],
+            [0.4999, 0.519, -0.190],
+        ],
+    ),
 ];
 
 /// A linear elastic body meshed with finite elements; bars carry axial displacements only.
