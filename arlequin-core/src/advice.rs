@@ -25,7 +25,13 @@ const STEP_RESOLVES: f64 = 0.788;
 /// elements a wave.
 const MESH_RESOLVES: f64 = 1.025;
 
-/// Something measured that the choices of an overlap or of a step lie outside of. Lengths \[m\], times \[s\].
+/// Share by which a nearly incompressible body may be stiffer than a compressible one before it is said to lock.
+const LOCKS: f64 = 0.05;
+
+/// The same of the error of a stress.
+const STRESS_LOCKS: f64 = 0.1;
+
+/// Something measured that the choices of an overlap, of a step or of a material lie outside of. Lengths \[m\], times \[s\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Advice {
@@ -69,11 +75,35 @@ pub enum Advice {
         /// Critical step of the explicit scheme.
         critical: f64,
     },
+    /// A nearly incompressible material in elements that lock.
+    Locking {
+        /// The elements, in the plural.
+        elements: &'static str,
+        /// Poisson's ratio.
+        poisson: f64,
+        /// How much too stiff a pressurised ring of them is, relative.
+        stiffer: f64,
+        /// Error of the largest stress in it, relative.
+        stress: f64,
+    },
 }
 
 impl fmt::Display for Advice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Locking {
+                elements,
+                poisson,
+                stiffer,
+                stress,
+            } => write!(
+                f,
+                "{elements} lock at a Poisson's ratio of {poisson}: a thick-walled ring under inner pressure with five of them \
+                 through the wall comes out {:.0} % too stiff, with a hoop stress at the inner face that is off by {:.0} %; hold \
+                 results against those of a finer mesh, or take a ratio of 0.45 or less",
+                100.0 * stiffer,
+                100.0 * stress.abs()
+            ),
             Self::NarrowAbsorber { width, element } => write!(
                 f,
                 "the overlap is {:.2} coarse elements wide; the absorber takes 99.7 % of short waves from {ABSORBER_WIDTH} on \
@@ -143,6 +173,32 @@ pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) ->
     out
 }
 
+/// Locking of `elements` at a Poisson's ratio, if it matters; `measured` are rows of Poisson's ratio, how much too stiff a
+/// thick-walled ring under inner pressure is, and the error of its hoop stress at the inner face, both relative, by rising ratio; the
+/// first row is that of a material in which nothing locks.
+/// Between rows the logarithm of `1 − 2ν` decides; beyond the last row it counts.
+pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> Option<Advice> {
+    let place = |nu: f64| (1.0 - 2.0 * nu).ln();
+    let after = measured.iter().position(|row| row[0] >= poisson);
+    let [_, stiffer, stress] = match after.unwrap_or(measured.len()) {
+        0 => *measured.first()?,
+        k if k == measured.len() => *measured.last()?,
+        k => {
+            let (low, high) = (measured[k - 1], measured[k]);
+            let share = (place(poisson) - place(low[0])) / (place(high[0]) - place(low[0]));
+            [0, 1, 2].map(|c: usize| low[c] + share * (high[c] - low[c]))
+        }
+    };
+    let [_, sound, near] = *measured.first()?;
+    let locks = stiffer - sound > LOCKS || stress.abs() - near.abs() > STRESS_LOCKS;
+    locks.then_some(Advice::Locking {
+        elements,
+        poisson,
+        stiffer,
+        stress,
+    })
+}
+
 /// What an implicit model with that step and that critical step of the explicit scheme \[s\] does not resolve, if it is more than
 /// half of what its mesh does.
 pub fn implicit(step: f64, critical: f64) -> Option<Advice> {
@@ -168,7 +224,35 @@ pub fn absorber(width: Option<f64>, jump: f64, element: f64, spacing: f64) -> Ve
 
 #[cfg(test)]
 mod tests {
-    use super::{Advice, MESH_RESOLVES, PERIOD, STEP_RESOLVES, absorber, breakage, implicit};
+    use super::{Advice, MESH_RESOLVES, PERIOD, STEP_RESOLVES, absorber, breakage, implicit, locking};
+
+    #[test]
+    fn locking_is_told_from_a_twentieth_on_with_what_was_measured() {
+        let rows = [[0.3, 0.02, 0.0], [0.45, 0.04, -0.1], [0.495, 0.24, -0.3]];
+        assert_eq!(locking("cubes", 0.2, &rows), None);
+        assert_eq!(locking("cubes", 0.45, &rows), None);
+        // Stresses may be off where displacements are not.
+        let soft = [[0.3, 0.01, 0.05], [0.49, 0.02, -0.16]];
+        assert!(locking("cubes", 0.49, &soft).is_some() && locking("cubes", 0.4, &soft).is_none());
+        let stiffer = |nu: f64| match locking("cubes", nu, &rows) {
+            Some(Advice::Locking { stiffer, stress, .. }) => [stiffer, stress],
+            _ => [0.0; 2],
+        };
+        // 1 − 2ν is 0.1, 0.0316, 0.01.
+        let [middle, stress] = stiffer(0.5 - 0.5 * 0.001_f64.sqrt());
+        assert!(
+            (middle - 0.14).abs() < 1e-12 && (stress + 0.2).abs() < 1e-12,
+            "{middle} {stress}"
+        );
+        assert_eq!(stiffer(0.4999), [0.24, -0.3]);
+        let words = locking("cubes", 0.495, &rows)
+            .map(|a| a.to_string())
+            .unwrap_or_default();
+        assert!(
+            words.contains("24 % too stiff") && words.contains("off by 30 %"),
+            "{words}"
+        );
+    }
 
     #[test]
     fn overlaps_in_which_breakage_is_right_are_not_warned_of_and_each_fault_is_named() {

@@ -40,7 +40,7 @@ impl<T: Real> Elastic<T> {
             return Err(invalid(
                 "poisson",
                 poisson,
-                "an incompressible material has no finite bulk modulus in a displacement model; use a value below 0.5, such as 0.49",
+                "an incompressible material has no finite bulk modulus in a displacement model; use a value below 0.5; elements of first order lock near it, so that 0.45 is a better choice than 0.49",
             ));
         }
         if !(poisson > -T::one() && poisson < T::of(0.5)) {

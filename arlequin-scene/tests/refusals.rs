@@ -1,6 +1,6 @@
 //! What a scene refuses: the key, the value, the remedy; never a parser's words.
 
-use arlequin_scene::{Error, Scene};
+use arlequin_scene::{Error, Results, Scene, Silent};
 
 /// Two boxes of elements with an overlap from x = 4 m to 6 m.
 const SOLIDS: &str = r#"
@@ -110,25 +110,81 @@ fn numbers_that_rust_writes_otherwise_than_toml_are_understood() {
 
 /// Two faces have an edge in common, and with it components of its nodes.
 #[test]
-fn supports_that_hold_the_same_nodes_are_told_apart_by_place_and_component() {
-    let both = |components: &str| {
-        let more = format!("[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\n{components}\n");
-        Scene::from_text(SOLIDS.to_owned() + &more)
+fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
+    let both = |first: &str, second: &str| {
+        let held = format!("where = \"x-min\"\n{first}");
+        let more = format!("[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\n{second}\n");
+        Scene::from_text(SOLIDS.replacen("where = \"x-min\"", &held, 1) + &more)
     };
-    let refusal = refused(both("components = [\"y\"]"));
-    says(
-        &refusal,
-        "support[1].where",
-        &[
-            "holds y of the node of 'left' at (0.0000e0, 0.0000e0",
-            "as support[0] does",
-            "1 more",
-            "leave \"y\" out",
-        ],
-    );
-    let apart = SOLIDS.replacen("where = \"x-min\"", "where = \"x-min\"\ncomponents = [\"x\"]", 1);
-    let more = "[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\ncomponents = [\"y\", \"z\"]\n";
-    assert!(Scene::from_text(apart + more).and_then(|s| s.prepare()).is_ok());
+    let motion = "motion = { amplitude = 1e-6 }";
+    let in_y = format!("components = [\"y\"]\n{motion}");
+    for (first, second) in [
+        ("", in_y.as_str()),
+        (motion, "components = [\"y\"]"),
+        (motion, &in_y),
+    ] {
+        says(
+            &refused(both(first, second)),
+            "support[1].where",
+            &[
+                "holds y of the node of 'left' at (0.0000e0, 0.0000e0",
+                "as support[0] does",
+                "1 more",
+                "leave \"y\" out",
+            ],
+        );
+    }
+    let apart = both("components = [\"x\"]", "components = [\"y\", \"z\"]");
+    assert!(apart.and_then(|s| s.prepare()).is_ok());
+}
+
+/// What two supports hold at rest is held once: the run is that of supports that do not meet, and the first of two has the force.
+#[test]
+fn supports_that_hold_the_same_components_at_rest_are_united() {
+    let support = |place: &str, components: &str| {
+        format!("[[support]]\nmodel = \"left\"\nwhere = {place}\ncomponents = {components}\n")
+    };
+    let (head, tail) = SOLIDS
+        .split_once("[[support]]\nmodel = \"left\"\nwhere = \"x-min\"\n")
+        .expect("a support");
+    let probes: String = (1..=3)
+        .flat_map(|k| ["x", "y", "z"].map(|c| (k, c)))
+        .map(|(k, c)| {
+            format!("[probe.{c}{k}]\nof = \"support-{k}\"\nquantity = \"force\"\ncomponent = \"{c}\"\n")
+        })
+        .collect();
+    let run = |supports: &str| {
+        let text = format!("{head}{supports}{tail}{probes}");
+        let scene = Scene::from_text(text).and_then(|s| s.prepare()).expect("built");
+        scene.run(&mut Silent).expect("runs")
+    };
+    let all = "[\"x\", \"y\", \"z\"]";
+    let united = run(&[
+        support("\"x-min\"", all),
+        support("\"y-min\"", "[\"y\"]"),
+        support("\"z-min\"", "[\"z\", \"y\"]"),
+    ]
+    .concat());
+    // Without the nodes that an earlier one holds.
+    let beside = |axis: &str, low: &str| format!("{{ box = {{ low = {low}, high = [6.0, {axis}] }} }}");
+    let apart = run(&[
+        support("\"x-min\"", all),
+        support(&beside("0.0, 1.0", "[0.5, 0.0, 0.0]"), "[\"y\"]"),
+        support(&beside("1.0, 0.0", "[0.5, 0.5, 0.0]"), "[\"z\", \"y\"]"),
+        support(
+            "{ box = { low = [0.5, 0.0, 0.0], high = [6.0, 0.0, 0.0] } }",
+            "[\"z\"]",
+        ),
+    ]
+    .concat());
+    let tip = |r: &Results| r.probe("tip").expect("a probe").1.to_vec();
+    assert!(tip(&united).iter().any(|u| u.abs() > 1e-6));
+    assert_eq!(tip(&united), tip(&apart));
+    let force = |r: &Results, name: &str| r.probe(name).expect("a probe").1.to_vec();
+    for name in ["x1", "y1", "z1", "y2", "y3"] {
+        assert_eq!(force(&united, name), force(&apart, name), "{name}");
+    }
+    assert!(force(&united, "y1").iter().any(|f| f.abs() > 1e-9));
 }
 
 /// Names of loads and rigid bodies head columns: with a comma in one, all numbers behind it would stand under a wrong head.

@@ -352,3 +352,42 @@ fn the_mean_stress_of_particles_is_that_of_their_volume() {
         );
     }
 }
+
+/// In a bar of particles that is pulled, the outer layer tells another stress than the middle, and a probe there is warned of.
+#[test]
+fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
+    let place = |low: &str, high: &str| format!("where.box = {{ low = [{low}], high = [{high}] }}");
+    let mut text = format!(
+        "[model.bar]\nkind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"\n{SOLID}\n\
+         shape.box = {{ low = [0.0, 0.0, 0.0], high = [10.0, 4.0, 4.0] }}\n\
+         [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n\
+         [[support]]\nmodel = \"bar\"\nwhere = \"x-max\"\nmotion = {{ amplitude = 1e-4 }}\n[static]\nsteps = 1\n"
+    );
+    text += &probe("rim", "bar", &place("3, 0, 0", "7, 0.35, 4"), "stress", "xx");
+    text += &probe("inner", "bar", &place("3, 1, 1", "7, 3, 3"), "stress", "xx");
+    text += &probe("whole", "bar", &place("3, 0, 0", "7, 4, 4"), "stress", "xx");
+    text += "[probe.corner]\nmodel = \"bar\"\nat = [5.0, 0.3, 2.0]\nquantity = \"von-mises\"\n";
+    text += &probe(
+        "moved",
+        "bar",
+        &place("3, 0, 0", "7, 0.35, 4"),
+        "displacement",
+        "x",
+    );
+    let prepared = Scene::from_text(text).and_then(|s| s.prepare()).expect("built");
+    let warned = |name: &str| {
+        let start = format!("probe '{name}': lies on the rim of the particles of 'bar'");
+        prepared.warnings().iter().any(|w| w.starts_with(&start))
+    };
+    let found = ["rim", "corner", "inner", "whole", "moved"].map(warned);
+    assert_eq!(
+        found,
+        [true, true, false, false, false],
+        "{:?}",
+        prepared.warnings()
+    );
+    let results = prepared.run(&mut Silent).expect("runs");
+    let [rim, inner] = ["rim", "inner"].map(|n| *results.probe(n).expect("probe").1.last().expect("a row"));
+    println!("stress in the outer layer {:.3} of that inside", rim / inner);
+    assert!(rim < 0.9 * inner, "{rim:e}, {inner:e}");
+}

@@ -28,11 +28,22 @@ use arlequin_core::ranks::{Communicator, Portion};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Patches,
-    Recovery, Shared, Weight, check_size, spectrum,
+    Recovery, Shared, Weight, advice, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
+
+/// Locking: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff, error of its hoop stress at the
+/// inner face. Measured in `arlequin-scene/tests/locking.rs`.
+const LOCKING: [[f64; 3]; 6] = [
+    [0.3, -0.007, 0.048],
+    [0.4, -0.004, 0.079],
+    [0.45, 0.002, 0.143],
+    [0.49, 0.033, 0.674],
+    [0.499, 0.272, 5.360],
+    [0.4999, 2.329, 17.924],
+];
 
 /// Choices of the method.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,7 +143,12 @@ impl CnemModel {
 
     /// What is odd about the model although it is sound, in words.
     pub fn warnings(&self) -> Vec<String> {
-        self.neighbours.warning().into_iter().collect()
+        let locking = advice::locking("natural elements", self.material.poisson(), &LOCKING);
+        let neighbours = self.neighbours.warning();
+        neighbours
+            .into_iter()
+            .chain(locking.map(|a| a.to_string()))
+            .collect()
     }
 
     /// The domain.

@@ -46,6 +46,7 @@ pub(crate) fn mesh<T: Real>(
         }
     }
     references(kind, nodes, connectivity)?;
+    repeated(kind, nodes, connectivity)?;
     let pairs = coincident(nodes)?;
     shapes(kind, nodes, connectivity).map(|()| pairs)
 }
@@ -74,6 +75,43 @@ fn references<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u
     }
 }
 
+/// Refuses two elements with the same set of nodes, in whatever order: their mass and stiffness would count twice, and
+/// their faces would all be inner ones.
+fn repeated<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32]) -> Result<()> {
+    let elements = connectivity.chunks_exact(kind.corners());
+    let mut keyed: Vec<(NodeSet, u32)> = elements.map(node_set).zip(0..).collect();
+    keyed.sort_unstable();
+    let twins = keyed.windows(2).filter(|pair| pair[0].0 == pair[1].0);
+    match twins.map(|pair| [pair[0].1 as usize, pair[1].1 as usize]).min() {
+        None => Ok(()),
+        Some([first, second]) => Err(Error::RepeatedElement {
+            kind: kind.name(),
+            first,
+            second,
+            centre: centre(nodes, &connectivity[first * kind.corners()..][..kind.corners()]),
+        }),
+    }
+}
+
+/// Nodes of an element in ascending order; entries beyond its corners hold the largest number.
+pub(crate) type NodeSet = [u32; 8];
+
+/// The nodes of an element without their order.
+pub(crate) fn node_set(corners: &[u32]) -> NodeSet {
+    let mut out = [u32::MAX; 8];
+    out[..corners.len()].copy_from_slice(corners);
+    out.sort_unstable();
+    out
+}
+
+/// Mean of the corners of an element \[m\].
+fn centre<T: Real>(nodes: &[Point3<T>], corners: &[u32]) -> [f64; 3] {
+    let sum = corners
+        .iter()
+        .fold(Vector3::zeros(), |s, &k| s + nodes[k as usize].coords);
+    plain(&Point3::from(sum / T::of(corners.len() as f64)))
+}
+
 /// Distance below which nodes coincide: 1e-9 of the mesh diagonal (more in single precision).
 fn nearness<T: Real>(nodes: &[Point3<T>]) -> f64 {
     let [low, high] = bounds_of(nodes.iter());
@@ -82,7 +120,7 @@ fn nearness<T: Real>(nodes: &[Point3<T>]) -> f64 {
 }
 
 /// Nodes that coincide, each with one before it.
-fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<Vec<[u32; 2]>> {
+pub(crate) fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<Vec<[u32; 2]>> {
     let [low, _] = bounds_of(nodes.iter());
     let limit = nearness(nodes);
     if limit <= 0.0 {
@@ -151,11 +189,7 @@ fn shapes<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32])
         if relative > limit {
             continue;
         }
-        let centre = corners
-            .iter()
-            .fold(Vector3::zeros(), |s, &k| s + nodes[k as usize].coords)
-            / T::of(corners.len() as f64);
-        let (kind, element, centre) = (kind.name(), e, plain(&Point3::from(centre)));
+        let (kind, element, centre) = (kind.name(), e, centre(nodes, corners));
         let (jacobian, inverted, limit) = (relative.as_f64(), relative < -limit, limit.as_f64());
         return Err(if inverted {
             Error::InvertedElement {

@@ -242,13 +242,14 @@ pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<
 }
 
 /// Cuts a hexahedron into six tetrahedra by coning its lowest-numbered corner with the three faces that do not hold it,
-/// each cut along the diagonal from its own lowest corner. Neighbours cut their common face alike.
-pub(crate) fn split_hexahedron(corners: &[u32]) -> [[u32; 4]; 6] {
-    let apex = (0..8).min_by_key(|&k| corners[k]).unwrap_or(0);
+/// each cut along the diagonal from its own lowest corner. Neighbours cut their common face alike, and so do the two lips of a slit
+/// if `rank` is that of a node's place.
+pub(crate) fn split_hexahedron(corners: &[u32], rank: impl Fn(u32) -> u32) -> [[u32; 4]; 6] {
+    let apex = (0..8).min_by_key(|&k| rank(corners[k])).unwrap_or(0);
     let mut out = [[0; 4]; 6];
     let far = ElementKind::Hex8.faces().iter().filter(|f| !f.contains(&apex));
     for (slot, face) in out.chunks_exact_mut(2).zip(far) {
-        let low = (0..4).min_by_key(|&k| corners[face[k]]).unwrap_or(0);
+        let low = (0..4).min_by_key(|&k| rank(corners[face[k]])).unwrap_or(0);
         let at = |k: usize| corners[face[(low + k) % 4]];
         slot[0] = [corners[apex], at(0), at(1), at(2)];
         slot[1] = [corners[apex], at(0), at(2), at(3)];

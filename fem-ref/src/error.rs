@@ -80,6 +80,32 @@ pub enum Error {
         /// Smallest distance accepted \[m\].
         limit: f64,
     },
+    /// Pieces of a mesh touch and share no node.
+    #[error("the mesh is in {count} pieces that touch and share no node: {pieces}; nodes {first} and {second} both lie at ({:.6e}, {:.6e}, {:.6e}) m; merge the nodes where the pieces meet (Coherence or fragments of the geometry in Gmsh), or take a mesh of each piece", point[0], point[1], point[2])]
+    SeparatePieces {
+        /// Number of pieces.
+        count: usize,
+        /// The pieces: elements, places, volumes.
+        pieces: String,
+        /// A node of one piece.
+        first: usize,
+        /// A node of another piece at the same place.
+        second: usize,
+        /// Their place \[m\].
+        point: [f64; 3],
+    },
+    /// Two elements have the same nodes.
+    #[error("{kind} elements {first} and {second} at ({:.6e}, {:.6e}, {:.6e}) m have the same nodes, so that mass and stiffness would count twice there; remove one of them", centre[0], centre[1], centre[2])]
+    RepeatedElement {
+        /// Element kind.
+        kind: &'static str,
+        /// First element.
+        first: usize,
+        /// Second element.
+        second: usize,
+        /// Mean of the corners \[m\].
+        centre: [f64; 3],
+    },
     /// An element is turned inside out.
     #[error("{kind} element {element} at ({:.6e}, {:.6e}, {:.6e}) m is inverted: its relative Jacobian is {jacobian:.3e} at corner {corner}, must exceed {limit:.0e}; reverse its node order or repair the mesh", centre[0], centre[1], centre[2])]
     InvertedElement {

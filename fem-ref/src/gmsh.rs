@@ -4,7 +4,9 @@
 //! read as linear ones, without the nodes in the middle of their edges, and the mesh says so. Physical groups
 //! become named groups: those of surfaces get facets (their boundary faces; inner surfaces are groups of nodes only),
 //! all get nodes. A group without a name in the file is called `point-1`, `curve-2`, `surface-3` or `volume-4` after
-//! its dimension and tag. Nodes are renumbered for locality; Gmsh's own tags are not kept.
+//! its dimension and tag. An element that one entity lists twice is read once, whatever the order of its nodes; on two
+//! entities it is refused, as volumes in one place may be of two materials. Nodes are renumbered for locality; Gmsh's own
+//! tags are not kept.
 
 mod assemble;
 mod contents;

@@ -34,6 +34,7 @@
 //! ```
 
 mod check;
+mod crack;
 mod element;
 pub mod error;
 mod field;
@@ -44,6 +45,7 @@ mod mesh;
 mod model;
 mod order;
 mod part;
+mod pieces;
 mod portion;
 mod recovery;
 mod slit;
@@ -54,3 +56,4 @@ pub use error::{Error, Result};
 pub use field::FemField;
 pub use mesh::{Facet, Group, Mesh};
 pub use model::FemModel;
+pub use pieces::{MeshPiece, list_pieces};

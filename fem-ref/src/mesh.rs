@@ -64,10 +64,23 @@ impl<T: Real> Mesh<T> {
     ///
     /// # Errors
     /// A typed error for an empty mesh, NaN coordinates, indices out of range, inverted or flat elements (hexahedra:
-    /// Jacobian at all corners), unreferenced nodes, or coincident ones that are no lips of a slit.
+    /// Jacobian at all corners), elements with the same nodes, unreferenced nodes, or coincident ones that are no lips of a
+    /// slit.
     pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
+        Self::of_volumes(kind, nodes, connectivity, Vec::new(), Vec::new())
+    }
+
+    /// As [`Mesh::new`], with the names of volumes and the number of every element's volume.
+    pub(crate) fn of_volumes(
+        kind: ElementKind,
+        nodes: Vec<Point3<T>>,
+        connectivity: Vec<u32>,
+        volumes: Vec<String>,
+        regions: Vec<u32>,
+    ) -> Result<Self> {
         let pairs = check::mesh(kind, &nodes, &connectivity)?;
         let mut mesh = Self::bare(kind, T::one(), nodes, connectivity);
+        mesh.set_volumes(volumes, regions);
         mesh.doubled = pairs.len();
         slit::checked(mesh, &pairs)
     }
@@ -188,7 +201,7 @@ impl<T: Real> Mesh<T> {
             ]))),
             ElementKind::Hex8 if planar => out.push(Cell::Polyhedron(Polyhedron::hexahedron(p))),
             ElementKind::Hex8 => {
-                let tets = element::split_hexahedron(self.element(e));
+                let tets = element::split_hexahedron(self.element(e), |k| k);
                 out.extend(
                     tets.map(|t| {
                         Cell::Polyhedron(Polyhedron::tetrahedron(t.map(|k| self.nodes[k as usize])))
@@ -216,8 +229,10 @@ impl<T: Real> Mesh<T> {
             }
         }
         let mut connectivity = Vec::with_capacity(self.element_count() * 24);
+        let places = self.places()?;
         for e in 0..self.element_count() {
-            connectivity.extend(element::split_hexahedron(self.element(e)).as_flattened());
+            let tets = element::split_hexahedron(self.element(e), |k| places[k as usize]);
+            connectivity.extend(tets.as_flattened());
         }
         let mut mesh = Self::new(ElementKind::Tet4, self.nodes.clone(), connectivity)?;
         for (name, group) in &self.groups {

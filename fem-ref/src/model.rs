@@ -14,12 +14,41 @@ use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::ranks::{Communicator, Portion};
 use arlequin_core::{
     CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Materials, Model,
-    Patches, Real, Recovery, Shared, Weight, check_size, spectrum,
+    Patches, Real, Recovery, Shared, Weight, advice, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::CsMat;
 use std::sync::{Arc, OnceLock};
+
+/// Locking of hexahedra and tetrahedra: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff,
+/// error of its hoop stress at the inner face. Measured in `arlequin-scene/tests/locking.rs`.
+const LOCKING: [(ElementKind, &str, [[f64; 3]; 6]); 2] = [
+    (
+        ElementKind::Hex8,
+        "hexahedra",
+        [
+            [0.3, 0.014, -0.042],
+            [0.4, 0.023, -0.054],
+            [0.45, 0.041, -0.076],
+            [0.49, 0.184, -0.232],
+            [0.499, 1.788, -0.885],
+            [0.4999, 17.823, -1.296],
+        ],
+    ),
+    (
+        ElementKind::Tet4,
+        "tetrahedra",
+        [
+            [0.3, 0.055, 0.062],
+            [0.4, 0.080, 0.111],
+            [0.45, 0.119, 0.197],
+            [0.49, 0.271, 0.467],
+            [0.499, 0.474, 0.104],
+            [0.4999, 0.519, -0.190],
+        ],
+    ),
+];
 
 /// A linear elastic body meshed with finite elements; bars carry axial displacements only.
 #[derive(Debug, Clone)]
@@ -91,6 +120,20 @@ impl<T: Real> FemModel<T> {
     /// What every element is made of.
     pub fn materials(&self) -> &Materials<T> {
         &self.materials
+    }
+
+    /// What a user should know of results: elements that lock.
+    pub fn warnings(&self) -> Vec<String> {
+        let kind = self.mesh().kind();
+        let largest = self
+            .materials
+            .all()
+            .iter()
+            .map(|m| m.poisson().as_f64())
+            .fold(-1.0, f64::max);
+        let rows = LOCKING.iter().filter(|(of, ..)| *of == kind);
+        let advice = rows.filter_map(|(_, elements, rows)| advice::locking(elements, largest, rows));
+        advice.map(|a| a.to_string()).collect()
     }
 
     pub(crate) fn patches(&self) -> &Patches<T> {

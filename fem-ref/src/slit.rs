@@ -4,16 +4,10 @@ use crate::check;
 use crate::element::ElementKind;
 use crate::error::Result;
 use crate::mesh::Mesh;
+use crate::pieces::{find, node_parts};
 use arlequin_core::Real;
 use nalgebra::Vector3;
-use std::collections::HashMap;
-
-impl<T: Real> Mesh<T> {
-    /// Number of nodes that lie at the place of another one, across a slit.
-    pub fn doubled(&self) -> usize {
-        self.doubled
-    }
-}
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// A mesh whose nodes coincide as `pairs` say, if it may have them.
 pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh<T>> {
@@ -21,7 +15,8 @@ pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh
 }
 
 /// Refuses nodes that coincide unless they are the lips of a slit: every one of them lies on facets of the surface that face another
-/// facet at the same place, none lies on two that look the same way, and the body hangs together around the slit.
+/// facet at the same place, none lies on two that look the same way, the body hangs together around the slit, and no lip is
+/// wrapped around one element or around one node.
 fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let Some(first) = pairs.first() else { return Ok(()) };
     let same = |pair: &[u32; 2]| {
@@ -34,65 +29,124 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     if mesh.kind() == ElementKind::Bar2 {
         return same(first);
     }
-    let parts = parts(mesh);
+    let parts = node_parts(mesh);
+    if let Some([a, b]) = pairs
+        .iter()
+        .find(|[a, b]| parts[*a as usize] != parts[*b as usize])
+    {
+        return Err(mesh.apart(*a, *b));
+    }
+    let place = places(pairs);
+    let facing = Facing::of(mesh, &place);
+    let mut opposed: HashMap<u32, bool> = HashMap::new();
+    for (n, good) in facing
+        .0
+        .iter()
+        .flat_map(|f| f.nodes.iter().map(|n| (*n, f.opposed)))
+    {
+        *opposed.entry(n).or_insert(true) &= good;
+    }
+    let lip = |n: &u32| opposed.get(n).copied().unwrap_or(false);
+    let pocket = facing.pocket(&place);
+    let in_pocket = |n: &u32| pocket.is_some_and(|p| *n == p);
+    let bad = |pair: &&[u32; 2]| !pair.iter().all(lip) || pair.iter().any(in_pocket);
+    pairs.iter().find(bad).map_or(Ok(()), same)
+}
+
+/// Place of every node that shares it with another: the first of the nodes there.
+pub(crate) fn places(pairs: &[[u32; 2]]) -> HashMap<u32, u32> {
     let mut place: HashMap<u32, u32> = HashMap::new();
     for pair in pairs {
-        if parts[pair[0] as usize] != parts[pair[1] as usize] {
-            return same(pair);
-        }
-        let at = place.get(&pair[0]).copied().unwrap_or(pair[0]);
-        place.insert(pair[0], at);
-        place.insert(pair[1], at);
+        let first = place.get(&pair[0]).copied().unwrap_or(pair[0]);
+        place.insert(pair[0], first);
+        place.insert(pair[1], first);
     }
-    // Facets of the surface by the places of their nodes.
-    let mut facets: HashMap<Vec<u32>, Vec<Vec<u32>>> = HashMap::new();
-    for nodes in mesh.boundary().into_iter().map(|f| mesh.facet_nodes(f)) {
-        if nodes.iter().any(|n| place.contains_key(n)) {
-            let mut key: Vec<u32> = nodes
-                .iter()
-                .map(|n| place.get(n).copied().unwrap_or(*n))
-                .collect();
-            key.sort_unstable();
-            facets.entry(key).or_default().push(nodes);
-        }
-    }
-    let normal = |nodes: &[u32]| {
-        let x = |k: usize| mesh.nodes()[nodes[k] as usize];
-        (x(1) - x(0)).cross(&(x(2) - x(0)))
-    };
-    let mut facing: HashMap<u32, bool> = HashMap::new();
-    for both in facets.values().filter(|f| f.len() > 1) {
-        let sum = both.iter().fold(Vector3::zeros(), |s, f| s + normal(f));
-        let opposed = both.len() == 2 && sum.norm() < normal(&both[0]).norm();
-        for n in both.iter().flatten() {
-            *facing.entry(*n).or_insert(true) &= opposed;
-        }
-    }
-    let lip = |n: &u32| facing.get(n).copied().unwrap_or(false);
-    match pairs.iter().find(|pair| !pair.iter().all(lip)) {
-        Some(pair) => same(pair),
-        None => Ok(()),
-    }
+    place
 }
 
-/// A number for every node, the same for all that elements join.
-fn parts<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
-    let mut root: Vec<u32> = (0..mesh.nodes().len() as u32).collect();
-    for corners in mesh.connectivity().chunks_exact(mesh.kind().corners()) {
-        let first = find(&mut root, corners[0]);
-        for n in &corners[1..] {
-            let other = find(&mut root, *n);
-            root[other as usize] = first;
-        }
-    }
-    (0..root.len() as u32).map(|k| find(&mut root, k)).collect()
+/// Length of the sum of a lip's area vectors over its area, below which a lip with one node of its own is bent too much for a
+/// crack: a plane has 1, a right angle 0.71, the corner of a cube 0.58, that of a tetrahedron 0.33.
+const BENT: f64 = 0.7;
+
+/// A facet of the surface at whose place there is another one.
+struct LipFacet {
+    element: u32,
+    nodes: Vec<u32>,
+    /// Normal of the length of its area, times a number that is the same for all facets of a mesh.
+    area: Vector3<f64>,
+    /// Facets of the same place have the same number.
+    place: usize,
+    /// Whether two facets look at each other there.
+    opposed: bool,
 }
 
-/// The node that stands for all that were joined to this one.
-fn find(root: &mut [u32], mut k: u32) -> u32 {
-    while root[k as usize] != k {
-        root[k as usize] = root[root[k as usize] as usize];
-        k = root[k as usize];
+/// All facets of lips.
+struct Facing(Vec<LipFacet>);
+
+impl Facing {
+    fn of<T: Real>(mesh: &Mesh<T>, place: &HashMap<u32, u32>) -> Self {
+        let mut facets: BTreeMap<Vec<u32>, Vec<(u32, Vec<u32>)>> = BTreeMap::new();
+        for facet in mesh.boundary() {
+            let nodes = mesh.facet_nodes(facet);
+            if nodes.iter().any(|n| place.contains_key(n)) {
+                let at = |n: &u32| place.get(n).copied().unwrap_or(*n);
+                let mut key: Vec<u32> = nodes.iter().map(at).collect();
+                key.sort_unstable();
+                facets.entry(key).or_default().push((facet.element, nodes));
+            }
+        }
+        let area = |nodes: &[u32]| {
+            let x = |k: usize| mesh.nodes()[nodes[k] as usize].coords.map(T::as_f64);
+            (x(1) - x(0)).cross(&(x(2) - x(0)))
+        };
+        let mut out = Vec::new();
+        for (place, all) in facets.into_values().filter(|f| f.len() > 1).enumerate() {
+            let sum = all.iter().fold(Vector3::zeros(), |s, f| s + area(&f.1));
+            let opposed = all.len() == 2 && sum.norm() < area(&all[0].1).norm();
+            out.extend(all.into_iter().map(|(element, nodes)| LipFacet {
+                element,
+                area: area(&nodes),
+                nodes,
+                place,
+                opposed,
+            }));
+        }
+        Self(out)
     }
-    k
+
+    /// A node of a lip that is wrapped around a single element, or around the few elements at a single node, and faces one other lip.
+    /// A mesh that lacks a connection looks so; the faces of a crack bend less.
+    fn pocket(&self, place: &HashMap<u32, u32>) -> Option<u32> {
+        // Facets that share a node that is not shared with the other side belong to one lip.
+        let doubled = |f: &LipFacet| -> Vec<u32> {
+            let own = f.nodes.iter().filter(|n| place.contains_key(n));
+            own.copied().collect()
+        };
+        let last = self.0.iter().flat_map(|f| &f.nodes).max()?;
+        let mut root: Vec<u32> = (0..=*last).collect();
+        for f in &self.0 {
+            let own = doubled(f);
+            for n in &own {
+                let (a, b) = (find(&mut root, own[0]), find(&mut root, *n));
+                root[a.max(b) as usize] = a.min(b);
+            }
+        }
+        let mut lips: BTreeMap<u32, Vec<&LipFacet>> = BTreeMap::new();
+        let mut at_place: HashMap<usize, Vec<u32>> = HashMap::new();
+        for f in &self.0 {
+            let lip = find(&mut root, doubled(f)[0]);
+            lips.entry(lip).or_default().push(f);
+            at_place.entry(f.place).or_default().push(lip);
+        }
+        let wrapped = |(lip, facets): &(&u32, &Vec<&LipFacet>)| {
+            let others = facets.iter().flat_map(|f| &at_place[&f.place]);
+            let others: BTreeSet<u32> = others.copied().filter(|o| o != *lip).collect();
+            let of_one = facets.iter().all(|f| f.element == facets[0].element);
+            let alone = facets.iter().all(|f| doubled(f).len() == 1);
+            let sum: Vector3<f64> = facets.iter().map(|f| f.area).sum();
+            let bent = sum.norm() < BENT * facets.iter().map(|f| f.area.norm()).sum::<f64>();
+            facets.len() > 1 && others.len() == 1 && (of_one || alone && bent)
+        };
+        lips.iter().find(wrapped).map(|(lip, _)| *lip)
+    }
 }

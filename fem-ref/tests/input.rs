@@ -37,7 +37,7 @@ fn materials_out_of_range() {
     assert_eq!(
         make(1.0, 0.5, 1.0),
         "poisson = 0.5: an incompressible material has no finite bulk modulus in a displacement model; use a value \
-         below 0.5, such as 0.49"
+         below 0.5; elements of first order lock near it, so that 0.45 is a better choice than 0.49"
     );
     assert_eq!(make(1.0, 0.6, 1.0), "poisson = 0.6: must lie between -1 and 0.5");
     assert_eq!(

@@ -204,6 +204,12 @@ class UnreferencedNode(InputError):
 class CoincidentNodes(InputError):
     """Two nodes lie on top of each other."""
 
+class SeparatePieces(InputError):
+    """Pieces of a mesh touch and share no node."""
+
+class RepeatedElement(InputError):
+    """Two elements have the same nodes."""
+
 class InvertedElement(InputError):
     """An element is turned inside out."""
 

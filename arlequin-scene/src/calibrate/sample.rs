@@ -169,6 +169,7 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
     ModelTable {
         scale: 1.0,
         volume: None,
+        crack: Vec::new(),
         materials: BTreeMap::new(),
         kind: ModelKind::Dem,
         role: None,

@@ -8,6 +8,7 @@ use super::grains::Grains;
 use super::link;
 use super::materials;
 use super::mesh::{self, Grid};
+use super::slit;
 use super::zone::Supports;
 use crate::error::{Result, core, fem, value};
 use crate::spec::{Effect, Material, ModelKind, ModelTable, RoleKind, Shape};
@@ -139,7 +140,8 @@ pub(super) fn elastic_at(key: &str, m: &Material) -> Result<Elastic<f64>> {
         Some(nu) if !(nu > -1.0 && nu < 0.5) => Err(value(
             format!("{key}.poisson"),
             nu,
-            "must lie above -1 and below 0.5; take 0.49 for a nearly incompressible material",
+            "must lie above -1 and below 0.5; nearly incompressible materials lock elements of first order, and a warning says how \
+             far: take 0.45 or less, or a finer mesh",
         )),
         nu => Elastic::new(m.young, nu.unwrap_or(0.0), m.density).map_err(core(key)),
     }
@@ -182,6 +184,7 @@ pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()>
         ModelKind::Dem => super::particles::check(&key, table, folder),
         ModelKind::Chain => line(&key, table).map(|_| ()),
     }?;
+    slit::check(&key, table)?;
     volumes(&key, table)
 }
 
@@ -204,7 +207,7 @@ fn volumes(key: &str, table: &ModelTable) -> Result<()> {
 }
 
 fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
-    let mesh = request(key, table, folder)?.mesh()?;
+    let mesh = slit::cut(key, table, request(key, table, folder)?.mesh()?)?;
     let material = elastic(key, &table.material)?;
     let mut groups = BTreeMap::new();
     let mut surfaces = BTreeMap::new();
@@ -215,11 +218,12 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
         }
     }
     let boundary = mesh.surface_where(|_| true);
-    let warnings = materials::warnings(table, &mesh);
+    let mut warnings = materials::warnings(table, &mesh);
     let materials = materials::of(key, table, &mesh)?;
     let grid = Grid::of_mesh(&mesh);
     let spacing = mesh.spacing();
     let model = FemModel::new(name, mesh, materials.clone()).map_err(fem(key))?;
+    warnings.extend(model.warnings());
     Ok(Body {
         field: model.coarse_field(),
         model: Box::new(model),

@@ -2,9 +2,9 @@
 
 use super::kinds::elastic;
 use crate::error::{Result, core, unknown};
-use crate::spec::{Material, ModelTable};
+use crate::spec::{Material, ModelTable, Shape};
 use arlequin::core::{Elastic, Materials};
-use arlequin::fem_ref::Mesh;
+use arlequin::fem_ref::{Mesh, list_pieces};
 
 /// The material of every element: that of its volume where the table gives one, else that of the table.
 pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
@@ -48,7 +48,24 @@ pub(super) fn warnings(table: &ModelTable, mesh: &Mesh<f64>) -> Vec<String> {
         .map(|n| format!("its mesh file: {n}"))
         .collect();
     out.extend(one_material(table, mesh));
+    out.extend(pieces(table, mesh));
     out
+}
+
+/// Pieces of a mesh that share no node. Zones may part a body.
+fn pieces(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
+    if matches!(table.shape, Shape::Piece(_)) {
+        return None;
+    }
+    let pieces = mesh.pieces();
+    (pieces.len() > 1).then(|| {
+        format!(
+            "its mesh is in {} pieces that share no node and move without each other: {}; join them in the mesh, hold each of \
+             them, or take a model of each",
+            pieces.len(),
+            list_pieces(&pieces)
+        )
+    })
 }
 
 fn one_material(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {

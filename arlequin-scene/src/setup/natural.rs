@@ -4,6 +4,7 @@ use super::clock::SetupClock;
 use super::kinds::{Body, solid_poisson};
 use super::materials;
 use super::mesh::{Grid, Request};
+use super::slit;
 use crate::error::{Result, cnem as natural, fem, value};
 use crate::spec::{CnemTable, Element, Functions, Masses, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
@@ -11,6 +12,7 @@ use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::cnem::{CnemModel, Inertia, Options, Stabilisation};
 use arlequin::core::CoarseModel;
+use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::Mesh;
 use arlequin::fem_ref::generate::Rim;
 use std::collections::{BTreeMap, BTreeSet};
@@ -49,18 +51,18 @@ pub(super) fn body(
 ) -> Result<Body> {
     let request = request(key, table, folder)?;
     let mesh = request.mesh()?.into_tetrahedra().map_err(fem(key))?;
+    let mesh = slit::cut(key, table, mesh)?;
     let material = super::kinds::elastic(key, &table.material)?;
-    let corners: Vec<[usize; 4]> = (0..mesh.element_count())
-        .map(|e| [0, 1, 2, 3].map(|k: usize| mesh.element(e)[k] as usize))
-        .collect();
     clock.begin(format!("tetrahedra of '{name}'"));
-    let domain = Domain::new(mesh.nodes(), &Surface::of_elements(&corners)).map_err(natural(key))?;
+    let joined = Joined::of(&mesh).map_err(fem(key))?;
+    let domain = Domain::new(&joined.nodes, &joined.surface()).map_err(natural(key))?;
     clock.begin(format!("cells and natural neighbours of '{name}'"));
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
     let mut warnings = model.warnings();
     warnings.extend(materials::warnings(table, &mesh));
-    let groups = groups(&mesh, &model);
-    let surfaces = surfaces(&mesh, &model, &groups);
+    let numbers = joined.numbers(model.domain());
+    let groups = groups(&mesh, &model, &joined, &numbers);
+    let surfaces = surfaces(&mesh, &model, &groups, &numbers);
     let boundary = model.surface(|_| true).map_err(natural(key))?;
     let grid = Grid {
         points: model.domain().nodes().to_vec(),
@@ -107,23 +109,123 @@ fn options(table: &CnemTable) -> Options {
     }
 }
 
-/// Corners of every boundary triangle.
-fn faces(model: &CnemModel) -> Vec<[usize; 3]> {
-    model.domain().constrained_faces().map(|f| f.0).collect()
+/// A mesh without its slits: lips have the same nodes, and the faces between them are those of cracks.
+struct Joined<'a> {
+    mesh: &'a Mesh<f64>,
+    /// Nodes, each place once.
+    nodes: Vec<Point3<f64>>,
+    /// Number of the place of every node of the mesh.
+    place: Vec<usize>,
+}
+
+impl<'a> Joined<'a> {
+    fn of(mesh: &'a Mesh<f64>) -> arlequin::fem_ref::Result<Self> {
+        let first = mesh.places()?;
+        let (mut nodes, mut place) = (Vec::new(), vec![0; first.len()]);
+        for (k, x) in mesh.nodes().iter().enumerate() {
+            // The first node of a place comes before the others.
+            place[k] = match first[k] as usize {
+                own if own == k => {
+                    nodes.push(*x);
+                    nodes.len() - 1
+                }
+                other => place[other],
+            };
+        }
+        Ok(Self { mesh, nodes, place })
+    }
+
+    fn corners(&self, e: usize) -> [usize; 4] {
+        [0, 1, 2, 3].map(|k: usize| self.place[self.mesh.element(e)[k] as usize])
+    }
+
+    /// The boundary, and as cracks the facets of the mesh's surface that have another one at their place.
+    fn surface(&self) -> Surface {
+        let corners: Vec<[usize; 4]> = (0..self.mesh.element_count()).map(|e| self.corners(e)).collect();
+        let surface = Surface::of_elements(&corners);
+        if self.mesh.doubled() == 0 {
+            return surface;
+        }
+        let mut facets: BTreeMap<[usize; 3], Vec<[usize; 3]>> = BTreeMap::new();
+        for f in self.mesh.boundary() {
+            let nodes = self.mesh.facet_nodes(f);
+            let face = [0, 1, 2].map(|k: usize| self.place[nodes[k] as usize]);
+            let mut sorted = face;
+            sorted.sort_unstable();
+            facets.entry(sorted).or_default().push(face);
+        }
+        let lips = facets.into_values().filter(|f| f.len() == 2);
+        surface.with_cracks(lips.map(|f| f[0]).collect())
+    }
+
+    /// Number in the domain of every node of the mesh. Of the copies of a node on a crack it is the one on the side of an element of
+    /// the node.
+    fn numbers(&self, domain: &Domain) -> Vec<usize> {
+        let mut out = self.place.clone();
+        let copied: BTreeSet<usize> = domain.copies().map(|c| c.original).collect();
+        if copied.is_empty() {
+            return out;
+        }
+        let mut around: BTreeMap<usize, Vec<[usize; 4]>> = BTreeMap::new();
+        for tet in domain.elements() {
+            for v in tet
+                .map(|v| domain.original(v))
+                .into_iter()
+                .filter(|v| copied.contains(v))
+            {
+                around.entry(v).or_default().push(tet);
+            }
+        }
+        for e in 0..self.mesh.element_count() {
+            let points = [0, 1, 2, 3].map(|k: usize| self.mesh.nodes()[self.mesh.element(e)[k] as usize]);
+            let centre = points.iter().fold(Vector3::zeros(), |s, p| s + p.coords) / 4.0;
+            for (k, p) in self.mesh.element(e).iter().zip(points) {
+                let place = self.place[*k as usize];
+                let Some(tets) = around.get(&place) else { continue };
+                let inside = p + (Point3::from(centre) - p) * 0.1;
+                let depth = |tet: &&[usize; 4]| depth(tet.map(|v| &domain.nodes()[v]), &inside);
+                let deepest = tets.iter().max_by(|a, b| depth(a).total_cmp(&depth(b)));
+                let own = deepest.and_then(|t| t.iter().find(|v| domain.original(**v) == place));
+                out[*k as usize] = own.copied().unwrap_or(place);
+            }
+        }
+        out
+    }
+}
+
+/// Smallest barycentric coordinate of a point in a tetrahedron.
+fn depth([a, b, c, d]: [&Point3<f64>; 4], x: &Point3<f64>) -> f64 {
+    let six = |a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f64>| {
+        (b - a).cross(&(c - a)).dot(&(d - a))
+    };
+    let parts = [six(x, b, c, d), six(a, x, c, d), six(a, b, x, d), six(a, b, c, x)];
+    parts.iter().fold(f64::INFINITY, |m, p| m.min(*p)) / six(a, b, c, d)
+}
+
+/// Corners of every boundary triangle, and whether it is that of a crack.
+fn faces(model: &CnemModel) -> Vec<([usize; 3], bool)> {
+    model.domain().constrained_faces().map(|f| (f.0, f.1)).collect()
 }
 
 /// Named sets of nodes: those of the mesh, and the points inserted on faces within a set.
-fn groups(mesh: &Mesh<f64>, model: &CnemModel) -> BTreeMap<String, Vec<usize>> {
+fn groups(
+    mesh: &Mesh<f64>,
+    model: &CnemModel,
+    joined: &Joined<'_>,
+    numbers: &[usize],
+) -> BTreeMap<String, Vec<usize>> {
     let faces = faces(model);
+    let given = joined.nodes.len();
+    let first_copy = model.domain().nodes().len() - model.domain().copies().count();
     let named = mesh.groups().iter().map(|(name, group)| {
-        let mut nodes: BTreeSet<usize> = group.nodes.iter().map(|&k| k as usize).collect();
-        let own: Vec<usize> = (mesh.nodes().len()..model.domain().nodes().len())
+        let mut nodes: BTreeSet<usize> = group.nodes.iter().map(|&k| numbers[k as usize]).collect();
+        let own: Vec<usize> = (given..first_copy)
             .filter(|n| {
-                let around = faces.iter().filter(|f| f.contains(n)).flatten();
-                around.clone().any(|k| nodes.contains(k))
-                    && faces.iter().any(|f| {
-                        f.contains(n) && f.iter().all(|k| k >= &mesh.nodes().len() || nodes.contains(k))
-                    })
+                let around = faces.iter().map(|f| f.0).filter(|f| f.contains(n));
+                around.clone().flatten().any(|k| nodes.contains(&k))
+                    && around
+                        .clone()
+                        .any(|f| f.iter().all(|k| *k >= given || nodes.contains(k)))
             })
             .collect();
         nodes.extend(own);
@@ -132,18 +234,34 @@ fn groups(mesh: &Mesh<f64>, model: &CnemModel) -> BTreeMap<String, Vec<usize>> {
     named.collect()
 }
 
-/// Named surfaces: the boundary facets on triangles whose corners all belong to the group.
+/// Named surfaces: the boundary facets on triangles whose corners all belong to the group; of the two lips of a crack those that
+/// look where the group's facets do.
 fn surfaces(
     mesh: &Mesh<f64>,
     model: &CnemModel,
     groups: &BTreeMap<String, Vec<usize>>,
+    numbers: &[usize],
 ) -> BTreeMap<String, Vec<arlequin::core::effect::SurfaceFacet<f64>>> {
     let faces = faces(model);
+    let domain = model.domain();
     let named = mesh.groups().iter().filter(|(_, g)| !g.facets.is_empty());
     named
-        .filter_map(|(name, _)| {
-            let nodes: BTreeSet<usize> = groups[name].iter().copied().collect();
-            let whole = model.surface(|f| faces[f.face].iter().all(|k| nodes.contains(k)));
+        .filter_map(|(name, group)| {
+            let places: BTreeSet<usize> = groups[name].iter().map(|k| domain.original(*k)).collect();
+            let mut outward: BTreeMap<usize, Vector3<f64>> = BTreeMap::new();
+            for facet in &group.facets {
+                let nodes = mesh.facet_nodes(*facet);
+                let x = |k: usize| mesh.nodes()[nodes[k] as usize];
+                let area = (x(1) - x(0)).cross(&(x(2) - x(0)));
+                for k in &nodes {
+                    *outward.entry(numbers[*k as usize]).or_insert_with(Vector3::zeros) += area;
+                }
+            }
+            let whole = model.surface(|f| {
+                let (corners, crack) = &faces[f.face];
+                let looks = || outward.get(&f.cell).is_some_and(|n| n.dot(&f.area) > 0.0);
+                corners.iter().all(|k| places.contains(&domain.original(*k))) && (!crack || looks())
+            });
             whole.ok().map(|s| (name.clone(), s))
         })
         .collect()

@@ -79,6 +79,14 @@ impl ProbeReader {
         })
     }
 
+    /// What a user should know of its values.
+    pub(super) fn warning(&self, bodies: &[Body]) -> Option<String> {
+        match &self.source {
+            Source::Tensor(row) => row.warning(&self.name, bodies),
+            _ => None,
+        }
+    }
+
     /// Asks other ranks from now on for what they hold of its model.
     pub(crate) fn share_out(&mut self, run: &Coupled<f64>) {
         let Source::Motion(row) = &mut self.source else {

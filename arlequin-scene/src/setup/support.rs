@@ -136,7 +136,20 @@ pub(super) fn motions(
             made.dofs.retain(|d| !own.contains(d));
         }
     }
+    // What two supports hold at rest the first of them holds.
+    let mut at_rest: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    for (h, (m, made)) in all.iter().zip(&mut out) {
+        if is_at_rest(scene, h) {
+            let known = at_rest.entry(*m).or_default();
+            made.dofs.retain(|d| known.insert(*d));
+        }
+    }
     Ok(out)
+}
+
+/// Whether a support holds its nodes where they are.
+fn is_at_rest(scene: &SceneSpec, held: &Held) -> bool {
+    scene.support[held.support].motion.is_none()
 }
 
 /// What a support prescribes to nodes of a model.
@@ -177,7 +190,7 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
     })
 }
 
-/// Refuses a component of a node that two supports prescribe: which of them holds it must be said.
+/// Refuses a component of a node that two supports prescribe, unless both hold it at rest: which of them holds it must be said.
 fn check(scene: &SceneSpec, bodies: &[Body], all: &[Held]) -> Result<()> {
     let mut by: BTreeMap<(usize, usize, usize), &Held> = BTreeMap::new();
     for h in all {
@@ -190,6 +203,7 @@ fn check(scene: &SceneSpec, bodies: &[Body], all: &[Held]) -> Result<()> {
             for axis in axes {
                 match by.insert((h.model, *n, axis.index()), h) {
                     Some(before) if before.of_zone != h.of_zone => {}
+                    Some(before) if is_at_rest(scene, before) && is_at_rest(scene, h) => {}
                     None => {}
                     Some(before) if first.is_none() => first = Some((before.support, *n, axis.index())),
                     Some(_) => others += 1,

@@ -148,7 +148,7 @@ pub struct Support {
     pub name: Option<String>,
     /// Model; on `body` its zones are held as well, where they have no support of their own.
     pub model: String,
-    /// Which nodes.
+    /// Which nodes. Components that two supports hold at rest are held once, and their force is that of the first.
     #[serde(rename = "where")]
     pub at: Selection,
     /// Which components. Default: all.

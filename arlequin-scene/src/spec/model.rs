@@ -1,6 +1,7 @@
 //! Model tables.
 
 use super::choice::choice;
+use super::drive::Selection;
 use super::schema;
 use crate::setup::zone::Piece;
 use schemars::JsonSchema;
@@ -53,6 +54,11 @@ pub struct ModelTable {
     pub scale: f64,
     /// Physical volume of its mesh file that it fills. Default: all of them.
     pub volume: Option<String>,
+    /// Cracks, each a group or a box: the faces between two elements all of whose nodes lie in it are parted into two lips with nodes
+    /// of their own. A box without thickness is a cut along a plane of the mesh. For `fem` and `cnem`; for `dem` see
+    /// `dem.notch`. Default: none but the slits of a mesh file.
+    #[serde(default)]
+    pub crack: Vec<Selection>,
     /// What it is made of. Default: needed by all kinds but `link`.
     #[serde(default = "unsaid_material")]
     pub material: Material,

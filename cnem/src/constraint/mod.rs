@@ -30,7 +30,7 @@ use crate::error::{Error, Result};
 use crate::predicates::{collinear, orient3d};
 use nalgebra::Point3;
 use std::cmp::Ordering;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Constrained faces as node triples: the boundary, and internal crack faces.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -75,10 +75,17 @@ impl Surface {
         }
     }
 
-    /// The boundary of a tetrahedral mesh: the faces that belong to one element only.
+    /// The boundary of a tetrahedral mesh: the faces that belong to one element only. An element that is listed twice, in
+    /// whatever order of its nodes, counts once.
     pub fn of_elements(elements: &[[usize; 4]]) -> Self {
         let mut count: HashMap<[usize; 3], ([usize; 3], usize)> = HashMap::new();
-        for e in elements {
+        let mut known = HashSet::with_capacity(elements.len());
+        let sorted = |e: &[usize; 4]| {
+            let mut nodes = *e;
+            nodes.sort_unstable();
+            nodes
+        };
+        for e in elements.iter().filter(|e| known.insert(sorted(e))) {
             for f in crate::tet::FACES {
                 let face = f.map(|k| e[k]);
                 let mut sorted = face;

@@ -2,6 +2,7 @@
 
 use super::contents::{Block, Contents};
 use super::fault;
+use crate::check::{NodeSet, node_set};
 use crate::element::ElementKind;
 use crate::error::Result;
 use crate::mesh::{Facet, Mesh};
@@ -12,18 +13,23 @@ use std::collections::{BTreeMap, HashMap};
 /// The mesh of the elements that fill the domain.
 pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
     let kind = element_kind(&file.blocks)?;
-    let mut connectivity = Vec::new();
-    for element in domain(file, kind).flat_map(|b| &b.elements) {
-        connectivity.extend(file.corners(element)?);
-    }
     let nodes = file.nodes.iter().map(|x| x.map(T::of)).collect();
-    let mut mesh = Mesh::new(kind, nodes, connectivity)?;
+    let Filling {
+        connectivity,
+        volumes,
+        regions,
+        repeated,
+    } = Filling::of(file, kind)?;
+    let mut mesh = Mesh::of_volumes(kind, nodes, connectivity, volumes, regions)?;
     for (name, group) in collect_groups(file)? {
         add_group(&mut mesh, &name, group);
     }
-    let (volumes, regions) = volumes(file, kind);
-    mesh.set_volumes(volumes, regions);
     let mut notices = file.notices.clone();
+    if repeated > 0 {
+        notices.push(format!(
+            "{repeated} of its elements are listed a second time, with the same nodes on the same entity: each is read once"
+        ));
+    }
     if mesh.doubled() > 0 {
         notices.push(format!(
             "{} nodes lie at the place of another one, on faces that face each other: they are taken for the lips of a slit",
@@ -32,6 +38,65 @@ pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
     }
     mesh.set_notices(notices);
     Ok(mesh.renumbered())
+}
+
+/// The elements that fill the domain, each once, and the volumes that they belong to.
+#[derive(Default)]
+struct Filling {
+    connectivity: Vec<u32>,
+    /// Names of the volumes: physical groups, or else entities; none for bars.
+    volumes: Vec<String>,
+    /// Number of every element's volume.
+    regions: Vec<u32>,
+    /// Number of elements that were left out because they are there already.
+    repeated: usize,
+}
+
+impl Filling {
+    /// Collects the elements. An element that its entity lists twice is the same one; on two entities it belongs to two volumes that
+    /// lie in one place, perhaps of two materials.
+    fn of(file: &Contents, kind: ElementKind) -> Result<Self> {
+        let mut out = Self::default();
+        let mut known: HashMap<NodeSet, (i32, u64)> = HashMap::new();
+        for block in domain(file, kind) {
+            let number = (kind != ElementKind::Bar2).then(|| out.volume(file, block));
+            for element in &block.elements {
+                let corners = file.corners(element)?;
+                match known.insert(node_set(&corners), (block.entity, element.element_tag)) {
+                    None => {
+                        out.connectivity.extend(corners);
+                        out.regions.extend(number);
+                    }
+                    Some((entity, _)) if entity == block.entity => out.repeated += 1,
+                    Some((entity, tag)) => {
+                        return Err(fault(format!(
+                            "element {tag} of entity {entity} and element {} of entity {} have the same nodes, so that mass and \
+                             stiffness would count twice there; remove one of the entities, which lie in one place, or the \
+                             repeated elements (removeDuplicateElements of Gmsh)",
+                            element.element_tag, block.entity
+                        )));
+                    }
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// Number of the volume that a block belongs to.
+    fn volume(&mut self, file: &Contents, block: &Block) -> u32 {
+        let name = match block.physical.first().map(|t| t.saturating_abs()) {
+            Some(tag) => {
+                let given = file.names.get(&(3, tag)).cloned();
+                given.unwrap_or_else(|| format!("volume-{tag}"))
+            }
+            None => format!("entity {}", block.entity),
+        };
+        let number = self.volumes.iter().position(|n| *n == name);
+        number.unwrap_or_else(|| {
+            self.volumes.push(name);
+            self.volumes.len() - 1
+        }) as u32
+    }
 }
 
 /// Blocks of the elements that fill the domain.
@@ -82,30 +147,6 @@ fn element_kind(blocks: &[Block]) -> Result<ElementKind> {
             "{faces} Tri3 and Qua4 elements bound no volume; mesh in three dimensions"
         ))),
     }
-}
-
-/// Names of the parts that the elements of the domain belong to, physical groups or else entities, and the number of each
-/// element's part.
-fn volumes(file: &Contents, kind: ElementKind) -> (Vec<String>, Vec<u32>) {
-    let (mut out, mut regions): (Vec<String>, Vec<u32>) = Default::default();
-    if kind == ElementKind::Bar2 {
-        return (out, regions);
-    }
-    for block in domain(file, kind) {
-        let name = match block.physical.first().map(|t| t.saturating_abs()) {
-            Some(tag) => {
-                let given = file.names.get(&(3, tag)).cloned();
-                given.unwrap_or_else(|| format!("volume-{tag}"))
-            }
-            None => format!("entity {}", block.entity),
-        };
-        let number = out.iter().position(|n| *n == name).unwrap_or_else(|| {
-            out.push(name);
-            out.len() - 1
-        });
-        regions.extend(std::iter::repeat_n(number as u32, block.elements.len()));
-    }
-    (out, regions)
 }
 
 /// Elements of one physical group as node lists, with their dimension.

@@ -3,11 +3,12 @@
 use super::assemble::{self, collect_groups};
 use super::contents::Contents;
 use super::{contents, fault};
+use crate::check::node_set;
 use crate::error::{Error, Result};
 use crate::mesh::{Facet, Mesh};
 use mshio::mshfile::ElementType;
 use nalgebra::Point3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 /// Triangles of a surface. Those of solids face outwards, those of surface meshes as they do in the file.
@@ -65,9 +66,14 @@ pub fn triangles_of(mesh: &Mesh<f64>) -> Triangles {
 fn of_faces(file: Contents) -> Result<Triangles> {
     let mut triangles = Vec::new();
     let faces = [ElementType::Tri3, ElementType::Qua4];
+    let mut known = HashSet::new();
     for block in file.blocks.iter().filter(|b| faces.contains(&b.element_type)) {
         for element in &block.elements {
-            triangles.extend(cut(&file.corners(element)?));
+            let corners = file.corners(element)?;
+            // Listed twice, a face would bound nothing.
+            if known.insert((block.entity, node_set(&corners))) {
+                triangles.extend(cut(&corners));
+            }
         }
     }
     if triangles.is_empty() {

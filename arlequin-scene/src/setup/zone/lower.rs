@@ -119,6 +119,11 @@ fn check_body(body: &ModelTable, zones: bool) -> Result<()> {
         let rule = "zones are cut out of a continuum; take \"fem\" or \"cnem\" for the body";
         return Err(value("body.kind", kind_name(body.kind), rule));
     }
+    if !body.crack.is_empty() {
+        let rule =
+            "a body with zones has none; write [model.NAME] and [interface.NAME], or a mesh file with a slit";
+        return Err(key("body.crack", rule));
+    }
     if let Shape::Bar { .. } = body.shape {
         let rule = "zones are cut out of solids; couple two bars by [model.NAME] and [interface.NAME]";
         return Err(value("body.shape", "bar", rule));
@@ -173,6 +178,7 @@ fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {
         divisions: None,
         scale: 1.0,
         volume: None,
+        crack: Vec::new(),
         material: zone.material.unwrap_or(body.material),
         materials: match zone.material {
             None => body.materials.clone(),

@@ -1,0 +1,50 @@
+//! `crack` of a model: meshes are parted along faces of their elements.
+
+use super::select;
+use crate::error::{Result, fem, key, unknown};
+use crate::spec::{ModelKind, ModelTable, Selection, Shape};
+use arlequin::core::nalgebra::Point3;
+use arlequin::fem_ref::Mesh;
+
+/// Refuses cracks of a model that has no faces between elements.
+pub(super) fn check(key_of_model: &str, table: &ModelTable) -> Result<()> {
+    let path = format!("{key_of_model}.crack");
+    for (k, place) in table.crack.iter().enumerate() {
+        if let Selection::Box(low, high) = place {
+            select::check_box(&format!("{path}[{k}]"), low, high)?;
+        }
+    }
+    let rule = match (table.kind, &table.shape) {
+        _ if table.crack.is_empty() => return Ok(()),
+        (ModelKind::Fem | ModelKind::Cnem, Shape::Bar { .. }) => {
+            "a bar that is cut is two bars; write two models"
+        }
+        (ModelKind::Fem | ModelKind::Cnem, _) => return Ok(()),
+        (ModelKind::Dem, _) => "particles are cut by dem.notch; write it there",
+        (ModelKind::Chain, _) => "a chain that is cut is two chains; write two models",
+        (ModelKind::Link, _) => "a link brings its own body; cut it there",
+    };
+    Err(key(path, rule))
+}
+
+/// The mesh with the cracks of a table.
+pub(super) fn cut(key_of_model: &str, table: &ModelTable, mut mesh: Mesh<f64>) -> Result<Mesh<f64>> {
+    for (k, place) in table.crack.iter().enumerate() {
+        let path = format!("{key_of_model}.crack[{k}]");
+        let slack = select::slack(mesh.spacing());
+        let cut = match place {
+            Selection::Box(low, high) => {
+                mesh.with_crack(|_, x: &Point3<f64>| select::inside(low, high, x, slack))
+            }
+            Selection::Group(name) => {
+                let group = mesh.groups().get(name);
+                let group =
+                    group.ok_or_else(|| unknown(&path, name, "group of the mesh", mesh.groups().keys()))?;
+                let nodes = &group.nodes;
+                mesh.with_crack(|node, _| nodes.binary_search(&(node as u32)).is_ok())
+            }
+        };
+        mesh = cut.map_err(fem(&path))?;
+    }
+    Ok(mesh)
+}

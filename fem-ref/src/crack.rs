@@ -1,0 +1,150 @@
+//! Cracks: elements are parted along faces, and every lip gets nodes of its own.
+
+use crate::error::{Error, Result};
+use crate::mesh::{Facet, Mesh};
+use crate::{check, slit};
+use arlequin_core::Real;
+use arlequin_core::adjacency::Adjacency;
+use nalgebra::Point3;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+impl<T: Real> Mesh<T> {
+    /// Number of nodes that lie at the place of another one, across a slit.
+    pub fn doubled(&self) -> usize {
+        self.doubled
+    }
+
+    /// For every node the first node at its place: itself, but across a slit.
+    ///
+    /// # Errors
+    /// [`Error::CoincidentNodes`] for a mesh without extent.
+    pub fn places(&self) -> Result<Vec<u32>> {
+        let mut out: Vec<u32> = (0..self.nodes().len() as u32).collect();
+        if self.doubled() > 0 {
+            let pairs = check::coincident(self.nodes())?;
+            for (node, place) in slit::places(&pairs) {
+                out[node as usize] = place;
+            }
+        }
+        Ok(out)
+    }
+
+    /// The mesh with a crack along the faces between two elements all of whose nodes are on it, by number and place. The lips
+    /// have nodes of their own, the front is shared. Groups of facets stay with their elements; groups of nodes get the copies
+    /// of their nodes as well.
+    ///
+    /// ```
+    /// use arlequin_core::nalgebra::Point3;
+    /// use fem_ref::{ElementKind, generate};
+    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(4.0, 4.0, 1.0), [4, 4, 1])?;
+    /// // From y = 0 to 2 across the middle: the mouth and an edge behind it, but not the front.
+    /// let cut = bar.with_crack(|_, x| x.x == 2.0 && x.y <= 2.0)?;
+    /// assert_eq!(cut.nodes().len(), bar.nodes().len() + 4);
+    /// # Ok::<(), fem_ref::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::EmptyGroup`] if no face between two elements is on it; [`Error::SeparatePieces`] if it cuts the mesh in two; as
+    /// [`Mesh::new`], for a crack around a single element.
+    pub fn with_crack(&self, on_crack: impl Fn(usize, &Point3<T>) -> bool) -> Result<Self> {
+        let on: Vec<bool> = self
+            .nodes()
+            .iter()
+            .enumerate()
+            .map(|(k, x)| on_crack(k, x))
+            .collect();
+        let inner = self.inner_faces(&on);
+        let walls: BTreeSet<[u32; 2]> = inner
+            .iter()
+            .filter(|(nodes, _)| nodes.iter().all(|k| on[*k as usize]))
+            .map(|(_, pair)| *pair)
+            .collect();
+        if walls.is_empty() {
+            return Err(Error::EmptyGroup {
+                name: "crack".to_owned(),
+                what: "face between two elements",
+            });
+        }
+        let mut nodes = self.nodes().to_vec();
+        let mut connectivity = self.connectivity().to_vec();
+        let mut copies: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        let corners = self.kind().corners();
+        let around = Adjacency::of_slots(nodes.len(), self.connectivity());
+        let mut joined: HashMap<u32, Vec<[u32; 2]>> = HashMap::new();
+        for (face, pair) in inner.iter().filter(|(_, pair)| !walls.contains(pair)) {
+            for k in face.iter().filter(|k| on[**k as usize]) {
+                joined.entry(*k).or_default().push(*pair);
+            }
+        }
+        for k in (0..self.nodes().len() as u32).filter(|k| on[*k as usize]) {
+            let slots = around.row(k as usize);
+            let elements: Vec<u32> = slots.iter().map(|s| s / corners as u32).collect();
+            let lips = lips(&elements, joined.get(&k).map_or(&[], Vec::as_slice));
+            for lip in 1..lips.iter().max().map_or(0, |n| n + 1) {
+                let copy = nodes.len() as u32;
+                nodes.push(self.nodes()[k as usize]);
+                copies.entry(k).or_default().push(copy);
+                for (slot, _) in slots.iter().zip(&lips).filter(|(_, of)| **of == lip) {
+                    connectivity[*slot as usize] = copy;
+                }
+            }
+        }
+        let (volumes, regions) = (self.volumes().to_vec(), self.regions().to_vec());
+        let mut out = Self::of_volumes(self.kind(), nodes, connectivity, volumes, regions)?
+            .with_section(self.section())?;
+        for (name, group) in self.groups() {
+            let copies = group.nodes.iter().filter_map(|k| copies.get(k)).flatten();
+            let nodes = match group.facets.is_empty() {
+                true => group.nodes.iter().chain(copies).copied().collect(),
+                false => Vec::new(),
+            };
+            out.set_group(name, nodes, group.facets.clone());
+        }
+        out.set_notices(self.notices().to_vec());
+        Ok(out)
+    }
+
+    /// Faces that two elements share and that have a node that is `on`: their nodes and the two elements.
+    fn inner_faces(&self, on: &[bool]) -> Vec<(Vec<u32>, [u32; 2])> {
+        let mut faces: BTreeMap<Vec<u32>, Vec<u32>> = BTreeMap::new();
+        for element in 0..self.element_count() as u32 {
+            for face in 0..self.kind().faces().len() as u8 {
+                let mut nodes = self.facet_nodes(Facet { element, face });
+                if nodes.iter().any(|k| on[*k as usize]) {
+                    nodes.sort_unstable();
+                    faces.entry(nodes).or_default().push(element);
+                }
+            }
+        }
+        let two = |(nodes, elements): (Vec<u32>, Vec<u32>)| match elements[..] {
+            [a, b] => Some((nodes, [a, b])),
+            _ => None,
+        };
+        faces.into_iter().filter_map(two).collect()
+    }
+}
+
+/// Number of the lip that each of the elements around a node belongs to, from 0; `joined` are pairs that no wall parts.
+fn lips(elements: &[u32], joined: &[[u32; 2]]) -> Vec<u32> {
+    let mut lip = vec![u32::MAX; elements.len()];
+    let mut count = 0;
+    for start in 0..elements.len() {
+        if lip[start] != u32::MAX {
+            continue;
+        }
+        let mut queue = vec![start];
+        lip[start] = count;
+        while let Some(next) = queue.pop() {
+            let beside = |pair: &&[u32; 2]| pair.contains(&elements[next]);
+            for other in joined.iter().filter(beside).flatten() {
+                let place = elements.iter().position(|e| e == other);
+                if let Some(place) = place.filter(|p| lip[*p] == u32::MAX) {
+                    lip[place] = count;
+                    queue.push(place);
+                }
+            }
+        }
+        count += 1;
+    }
+    lip
+}
