@@ -2,6 +2,10 @@
 //!
 //! Each returns a defect, relative to the natural scale of the quantity; the caller states the tolerance.
 
+mod weights;
+
+pub use weights::{WeightDefect, weight_means, weights};
+
 use crate::coupled::Coupled;
 use crate::effect::{Instant, PairEffect};
 use crate::field::{Interpolation, ShapeRow};
@@ -139,13 +143,13 @@ pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>) -> Result<T> {
         Ok(f.iter().fold(T::zero(), |a, b| a.max(b.abs())))
     };
     let rigid = force(model, &q)?;
-    let random: Vec<T> = (0..n).map(|i| random(i)).collect();
+    let random: Vec<T> = (0..n).map(|i| fixed_noise(i)).collect();
     let scale = force(model, &random)?;
     Ok(rigid / scale)
 }
 
 /// A fixed sequence in (−1, 1).
-fn random<T: Real>(i: usize) -> T {
+pub(crate) fn fixed_noise<T: Real>(i: usize) -> T {
     let x = ((i as f64 + 0.5) * 0.569_840_290_998_053_3).fract() * 91.7;
     T::of(2.0 * x.fract() - 1.0)
 }
@@ -158,7 +162,7 @@ fn random<T: Real>(i: usize) -> T {
 /// Those of the model.
 pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
     let n = model.layout().dofs();
-    let mut q: Vec<T> = (0..n).map(|i| random::<T>(i) * amplitude).collect();
+    let mut q: Vec<T> = (0..n).map(|i| fixed_noise::<T>(i) * amplitude).collect();
     let mut f = vec![T::zero(); n];
     let memory = model.save();
     model.advance(&q, &mut f)?;
@@ -201,8 +205,8 @@ pub fn mass<T: Real>(model: &dyn Model<T>, expected: T) -> Result<T> {
 /// Those of the model.
 pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
     let n = model.layout().dofs();
-    let a: Vec<T> = (0..n).map(|i| random::<T>(i) * amplitude).collect();
-    let b: Vec<T> = (0..n).map(|i| random::<T>(i + 7919) * amplitude).collect();
+    let a: Vec<T> = (0..n).map(|i| fixed_noise::<T>(i) * amplitude).collect();
+    let b: Vec<T> = (0..n).map(|i| fixed_noise::<T>(i + 7919) * amplitude).collect();
     let (mut fa, mut fb) = (vec![T::zero(); n], vec![T::zero(); n]);
     model.add_internal_forces(&a, &mut fa)?;
     model.add_internal_forces(&b, &mut fb)?;
@@ -269,7 +273,7 @@ pub fn participant<T: Real>(
     let impulse: Vec<T> = inertia
         .iter()
         .enumerate()
-        .map(|(i, m)| *m * scale * random(i))
+        .map(|(i, m)| *m * scale * fixed_noise(i))
         .collect();
     solver.kick(&impulse)?;
     let ([moved, kicked], after) = (read(solver), solver.invariant());
@@ -357,8 +361,8 @@ pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
     let mut worst = T::zero();
     for i in &run.interfaces {
         for c in i.coupling.iter() {
-            let lambda: Vec<T> = (0..i.multipliers().len()).map(random).collect();
-            let v: Vec<T> = (0..c.size()).map(|k| random(k + 31)).collect();
+            let lambda: Vec<T> = (0..i.multipliers().len()).map(fixed_noise).collect();
+            let v: Vec<T> = (0..c.size()).map(|k| fixed_noise(k + 31)).collect();
             let (mut jump, mut force) = (vec![T::zero(); lambda.len()], vec![T::zero(); v.len()]);
             c.times(&v, &mut jump);
             c.add_force(T::one(), &lambda, &mut force);
@@ -374,7 +378,7 @@ pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
 pub fn interface_momentum<T: Real>(run: &Coupled<T>) -> [T; 2] {
     let mut worst = [T::zero(); 2];
     for i in &run.interfaces {
-        let lambda: Vec<T> = (0..i.multipliers().len()).map(random).collect();
+        let lambda: Vec<T> = (0..i.multipliers().len()).map(fixed_noise).collect();
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         let (mut scale, mut reach) = (T::epsilon(), T::epsilon());
         for (m, c) in i.coupling.iter().enumerate() {

@@ -485,7 +485,9 @@ fn located(source: arlequin::core::Error) -> Error {
         }
         Core::OpposedMotions { interface: i, .. } => interface(i, "overlap"),
         Core::EigenvaluesBeyond { interface: i, .. } => interface(i, "solver"),
-        Core::UnequalShapes { interface: i, .. } => interface(i, "overlap"),
+        Core::UnequalShapes { interface: i, .. } | Core::UnevenFilling { interface: i, .. } => {
+            interface(i, "overlap")
+        }
         Core::UncoveredOverlap { interface: i, .. } | Core::CoveredTwice { interface: i, .. } => {
             interface(i, "mediator")
         }
@@ -495,9 +497,10 @@ fn located(source: arlequin::core::Error) -> Error {
         }
         Core::MomentumLeak { interface: i, .. } => interface(i, "sampling"),
         Core::SingularInterface { interface: i, .. } => interface(i, "mediator"),
-        Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
-            format!("model.{model}")
-        }
+        Core::ZeroMass { model, .. }
+        | Core::Unsupported { model, .. }
+        | Core::UnweightedEnergy { model, .. }
+        | Core::Model { model, .. } => format!("model.{model}"),
         Core::InvalidOption {
             interface: i, name, ..
         } => interface(i, name),
