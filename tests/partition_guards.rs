@@ -1,5 +1,6 @@
-//! Guards of the partition look both ways: too much weight as well as too little, mass and stiffness that do not follow the weights,
-//! packings that fill less than the elements beside them, mediators that are too short, effects on one model alone.
+//! Guards of the partition look both ways: too much weight as well as too little, mass and stiffness that do
+//! not follow the weights, packings that fill less than the elements beside them, mediators that are too
+//! short, effects on one model alone.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -250,13 +251,14 @@ fn a_model_whose_mass_or_stiffness_ignores_its_weight_is_refused_and_found_by_co
     .unwrap();
     let along = ramp(3e-3, 2e-3, Profile::Cubic).internal;
     let mut grains = packed("grains", 0.0, 700);
-    for (model, w, amplitude) in [
-        (&mut solid as &mut dyn Model<f64>, across, 1e-3),
-        (&mut grains as &mut dyn Model<f64>, along, 1e-7),
+    // Forces of bonds take weights in single precision.
+    for (model, w, amplitude, limit) in [
+        (&mut solid as &mut dyn Model<f64>, across, 1e-3, 1e-12),
+        (&mut grains as &mut dyn Model<f64>, along, 1e-7, 1e-6),
     ] {
         let d = conformance::weights(model, &w, amplitude).unwrap();
         let worst = [d.half_inertia, d.inertia, d.half_energy, d.energy, d.forces];
-        assert!(worst.iter().all(|x| *x < 1e-12), "{d:?}");
+        assert!(worst.iter().all(|x| *x < limit), "{d:?}");
     }
 }
 
@@ -354,7 +356,8 @@ fn effects_on_one_model_of_an_overlap_are_warned_of_by_name() {
     }
 }
 
-/// Blocks of unlike elements over (2, 3), turned, shifted and of any size; no face of one lies on faces of the other.
+/// Blocks of unlike elements over (2, 3), turned, shifted and of any size; no face of one lies on faces of
+/// the other.
 fn blocks<T: Real>(size: f64, turn: Vector3<f64>, shift: Vector3<f64>, profile: Profile<T>) -> Coupled<T> {
     let place = |p: &Point3<T>| -> Point3<T> {
         let x = Rotation3::new(turn) * Point3::from(p.coords.map(|c| c.as_f64() * size)) + shift;
@@ -425,9 +428,9 @@ fn packed(name: &str, from: f64, count: usize) -> DemModel {
 }
 
 /// A body of 3 mm and a packing of 3 mm and 0.5 mm over the overlap (2, 3) mm.
-fn beside_grains(left: Subdomain<f64>) -> Result<Coupled<f64>> {
+fn beside_grains(left: Subdomain<f64>, count: usize) -> Result<Coupled<f64>> {
     let rest = complement(left.weights());
-    let right = Subdomain::fine(packed("grains", 2e-3, 2500), rest);
+    let right = Subdomain::fine(packed("grains", 2e-3, count), rest);
     let shape = Cylinder {
         ends: [2e-3, 3e-3],
         radius: 0.5e-3,
@@ -464,20 +467,20 @@ fn mass_warnings(run: &Coupled<f64>) -> usize {
 fn particles_of_64_percent_of_the_elements_section_are_refused_and_equal_ones_are_not() {
     // Whatever the densities are.
     for density in [2200.0, 220.0] {
-        let run = beside_grains(elements(0.5e-3, density)).unwrap();
+        let run = beside_grains(elements(0.5e-3, density), 2500).unwrap();
         let found = run.partition()[0].clone();
         println!("elements and particles: {found:?}");
         assert!(
             found.excess_mass.abs() < 0.02 && mass_warnings(&run) == 0,
             "{found:?}"
         );
-        let error = beside_grains(elements(0.625e-3, density)).unwrap_err();
+        let error = beside_grains(elements(0.625e-3, density), 600).unwrap_err();
         let Error::UnequalShapes { larger, amount, .. } = &error else {
             panic!("{error}")
         };
-        assert!(larger == "elements" && (amount - 0.36).abs() < 0.05, "{error}");
+        assert!(larger == "elements" && (amount - 0.36).abs() < 0.08, "{error}");
         // Particles beside thinner elements are seen at their places.
-        let error = beside_grains(elements(0.4e-3, density)).unwrap_err();
+        let error = beside_grains(elements(0.4e-3, density), 2500).unwrap_err();
         assert!(
             matches!(
                 error,
@@ -493,7 +496,7 @@ fn mass_that_two_packings_have_too_much_in_their_overlap_is_warned_of_with_the_n
     let left = packed("left", 0.0, 1500);
     let field = NaturalField::from_points(left.nodes(), Interpolant::Laplace).unwrap();
     let left = Subdomain::new(Box::new(left), Arc::new(field), ramp(3e-3, 2e-3, Profile::Cubic));
-    let run = beside_grains(left).unwrap();
+    let run = beside_grains(left, 2500).unwrap();
     let found = &run.partition()[0];
     // Against the containers: 5 mm of a cylinder of 0.5 mm.
     let translations = |s: &Subdomain<f64>| s.inertia()[..3 * s.model().nodes().len()].iter().sum::<f64>();

@@ -64,8 +64,8 @@ impl Chain {
         })
     }
 
-    /// The same chain as a bar of some section \[m²\], which is 1 m² unless it is said: a bar beside it must have the same section or the
-    /// same mass per length.
+    /// The same chain as a bar of some section \[m²\], which is 1 m² unless it is said: a bar beside it must
+    /// have the same section or the same mass per length.
     ///
     /// # Errors
     /// [`Error::Model`] for a section that is not positive and finite.

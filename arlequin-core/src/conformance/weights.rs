@@ -10,7 +10,8 @@ use std::sync::Arc;
 /// How far a model is from following its weights; all zero up to round-off for one that does.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct WeightDefect<T> {
-    /// Largest deviation of an inertia with the weight ½ from half of that without, relative to the largest inertia.
+    /// Largest deviation of an inertia with the weight ½ from half of that without, relative to the largest
+    /// inertia.
     pub half_inertia: T,
     /// The same of the inertia with a weight `w` and with `1 − w` together from that without.
     pub inertia: T,
@@ -22,8 +23,8 @@ pub struct WeightDefect<T> {
     pub forces: T,
 }
 
-/// Checks that inertia, internal energy and internal forces of a model are linear in its weight `w`, at displacements of the
-/// amplitude given \[m\]. Leaves the model with a weight of one.
+/// Checks that inertia, internal energy and internal forces of a model are linear in its weight `w`, at
+/// displacements of the amplitude given \[m\]. Leaves the model with a weight of one.
 ///
 /// # Errors
 /// Those of the model.
@@ -58,8 +59,9 @@ pub fn weights<T: Real>(
     })
 }
 
-/// Largest difference between the mean of a weight over a cell and the mean of its values there, by quadrature on 64 parts of the cell
-/// (four of a line): zero up to round-off for a weight that is a polynomial of at most fifth degree in each of them.
+/// Largest difference between the mean of a weight over a cell and the mean of its values there, by
+/// quadrature on 64 parts of the cell (four of a line): zero up to round-off for a weight that is a
+/// polynomial of at most fifth degree in each of them.
 pub fn weight_means<T: Real>(weight: &dyn Weight<T>, cells: &[Cell<T>]) -> T {
     let gap = |c: &Cell<T>| (weight.mean(c) - geometry::mean(c, 2, &|x| weight.at(x))).abs();
     cells.iter().map(gap).fold(T::zero(), |m, x| m.max(x))

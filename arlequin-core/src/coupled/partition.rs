@@ -1,11 +1,13 @@
-//! Whether the models of a run share everything exactly once: the partition of unity, checked before the first step.
+//! Whether the models of a run share everything exactly once: the partition of unity, checked before the
+//! first step.
 //!
-//! Models that interfaces tie to each other form a group; every other model is a group of its own. At every node of a group,
-//! and at quadrature points of every cell, the weights of the models that are there must sum to one: of the only one
-//! outside of overlaps, of all inside. Near a surface, within the distance at which faceted meshes of one body differ or that
-//! particles are rough, a model may count as present or as absent; what is missing or too much there adds up and is bounded.
-//! Means of weights must be those of their values. The weighted inertia of all models must be that of the space they fill
-//! together, a packing must fill as much of an overlap as the other model does, and the mediator must fill the overlap.
+//! Models that interfaces tie to each other form a group; every other model is a group of its own. At every
+//! node of a group, and at quadrature points of every cell, the weights of the models that are there must sum
+//! to one: of the only one outside of overlaps, of all inside. Near a surface, within the distance at which
+//! faceted meshes of one body differ or that particles are rough, a model may count as present or as absent;
+//! what is missing or too much there adds up and is bounded. Means of weights must be those of their values.
+//! The weighted inertia of all models must be that of the space they fill together, a packing must fill as
+//! much of an overlap as the other model does, and the mediator must fill the overlap.
 
 mod filling;
 mod means;
@@ -36,23 +38,24 @@ pub struct PartitionReport {
     pub shared: f64,
     /// Weight that is missing at surfaces where the models' shapes differ, relative to `shared`.
     pub missing: f64,
-    /// Weighted inertia of all models, as the measure it stands for, less `measure`, relative to `shared`: positive where the
-    /// overlap has more mass than the body it stands for, negative where it has less. Inertia of a model counts as a share of its own without
-    /// weights, so that densities may differ. A packing fills the volumes of its particles; where a body of cells is, these fill
-    /// the space.
+    /// Weighted inertia of all models, as the measure it stands for, less `measure`, relative to `shared`:
+    /// positive where the overlap has more mass than the body it stands for, negative where it has less.
+    /// Inertia of a model counts as a share of its own without weights, so that densities may differ. A
+    /// packing fills the volumes of its particles; where a body of cells is, these fill the space.
     pub excess_mass: f64,
 }
 
-/// Largest deviation of the sum of weights from one at a point: round-off of weights that are made to sum to one.
+/// Largest deviation of the sum of weights from one at a point: round-off of weights that are made to sum to
+/// one.
 pub(super) const ROUND_OFF: f64 = 1e-6;
-/// Share of the overlap that may be counted twice, that one model may fill more of than the other, or that may lie outside
-/// of the mediator's reach: round-off of facets.
+/// Share of the overlap that may be counted twice, that one model may fill more of than the other, or that
+/// may lie outside of the mediator's reach: round-off of facets.
 pub(super) const SHARE: f64 = 0.02;
-/// Weight that may be missing near surfaces, relative to the overlap: half of where a square and a circle of equal area
-/// differ. What one model lacks the other has too much of, so that the mass is right.
+/// Weight that may be missing near surfaces, relative to the overlap: half of where a square and a circle of
+/// equal area differ. What one model lacks the other has too much of, so that the mass is right.
 const MISSING: f64 = 0.1;
-/// Bound on the deviation of the weighted inertia, relative to the overlap, beyond what is missing at surfaces: that of the
-/// quadrature of curved borders. Also what is warned of.
+/// Bound on the deviation of the weighted inertia, relative to the overlap, beyond what is missing at
+/// surfaces: that of the quadrature of curved borders. Also what is warned of.
 const MASS: f64 = 0.02;
 /// The same where particles take part, beside what is left to chance among few of them.
 const PARTICLES: f64 = 0.1;
@@ -110,7 +113,8 @@ struct Group<'a, T: Real> {
     broken: Option<(T, Error)>,
 }
 
-/// What was found of an interface: the share of its overlap outside the mediator, and what a user should know.
+/// What was found of an interface: the share of its overlap outside the mediator, and what a user should
+/// know.
 #[derive(Default)]
 pub(super) struct TieFindings {
     pub(super) outside: f64,
@@ -316,7 +320,8 @@ impl<'a, T: Real> Group<'a, T> {
         })
     }
 
-    /// Lines must have one section, or at least one mass per length: a model of points on a line may not know its section.
+    /// Lines must have one section, or at least one mass per length: a model of points on a line may not know
+    /// its section.
     fn check_sections(&self, t: &Tie<'_, T>) -> Result<()> {
         let mut lines = Vec::new();
         for k in t.sides {

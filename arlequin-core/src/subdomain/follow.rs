@@ -12,8 +12,8 @@ const HALF: f64 = 1e-3;
 const AMPLITUDE: f64 = 1e-3;
 
 impl<T: Real> Subdomain<T> {
-    /// Refuses a model whose internal energy with a weight of one half is not half of that with one. The weight must be set
-    /// anew afterwards. A solver of its own is not asked: only it knows its energy.
+    /// Refuses a model whose internal energy with a weight of one half is not half of that with one. The
+    /// weight must be set anew afterwards. A solver of its own is not asked: only it knows its energy.
     pub(super) fn check_energy(&mut self) -> Result<()> {
         let weighted = |s: &Self| {
             let w = &s.weights.internal;
@@ -33,7 +33,8 @@ impl<T: Real> Subdomain<T> {
         };
         let (whole, half) = (energy(1.0)?, energy(0.5)?);
         let ratio = half / whole;
-        // Without an energy there is nothing to weight; one that is no number is another fault, of which the run tells.
+        // Without an energy there is nothing to weight; one that is no number is another fault, of which the
+        // run tells.
         if !ratio.is_finite() || (ratio - 0.5).abs() <= HALF {
             return Ok(());
         }

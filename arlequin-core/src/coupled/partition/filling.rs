@@ -9,7 +9,8 @@ use nalgebra::{Point3, Vector3};
 const UNEQUAL: f64 = 0.1;
 /// The same in a cube, relative to what the fuller model has there.
 const UNEVEN: f64 = 0.3;
-/// Least number of particles per cube, and least edge of a cube in lengths of cells: volumes are well sampled.
+/// Least number of particles per cube, and least edge of a cube in lengths of cells: volumes are well
+/// sampled.
 const PARTICLES: f64 = 100.0;
 const CELLS: f64 = 1.5;
 
@@ -138,7 +139,8 @@ impl<T: Real> Filling<T> {
     }
 }
 
-/// Deals a volume out to the cubes that a cube of its size meets; what is beyond the outermost ones is theirs.
+/// Deals a volume out to the cubes that a cube of its size meets; what is beyond the outermost ones is
+/// theirs.
 fn spread<T: Real>(
     x: Vector3<T>,
     volume: T,

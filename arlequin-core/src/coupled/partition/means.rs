@@ -6,9 +6,9 @@ use crate::weight::{Weight, Weighting};
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
-/// Error of a mean that is taken for one of quadrature, relative to the range of the weight in the cell: at once, and with the cell
-/// cut in parts.
-const QUADRATURE: [f64; 2] = [0.01, 0.1];
+/// Error of a mean that is taken for one of quadrature, relative to the range of the weight in the cell: at
+/// once, and with the cell cut in parts. A jump may lie between two layers of points.
+const QUADRATURE: [f64; 2] = [0.01, 0.25];
 /// Most particles of a packing from which a line to the nearest one stands for a bond.
 const LINES: usize = 2_000;
 
@@ -19,7 +19,11 @@ impl<T: Real> Group<'_, T> {
             if m.subdomain.weights().weighting == Weighting::Nodal {
                 continue;
             }
-            let lines = m.extent.particles().map(lines_between);
+            let lines = m.extent.particles().map(|p| {
+                let mut lines = lines_between(p);
+                lines.retain(|l| (0..self.kinds).all(|kind| is_beside_jumps(m.weight(kind), l)));
+                lines
+            });
             let cells = lines.as_deref().unwrap_or(m.extent.cells());
             for kind in 0..self.kinds {
                 for cell in cells {
@@ -40,7 +44,7 @@ impl<T: Real> Group<'_, T> {
     }
 }
 
-/// Lines from particles to the next one in their order, which is near.
+/// Lines from particles to the next ones in their order, which are near.
 fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
     let stride = particles.len().div_ceil(LINES).max(1);
     let pairs = particles.windows(2).step_by(stride);
@@ -51,12 +55,27 @@ fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
     pairs.map(line).collect()
 }
 
+/// Whether a weight does not jump where a line ends: along a border of the overlap it has no mean.
+fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
+    let step = crate::extent::length(line) * T::of(1e-3);
+    line.corners().iter().all(|x| {
+        let value = weight.at(x);
+        let beside = |k: usize| {
+            let mut d = Vector3::zeros();
+            d[k / 2] = if k % 2 == 0 { step } else { -step };
+            weight.at(&(x + d))
+        };
+        (0..6).all(|k| (beside(k) - value).abs() < T::of(0.02))
+    })
+}
+
 fn centre_of<T: Real>(corners: &[Point3<T>]) -> Point3<T> {
     let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
     Point3::from(sum / T::of(corners.len() as f64))
 }
 
-/// Mean of a weight over a cell, that of its values there and the accepted difference, where the two differ by more.
+/// Mean of a weight over a cell, that of its values there and the accepted difference, where the two differ
+/// by more.
 fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>) -> Option<[T; 3]> {
     let corners = cell.corners();
     let centre = centre_of(&corners);

@@ -103,8 +103,8 @@ impl<T: Real> Group<'_, T> {
         others.any(|(_, o)| o.extent.meets(&bounds))
     }
 
-    /// What a cell has in common with the other models' cells, exactly; none if that takes more than two models or a field
-    /// without cells.
+    /// What a cell has in common with the other models' cells, exactly; none if that takes more than two
+    /// models or a field without cells.
     fn common(&self, m: usize, cell: &Cell<T>) -> Option<T> {
         let bounds = cell.bounds();
         let others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
@@ -171,8 +171,8 @@ impl<T: Real> Group<'_, T> {
         }
     }
 
-    /// Sums of the weights at a point: of the models that are there for certain, and of those that may well be. None where a sum
-    /// is wrong whoever is there.
+    /// Sums of the weights at a point: of the models that are there for certain, and of those that may well
+    /// be. None where a sum is wrong whoever is there.
     fn sums(&mut self, s: &Station<'_, T>, kind: usize) -> Option<[T; 2]> {
         let tolerance = super::tolerance::<T>();
         let (mut sure, mut likely, mut most) = (T::zero(), T::zero(), T::zero());
@@ -201,7 +201,8 @@ impl<T: Real> Group<'_, T> {
                 sure += w;
             }
         }
-        // Too little is certain if all that may be there are too little, too much if those are that are there for certain.
+        // Too little is certain if all that may be there are too little, too much if those are that are there
+        // for certain.
         let (lack, surplus) = (T::one() - most, sure - T::one());
         let (gap, least) = if surplus > lack {
             (surplus, Cover::Inside)
@@ -214,15 +215,15 @@ impl<T: Real> Group<'_, T> {
         Some([sure, likely])
     }
 
-    /// Whether model `k` counts as present at a point of model `m`. Surfaces of packings are rough: there it does where it may be,
-    /// for what a packing fills is judged by the volumes of its particles.
+    /// Whether model `k` counts as present at a point of model `m`. Surfaces of packings are rough: there it
+    /// does where it may be, for what a packing fills is judged by the volumes of its particles.
     fn present(&self, m: usize, k: usize) -> bool {
         let rough = [m, k].iter().any(|i| self.members[*i].extent.is_particles());
         self.covers[k] >= if rough { Cover::Surface } else { Cover::Hole }
     }
 
-    /// Share of a point of model `m` in the space that is filled there. Cells fill it where there are some, among particles each
-    /// has its volume.
+    /// Share of a point of model `m` in the space that is filled there. Cells fill it where there are some,
+    /// among particles each has its volume.
     fn share_of_space(&self, m: usize) -> T {
         let floor = T::of(FLOOR);
         let counted = |k: &usize| {
@@ -246,7 +247,8 @@ impl<T: Real> Group<'_, T> {
         T::one() / T::of(all().count() as f64)
     }
 
-    /// Accounts for a point of an overlap that a mediator should hold, or several between the same models together.
+    /// Accounts for a point of an overlap that a mediator should hold, or several between the same models
+    /// together.
     fn tie(&mut self, x: &Point3<T>, part: T, lacking: bool) {
         let floor = T::of(ROUND_OFF);
         for k in 0..self.ties.len() {
