@@ -163,7 +163,7 @@ fn a_scene_waits_at_an_address_for_who_comes() {
         .expect("starts");
     // It looks for the run for five seconds.
     while !folder.join("socket").exists() {
-        std::thread::sleep(std::time::Duration::from_millis(5));
+        std::thread::sleep(Duration::from_millis(5));
     }
     let other = Command::new(folder.join("chain"))
         .arg(&socket)

@@ -2,6 +2,10 @@
 //!
 //! Each returns a defect, relative to the natural scale of the quantity; the caller states the tolerance.
 
+mod weights;
+
+pub use weights::{WeightDefect, weight_means, weights};
+
 use crate::coupled::Coupled;
 use crate::effect::{Instant, PairEffect};
 use crate::field::{Interpolation, ShapeRow};
@@ -141,7 +145,9 @@ pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T
         rigid_motion(model, shift, turn * (amplitude / size))
     };
     let rigid = largest_force(model, &q)?;
-    let random: Vec<T> = (0..layout.dofs()).map(|i| random::<T>(i) * amplitude).collect();
+    let random: Vec<T> = (0..layout.dofs())
+        .map(|i| fixed_noise::<T>(i) * amplitude)
+        .collect();
     Ok(rigid / largest_force(model, &random)?)
 }
 
@@ -175,7 +181,7 @@ fn largest_force<T: Real>(model: &mut dyn Model<T>, q: &[T]) -> Result<T> {
 }
 
 /// A fixed sequence in (−1, 1).
-fn random<T: Real>(i: usize) -> T {
+pub(crate) fn fixed_noise<T: Real>(i: usize) -> T {
     let x = ((i as f64 + 0.5) * 0.569_840_290_998_053_3).fract() * 91.7;
     T::of(2.0 * x.fract() - 1.0)
 }
@@ -188,7 +194,7 @@ fn random<T: Real>(i: usize) -> T {
 /// Those of the model.
 pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
     let n = model.layout().dofs();
-    let mut q: Vec<T> = (0..n).map(|i| random::<T>(i) * amplitude).collect();
+    let mut q: Vec<T> = (0..n).map(|i| fixed_noise::<T>(i) * amplitude).collect();
     let mut f = vec![T::zero(); n];
     let memory = model.save();
     model.advance(&q, &mut f)?;
@@ -248,7 +254,7 @@ pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Resu
             }
         };
         (0..layout.dofs())
-            .map(|i| random::<T>(i + from) * size(i))
+            .map(|i| fixed_noise::<T>(i + from) * size(i))
             .collect()
     };
     let (a, b) = (direction(0), direction(7919));
@@ -335,7 +341,7 @@ pub fn participant<T: Real>(
     let impulse: Vec<T> = inertia
         .iter()
         .enumerate()
-        .map(|(i, m)| *m * scale * random(i))
+        .map(|(i, m)| *m * scale * fixed_noise(i))
         .collect();
     solver.kick(&impulse)?;
     let ([moved, kicked], after) = (read(solver), solver.invariant());
@@ -423,8 +429,8 @@ pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
     let mut worst = T::zero();
     for i in &run.interfaces {
         for c in i.coupling.iter() {
-            let lambda: Vec<T> = (0..i.multipliers().len()).map(random).collect();
-            let v: Vec<T> = (0..c.size()).map(|k| random(k + 31)).collect();
+            let lambda: Vec<T> = (0..i.multipliers().len()).map(fixed_noise).collect();
+            let v: Vec<T> = (0..c.size()).map(|k| fixed_noise(k + 31)).collect();
             let (mut jump, mut force) = (vec![T::zero(); lambda.len()], vec![T::zero(); v.len()]);
             c.times(&v, &mut jump);
             c.add_force(T::one(), &lambda, &mut force);
@@ -440,7 +446,7 @@ pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
 pub fn interface_momentum<T: Real>(run: &Coupled<T>) -> [T; 2] {
     let mut worst = [T::zero(); 2];
     for i in &run.interfaces {
-        let lambda: Vec<T> = (0..i.multipliers().len()).map(random).collect();
+        let lambda: Vec<T> = (0..i.multipliers().len()).map(fixed_noise).collect();
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         let (mut scale, mut reach) = (T::epsilon(), T::epsilon());
         for (m, c) in i.coupling.iter().enumerate() {

@@ -2,30 +2,10 @@
 
 mod model;
 
+pub use crate::share::Share;
 pub use model::ModelError;
 
 use crate::ranks::RankError;
-
-/// What a weight is a share of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Share {
-    /// Internal energy, `α`.
-    Internal,
-    /// Kinetic energy, `β`.
-    Kinetic,
-    /// External work, `γ`.
-    External,
-}
-
-impl std::fmt::Display for Share {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Internal => "internal energy (alpha)",
-            Self::Kinetic => "kinetic energy (beta)",
-            Self::External => "external work (gamma)",
-        })
-    }
-}
 
 /// What can go wrong in the core.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -195,6 +175,56 @@ pub enum Error {
         /// Difference relative to the overlap.
         amount: f64,
         /// Accepted difference.
+        limit: f64,
+    },
+    /// A packing fills a part of the overlap more or less than the other model.
+    #[error(
+        "interface '{interface}': around ({:.6e}, {:.6e}, {:.6e}) m, in a cube of {size:.3e} m, model '{larger}' fills {:.1} % more than model '{smaller}' (limit {:.0} %); let both fill the same space in the overlap, pack it evenly, or, for a deliberate study, choose an unchecked partition", point[0], point[1], point[2], 100.0 * amount, 100.0 * limit
+    )]
+    UnevenFilling {
+        /// Name of the interface.
+        interface: String,
+        /// The model that fills more.
+        larger: String,
+        /// The other one.
+        smaller: String,
+        /// Difference relative to what the larger one fills there.
+        amount: f64,
+        /// Accepted difference.
+        limit: f64,
+        /// Centre of the cube \[m\].
+        point: Box<[f64; 3]>,
+        /// Its edge \[m\].
+        size: f64,
+    },
+    /// The mean of a weight over a cell is not that of its values.
+    #[error(
+        "model '{model}': the mean of its weight of the {kind} over the cell around ({:.6e}, {:.6e}, {:.6e}) m is {mean:.6}, but its values there have the mean {values:.6} (limit {limit:.1e} apart); mend Weight::mean, or leave it to its default", point[0], point[1], point[2]
+    )]
+    WeightMean {
+        /// Model that has the weight.
+        model: String,
+        /// Which weight.
+        kind: Share,
+        /// Middle of the cell \[m\].
+        point: Box<[f64; 3]>,
+        /// Its mean over the cell.
+        mean: f64,
+        /// Mean of its values there.
+        values: f64,
+        /// Accepted difference.
+        limit: f64,
+    },
+    /// The internal energy of a model does not follow its weight.
+    #[error(
+        "model '{model}': with a weight of one half its internal energy is {ratio:.6} of that with a weight of one, not 0.5 within {limit:.0e}; let set_internal_weight multiply the stiffness of every cell by the mean of the weight over it"
+    )]
+    UnweightedEnergy {
+        /// Name of the model.
+        model: String,
+        /// Energy with a weight of one half over that with one.
+        ratio: f64,
+        /// Accepted deviation from one half.
         limit: f64,
     },
     /// The weighted masses of all models are not the mass of the body.

@@ -53,6 +53,8 @@ pub(crate) struct Extent<'a, T: Real> {
     shape: Shape<'a, T>,
     tree: BoxTree<T>,
     bounds: [Point3<T>; 2],
+    /// Mean section of lines \[m²\]; none of a solid.
+    section: Option<T>,
 }
 
 impl<'a, T: Real> Extent<'a, T> {
@@ -66,7 +68,9 @@ impl<'a, T: Real> Extent<'a, T> {
 
     /// The cells of a field; its nodes if it has none.
     pub(crate) fn of_cells(field: &'a dyn Interpolation<T>) -> Self {
-        let cells: Vec<_> = field.cells().into_iter().map(of_unit_section).collect();
+        let given = field.cells();
+        let section = mean_section(&given);
+        let cells: Vec<_> = given.into_iter().map(of_unit_section).collect();
         if cells.is_empty() {
             return Self::of_field(field);
         }
@@ -87,6 +91,7 @@ impl<'a, T: Real> Extent<'a, T> {
             },
             tree,
             bounds,
+            section,
         }
     }
 
@@ -101,6 +106,7 @@ impl<'a, T: Real> Extent<'a, T> {
             shape: Shape::Points { samples, radii, top },
             tree,
             bounds,
+            section: None,
         }
     }
 
@@ -121,6 +127,7 @@ impl<'a, T: Real> Extent<'a, T> {
             },
             tree,
             bounds,
+            section: None,
         }
     }
 
@@ -130,6 +137,23 @@ impl<'a, T: Real> Extent<'a, T> {
             Shape::Cells { cells, .. } => cells,
             _ => &[],
         }
+    }
+
+    /// Mean section of its cells \[m²\], if they are lines.
+    pub(crate) fn section(&self) -> Option<T> {
+        self.section
+    }
+
+    /// Measure of what a cell has in common with its cells.
+    pub(crate) fn common(&self, cell: &Cell<T>) -> T {
+        let mut sum = T::zero();
+        self.tree.any(&cell.bounds(), &mut |k| {
+            sum += cell
+                .intersection(&self.cells()[k])
+                .map_or_else(T::zero, |c| c.measure());
+            false
+        });
+        sum
     }
 
     /// Its particles, if it consists of them.
@@ -223,6 +247,19 @@ fn around<T: Real>(centres: &[Point3<T>], radii: &[T]) -> (BoxTree<T>, [Point3<T
         .collect();
     let bounds = bounds_of(boxes.iter().flatten());
     (BoxTree::new(boxes), bounds)
+}
+
+/// Mean section of lines; none unless all cells are.
+fn mean_section<T: Real>(cells: &[Cell<T>]) -> Option<T> {
+    let (mut volume, mut length) = (T::zero(), T::zero());
+    for cell in cells {
+        let Cell::Segment { section, .. } = cell else {
+            return None;
+        };
+        volume += cell.measure();
+        length += cell.measure() / *section;
+    }
+    (length > T::zero()).then(|| volume / length)
 }
 
 /// Lengths count on a line, whatever section its models were given.

@@ -80,6 +80,7 @@ mod reach;
 mod record;
 mod recovery;
 mod scalar;
+mod share;
 pub mod spectrum;
 mod subdomain;
 mod time;

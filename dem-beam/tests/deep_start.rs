@@ -162,6 +162,7 @@ fn pair(apart: f64, pushed: f64) -> Result<(), String> {
     };
     let parts = Parts {
         start: 0.0,
+        end: None,
         subdomains: vec![side(below, 0.0), side(above, pushed)],
         interfaces: Vec::new(),
         pairs: vec![PairSpec {

@@ -64,6 +64,16 @@ impl Chain {
         })
     }
 
+    /// The same chain as a bar of some section \[m²\], which is 1 m² unless it is said: a bar beside it must
+    /// have the same section or the same mass per length.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for a section that is not positive and finite.
+    pub fn with_section(mut self, section: f64) -> Result<Self> {
+        self.field = Arc::new(FemField::on_line(self.nodes.clone(), section)?);
+        Ok(self)
+    }
+
     /// The same chain with a stiffness \[N/m\] of its own for every bond.
     #[must_use]
     pub fn with_stiffness(mut self, of_bond: impl Fn(usize) -> f64) -> Self {

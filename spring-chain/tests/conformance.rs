@@ -34,4 +34,9 @@ fn the_chain_keeps_what_the_coupling_relies_on_with_and_without_weights() {
         let k = chain.stiffness();
         assert!(k.iter().all(|(v, (i, j))| k.get(j, i) == Some(v)), "symmetric");
     }
+    let ramp: Arc<dyn Weight<f64>> = Arc::new(ramp.clone());
+    let d = conformance::weights(&mut chain, &ramp, 1e-2).unwrap();
+    let follows = [d.half_inertia, d.inertia, d.half_energy, d.energy, d.forces];
+    assert!(follows.iter().all(|x| *x < 1e-14), "{d:?}");
+    assert!(conformance::weight_means(&*ramp, &chain.fine_field().cells()) < 1e-3);
 }

@@ -16,6 +16,7 @@ pub(crate) mod ledger;
 pub(crate) mod momentum;
 mod motions;
 pub(crate) mod observer;
+mod one_sided;
 mod own_steps;
 mod pace;
 mod pairs;

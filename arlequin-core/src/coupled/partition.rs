@@ -1,20 +1,29 @@
-//! Whether the models of a run share everything exactly once: the partition of unity, checked before the first step.
+//! Whether the models of a run share everything exactly once: the partition of unity, checked before the
+//! first step.
 //!
-//! Models that interfaces tie to each other form a group; every other model is a group of its own. At every node of a group,
-//! and at quadrature points of every cell, the weights of the models that are there must sum to one: of the only one
-//! outside of overlaps, of all inside. Near a surface, within the distance at which faceted meshes of one body differ or that
-//! particles are rough, a model may count as present or as absent; what is missing there adds up and is bounded. The
-//! weighted inertia of all models must be that of the space they fill together, and the mediator must fill the overlap.
+//! Models that interfaces tie to each other form a group; every other model is a group of its own. At every
+//! node of a group, and at quadrature points of every cell, the weights of the models that are there must sum
+//! to one: of the only one outside of overlaps, of all inside. Near a surface, within the distance at which
+//! faceted meshes of one body differ or that particles are rough, a model may count as present or as absent;
+//! what is missing or too much there adds up and is bounded. Means of weights must be those of their values.
+//! The weighted inertia of all models must be that of the space they fill together, a packing must fill as
+//! much of an overlap as the other model does, and the mediator must fill the overlap.
+
+mod filling;
+mod means;
+mod points;
+
+pub(super) use filling::Filling;
 
 use super::tie::{Tie, outside_of};
 use crate::error::Share;
-use crate::extent::{Cover, Extent, length};
-use crate::geometry::{self, Cell, Sample};
+use crate::extent::{Cover, Extent};
+use crate::geometry::Cell;
 use crate::interface::InterfaceSpec;
 use crate::subdomain::{Partition, Subdomain};
 use crate::weight::{Uniform, Weight, Weighting};
 use crate::{Error, Real, Result};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 /// What the check found for one group of models that are tied to each other.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,29 +38,37 @@ pub struct PartitionReport {
     pub shared: f64,
     /// Weight that is missing at surfaces where the models' shapes differ, relative to `shared`.
     pub missing: f64,
-    /// Weighted inertia of all models, as the measure it stands for, less `measure`, relative to `shared`.
+    /// Weighted inertia of all models, as the measure it stands for, less `measure`, relative to `shared`:
+    /// positive where the overlap has more mass than the body it stands for, negative where it has less.
+    /// Inertia of a model counts as a share of its own without weights, so that densities may differ. A
+    /// packing fills the volumes of its particles; where a body of cells is, these fill the space.
     pub excess_mass: f64,
 }
 
-/// Largest deviation of the sum of weights from one at a point: round-off of weights that are made to sum to one.
+/// Largest deviation of the sum of weights from one at a point: round-off of weights that are made to sum to
+/// one.
 pub(super) const ROUND_OFF: f64 = 1e-6;
-/// Share of the overlap that may be counted twice, that one model may fill more of than the other, or that may lie outside
-/// of the mediator's reach: round-off of facets.
+/// Share of the overlap that may be counted twice, that one model may fill more of than the other, or that
+/// may lie outside of the mediator's reach: round-off of facets.
 pub(super) const SHARE: f64 = 0.02;
-/// Weight that may be missing near surfaces, relative to the overlap: half of where a square and a circle of equal area
-/// differ. What one model lacks the other has too much of, so that the mass is right.
+/// Weight that may be missing near surfaces, relative to the overlap: half of where a square and a circle of
+/// equal area differ. What one model lacks the other has too much of, so that the mass is right.
 const MISSING: f64 = 0.1;
-/// Bound on the deviation of the weighted inertia, relative to the overlap, beyond what is missing at surfaces: that of the
-/// quadrature of curved borders.
+/// Bound on the deviation of the weighted inertia, relative to the overlap, beyond what is missing at
+/// surfaces: that of the quadrature of curved borders. Also what is warned of.
 const MASS: f64 = 0.02;
-/// The same, and that on unequal shapes, where particles take part: their volumes need not fill an overlap exactly.
-const PARTICLES: f64 = 0.3;
-/// Share of a cell cut by another model's border that 64 of its parts leave undecided.
+/// The same where particles take part, beside what is left to chance among few of them.
+const PARTICLES: f64 = 0.1;
+/// Share of a cell cut by the borders of several models that 64 of its parts leave undecided.
 const UNDECIDED: f64 = 0.25;
+/// Share of an overlap outside of its mediator that is warned of.
+const BESIDE: f64 = 0.05;
 /// Share of the way to the centre of a cell at which its corners are looked at.
 const INWARDS: f64 = 1e-5;
-/// Halvings of cells that the border of another model cuts: 64 parts, or 32 of a line.
+/// Halvings of cells that a border cuts: 64 parts, or 32 of a line.
 const LEVELS: [usize; 2] = [2, 5];
+/// Least weight of a model that counts as there: above the round-off of one less a weight.
+const FLOOR: f64 = 2e-7;
 
 const KINDS: [Share; 3] = [Share::Internal, Share::Kinetic, Share::External];
 
@@ -81,8 +98,8 @@ struct Group<'a, T: Real> {
     ties: Vec<Tie<'a, T>>,
     measure: T,
     shared: T,
-    /// Measure of cells that another model's border cuts.
-    cut: T,
+    /// Measure of cells that borders of several models cut, which is found by samples.
+    sampled: T,
     missing: [T; 3],
     excess: [T; 3],
     /// Where most is missing or in excess.
@@ -96,12 +113,25 @@ struct Group<'a, T: Real> {
     broken: Option<(T, Error)>,
 }
 
-/// What was found for every group, and the share of every interface's overlap outside its mediator.
-type Findings = (Vec<PartitionReport>, Vec<Result<f64>>);
+/// What was found of an interface: the share of its overlap outside the mediator, and what a user should
+/// know.
+#[derive(Default)]
+pub(super) struct TieFindings {
+    pub(super) outside: f64,
+    pub(super) warnings: Vec<String>,
+}
+
+/// What was found for every group and every interface.
+type Findings = (Vec<PartitionReport>, Vec<Result<TieFindings>>);
+
+/// Deviation of the sum of weights from one that is round-off.
+fn tolerance<T: Real>() -> T {
+    T::of(ROUND_OFF).max(T::epsilon() * T::of(64.0))
+}
 
 /// Checks all groups.
 pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec<T>]) -> Result<Findings> {
-    let mut outside: Vec<Result<f64>> = specs.iter().map(|_| Ok(0.0)).collect();
+    let mut found: Vec<_> = specs.iter().map(|_| Ok(TieFindings::default())).collect();
     let mut reports = Vec::new();
     for numbers in groups(subdomains.len(), specs) {
         let models = numbers.iter().map(|&k| subdomains[k].model().name().to_owned());
@@ -118,13 +148,17 @@ pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec
         if report.checked {
             let mut group = Group::new(&numbers, subdomains, specs);
             group.check(&mut report)?;
-            for t in &group.ties {
-                outside[t.number] = outside_of(t);
+            for (k, t) in group.ties.iter().enumerate() {
+                let mass = (k == 0).then(|| group.mass_warning(&report)).flatten();
+                found[t.number] = outside_of(t).map(|outside| TieFindings {
+                    outside,
+                    warnings: mass.into_iter().chain(beside(t, outside)).collect(),
+                });
             }
         }
         reports.push(report);
     }
-    Ok((reports, outside))
+    Ok((reports, found))
 }
 
 /// Numbers of the models that are tied to each other, directly or through others.
@@ -148,15 +182,18 @@ impl<'a, T: Real> Group<'a, T> {
             }
         };
         let place = |k: usize| numbers.iter().position(|n| *n == k);
+        let members: Vec<_> = numbers.iter().map(member).collect();
         let tie = |(number, s): (usize, &'a InterfaceSpec<T>)| {
-            Some(Tie::new(number, s, [place(s.coarse)?, place(s.fine)?]))
+            let sides = [place(s.coarse)?, place(s.fine)?];
+            let rough = sides.iter().any(|k| members[*k].extent.is_particles());
+            Some(Tie::new(number, s, sides, rough))
         };
         Self {
-            members: numbers.iter().map(member).collect(),
             ties: specs.iter().enumerate().filter_map(tie).collect(),
+            members,
             measure: T::zero(),
             shared: T::zero(),
-            cut: T::zero(),
+            sampled: T::zero(),
             missing: [T::zero(); 3],
             excess: [T::zero(); 3],
             worst: [(T::zero(), Point3::origin()); 3],
@@ -175,12 +212,13 @@ impl<'a, T: Real> Group<'a, T> {
         if self.members.len() == 1 {
             return self.alone();
         }
+        self.check_means()?;
         let mut weighted = T::zero();
         let mut known = true;
         for m in 0..self.members.len() {
             let volume = self.fill(m);
             known &= volume > T::zero();
-            weighted += volume * self.share(m)?;
+            weighted += self.weighted(m, volume)?;
         }
         if let Some((_, error)) = self.broken.take() {
             return Err(error);
@@ -211,9 +249,10 @@ impl<'a, T: Real> Group<'a, T> {
         }
         report.excess_mass = relative(weighted - measure);
         let particles = self.members.iter().any(|m| m.extent.is_particles());
-        let limit = if particles { PARTICLES } else { MASS };
+        let chance = self.ties.iter().map(|t| t.filling.chance()).fold(0.0, f64::max);
+        let limit = if particles { PARTICLES + chance } else { MASS };
         let nodal = |m: &Member<'_, T>| m.subdomain.weights().weighting == Weighting::Nodal;
-        let undecided = UNDECIDED * relative(self.cut);
+        let undecided = UNDECIDED * relative(self.sampled);
         if report.excess_mass.abs() > limit + report.missing + undecided && !self.members.iter().any(nodal) {
             return Err(Error::PartitionMass {
                 models: report.models.join("', '"),
@@ -225,13 +264,49 @@ impl<'a, T: Real> Group<'a, T> {
         Ok(())
     }
 
+    /// Says how much mass an overlap has too much or too little, where that is accepted.
+    fn mass_warning(&self, report: &PartitionReport) -> Option<String> {
+        let amount = report.excess_mass;
+        if amount.abs() <= MASS {
+            return None;
+        }
+        let (name, word) = (
+            report.models.join("', '"),
+            if amount > 0.0 { "more" } else { "less" },
+        );
+        let mut out = format!(
+            "models '{name}': their weighted masses together are {:.1} % of the overlap's {word} than that of the space they fill (above \
+             {:.0} %)",
+            100.0 * amount.abs(),
+            100.0 * MASS
+        );
+        let cubes = self
+            .ties
+            .iter()
+            .filter_map(|t| Some((t, t.filling.worst_cube()?)));
+        if let Some((t, (point, size, volumes))) = cubes.last() {
+            let [a, b] = t.sides.map(|k| self.members[k].name());
+            let [x, y, z] = numbers(&point);
+            out += &format!(
+                "; around ({x:.3e}, {y:.3e}, {z:.3e}) m, within {:.1e} m, '{a}' has {:.3e} m³ and '{b}' {:.3e} m³",
+                size.as_f64(),
+                volumes[0].as_f64(),
+                volumes[1].as_f64()
+            );
+        }
+        out += "; pack more evenly (more particles across, another seed), or put the overlap where the packing is denser or looser";
+        Some(out)
+    }
+
     /// Where weights are shared, neither model may fill more than the other: facets of one surface even out.
     fn alike(&self, t: &Tie<'_, T>) -> Result<()> {
         let sides = t.sides.map(|k| &self.members[k]);
-        let particles = sides.iter().any(|m| m.extent.is_particles());
-        let limit = if particles { PARTICLES } else { SHARE };
+        self.check_sections(t)?;
+        if sides.iter().any(|m| m.extent.is_particles()) {
+            return t.filling.check(t.name, sides.map(Member::name));
+        }
         let more = t.only[0] - t.only[1];
-        if more.abs() <= t.overlap * T::of(limit) {
+        if more.abs() <= t.overlap * T::of(SHARE) {
             return Ok(());
         }
         let [a, b] = sides.map(Member::name);
@@ -241,215 +316,95 @@ impl<'a, T: Real> Group<'a, T> {
             larger,
             smaller,
             amount: (more.abs() / t.overlap).as_f64(),
-            limit,
+            limit: SHARE,
+        })
+    }
+
+    /// Lines must have one section, or at least one mass per length: a model of points on a line may not know
+    /// its section.
+    fn check_sections(&self, t: &Tie<'_, T>) -> Result<()> {
+        let mut lines = Vec::new();
+        for k in t.sides {
+            let m = &self.members[k];
+            let Some(section) = m.extent.section() else {
+                return Ok(());
+            };
+            let length: T = m.extent.cells().iter().map(Cell::measure).sum();
+            lines.push((section, self.unweighted(k)?.into_iter().sum::<T>() / length));
+        }
+        let [(a, line_a), (b, line_b)] = lines[..] else {
+            return Ok(());
+        };
+        let differ = |a: T, b: T| (a - b).abs() > a.min(b) * T::of(SHARE);
+        if !differ(a, b) || !differ(line_a, line_b) {
+            return Ok(());
+        }
+        let [first, second] = t.sides.map(|k| self.members[k].name());
+        let [larger, smaller] = if a > b { [first, second] } else { [second, first] };
+        Err(Error::UnequalShapes {
+            interface: t.name.to_owned(),
+            larger,
+            smaller,
+            amount: (a.max(b) / a.min(b)).as_f64() - 1.0,
+            limit: SHARE,
         })
     }
 
     /// A model that nothing is tied to has all of itself: more than one counts as well as less.
     fn alone(&self) -> Result<()> {
+        self.check_means()?;
         let member = &self.members[0];
         for x in member.subdomain.model().nodes() {
             for kind in 0..3 {
                 let w = member.weight(kind).at(x);
-                if (w - T::one()).abs().as_f64() > ROUND_OFF {
-                    return Err(self.violation(0, x, kind));
+                if !w.is_finite() || (w - T::one()).abs() > tolerance() {
+                    return Err(self.violation(0, x, kind, Cover::Inside));
                 }
             }
         }
         Ok(())
     }
 
-    /// Weighted inertia over the whole one.
-    fn share(&self, m: usize) -> Result<T> {
-        let s = self.members[m].subdomain;
-        let count = s.model().layout().translations();
-        let mut whole = vec![T::zero(); s.model().layout().dofs()];
-        s.model().lumped_inertia(&Uniform(T::one()), &mut whole)?;
-        let sum = |x: &[T]| x[..count].iter().copied().sum::<T>();
-        Ok(sum(s.inertia()) / sum(&whole))
+    /// Inertia of the translations of a model without weights.
+    fn unweighted(&self, m: usize) -> Result<Vec<T>> {
+        let model = self.members[m].subdomain.model();
+        let mut out = vec![T::zero(); model.layout().dofs()];
+        model.lumped_inertia(&Uniform(T::one()), &mut out)?;
+        out.truncate(model.layout().translations());
+        Ok(out)
     }
 
-    /// Visits nodes and quadrature points of a model and returns its measure.
-    fn fill(&mut self, m: usize) -> T {
-        let mut samples: Vec<Sample<T>> = Vec::new();
-        if let Some(particles) = self.members[m].extent.particles() {
-            let mut total = T::zero();
-            let particles: Vec<_> = particles.into();
-            for s in particles {
-                self.visit(m, &s.point, s.measure, T::zero());
-                total += s.measure;
-            }
-            return total;
-        }
-        if self.members[m].extent.cells().is_empty() {
-            let model = self.members[m].subdomain;
-            for x in model.model().nodes() {
-                self.visit(m, x, T::zero(), T::zero());
-            }
-        }
-        let mut total = T::zero();
-        let cells: Vec<_> = self.members[m].extent.cells().into();
-        for cell in &cells {
-            let measure = cell.measure();
-            total += measure;
-            samples.clear();
-            // Nodes as this cell sees them: on a border of the overlap weights may jump by epsilon.
-            let corners = cell.corners();
-            let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
-            let centre = Point3::from(sum / T::of(corners.len() as f64));
-            let own = length(cell);
-            for x in &corners {
-                self.visit(m, &(x + (centre - x) * T::of(INWARDS)), T::zero(), own);
-            }
-            if !self.near_others(m, cell) {
-                self.measure += measure;
-                continue;
-            }
-            if self.is_cut(m, cell) {
-                self.cut += measure;
-                let levels = LEVELS[usize::from(matches!(cell, Cell::Segment { .. }))];
-                for part in geometry::parts(cell, levels) {
-                    part.quadrature(1, &mut samples);
-                }
-            } else {
-                cell.quadrature(2, &mut samples);
-            }
-            for s in &samples {
-                self.visit(m, &s.point, s.measure, own);
-            }
-        }
-        total
-    }
-
-    fn near_others(&self, m: usize, cell: &Cell<T>) -> bool {
-        let bounds = cell.bounds();
-        let mut others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
-        others.any(|(_, o)| o.extent.meets(&bounds))
-    }
-
-    /// Whether another model, or a mediator, fills a cell in part.
-    fn is_cut(&self, m: usize, cell: &Cell<T>) -> bool {
-        let corners = cell.corners();
-        let partly = |inside: &dyn Fn(&Point3<T>) -> bool| {
-            let first = inside(&corners[0]);
-            corners.iter().any(|x| inside(x) != first)
-        };
-        let mut others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
-        others.any(|(_, o)| partly(&|x| o.extent.cover(x, T::zero()) >= Cover::Hole))
-            || self
-                .ties
+    /// Measure that the weighted inertia of a model of some volume stands for.
+    fn weighted(&self, m: usize, volume: T) -> Result<T> {
+        let member = &self.members[m];
+        let (whole, inertia) = (self.unweighted(m)?, member.subdomain.inertia());
+        let components = member.subdomain.model().layout().components;
+        let particles = member.extent.particles().unwrap_or_default();
+        if particles.len() * components == whole.len() && !particles.is_empty() {
+            let share = |k: usize| inertia[k * components] / whole[k * components];
+            return Ok(particles
                 .iter()
-                .any(|t| partly(&|x| t.extent.cover(x, T::zero()) == Cover::Inside))
+                .enumerate()
+                .map(|(k, p)| p.measure * share(k))
+                .sum());
+        }
+        let sum = |x: &[T]| x.iter().copied().sum::<T>();
+        Ok(volume * sum(&inertia[..whole.len()]) / sum(&whole))
     }
+}
 
-    /// Looks at a point of model `m` that stands for `measure` (zero for a node), in a cell of the length `own`.
-    fn visit(&mut self, m: usize, x: &Point3<T>, measure: T, own: T) {
-        let (one, tolerance) = (T::one(), T::of(ROUND_OFF).max(T::epsilon() * T::of(64.0)));
-        for (k, o) in self.members.iter().enumerate() {
-            self.covers[k] = if k == m {
-                Cover::Inside
-            } else {
-                o.extent.cover(x, own)
-            };
-        }
-        let present = |k: usize| self.covers[k] >= Cover::Hole;
-        let count = (0..self.members.len()).filter(|k| present(*k)).count();
-        let part = measure / T::of(count as f64);
-        let mut lacking = false;
-        for kind in 0..self.kinds {
-            let (mut strict, mut likely, mut most) = (T::zero(), T::zero(), T::zero());
-            for (k, o) in self.members.iter().enumerate() {
-                if self.covers[k] == Cover::Outside {
-                    continue;
-                }
-                let w = o.weight(kind).at(x);
-                // The first stands for all of them where it is the only one.
-                if kind < 2 {
-                    self.kinetic[k] = w;
-                }
-                if w < -tolerance {
-                    self.broken = Some((T::of(f64::MAX), self.violation(m, x, kind)));
-                    return;
-                }
-                most += w;
-                if present(k) {
-                    likely += w;
-                }
-                if self.covers[k] == Cover::Inside {
-                    strict += w;
-                }
-            }
-            let gap = one - most;
-            if gap > tolerance && self.broken.as_ref().is_none_or(|b| gap > b.0) {
-                self.broken = Some((gap, self.violation(m, x, kind)));
-            }
-            lacking |= likely < one - tolerance;
-            let zero = T::zero();
-            let (missing, excess) = ((one - likely).max(zero) * part, (strict - one).max(zero) * part);
-            self.missing[kind] += missing;
-            self.excess[kind] += excess;
-            if missing.max(excess) > self.worst[kind].0 {
-                self.worst[kind] = (missing.max(excess), *x);
-            }
-        }
-        self.measure += part;
-        if count > 1 || lacking {
-            self.shared += part;
-        }
-        if measure > T::zero() {
-            self.tie(x, part, lacking);
-        }
-    }
-
-    /// Accounts for a point of an overlap that a mediator should hold, or several between the same models together.
-    fn tie(&mut self, x: &Point3<T>, part: T, lacking: bool) {
-        let floor = T::of(ROUND_OFF);
-        for k in 0..self.ties.len() {
-            let sides = self.ties[k].sides;
-            let [a, b] = sides.map(|s| self.covers[s] >= Cover::Hole);
-            if lacking && a != b {
-                self.ties[k].only[usize::from(b)] += part;
-            }
-            let weighs = |s: &usize| self.kinetic[*s] > floor;
-            if !a || !b || !sides.iter().all(weighs) {
-                continue;
-            }
-            let mut alike = self.ties.iter().filter(|t| t.sides == sides);
-            let inside = alike
-                .clone()
-                .any(|t| t.extent.cover(x, T::zero()) == Cover::Inside);
-            // Half an element: what is farther away has no multiplier near it.
-            let near = inside || alike.any(|t| t.extent.is_within(x, t.spacing * T::of(0.5)));
-            let t = &mut self.ties[k];
-            t.overlap += part;
-            if !inside {
-                t.outside += part;
-            }
-            if !near {
-                t.deep += part;
-                t.place = *x;
-            }
-        }
-    }
-
-    fn violation(&self, m: usize, x: &Point3<T>, kind: usize) -> Error {
-        let mut sum = T::zero();
-        let mut present = Vec::new();
-        for (k, o) in self.members.iter().enumerate() {
-            if k == m || self.covers[k] != Cover::Outside {
-                let w = o.weight(kind).at(x);
-                sum += w;
-                present.push(format!("'{}' {:.4}", o.name(), w.as_f64()));
-            }
-        }
-        Error::PartitionOfUnity {
-            model: self.members[m].name(),
-            point: numbers(x),
-            kind: KINDS[kind],
-            present: present.join(" + "),
-            sum: sum.as_f64(),
-        }
-    }
+/// Warns of an overlap that reaches beyond its mediator.
+fn beside<T: Real>(t: &Tie<'_, T>, outside: f64) -> Option<String> {
+    let [x, y, z] = numbers(&t.beside);
+    (outside > BESIDE).then(|| {
+        format!(
+            "{:.1} % of the overlap lies outside of the mediator (above {:.0} %), such as ({x:.3e}, {y:.3e}, {z:.3e}) m: both models have \
+             their share of the energy there, and only the elements of the mediator beside it hold them together; let the mediator fill the \
+             overlap, or end the overlap where the mediator does",
+            100.0 * outside,
+            100.0 * BESIDE
+        )
+    })
 }
 
 pub(super) fn numbers<T: Real>(x: &Point3<T>) -> [f64; 3] {

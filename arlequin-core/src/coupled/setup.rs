@@ -2,7 +2,7 @@
 
 use super::apart::Overlap;
 use super::own_steps::{Held, Lockstep};
-use super::{Coupled, Ledger, motions, pace, pairs, partition, portions, tie};
+use super::{Coupled, Ledger, motions, one_sided, pace, pairs, partition, portions, tie};
 use crate::effect::PairSpec;
 use crate::error::invalid;
 use crate::interface::joint::{self, Joint};
@@ -158,8 +158,8 @@ impl<T: Real> Coupled<T> {
             s.prepare(paired)?;
         }
         announce(SetupPhase::Partition);
-        let (partition, outside) = partition::check(&subdomains, &interfaces)?;
-        let (mut built, mut joints) = interfaces_of(&interfaces, outside, &subdomains, announce)?;
+        let (partition, found) = partition::check(&subdomains, &interfaces)?;
+        let (mut built, mut joints) = interfaces_of(&interfaces, found, &subdomains, announce)?;
         announce(SetupPhase::Step);
         let span = motions::Span {
             start: start.as_f64(),
@@ -175,6 +175,10 @@ impl<T: Real> Coupled<T> {
         let mut overlaps: Vec<_> = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
         let mut held: Vec<_> = built.iter().map(|i| Held::new(i, &subdomains)).collect();
         portions::share_out(&mut subdomains, &mut built, &mut joints, &mut overlaps, &mut held)?;
+        for i in &mut built {
+            let beside = one_sided::warnings(i, &subdomains);
+            i.report.warnings.extend(beside);
+        }
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
         let mut critical = Vec::with_capacity(subdomains.len());
         for (k, s) in subdomains.iter_mut().enumerate() {
@@ -263,19 +267,21 @@ type Tied<T> = (Vec<Interface<T>>, Vec<Joint<T>>);
 /// The interfaces, each with what the check of the partition says of it, and those that are solved for together.
 fn interfaces_of<T: Real>(
     specs: &[InterfaceSpec<T>],
-    outside: Vec<Result<f64>>,
+    found: Vec<Result<partition::TieFindings>>,
     subdomains: &[Subdomain<T>],
     announce: &mut dyn FnMut(SetupPhase),
 ) -> Result<Tied<T>> {
     let mut drafts = Vec::with_capacity(specs.len());
-    for (k, (spec, outside)) in specs.iter().zip(outside).enumerate() {
+    for (k, (spec, found)) in specs.iter().zip(found).enumerate() {
         let sides = [
             side(subdomains, spec, spec.coarse)?,
             side(subdomains, spec, spec.fine)?,
         ];
         announce(SetupPhase::Junction(k));
         let mut draft = Draft::new(spec, sides)?;
-        draft.interface.report.outside = outside?;
+        let found = found?;
+        draft.interface.report.outside = found.outside;
+        draft.interface.report.warnings.extend(found.warnings);
         draft.interface.report.tied = tie::tied(&draft.interface, subdomains);
         drafts.push(draft);
     }

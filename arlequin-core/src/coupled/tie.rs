@@ -1,6 +1,6 @@
 //! Whether mediators fill the overlap, and which nodes they hold.
 
-use super::partition::{ROUND_OFF, SHARE, numbers};
+use super::partition::{Filling, ROUND_OFF, SHARE, numbers};
 use crate::extent::Extent;
 use crate::interface::{Interface, InterfaceSpec, coupled_nodes};
 use crate::subdomain::Subdomain;
@@ -19,12 +19,16 @@ pub(super) struct Tie<'a, T: Real> {
     /// Where only one of the two is, and the weights miss the other.
     pub(super) only: [T; 2],
     pub(super) outside: T,
+    /// A point of that.
+    pub(super) beside: Point3<T>,
+    /// What particles fill of the overlap beside the other model.
+    pub(super) filling: Filling<T>,
     pub(super) deep: T,
     pub(super) place: Point3<T>,
 }
 
 impl<'a, T: Real> Tie<'a, T> {
-    pub(super) fn new(number: usize, spec: &'a InterfaceSpec<T>, sides: [usize; 2]) -> Self {
+    pub(super) fn new(number: usize, spec: &'a InterfaceSpec<T>, sides: [usize; 2], rough: bool) -> Self {
         Self {
             name: &spec.name,
             number,
@@ -34,6 +38,8 @@ impl<'a, T: Real> Tie<'a, T> {
             overlap: T::zero(),
             only: [T::zero(); 2],
             outside: T::zero(),
+            beside: Point3::origin(),
+            filling: Filling::new(rough),
             deep: T::zero(),
             place: Point3::origin(),
         }

@@ -134,6 +134,7 @@ impl<T: Real> EffectSpec<T> for BulkViscosity<T> {
         Ok(Box::new(ForceLaw {
             demand: StepDemand::damping(top_rate),
             arms: Some(Arms::Reference),
+            shared: true,
             ..ForceLaw::dissipating("bulk-viscosity", dofs, law)
         }))
     }

@@ -51,6 +51,8 @@ pub struct ForceLaw<T: Real, L> {
     /// Whether the force on an unknown follows from numbers of its own node alone: such a law acts on models in parts as well;
     /// `false` unless set.
     pub local: bool,
+    /// As [`AnyEffect::acts_on_shares`]; `false` unless set.
+    pub shared: bool,
 }
 
 impl<T: Real, L> ForceLaw<T, L> {
@@ -66,6 +68,7 @@ impl<T: Real, L> ForceLaw<T, L> {
             dead: false,
             remembers: false,
             local: false,
+            shared: false,
         }
     }
 
@@ -90,6 +93,9 @@ impl<T: Real, L: Send> AnyEffect<T> for ForceLaw<T, L> {
     }
     fn arms(&self) -> Option<Arms> {
         self.arms
+    }
+    fn acts_on_shares(&self) -> bool {
+        self.shared
     }
     fn supplied(&self) -> Option<T> {
         self.supplied

@@ -182,6 +182,12 @@ pub trait AnyEffect<T: Real>: Send {
         None
     }
 
+    /// Whether it acts on all of a body by the share that the model has of it, as weight and damping do: in an overlap it belongs on
+    /// both models, and a run warns where only one has it.
+    fn acts_on_shares(&self) -> bool {
+        false
+    }
+
     /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs. With
     /// [`Self::supplied`] it counts in the sense of the ledger, in which the work of this instant is half done: a linear
     /// spring holds `k/4 q_n (q_{n−1} + q_{n+1})`, which is `(ω Δt)²/2` less than `k/2 q_n²`.

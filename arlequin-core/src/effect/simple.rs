@@ -55,6 +55,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
                 force,
                 dead: true,
                 local: true,
+                shared: true,
                 ..ForceLaw::new("body-force", 0, add)
             }));
         }
@@ -69,6 +70,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
         Ok(Box::new(ForceLaw {
             dead: true,
             local: true,
+            shared: true,
             ..ForceLaw::new("body-force", dofs, add)
         }))
     }
@@ -101,6 +103,7 @@ impl<T: Real> EffectSpec<T> for MassDamping<T> {
         Ok(Box::new(ForceLaw {
             demand: StepDemand::damping(rate),
             local: true,
+            shared: true,
             ..ForceLaw::dissipating("mass-damping", dofs, law)
         }))
     }
@@ -145,6 +148,7 @@ impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
             demand,
             arms: Some(Arms::Reference),
             local: true,
+            shared: true,
             ..ForceLaw::dissipating("stiffness-damping", to.inertia.len(), law)
         }))
     }
@@ -192,6 +196,7 @@ impl<T: Real> EffectSpec<T> for LocalDamping<T> {
         Ok(Box::new(ForceLaw {
             demand,
             local: true,
+            shared: true,
             ..ForceLaw::dissipating("local-damping", to.inertia.len(), law)
         }))
     }
@@ -217,6 +222,7 @@ impl<T: Real> EffectSpec<T> for Prestress {
             dead: true,
             remembers: true,
             local: true,
+            shared: true,
             ..ForceLaw::new("prestress", to.inertia.len(), law)
         }))
     }

@@ -5,6 +5,7 @@
 
 mod account;
 mod average;
+mod follow;
 mod guest;
 mod motion;
 mod own;

@@ -13,6 +13,7 @@ impl<T: Real> Subdomain<T> {
     /// on this one.
     pub(crate) fn prepare(&mut self, paired: bool) -> Result<()> {
         self.model.layout().check(self.model.name())?;
+        self.check_energy()?;
         self.model.set_internal_weight(&*self.weights.internal)?;
         if let Some(memory) = self.memory.take() {
             self.model.restore(&memory)?;

@@ -129,6 +129,15 @@ class PartitionMeasure(InputError):
 class UnequalShapes(InputError):
     """One model fills more of the overlap than the other."""
 
+class UnevenFilling(InputError):
+    """A packing fills a part of the overlap more or less than the other model."""
+
+class WeightMean(InputError):
+    """The mean of a weight over a cell is not that of its values."""
+
+class UnweightedEnergy(InputError):
+    """The internal energy of a model does not follow its weight."""
+
 class PartitionMass(InputError):
     """The weighted masses of all models are not the mass of the body."""
 

@@ -21,9 +21,9 @@ fn key_of(scene: &SceneSpec, source: &Core) -> String {
         | Core::UncoveredOverlap { interface: i, .. }
         | Core::CoveredTwice { interface: i, .. }
         | Core::SingularInterface { interface: i, .. } => of_interface(i, "mediator"),
-        Core::OpposedMotions { interface: i, .. } | Core::UnequalShapes { interface: i, .. } => {
-            of_interface(i, "overlap")
-        }
+        Core::OpposedMotions { interface: i, .. }
+        | Core::UnequalShapes { interface: i, .. }
+        | Core::UnevenFilling { interface: i, .. } => of_interface(i, "overlap"),
         Core::EigenvaluesBeyond { interface: i, .. } => of_interface(i, "solver"),
         Core::MomentumLeak { interface: i, .. } => of_interface(i, "sampling"),
         Core::InvalidOption {
@@ -31,9 +31,10 @@ fn key_of(scene: &SceneSpec, source: &Core) -> String {
         } => of_interface(i, name),
         Core::InitialJump { interface: i, .. } if scene.initial.is_empty() => format!("interface.{i}"),
         Core::InitialJump { .. } => "initial".to_owned(),
-        Core::ZeroMass { model, .. } | Core::Unsupported { model, .. } | Core::Model { model, .. } => {
-            format!("model.{model}")
-        }
+        Core::ZeroMass { model, .. }
+        | Core::Unsupported { model, .. }
+        | Core::UnweightedEnergy { model, .. }
+        | Core::Model { model, .. } => format!("model.{model}"),
         Core::InvalidParameter { .. } => models(scene),
         _ => interfaces(scene),
     }

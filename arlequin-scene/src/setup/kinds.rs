@@ -278,7 +278,8 @@ fn chain(name: &str, key: &str, table: &ModelTable) -> Result<Body> {
     let mass = table.material.density * section * spacing;
     let stiffness = table.material.young * section / spacing;
     let material = elastic(key, &table.material)?;
-    let model = Chain::new(name, from, spacing, bonds, mass, stiffness).map_err(core(key))?;
+    let model = Chain::new(name, from, spacing, bonds, mass, stiffness);
+    let model = model.and_then(|c| c.with_section(section)).map_err(core(key))?;
     let ends = [("x-min", vec![0]), ("x-max", vec![bonds])];
     Ok(Body {
         field: model.fine_field(),

@@ -1,0 +1,116 @@
+//! Whether the means of weights over cells are those of their values.
+
+use super::{Group, INWARDS, KINDS, numbers};
+use crate::geometry::{self, Cell, Sample};
+use crate::weight::{Weight, Weighting};
+use crate::{Error, Real, Result};
+use nalgebra::{Point3, Vector3};
+
+/// Error of a mean that is taken for one of quadrature, relative to the range of the weight in the cell: at
+/// once, and with the cell cut in parts. A jump may lie between two layers of points.
+const QUADRATURE: [f64; 2] = [0.01, 0.25];
+/// Most particles of a packing from which a line to the nearest one stands for a bond.
+const LINES: usize = 2_000;
+
+impl<T: Real> Group<'_, T> {
+    /// Refuses a weight whose mean over a cell is not that of its values.
+    pub(super) fn check_means(&self) -> Result<()> {
+        for m in &self.members {
+            if m.subdomain.weights().weighting == Weighting::Nodal {
+                continue;
+            }
+            let lines = m.extent.particles().map(|p| {
+                let mut lines = lines_between(p);
+                lines.retain(|l| (0..self.kinds).all(|kind| is_beside_jumps(m.weight(kind), l)));
+                lines
+            });
+            let cells = lines.as_deref().unwrap_or(m.extent.cells());
+            for kind in 0..self.kinds {
+                for cell in cells {
+                    if let Some(fault) = mean_defect(m.weight(kind), cell) {
+                        return Err(Error::WeightMean {
+                            model: m.name(),
+                            kind: KINDS[kind],
+                            point: Box::new(numbers(&centre_of(&cell.corners()))),
+                            mean: fault[0].as_f64(),
+                            values: fault[1].as_f64(),
+                            limit: fault[2].as_f64(),
+                        });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Lines from particles to the next ones in their order, which are near.
+fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
+    let stride = particles.len().div_ceil(LINES).max(1);
+    let pairs = particles.windows(2).step_by(stride);
+    let line = |pair: &[Sample<T>]| Cell::Segment {
+        ends: [pair[0].point, pair[1].point],
+        section: T::one(),
+    };
+    pairs.map(line).collect()
+}
+
+/// Whether a weight does not jump where a line ends: along a border of the overlap it has no mean.
+fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
+    let step = crate::extent::length(line) * T::of(1e-3);
+    line.corners().iter().all(|x| {
+        let value = weight.at(x);
+        let beside = |k: usize| {
+            let mut d = Vector3::zeros();
+            d[k / 2] = if k % 2 == 0 { step } else { -step };
+            weight.at(&(x + d))
+        };
+        (0..6).all(|k| (beside(k) - value).abs() < T::of(0.02))
+    })
+}
+
+fn centre_of<T: Real>(corners: &[Point3<T>]) -> Point3<T> {
+    let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
+    Point3::from(sum / T::of(corners.len() as f64))
+}
+
+/// Mean of a weight over a cell, that of its values there and the accepted difference, where the two differ
+/// by more.
+fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>) -> Option<[T; 3]> {
+    let corners = cell.corners();
+    let centre = centre_of(&corners);
+    let mean = weight.mean(cell);
+    let inside = corners.iter().map(|x| x + (centre - x) * T::of(INWARDS));
+    let corners: Vec<T> = inside.map(|x| weight.at(&x)).collect();
+    // As almost everywhere: a weight that is the same in the whole cell.
+    if corners.iter().all(|v| *v == mean) {
+        return None;
+    }
+    let mut samples = Vec::new();
+    let mut values = T::zero();
+    let mut limit = T::zero();
+    let finest = super::LEVELS[usize::from(matches!(cell, Cell::Segment { .. }))];
+    for (levels, share) in [0, finest].into_iter().zip(QUADRATURE) {
+        samples.clear();
+        for part in geometry::parts(cell, levels) {
+            part.quadrature(2, &mut samples);
+        }
+        let (mut sum, mut total) = (T::zero(), T::zero());
+        let (mut low, mut high) = (corners[0], corners[0]);
+        corners
+            .iter()
+            .for_each(|v| (low, high) = (low.min(*v), high.max(*v)));
+        for s in &samples {
+            let v = weight.at(&s.point);
+            (low, high) = (low.min(v), high.max(v));
+            sum += v * s.measure;
+            total += s.measure;
+        }
+        values = sum / total;
+        limit = super::tolerance::<T>() + (high - low) * T::of(share);
+        if (mean - values).abs() <= limit {
+            return None;
+        }
+    }
+    Some([mean, values, limit])
+}

@@ -1,0 +1,329 @@
+//! The points at which a group is looked at, and what they add to its measures.
+
+use super::{FLOOR, Group, INWARDS, KINDS, LEVELS, ROUND_OFF, numbers};
+use crate::extent::{Cover, length};
+use crate::geometry::{self, Cell, Sample};
+use crate::{Error, Real};
+use nalgebra::{Point3, Vector3};
+
+/// A point of a model that is looked at.
+struct Station<'a, T: Real> {
+    member: usize,
+    point: &'a Point3<T>,
+    /// What it stands for; zero for a node.
+    measure: T,
+    /// What it adds to the space that is filled, if the model is alone there.
+    space: T,
+    /// Length of the cell it lies in \[m\]; zero for a particle.
+    length: T,
+}
+
+impl<T: Real> Group<'_, T> {
+    /// Visits nodes and quadrature points of a model and returns its measure.
+    pub(super) fn fill(&mut self, m: usize) -> T {
+        if let Some(particles) = self.members[m].extent.particles() {
+            let particles: Vec<_> = particles.into();
+            return self.fill_particles(m, &particles);
+        }
+        if self.members[m].extent.cells().is_empty() {
+            let model = self.members[m].subdomain;
+            for x in model.model().nodes() {
+                self.visit(&Station::node(m, x, T::zero()));
+            }
+        }
+        let mut total = T::zero();
+        let mut samples: Vec<Sample<T>> = Vec::new();
+        let cells: Vec<_> = self.members[m].extent.cells().into();
+        for cell in &cells {
+            let measure = cell.measure();
+            total += measure;
+            // Nodes as this cell sees them: on a border of the overlap weights may jump by epsilon.
+            let corners = cell.corners();
+            let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
+            let centre = Point3::from(sum / T::of(corners.len() as f64));
+            for x in &corners {
+                let inside = x + (centre - x) * T::of(INWARDS);
+                self.visit(&Station::node(m, &inside, length(cell)));
+            }
+            if self.near_others(m, cell) {
+                samples.clear();
+                self.fill_cell(m, cell, &mut samples);
+            } else {
+                self.measure += measure;
+            }
+        }
+        total
+    }
+
+    fn fill_particles(&mut self, m: usize, particles: &[Sample<T>]) -> T {
+        for s in particles {
+            self.visit(&Station {
+                member: m,
+                point: &s.point,
+                measure: s.measure,
+                space: s.measure,
+                length: T::zero(),
+            });
+        }
+        particles.iter().map(|s| s.measure).sum()
+    }
+
+    /// Visits quadrature points of a cell that others may fill as well.
+    fn fill_cell(&mut self, m: usize, cell: &Cell<T>, samples: &mut Vec<Sample<T>>) {
+        let mut sampled = T::one();
+        if self.is_cut(m, cell) {
+            if let Some(common) = self.common(m, cell) {
+                // Half of what two models fill is the account of either.
+                self.measure += cell.measure() - T::of(0.5) * common;
+                sampled = T::zero();
+            } else {
+                self.sampled += cell.measure();
+            }
+            let levels = LEVELS[usize::from(matches!(cell, Cell::Segment { .. }))];
+            for part in geometry::parts(cell, levels) {
+                part.quadrature(1, samples);
+            }
+        } else {
+            cell.quadrature(2, samples);
+        }
+        for s in samples {
+            self.visit(&Station {
+                member: m,
+                point: &s.point,
+                measure: s.measure,
+                space: s.measure * sampled,
+                length: length(cell),
+            });
+        }
+    }
+
+    fn near_others(&self, m: usize, cell: &Cell<T>) -> bool {
+        let bounds = cell.bounds();
+        let mut others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        others.any(|(_, o)| o.extent.meets(&bounds))
+    }
+
+    /// What a cell has in common with the other models' cells, exactly; none if that takes more than two
+    /// models or a field without cells.
+    fn common(&self, m: usize, cell: &Cell<T>) -> Option<T> {
+        let bounds = cell.bounds();
+        let others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        let mut near = others.filter(|(_, o)| !o.extent.is_particles() && o.extent.meets(&bounds));
+        let (_, other) = near.next()?;
+        (near.next().is_none() && !other.extent.cells().is_empty()).then(|| other.extent.common(cell))
+    }
+
+    /// Whether another model, or a mediator, fills a cell in part.
+    fn is_cut(&self, m: usize, cell: &Cell<T>) -> bool {
+        let corners = cell.corners();
+        let partly = |inside: &dyn Fn(&Point3<T>) -> bool| {
+            let first = inside(&corners[0]);
+            corners.iter().any(|x| inside(x) != first)
+        };
+        let mut others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        others.any(|(_, o)| partly(&|x| o.extent.cover(x, T::zero()) >= Cover::Hole))
+            || self
+                .ties
+                .iter()
+                .any(|t| partly(&|x| t.extent.cover(x, T::zero()) == Cover::Inside))
+    }
+
+    /// Looks at a point.
+    fn visit(&mut self, s: &Station<'_, T>) {
+        let tolerance = super::tolerance::<T>();
+        for (k, o) in self.members.iter().enumerate() {
+            self.covers[k] = if k == s.member {
+                Cover::Inside
+            } else {
+                o.extent.cover(s.point, s.length)
+            };
+        }
+        let count = (0..self.members.len())
+            .filter(|k| self.present(s.member, *k))
+            .count();
+        let part = s.measure / T::of(count as f64);
+        let mut lacking = false;
+        for kind in 0..self.kinds {
+            let Some([sure, likely]) = self.sums(s, kind) else {
+                return;
+            };
+            lacking |= likely < T::one() - tolerance;
+            let zero = T::zero();
+            let missing = (T::one() - likely).max(zero) * part;
+            let excess = (likely.max(sure) - T::one()).max(zero) * part;
+            self.missing[kind] += missing;
+            self.excess[kind] += excess;
+            if missing.max(excess) > self.worst[kind].0 {
+                self.worst[kind] = (missing.max(excess), *s.point);
+            }
+        }
+        self.measure += s.space * self.share_of_space(s.member);
+        let floor = T::of(FLOOR);
+        let split = (0..self.members.len()).any(|k| {
+            self.present(s.member, k) && self.kinetic[k] > floor && self.kinetic[k] < T::one() - floor
+        });
+        if split || lacking {
+            self.shared += part;
+        }
+        if s.measure > T::zero() {
+            self.tie(s.point, part, lacking);
+            self.account(s);
+        }
+    }
+
+    /// Sums of the weights at a point: of the models that are there for certain, and of those that may well
+    /// be. None where a sum is wrong whoever is there.
+    fn sums(&mut self, s: &Station<'_, T>, kind: usize) -> Option<[T; 2]> {
+        let tolerance = super::tolerance::<T>();
+        let (mut sure, mut likely, mut most) = (T::zero(), T::zero(), T::zero());
+        for (k, o) in self.members.iter().enumerate() {
+            // The first stands for all of them where it is the only one.
+            if kind < 2 {
+                self.kinetic[k] = T::zero();
+            }
+            if self.covers[k] == Cover::Outside {
+                continue;
+            }
+            let w = o.weight(kind).at(s.point);
+            if kind < 2 {
+                self.kinetic[k] = w;
+            }
+            if !w.is_finite() || w < -tolerance {
+                let error = self.violation(s.member, s.point, kind, Cover::Surface);
+                self.broken = Some((T::of(f64::MAX), error));
+                return None;
+            }
+            most += w;
+            if self.present(s.member, k) {
+                likely += w;
+            }
+            if self.covers[k] == Cover::Inside {
+                sure += w;
+            }
+        }
+        // Too little is certain if all that may be there are too little, too much if those are that are there
+        // for certain.
+        let (lack, surplus) = (T::one() - most, sure - T::one());
+        let (gap, least) = if surplus > lack {
+            (surplus, Cover::Inside)
+        } else {
+            (lack, Cover::Surface)
+        };
+        if gap > tolerance && self.broken.as_ref().is_none_or(|b| gap > b.0) {
+            self.broken = Some((gap, self.violation(s.member, s.point, kind, least)));
+        }
+        Some([sure, likely])
+    }
+
+    /// Whether model `k` counts as present at a point of model `m`. Surfaces of packings are rough: there it
+    /// does where it may be, for what a packing fills is judged by the volumes of its particles.
+    fn present(&self, m: usize, k: usize) -> bool {
+        let rough = [m, k].iter().any(|i| self.members[*i].extent.is_particles());
+        self.covers[k] >= if rough { Cover::Surface } else { Cover::Hole }
+    }
+
+    /// Share of a point of model `m` in the space that is filled there. Cells fill it where there are some,
+    /// among particles each has its volume.
+    fn share_of_space(&self, m: usize) -> T {
+        let floor = T::of(FLOOR);
+        let counted = |k: &usize| {
+            let o = &self.members[*k].extent;
+            let weighs = self.kinetic[*k] > floor;
+            match (*k == m, o.is_particles(), self.members[m].extent.is_particles()) {
+                (true, ..) => true,
+                (_, true, true) => self.covers[*k] != Cover::Outside && weighs,
+                (_, false, true) => {
+                    self.covers[*k] == Cover::Inside || (self.covers[*k] == Cover::Surface && weighs)
+                }
+                (_, false, false) => self.covers[*k] == Cover::Inside,
+                (_, true, false) => false,
+            }
+        };
+        let all = || (0..self.members.len()).filter(counted);
+        let cells = all().filter(|k| !self.members[*k].extent.is_particles()).count();
+        if cells > 0 && self.members[m].extent.is_particles() {
+            return T::zero();
+        }
+        T::one() / T::of(all().count() as f64)
+    }
+
+    /// Accounts for a point of an overlap that a mediator should hold, or several between the same models
+    /// together.
+    fn tie(&mut self, x: &Point3<T>, part: T, lacking: bool) {
+        let floor = T::of(ROUND_OFF);
+        for k in 0..self.ties.len() {
+            let sides = self.ties[k].sides;
+            let [a, b] = sides.map(|s| self.covers[s] >= Cover::Hole);
+            if lacking && a != b {
+                self.ties[k].only[usize::from(b)] += part;
+            }
+            let weighs = |s: &usize| self.kinetic[*s] > floor;
+            if !a || !b || !sides.iter().all(weighs) {
+                continue;
+            }
+            let mut alike = self.ties.iter().filter(|t| t.sides == sides);
+            let inside = alike
+                .clone()
+                .any(|t| t.extent.cover(x, T::zero()) == Cover::Inside);
+            // Half an element: what is farther away has no multiplier near it.
+            let near = inside || alike.any(|t| t.extent.is_within(x, t.spacing * T::of(0.5)));
+            let t = &mut self.ties[k];
+            t.overlap += part;
+            if !inside {
+                t.outside += part;
+                t.beside = *x;
+            }
+            if !near {
+                t.deep += part;
+                t.place = *x;
+            }
+        }
+    }
+
+    /// Accounts for a point of the overlap of a packing, by the volumes of either model.
+    fn account(&mut self, s: &Station<'_, T>) {
+        let floor = T::of(FLOOR);
+        let members = &self.members;
+        for t in &mut self.ties {
+            let Some(side) = t.sides.iter().position(|k| *k == s.member) else {
+                continue;
+            };
+            if t.filling.rough && (t.sides.iter()).all(|k| members[*k].weight(1).at(s.point) > floor) {
+                t.filling.add(side, s.point, s.measure, s.length);
+            }
+        }
+    }
+
+    /// The error for a sum of weights over the models that are at least so certain to be there.
+    pub(super) fn violation(&self, m: usize, x: &Point3<T>, kind: usize, least: Cover) -> Error {
+        let mut sum = T::zero();
+        let mut present = Vec::new();
+        for (k, o) in self.members.iter().enumerate() {
+            if k == m || self.covers[k] >= least {
+                let w = o.weight(kind).at(x);
+                sum += w;
+                present.push(format!("'{}' {:.6}", o.name(), w.as_f64()));
+            }
+        }
+        Error::PartitionOfUnity {
+            model: self.members[m].name(),
+            point: numbers(x),
+            kind: KINDS[kind],
+            present: present.join(" + "),
+            sum: sum.as_f64(),
+        }
+    }
+}
+
+impl<'a, T: Real> Station<'a, T> {
+    /// A node, or a corner of a cell of some length.
+    fn node(member: usize, point: &'a Point3<T>, length: T) -> Self {
+        Self {
+            member,
+            point,
+            measure: T::zero(),
+            space: T::zero(),
+            length,
+        }
+    }
+}

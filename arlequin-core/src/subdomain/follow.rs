@@ -1,0 +1,72 @@
+//! Whether the energy of a model follows the weight that it is given.
+
+use super::Subdomain;
+use crate::conformance::fixed_noise;
+use crate::geometry::bounds_of;
+use crate::weight::{Uniform, Weighting};
+use crate::{Error, Real, Result};
+
+/// Accepted deviation of the energy with a weight of one half from half of that with one.
+const HALF: f64 = 1e-3;
+/// Displacements for that, relative to the distance of nodes, and rotations \[rad\].
+const AMPLITUDE: f64 = 1e-3;
+
+impl<T: Real> Subdomain<T> {
+    /// Refuses a model whose internal energy with a weight of one half is not half of that with one. The
+    /// weight must be set anew afterwards. A solver of its own is not asked: only it knows its energy.
+    pub(super) fn check_energy(&mut self) -> Result<()> {
+        let weighted = |s: &Self| {
+            let w = &s.weights.internal;
+            s.model.nodes().iter().any(|x| w.at(x) != T::one())
+        };
+        if self.is_guest()
+            || self.portion().is_some()
+            || self.weights.weighting == Weighting::Nodal
+            || !weighted(self)
+        {
+            return Ok(());
+        }
+        let q = self.trial_displacements();
+        let mut energy = |weight: f64| -> Result<f64> {
+            self.model.set_internal_weight(&Uniform(T::of(weight)))?;
+            Ok(self.model.internal_energy(&q).as_f64())
+        };
+        let (whole, half) = (energy(1.0)?, energy(0.5)?);
+        let ratio = half / whole;
+        // Without an energy there is nothing to weight; one that is no number is another fault, of which the
+        // run tells.
+        if !ratio.is_finite() || (ratio - 0.5).abs() <= HALF {
+            return Ok(());
+        }
+        Err(Error::UnweightedEnergy {
+            model: self.model.name().to_owned(),
+            ratio,
+            limit: HALF,
+        })
+    }
+
+    /// Displacements of all nodes in all directions, small beside the distance of nodes.
+    fn trial_displacements(&self) -> Vec<T> {
+        let nodes = self.model.nodes();
+        let [low, high] = bounds_of(nodes.iter());
+        let sides = (high - low).map(Real::as_f64);
+        let wide: Vec<f64> = sides
+            .iter()
+            .copied()
+            .filter(|s| *s > 1e-9 * sides.amax())
+            .collect();
+        let per_node = wide.iter().product::<f64>() / nodes.len().max(1) as f64;
+        let spacing = per_node.powf(1.0 / wide.len().max(1) as f64);
+        let layout = self.model.layout();
+        let amplitude = |i: usize| {
+            if i < layout.translations() {
+                AMPLITUDE * spacing
+            } else {
+                AMPLITUDE
+            }
+        };
+        (0..layout.dofs())
+            .map(|i| fixed_noise::<T>(i) * T::of(amplitude(i)))
+            .collect()
+    }
+}
