@@ -1,0 +1,287 @@
+//! Whatever loses, creates or hides energy is told, and ended by name where it is much; solvers with faults and sound ones.
+
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
+use arlequin::core::snapshot::Record;
+use arlequin::core::{Error, L2, Observer, Participant, Silent, StepReport, Suspect, Warning};
+use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
+use arlequin::prelude::*;
+use spring_chain::{Chain, ChainSolver};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+const BONDS: usize = 60;
+
+fn chain(mass: f64) -> Chain {
+    Chain::new("chain", -20.0, 1.0, BONDS, mass, 1.0).unwrap()
+}
+
+/// What is wrong with a solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Fault {
+    Sound,
+    /// Takes this share of each impulse.
+    Takes(f64),
+    /// Nodes move by this share of the change of velocity.
+    Moves(f64),
+    /// Velocities from the mean grow by this share in each step.
+    Heats(f64),
+    /// Forgets to go back.
+    Forgets,
+}
+
+/// The chain as a solver with a fault, which may keep its energy to itself.
+struct Faulty {
+    solver: ChainSolver,
+    inertia: Vec<f64>,
+    fault: Fault,
+    tells: bool,
+    heat: Vec<f64>,
+}
+
+impl Faulty {
+    fn new(mass: f64, fault: Fault, tells: bool) -> Self {
+        let v: Vec<f64> = (0..=BONDS)
+            .map(|k| (0.3 * k as f64).sin() + 0.2 * (1.9 * k as f64).cos())
+            .collect();
+        Self {
+            solver: ChainSolver::new(chain(mass), vec![0.0; v.len()], v.clone()).unwrap(),
+            inertia: vec![0.0; v.len()],
+            heat: vec![0.0; v.len()],
+            fault,
+            tells,
+        }
+    }
+}
+
+impl Participant<f64> for Faulty {
+    fn name(&self) -> &str {
+        "chain"
+    }
+    fn layout(&self) -> DofLayout {
+        self.solver.layout()
+    }
+    fn nodes(&self) -> &[Point3<f64>] {
+        self.solver.nodes()
+    }
+    fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
+        self.solver.weigh(weights, inertia)?;
+        self.inertia.copy_from_slice(inertia);
+        Ok(())
+    }
+    fn advance(&mut self, from: f64, step: f64) -> Result<()> {
+        self.solver.advance(from, step)?;
+        if let Fault::Heats(share) = self.fault {
+            self.solver.velocities(&mut self.heat);
+            let all = self.heat.iter().zip(&self.inertia);
+            let [p, m] = all.fold([0.0; 2], |[p, m], (v, w)| [p + v * w, m + w]);
+            let all = self.heat.iter_mut().zip(&self.inertia);
+            all.for_each(|(v, w)| *v = share * w * (*v - p / m));
+            self.solver.kick(&self.heat)?;
+        }
+        Ok(())
+    }
+    fn velocities(&self, out: &mut [f64]) {
+        self.solver.velocities(out);
+    }
+    fn displacements(&self, out: &mut [f64]) {
+        self.solver.displacements(out);
+    }
+    fn kick(&mut self, impulse: &[f64]) -> Result<()> {
+        match self.fault {
+            Fault::Takes(share) => {
+                let part: Vec<f64> = impulse.iter().map(|p| share * p).collect();
+                self.solver.kick(&part)
+            }
+            Fault::Moves(share) => {
+                self.solver.kick(impulse)?;
+                let mut record = self.solver.save()?;
+                for (k, p) in impulse.iter().enumerate() {
+                    record.numbers[k] += share * p / self.inertia[k];
+                }
+                self.solver.restore(&record)
+            }
+            _ => self.solver.kick(impulse),
+        }
+    }
+    fn accelerations(&self, out: &mut [f64]) -> bool {
+        self.solver.accelerations(out)
+    }
+    fn invariant(&self) -> Option<f64> {
+        self.tells.then(|| self.solver.invariant()).flatten()
+    }
+    fn save(&self) -> Result<Record<f64>> {
+        self.solver.save()
+    }
+    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+        if self.fault == Fault::Forgets {
+            return Ok(());
+        }
+        self.solver.restore(from)
+    }
+}
+
+/// A bar from −100 to 0 and the solver from −20 on in motion.
+fn coupled(mass: f64, fault: Fault, tells: bool) -> Result<Coupled<f64>> {
+    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
+    let left = Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
+    let right = Weights::complement_of(std::slice::from_ref(&left));
+    let bar = FemModel::new(
+        "bar",
+        generate::bar(-100.0, 0.0, 10, 1.0)?,
+        Elastic::new(1.0, 0.0, 1.0)?,
+    )?;
+    let field = chain(1.0).fine_field();
+    let solver = Faulty::new(mass, fault, tells);
+    let solver = Subdomain::participant(Box::new(solver), field, right)?;
+    let solver = solver.with_partition(Partition::Unchecked);
+    let bar = Subdomain::coarse(bar, left).with_partition(Partition::Unchecked);
+    let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
+    let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
+    Coupled::new(vec![bar, solver], vec![tie], TimeStep::Seconds(0.5), None)
+}
+
+/// Hears warnings, each with the step after which it was told.
+#[derive(Default)]
+struct Listener {
+    heard: Vec<(usize, Warning)>,
+    steps: usize,
+}
+
+impl Observer<f64> for Listener {
+    fn warning(&mut self, warning: &Warning) {
+        self.heard.push((self.steps, warning.clone()));
+    }
+    fn observe(&mut self, _: &Coupled<f64>, report: &StepReport<f64>) -> Result<ControlFlow<()>> {
+        self.steps = report.step;
+        Ok(ControlFlow::Continue(()))
+    }
+}
+
+/// Warnings reach an observer once each, those of the set-up before the first step.
+#[test]
+fn observers_hear_each_warning_once_the_moment_it_happens() {
+    let mut listener = Listener::default();
+    let mut run = coupled(1.0, Fault::Takes(0.99), false).unwrap();
+    run.run(2_000, &mut listener).unwrap();
+    assert_eq!(listener.heard.len(), run.warnings().len());
+    assert!(matches!(&listener.heard[0], (0, Warning::EnergyUnknown { model }) if model == "chain"));
+    let first = |w: &&(usize, Warning)| matches!(w.1, Warning::ImpulseMissed { .. });
+    assert_eq!(listener.heard.iter().find(first).map(|w| w.0), Some(0));
+    // A run that is restored says nothing twice.
+    let saved = run.snapshot().unwrap();
+    let mut again = Listener::default();
+    let mut other = coupled(1.0, Fault::Takes(0.99), false).unwrap();
+    other.restore(&saved).unwrap();
+    other.run(100, &mut again).unwrap();
+    assert!(again.heard.is_empty() && other.warnings().len() == run.warnings().len());
+}
+
+/// E.1: a run that loses energy ends by name, one that loses little is warned of, and a sound one has no warning.
+#[test]
+fn lossy_solvers_are_warned_of_and_ended_by_name_and_sound_ones_are_not() {
+    let mut sound = coupled(1.0, Fault::Sound, true).unwrap();
+    sound.run(20_000, &mut Silent).unwrap();
+    assert!(
+        sound.drift() < 1e-12 && sound.warnings().is_empty(),
+        "{:?}",
+        sound.warnings()
+    );
+    for fault in [Fault::Takes(0.0), Fault::Takes(0.5)] {
+        let mut run = coupled(1.0, fault, true).unwrap();
+        let ended = run.run(20_000, &mut Silent).unwrap_err();
+        assert!(
+            matches!(&ended, Error::EnergyLoss { .. } | Error::EnergyGrowth { .. }),
+            "{fault:?}: {ended}"
+        );
+    }
+    for fault in [Fault::Takes(1.0 - 1e-6), Fault::Moves(1e-4)] {
+        let mut run = coupled(1.0, fault, true).unwrap();
+        run.run(2_000, &mut Silent).unwrap();
+        let drift = run.warnings().iter().find_map(|w| match w {
+            Warning::EnergyDrift {
+                share,
+                limit,
+                suspect: Suspect::Solver(s),
+                ..
+            } if s == "chain" => Some([*share, *limit]),
+            _ => None,
+        });
+        let [share, limit] = drift.unwrap();
+        assert!(
+            share > 1e-9 && share < 0.05 && limit < 1e-8,
+            "{fault:?}: {share:e}"
+        );
+        assert!((share / run.drift() - 1.0).abs() < 1e-12, "{share:e}");
+    }
+}
+
+/// E.2: of a solver without invariant the report says that its energy is not known, and its impulses are looked at.
+#[test]
+fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
+    let mut sound = coupled(1.0, Fault::Sound, false).unwrap();
+    sound.run(2_000, &mut Silent).unwrap();
+    let unknown = Warning::EnergyUnknown {
+        model: "chain".into(),
+    };
+    assert_eq!(sound.warnings(), [unknown.clone()]);
+    assert_eq!(sound.unknown_energies(), ["chain"]);
+    assert!(
+        unknown
+            .to_string()
+            .starts_with("the energy of 'chain' is not known")
+    );
+    // Energy out of nothing within its steps cannot be seen; that nothing is known of it is said.
+    let mut hot = coupled(1.0, Fault::Heats(1e-3), false).unwrap();
+    hot.run(1_000, &mut Silent).unwrap();
+    assert!(hot.warnings().contains(&unknown));
+    for share in [0.0, 0.5] {
+        let mut run = coupled(1.0, Fault::Takes(share), false).unwrap();
+        let ended = run.run(2_000, &mut Silent).unwrap_err();
+        let Error::ImpulseMissed {
+            model, share: missed, ..
+        } = ended
+        else {
+            panic!("{ended}");
+        };
+        assert!(
+            model == "chain" && (missed - (1.0 - share)).abs() < 1e-9,
+            "{missed}"
+        );
+        assert!(run.steps() <= 10);
+    }
+    let mut run = coupled(1.0, Fault::Takes(0.99), false).unwrap();
+    run.run(2_000, &mut Silent).unwrap();
+    let missed = |w: &&Warning| matches!(w, Warning::ImpulseMissed { model, share, .. } if model == "chain" && (share - 0.01).abs() < 1e-9);
+    assert!(
+        run.warnings().iter().find(missed).is_some(),
+        "{:?}",
+        run.warnings()
+    );
+}
+
+/// E.3: a run goes on with the solver that was saved, and with no other.
+#[test]
+fn another_solver_than_the_one_of_the_checkpoint_is_refused_by_name() {
+    let mut first = coupled(1.0, Fault::Sound, true).unwrap();
+    first.run(50, &mut Silent).unwrap();
+    let saved = first.snapshot().unwrap();
+    let mut same = coupled(1.0, Fault::Sound, true).unwrap();
+    same.restore(&saved).unwrap();
+    for run in [&mut first, &mut same] {
+        run.run(50, &mut Silent).unwrap();
+    }
+    let state = |c: &Coupled<f64>| c.subdomains()[1].state().q.clone();
+    assert_eq!(state(&first), state(&same));
+    for (mass, fault, words) in [
+        (2.0, Fault::Sound, "'chain': its inertia of unknown"),
+        (1.0, Fault::Forgets, "'chain': its displacement of unknown"),
+    ] {
+        let mut other = coupled(mass, fault, true).unwrap();
+        let refused = other.restore(&saved).unwrap_err();
+        assert!(matches!(refused, Error::NotRestored { .. }), "{refused}");
+        let text = refused.to_string();
+        assert!(text.contains(words) && text.contains("another solver"), "{text}");
+    }
+}
