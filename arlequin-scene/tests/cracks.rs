@@ -149,7 +149,7 @@ fn handbook() -> f64 {
 /// A slit of a file, a box and a named inner surface that are cut open: one body, for finite and for natural elements.
 #[test]
 fn a_slit_and_the_key_crack_make_the_same_crack_in_finite_and_natural_elements() {
-    for (kind, allowed) in [("fem", 0.06), ("cnem", 0.15)] {
+    for (kind, allowed, same) in [("fem", 0.06, 1e-9), ("cnem", 0.15, 1e-2)] {
         let files = [
             format!("shape.file = '{}'", file(true)),
             format!("shape.file = '{}'\n{KEY}", file(false)),
@@ -159,7 +159,7 @@ fn a_slit_and_the_key_crack_make_the_same_crack_in_finite_and_natural_elements()
         println!("{kind}: {found:.4?} of {:.4}", handbook());
         for j in found {
             assert!((j / handbook() - 1.0).abs() < allowed, "{kind}: {j}");
-            assert!((j / found[0] - 1.0).abs() < 1e-9, "{kind}: {found:?}");
+            assert!((j / found[0] - 1.0).abs() < same, "{kind}: {found:?}");
         }
     }
 }

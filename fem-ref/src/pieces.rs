@@ -67,9 +67,9 @@ impl<T: Real> Mesh<T> {
                 .or_default()
                 .push(e);
         }
-        let mut out: Vec<MeshPiece> = elements.values().map(|of| self.piece(of)).collect();
-        out.sort_by_key(|p| std::cmp::Reverse(p.elements));
-        out
+        let mut lists: Vec<Vec<usize>> = elements.into_values().collect();
+        lists.sort_by_key(|of| (std::cmp::Reverse(of.len()), of[0]));
+        lists.iter().map(|of| self.piece(of)).collect()
     }
 
     fn piece(&self, elements: &[usize]) -> MeshPiece {

@@ -174,6 +174,7 @@ pub(super) fn request<'a>(
 pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()> {
     let key = format!("model.{name}");
     link::check(&key, table)?;
+    slit::check(&key, table)?;
     if table.kind != ModelKind::Link {
         elastic(&key, &table.material)?;
     }
@@ -184,7 +185,6 @@ pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()>
         ModelKind::Dem => super::particles::check(&key, table, folder),
         ModelKind::Chain => line(&key, table).map(|_| ()),
     }?;
-    slit::check(&key, table)?;
     volumes(&key, table)
 }
 
