@@ -1,4 +1,5 @@
-//! Obstacles and bodies that enter what they cannot touch: said the moment it happens, once per pair, on any number of ranks.
+//! Obstacles and bodies that enter what they cannot touch: said the moment it happens, once per pair, on any
+//! number of ranks.
 
 use arlequin::dem_beam::fracture::locked;
 use arlequin_scene::{Observer, Results, Scene};

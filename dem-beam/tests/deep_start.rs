@@ -1,4 +1,5 @@
-//! Bodies that start inside obstacles or inside each other are refused with depth and place; those that touch start.
+//! Bodies that start inside obstacles or inside each other are refused with depth and place; those that touch
+//! start.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::PairSpec;
@@ -49,7 +50,8 @@ fn roller(height: f64, radius: f64) -> RigidShape {
     }
 }
 
-/// Layers of centres lie at 0, 2, 4 and 6 radii: how many of them are inside, and how deep the deepest sphere reaches.
+/// Layers of centres lie at 0, 2, 4 and 6 radii: how many of them are inside, and how deep the deepest sphere
+/// reaches.
 #[test]
 fn obstacles_that_hold_centres_at_the_start_are_refused_with_depth_and_place() {
     for (what, shape, count, depth) in [

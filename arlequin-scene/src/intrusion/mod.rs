@@ -1,14 +1,17 @@
-//! Watch over bodies and obstacles that are inside of what they cannot touch: said the moment it happens, once per pair.
+//! Watch over bodies and obstacles that are inside of what they cannot touch: said the moment it happens,
+//! once per pair.
 //!
-//! Obstacles act on the particles of the models that they name, contact acts between particles. Elements have no contact, so that
-//! obstacles and other bodies pass through them. The watch looks at pairs without an effect between the two: an obstacle and a
-//! body, or two bodies that no interface ties to each other. Something is inside once it is deeper by [`TOLERANCE`] of the
-//! spacing of the nodes or particles than it may have been at rest: bodies that touch start, and a flush face vibrates.
+//! Obstacles act on the particles of the models that they name, contact acts between particles. Elements have
+//! no contact, so that obstacles and other bodies pass through them. The watch looks at pairs without an
+//! effect between the two: an obstacle and a body, or two bodies that no interface ties to each other.
+//! Something is inside once it is deeper by [`TOLERANCE`] of the spacing of the nodes or particles than it
+//! may have been at rest: bodies that touch start, and a flush face vibrates.
 //!
-//! A look costs a pass over the displacements and velocities of the bodies. Only where their boxes meet are surfaces compared.
-//! The next look comes before anything can have passed unseen: at the speeds of this look the two of a pair cover no more than
-//! the gap between their boxes and [`STRIDE`] of the smaller of their spacings or radii, and never more than [`LONGEST`] steps,
-//! for what is struck in between. A scene in which nothing can be entered is not looked at.
+//! A look costs a pass over the displacements and velocities of the bodies. Only where their boxes meet are
+//! surfaces compared. The next look comes before anything can have passed unseen: at the speeds of this look
+//! the two of a pair cover no more than the gap between their boxes and [`STRIDE`] of the smaller of their
+//! spacings or radii, and never more than [`LONGEST`] steps, for what is struck in between. A scene in which
+//! nothing can be entered is not looked at.
 
 mod surface;
 
@@ -292,7 +295,8 @@ impl Watch {
         Ok(found.map(|d| self.line(pair, &d, run.time())))
     }
 
-    /// Depth at rest that is no more than touching \[m\]: elements have a surface, and particles of a body may overlap a little.
+    /// Depth at rest that is no more than touching \[m\]: elements have a surface, and particles of a body
+    /// may overlap a little.
     fn touching_depth(&self, pair: &Pair) -> f64 {
         let at_rest = pair.at_rest.unwrap_or_default();
         let particles = |m: usize| self.member(m).is_some_and(|m| m.particles);

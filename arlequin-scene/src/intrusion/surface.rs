@@ -1,4 +1,5 @@
-//! Bodies as the watch over intrusions sees them: their points, and the triangles of the surface of those of elements.
+//! Bodies as the watch over intrusions sees them: their points, and the triangles of the surface of those of
+//! elements.
 
 use crate::setup::Grid;
 use arlequin::core::geometry::{bounds_of, closest_on_triangle};
@@ -35,7 +36,8 @@ pub(super) struct Shell {
     radii: Vec<f64>,
     /// Triangles of the surface of elements by their points, normal outwards; empty for particles.
     triangles: Vec<[u32; 3]>,
-    /// Lower ends of the triangles along x with their numbers, ascending, and the largest extent of a triangle along x \[m\].
+    /// Lower ends of the triangles along x with their numbers, ascending, and the largest extent of a
+    /// triangle along x \[m\].
     sorted: Vec<(f64, u32)>,
     widest: f64,
 }
@@ -169,7 +171,8 @@ impl Shell {
         [a[0].sup(&b[0]) - reach, a[1].inf(&b[1]) + reach]
     }
 
-    /// How deep its points in a box are behind the surface of the elements of `other`, as far as they are near it.
+    /// How deep its points in a box are behind the surface of the elements of `other`, as far as they are
+    /// near it.
     fn depth_behind(&self, other: &Self, within: &[Point3<f64>; 2]) -> Option<Depth> {
         let reach = other.widest;
         let mut deepest = None;

@@ -1,8 +1,9 @@
 //! Refuses particles that start deep inside an obstacle.
 //!
-//! A particle that overlaps the obstacle at rest pushes from there on, as if its radius were smaller by the overlap. That is no more
-//! than touching while the centre lies in front of the surface: packings end in spheres of which some stick out. Once the centre
-//! is behind the surface nothing is left of the radius, the particle is inside, and the obstacle is in the wrong place.
+//! A particle that overlaps the obstacle at rest pushes from there on, as if its radius were smaller by the
+//! overlap. That is no more than touching while the centre lies in front of the surface: packings end in
+//! spheres of which some stick out. Once the centre is behind the surface nothing is left of the radius, the
+//! particle is inside, and the obstacle is in the wrong place.
 
 use super::{Body, RigidShape, near};
 use crate::error::{Error, Result};
@@ -99,7 +100,8 @@ pub(super) fn check(
 }
 
 impl Body {
-    /// Refuses the state before the first step if particles are displaced into the obstacle. On a body in parts all ranks must ask.
+    /// Refuses the state before the first step if particles are displaced into the obstacle. On a body in
+    /// parts all ranks must ask.
     pub(super) fn check_start(&mut self, q: &[f64]) -> arlequin_core::Result<()> {
         if std::mem::replace(&mut self.checked, true) {
             return Ok(());
