@@ -11,6 +11,8 @@ use nalgebra::{Point3, Vector3};
 const QUADRATURE: [f64; 2] = [0.01, 0.25];
 /// Most particles of a packing from which a line to the nearest one stands for a bond.
 const LINES: usize = 2_000;
+/// Jump of a weight that is not noticed at an end of such a line, and then accepted in its mean.
+const JUMP: f64 = 1e-3;
 
 impl<T: Real> Group<'_, T> {
     /// Refuses a weight whose mean over a cell is not that of its values.
@@ -25,9 +27,10 @@ impl<T: Real> Group<'_, T> {
                 lines
             });
             let cells = lines.as_deref().unwrap_or(m.extent.cells());
+            let slack = T::of(if lines.is_some() { JUMP } else { 0.0 });
             for kind in 0..self.kinds {
                 for cell in cells {
-                    if let Some(fault) = mean_defect(m.weight(kind), cell) {
+                    if let Some(fault) = mean_defect(m.weight(kind), cell, slack) {
                         return Err(Error::WeightMean {
                             model: m.name(),
                             kind: KINDS[kind],
@@ -57,7 +60,7 @@ fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
 
 /// Whether a weight does not jump where a line ends: along a border of the overlap it has no mean.
 fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
-    let step = crate::extent::length(line) * T::of(1e-3);
+    let step = crate::extent::length(line) * T::of(1e-4);
     line.corners().iter().all(|x| {
         let value = weight.at(x);
         let beside = |k: usize| {
@@ -65,7 +68,7 @@ fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
             d[k / 2] = if k % 2 == 0 { step } else { -step };
             weight.at(&(x + d))
         };
-        (0..6).all(|k| (beside(k) - value).abs() < T::of(0.02))
+        (0..6).all(|k| (beside(k) - value).abs() < T::of(JUMP))
     })
 }
 
@@ -107,7 +110,7 @@ fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>) -> Option<[T; 3]
             total += s.measure;
         }
         values = sum / total;
-        limit = super::tolerance::<T>() + (high - low) * T::of(share);
+        limit = super::tolerance::<T>() + slack + (high - low) * T::of(share);
         if (mean - values).abs() <= limit {
             return None;
         }
