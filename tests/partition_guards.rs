@@ -336,7 +336,8 @@ fn effects_on_one_model_of_an_overlap_are_warned_of_by_name() {
             .filter(|w| w.contains("has the effect"))
             .collect::<Vec<_>>()
     };
-    let kinds: [(&str, fn() -> Box<dyn EffectSpec<f64>>); 4] = [
+    type Named = (&'static str, fn() -> Box<dyn EffectSpec<f64>>);
+    let kinds: [Named; 4] = [
         ("body-force", || Box::new(BodyForce::new(Vector3::x()).unwrap())),
         ("mass-damping", || Box::new(MassDamping::new(0.1).unwrap())),
         ("stiffness-damping", || {

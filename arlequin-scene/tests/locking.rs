@@ -1,4 +1,4 @@
-//! Locking near incompressibility, in the thick-walled cylinder under inner pressure of MacNeal and Harder (Finite Elements in
+//! Locking near incompressibility, in the thick-walled cylinder under inner pressure of `MacNeal` and Harder (Finite Elements in
 //! Analysis and Design 1, 1985): radii 3 and 9 m, plane strain, five elements through the wall.
 //! Lamé: `u(r) = (1 + ν) p a²/(E (b² − a²)) ((1 − 2ν) r + b²/r)`, hoop stress `p a²/(b² − a²) (1 + b²/r²)`.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]

@@ -266,7 +266,7 @@ fn a_mesh_in_two_pieces_that_touch_is_refused_with_what_the_pieces_are() {
     let mesh: Mesh<f64> = gmsh::parse(bricks("22-text").as_bytes()).unwrap();
     let mut nodes = mesh.nodes().to_vec();
     let mut connectivity = mesh.connectivity().to_vec();
-    for k in mesh.nodes_where(|x| x.x == 1.0) {
+    for k in mesh.nodes_where(|x| (x.x - 1.0).abs() < 1e-9) {
         nodes.push(mesh.nodes()[k]);
         for (slot, n) in connectivity.iter_mut().enumerate() {
             if *n == k as u32 && mesh.regions()[slot / 4] == 1 {

@@ -225,7 +225,7 @@ fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
     let unknown = Warning::EnergyUnknown {
         model: "chain".into(),
     };
-    assert_eq!(sound.warnings(), [unknown.clone()]);
+    assert_eq!(sound.warnings(), std::slice::from_ref(&unknown));
     assert_eq!(sound.unknown_energies(), ["chain"]);
     assert!(
         unknown

@@ -236,32 +236,41 @@ impl fmt::Display for Warning {
             }
             Self::DisplacementJump {
                 interface,
-                models: [coarse, fine],
+                models,
                 own_steps,
                 jump,
                 share,
                 limit,
-            } => {
-                let most = if own_steps[0] > own_steps[1] { coarse } else { fine };
-                // With one own step each it is implicit ones that part them.
-                let fewer = match own_steps.iter().max() {
-                    Some(1) | None => String::new(),
-                    _ => format!("give '{most}' fewer, or "),
-                };
-                write!(
-                    f,
-                    "interface '{interface}': displacements of '{coarse}' and '{fine}' have differed by up to {jump:.2e} m, \
-                     {:.1} % of the deformation of the overlap (limit {:.0} %), with {} and {} own steps in a step of the run: \
-                     {fewer}take shorter steps of the run (time.step.seconds); where waves shorter than the coarse elements \
-                     part them, an absorber in the overlap takes these",
-                    100.0 * share,
-                    100.0 * limit,
-                    own_steps[0],
-                    own_steps[1]
-                )
-            }
+            } => displacement_jump(f, interface, models, *own_steps, [*jump, *share, *limit]),
         }
     }
+}
+
+/// The text of [`Warning::DisplacementJump`]: `figures` are the jump \[m\], its share and the limit.
+fn displacement_jump(
+    f: &mut fmt::Formatter<'_>,
+    interface: &str,
+    [coarse, fine]: &[String; 2],
+    own_steps: [usize; 2],
+    [jump, share, limit]: [f64; 3],
+) -> fmt::Result {
+    let most = if own_steps[0] > own_steps[1] { coarse } else { fine };
+    // With one own step each it is implicit ones that part them.
+    let fewer = match own_steps.iter().max() {
+        Some(1) | None => String::new(),
+        _ => format!("give '{most}' fewer, or "),
+    };
+    write!(
+        f,
+        "interface '{interface}': displacements of '{coarse}' and '{fine}' have differed by up to {jump:.2e} m, \
+         {:.1} % of the deformation of the overlap (limit {:.0} %), with {} and {} own steps in a step of the run: \
+         {fewer}take shorter steps of the run (time.step.seconds); where waves shorter than the coarse elements \
+         part them, an absorber in the overlap takes these",
+        100.0 * share,
+        100.0 * limit,
+        own_steps[0],
+        own_steps[1]
+    )
 }
 
 impl<T: Real> Coupled<T> {

@@ -122,7 +122,7 @@ impl<T: Real> Filling<T> {
         let mut cubes = vec![[T::zero(); 2]; counts.iter().product()];
         for (side, x, v) in &self.samples {
             spread(x - low, *v, &edges, counts, &mut |k, part| {
-                cubes[k][*side] += part
+                cubes[k][*side] += part;
             });
         }
         let full = edges.iter().fold(T::of(0.5), |p, e| p * *e);

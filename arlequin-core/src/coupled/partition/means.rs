@@ -28,12 +28,12 @@ impl<T: Real> Group<'_, T> {
             });
             let cells = lines.as_deref().unwrap_or(m.extent.cells());
             let slack = T::of(if lines.is_some() { JUMP } else { 0.0 });
-            for kind in 0..self.kinds {
+            for (kind, share) in KINDS.into_iter().enumerate().take(self.kinds) {
                 for cell in cells {
                     if let Some(fault) = mean_defect(m.weight(kind), cell, slack) {
                         return Err(Error::WeightMean {
                             model: m.name(),
-                            kind: KINDS[kind],
+                            kind: share,
                             point: Box::new(numbers(&centre_of(&cell.corners()))),
                             mean: fault[0].as_f64(),
                             values: fault[1].as_f64(),
@@ -65,7 +65,7 @@ fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
         let value = weight.at(x);
         let beside = |k: usize| {
             let mut d = Vector3::zeros();
-            d[k / 2] = if k % 2 == 0 { step } else { -step };
+            d[k / 2] = if k.is_multiple_of(2) { step } else { -step };
             weight.at(&(x + d))
         };
         (0..6).all(|k| (beside(k) - value).abs() < T::of(JUMP))
@@ -78,8 +78,8 @@ fn centre_of<T: Real>(corners: &[Point3<T>]) -> Point3<T> {
 }
 
 /// Mean of a weight over a cell, that of its values there and the accepted difference, where the two differ
-/// by more.
-fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>) -> Option<[T; 3]> {
+/// by more. `slack` is accepted beside the error of quadrature.
+fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>, slack: T) -> Option<[T; 3]> {
     let corners = cell.corners();
     let centre = centre_of(&corners);
     let mean = weight.mean(cell);
