@@ -78,7 +78,11 @@ impl Damping {
         power: 1,
     };
 
-    fn effect(&self, line: &Line) -> Result<Absorber<f64>> {
+    /// The absorber of the chain of a line.
+    ///
+    /// # Errors
+    /// Those of meshes.
+    pub fn effect(&self, line: &Line) -> Result<Absorber<f64>> {
         let (width, top, power) = (line.overlap, self.rate, self.power);
         let rate = Arc::new(move |x: &Point3<f64>| top * (-x.x / width).clamp(0.0, 1.0).powi(power));
         Ok(match self.resolved {
@@ -119,7 +123,9 @@ pub fn packet(line: &Line, wavelength: f64, width: f64, damping: Option<Damping>
     let mut c = line.build_with(vec![bar, chain])?;
     let before = c.energy();
     let way = 2.0 * width + 150.0;
-    run(&mut c, (2.0 * way) as usize)?;
+    // Short packets travel at the group speed of the lattice, cos(k/2), which goes to zero at two spacings.
+    let steps = (way / (k / 2.0).cos() / c.dt()) as usize;
+    run(&mut c, steps)?;
     let fine = &c.subdomains()[FINE];
     Ok(Echo {
         back: (fine.kinetic_energy() + fine.internal_energy()) / before,
