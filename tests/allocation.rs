@@ -74,7 +74,8 @@ fn steps() {
         let name = format!("{} with {own:?}", junction.name());
         let count = pool.install(|| {
             let mut c = solved(junction, own, solver);
-            c.run(20, &mut Silent).unwrap();
+            // A warning of the jump under this random state is kept by then.
+            c.run(100, &mut Silent).unwrap();
             let region = Region::new(ALLOCATOR);
             c.run(50, &mut Silent).unwrap();
             region.change().allocations

@@ -36,22 +36,16 @@ fn dependent(length: f64, solver: Solver<f64>) -> arlequin::core::Result<Coupled
 /// the run above 5 % of the largest velocity.
 #[test]
 fn iterations_for_multipliers_that_do_not_end_are_told_and_ended() {
-    for length in [1.0, 5.0, 20.0, 100.0] {
-        match dependent(length, Solver::Auto) {
-            Ok(mut run) => {
-                let end = run.run(20, &mut Silent);
-                let report = run.interfaces()[0].report();
-                println!(
-                    "{length}: {end:?}, residual {:e}, {} iterations, condition {:e} {}, {:?}",
-                    run.constraint_residual(),
-                    run.interfaces()[0].iterations(),
-                    report.condition,
-                    report.condition_at_least,
-                    run.warnings()
-                );
-                assert!(report.condition_at_least);
+    for (length, solved) in [(1.0, true), (5.0, true), (20.0, false), (100.0, false)] {
+        let mut run = dependent(length, Solver::Auto).unwrap();
+        let end = run.run(20, &mut Silent);
+        assert!(run.interfaces()[0].report().condition_at_least);
+        match end {
+            Ok(20) => assert!(solved && run.constraint_residual() < 1e-9, "{length}"),
+            Err(Error::MultipliersUnsolved { share, limit, .. }) => {
+                assert!(!solved && share > limit, "{length}");
             }
-            Err(e) => println!("{length}: {e}"),
+            other => panic!("{length}: {other:?}"),
         }
     }
     let few = Solver::ConjugateGradients {
@@ -60,13 +54,11 @@ fn iterations_for_multipliers_that_do_not_end_are_told_and_ended() {
     };
     let mut asked = dependent(1.0, few).unwrap();
     asked.run(20, &mut Silent).unwrap();
-    println!("{:?}", asked.warnings());
     assert!(
         matches!(asked.warnings(), [Warning::VelocityJump { interface, .. }] if interface == "overlap"),
         "{:?}",
         asked.warnings()
     );
-    let _ = |e: Error| matches!(e, Error::MultipliersUnsolved { .. });
 }
 
 /// A random state of high frequency over so many steps of the run.
@@ -105,23 +97,30 @@ fn warns_of_a_jump(run: &Coupled<f64>) -> bool {
 }
 
 /// B.2: under noise models with own steps, and implicit ones, part by far more than the formula for pulses says, and the library warns
-/// of it. What helps is measured as well: fewer own steps, and an absorber.
+/// of it. One explicit step each is the remedy; an absorber is none: it leaves less deformation, beside which the jump is larger.
 #[test]
 fn noise_parts_models_with_own_steps_and_the_library_says_so() {
     for (m, implicit, least, most) in [
         (1, false, 0.0, 1e-9),
-        (2, false, 0.05, 0.9),
-        (3, false, 0.05, 0.9),
-        (7, false, 0.05, 0.9),
+        (2, false, 0.08, 0.2),
+        (3, false, 0.08, 0.2),
+        (7, false, 0.15, 0.4),
         (1, true, 0.05, 1.1),
     ] {
         let run = shaken(m, implicit, None, 10_000);
-        let damped = shaken(m, implicit, Some(Damping::STANDARD), 10_000);
-        let [bare, absorbed] = [&run, &damped].map(|r| r.displacement_jumps()[0].share());
-        println!("m {m}, implicit {implicit}: {bare:.4} of the deformation, {absorbed:.4} with an absorber");
+        let bare = run.displacement_jumps()[0].share();
+        println!("m {m}, implicit {implicit}: {bare:.4} of the deformation");
         assert!(run.drift() < 1e-11);
         assert!((least..=most).contains(&bare), "{m} {implicit}: {bare}");
         assert_eq!(warns_of_a_jump(&run), bare > 0.05, "{m}: {:?}", run.warnings());
+        if !implicit {
+            let damped = shaken(m, implicit, Some(Damping::STANDARD), 10_000);
+            let absorbed = damped.displacement_jumps()[0].share();
+            assert!(
+                (bare..=10.0 * bare).contains(&absorbed) || m == 1,
+                "{m}: {absorbed}"
+            );
+        }
     }
 }
 
@@ -144,8 +143,8 @@ fn what_an_absorber_leaves_of_short_waves_is_what_the_docs_say() {
                 ..waves::packet_line()
             };
             let echo = waves::packet(&line, wavelength, 60.0, Some(Damping::STANDARD)).unwrap();
-            println!("{name}, {wavelength} spacings: {:.2e} comes back", echo.back);
-            assert!(echo.back < 0.02, "{name}, {wavelength}: {:e}", echo.back);
+            let most = if wavelength < 4.0 { 0.009 } else { 0.003 };
+            assert!(echo.back < most, "{name}, {wavelength}: {:e}", echo.back);
         }
     }
 }

@@ -119,7 +119,7 @@ impl fmt::Display for Advice {
             Self::NoShortWaves { element, spacing } => write!(
                 f,
                 "a coarse element is {:.2} fine spacings long; the absorber takes waves well below the element only, and \
-                 from {ABSORBER_RATIO} spacings on there are such: what is reflected will be more than 0.3 %",
+                 from {ABSORBER_RATIO} spacings on there are such: what is reflected will be more than 0.8 %",
                 element / spacing
             ),
             Self::FewLayers { width, element } => write!(
@@ -206,7 +206,7 @@ pub fn implicit(step: f64, critical: f64) -> Option<Advice> {
     lost.then_some(Advice::LongImplicitStep { step, critical })
 }
 
-/// What keeps an absorber from reflecting 0.3 % of short waves at most: `jump` of the weight at its borders, coarse
+/// What keeps an absorber from reflecting 0.8 % of short waves at most: `jump` of the weight at its borders, coarse
 /// elements of length `element`, a fine model of that `spacing`.
 pub fn absorber(width: Option<f64>, jump: f64, element: f64, spacing: f64) -> Vec<Advice> {
     let mut out = Vec::new();

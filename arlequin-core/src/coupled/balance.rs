@@ -161,7 +161,9 @@ impl<T: Real> Coupled<T> {
             let own = sides.map(Subdomain::own_steps);
             let steps = self.step * own[0].max(own[1]);
             self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
-            self.warn_of_displacement_jump(k);
+            if self.overlaps[k].has_settled() {
+                self.warn_of_displacement_jump(k);
+            }
         }
         Ok(if top > T::zero() { residual / top } else { residual })
     }
@@ -229,12 +231,33 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
+    /// Warns of displacement jumps as they stand, in runs too short for the amplitude of the overlap to settle as
+    /// well. To be called where a run ends; within a run the same warnings come once amplitudes have settled.
+    pub fn warn_of_jumps(&mut self) {
+        (0..self.interfaces.len()).for_each(|k| self.warn_of_displacement_jump(k));
+    }
+
     fn warn_of_displacement_jump(&mut self, k: usize) {
         let jump = self.ledger.jumps[k];
-        if jump.share() <= T::of(DISPLACEMENT_JUMP) || !self.overlaps[k].has_settled() {
+        if jump.share() <= T::of(DISPLACEMENT_JUMP) {
             return;
         }
         let i = &self.interfaces[k];
+        // A known warning is updated in place: a step that is warned of again must not allocate.
+        for known in &mut self.warnings {
+            if let Warning::DisplacementJump {
+                interface,
+                jump: largest,
+                share,
+                ..
+            } = known
+                && *interface == i.report().name
+            {
+                *largest = largest.max(jump.largest.as_f64());
+                *share = share.max(jump.share().as_f64());
+                return;
+            }
+        }
         let sides = i.sides().map(|s| &self.subdomains[s]);
         let warning = Warning::DisplacementJump {
             interface: i.report().name.clone(),

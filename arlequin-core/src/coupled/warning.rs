@@ -264,8 +264,7 @@ fn displacement_jump(
         f,
         "interface '{interface}': displacements of '{coarse}' and '{fine}' have differed by up to {jump:.2e} m, \
          {:.1} % of the deformation of the overlap (limit {:.0} %), with {} and {} own steps in a step of the run: \
-         {fewer}take shorter steps of the run (time.step.seconds); where waves shorter than the coarse elements \
-         part them, an absorber in the overlap takes these",
+         {fewer}take shorter steps of the run (time.step.seconds); one explicit step each keeps the two together",
         100.0 * share,
         100.0 * limit,
         own_steps[0],

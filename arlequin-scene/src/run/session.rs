@@ -235,6 +235,8 @@ impl<'a> Session<'a> {
             let (said, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
             said.into_iter().for_each(|w| self.warn(w, observer));
             if made == self.steps {
+                self.run.warn_of_jumps();
+                self.say_warnings(observer);
                 break;
             }
             if ends {
