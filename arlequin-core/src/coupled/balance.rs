@@ -210,24 +210,37 @@ impl<T: Real> Coupled<T> {
         if i.report().solver == "lumped" || jump <= top * noted {
             return Ok(());
         }
-        let (interface, share) = (i.report().name.clone(), (jump / top).as_f64());
-        let iterations = i.iterations();
+        let (share, iterations) = ((jump / top).as_f64(), i.iterations());
         if share > accepted && iterations > 0 && !i.is_cut_short() {
             return Err(Error::MultipliersUnsolved {
-                interface,
+                interface: i.report().name.clone(),
                 step: self.step,
                 iterations,
                 share,
                 limit: accepted,
             });
         }
-        self.warn(Warning::VelocityJump {
-            interface,
+        // A known warning is updated in place: a step that is warned of again must not allocate.
+        for known in &mut self.warnings {
+            if let Warning::VelocityJump {
+                interface,
+                share: largest,
+                ..
+            } = known
+                && *interface == i.report().name
+            {
+                *largest = largest.max(share);
+                return Ok(());
+            }
+        }
+        let warning = Warning::VelocityJump {
+            interface: i.report().name.clone(),
             step: self.step,
             iterations,
             share,
             limit: noted.as_f64(),
-        });
+        };
+        self.warn(warning);
         Ok(())
     }
 

@@ -288,8 +288,17 @@ impl<T: Real> Group<'_, T> {
             let Some(side) = t.sides.iter().position(|k| *k == s.member) else {
                 continue;
             };
-            if t.filling.rough && (t.sides.iter()).all(|k| members[*k].weight(1).at(s.point) > floor) {
-                t.filling.add(side, s.point, s.measure, s.length);
+            if !t.filling.rough {
+                continue;
+            }
+            let is_shared = |x: &Point3<T>| (t.sides.iter()).all(|k| members[*k].weight(1).at(x) > floor);
+            let share = if s.length > T::zero() {
+                T::of(f64::from(u8::from(is_shared(s.point))))
+            } else {
+                shared_part(s, is_shared)
+            };
+            if share > T::zero() {
+                t.filling.add(side, s.point, s.measure * share, s.length);
             }
         }
     }
@@ -313,6 +322,18 @@ impl<T: Real> Group<'_, T> {
             sum: sum.as_f64(),
         }
     }
+}
+
+/// Part of a particle's volume that lies in an overlap, by the octants of a cube of its size: a layer on the border
+/// of the overlap counts as half.
+fn shared_part<T: Real>(s: &Station<'_, T>, is_shared: impl Fn(&Point3<T>) -> bool) -> T {
+    let quarter = T::of(0.25) * s.measure.cbrt();
+    let octant = |k: usize| {
+        let along = |c: usize| if k >> c & 1 == 0 { -quarter } else { quarter };
+        s.point + Vector3::new(along(0), along(1), along(2))
+    };
+    let count = (0..8).filter(|k| is_shared(&octant(*k))).count();
+    T::of(count as f64 / 8.0)
 }
 
 impl<'a, T: Real> Station<'a, T> {
