@@ -267,7 +267,7 @@ impl Sweep {
     /// Writes `sweep.json` into a folder; returns its text.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`crate::Error::Write`].
     pub fn write(&self, folder: &Path) -> Result<String> {
         let (path, text) = (folder.join("sweep.json"), json("writing the sweep", self)?);
         std::fs::write(&path, &text).map_err(write(&path))?;
