@@ -140,10 +140,11 @@ class Exported(aq.LinearModel):
     def __init__(self, model, mesh, weights):
         self.name, self.mesh = model.name, mesh
         self.K, self.M = aq.stiffness(model, weights), model.lumped_inertia(weights)
-        self.whole = model.lumped_inertia()
+        self.whole_stiffness, self.whole = aq.stiffness(model), model.lumped_inertia()
 
     def stiffness(self, weight):
-        return self.K
+        is_uniform = weight.min() == weight.max()
+        return weight.min() * self.whole_stiffness if is_uniform else self.K
 
     def inertia(self, weight):
         return self.whole if weight.min() == 1.0 else self.M
