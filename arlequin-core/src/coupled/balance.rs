@@ -224,12 +224,17 @@ impl<T: Real> Coupled<T> {
         for known in &mut self.warnings {
             if let Warning::VelocityJump {
                 interface,
+                step,
+                iterations: taken,
                 share: largest,
                 ..
             } = known
                 && *interface == i.report().name
             {
-                *largest = largest.max(share);
+                // Step and iterations belong to the largest share.
+                if *largest < share {
+                    (*step, *taken, *largest) = (self.step, iterations, share);
+                }
                 return Ok(());
             }
         }
